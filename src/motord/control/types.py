@@ -1,0 +1,86 @@
+"""The records that pass through the control kernel, one element arrays of these dtypes.
+
+`Feedback` comes from the HAL, `Setpoint` from the supervisor, `Command` goes to the HAL, `Memory`
+is what the kernel remembers from tick to tick, `Parameters` what it is told of bench and motor.
+All numbers that a recording must hold to replay a run are single precision, as in the tick.
+"""
+
+import numpy as np
+
+from motord.schema import record_dtype
+
+FEEDBACK = record_dtype(
+    [
+        ("now_ns", "i8"),  # when the tick began (Unix ns)
+        ("t_ns", "i8"),  # when encoder and torque were sampled (Unix ns)
+        ("t_inverter_ns", "i8"),  # when currents and voltages were sampled (Unix ns)
+        ("encoder_gray", "u4"),
+        ("bridge_status", "u4"),  # wire.frames.BridgeStatus
+        ("inverter_status", "u4"),  # hal.base.InverterStatus, whatever the drive's own bits are
+        ("link_errors", "u4"),  # frames lost or corrupt since start, both links
+        ("torque_Nm", "f4"),
+        ("i_A", "f4", (3,)),
+        ("u_V", "f4", (3,)),
+        ("u_bus_V", "f4"),
+        ("temperature_C", "f4"),
+    ]
+)
+
+SETPOINT = record_dtype(
+    [
+        ("heartbeat_ns", "i8"),  # Unix ns when the supervisor last wrote
+        ("seq", "u4"),
+        ("request", "u4"),  # control.states.Request
+        ("request_seq", "u4"),  # a request is carried out once, when this changes
+        ("torque_Nm", "f4"),
+        ("speed_rad_s", "f4"),  # for the record only
+        ("brake", "f4"),  # excitation 0 to 1: carried to simulated brakes, recorded
+        ("brake_temperature_C", "f4"),
+        ("drive_rad_s", "f4"),  # external drive: carried to simulated drives, recorded
+        ("plan_point", "i4"),
+        ("compensate", "u4"),  # control.reference.Compensate
+    ]
+)
+
+COMMAND = record_dtype(
+    [
+        ("i_A", "f4", (3,)),
+        ("enable", "u4"),  # power stage and enable line wanted on
+        ("brake", "f4"),
+        ("drive_rad_s", "f4"),
+    ]
+)
+
+PARAMETERS = record_dtype(
+    [
+        ("period_s", "f8"),
+        ("counts", "i8"),
+        ("pole_pairs", "i8"),
+        ("encoder_direction", "i8"),
+        ("encoder_offset_rad", "f8"),
+        ("observer_bandwidth_rad_s", "f8"),
+        ("actuation_delay_s", "f8"),  # from the start of a tick until its current flows, the mean
+        ("alpha", "f8", (3,)),  # current gain of each phase, product 1
+        ("beta_A", "f8", (3,)),  # current offset of each phase
+        ("delta_epsilon", "f8"),  # common gain
+        ("torque_limit_Nm", "f8"),
+        ("torque_rate_Nm_per_s", "f8"),
+        ("current_limit_A", "f8"),
+        ("trip_current_A", "f8"),
+        ("i2t_current_A", "f8"),
+        ("i2t_time_s", "f8"),
+        ("trip_speed_rad_s", "f8"),
+        ("trip_torque_Nm", "f8"),
+        ("trip_temperature_C", "f8"),
+        ("bus_V_min", "f8"),
+        ("bus_V_max", "f8"),
+        ("encoder_jump_rad", "f8"),
+        ("link_errors_per_s", "f8"),
+        ("bridge_stale_s", "f8"),
+        ("inverter_stale_s", "f8"),
+        ("supervisor_timeout_s", "f8"),
+        ("enable_timeout_s", "f8"),
+        ("overrun_ticks", "i8"),
+        ("simulated", "i8"),
+    ]
+)

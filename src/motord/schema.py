@@ -1,0 +1,176 @@
+"""The tick record, defined once.
+
+From `TICK` come the ring's numpy dtype, the MCAP schema, the Zenoh payload (`motord.wire.blocks`)
+and the table in `docs/protocols.md`. A field number is a promise: never renumber, only append.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Any
+
+import numpy as np
+
+PROTO_KINDS = {
+    "double": "<f8",
+    "float": "<f4",
+    "sfixed64": "<i8",
+    "fixed64": "<u8",
+    "sfixed32": "<i4",
+    "fixed32": "<u4",
+}
+"""Fixed-width protobuf types and the numpy type of each."""
+
+
+def record_dtype(fields: list[Any]) -> np.dtype[np.void]:
+    """Return an aligned dtype whose elements have attributes, compiled and interpreted alike."""
+    return np.dtype((np.record, np.dtype(fields, align=True)))
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a fixed-layout record: protobuf number and type, unit ("" if none), meaning."""
+
+    number: int
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+
+
+@dataclass(frozen=True)
+class Record:
+    """A fixed-layout record: the protobuf message `motord.<name>` with `fields`, all written."""
+
+    name: str
+    meaning: str
+    fields: tuple[Field, ...]
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """The numpy dtype, wide fields first, so that every field is naturally aligned."""
+        ordered = sorted(self.fields, key=lambda f: -np.dtype(PROTO_KINDS[f.kind]).itemsize)
+        return record_dtype([(f.name, PROTO_KINDS[f.kind]) for f in ordered])
+
+
+class State(IntEnum):
+    """State of the drive, decided in the loop."""
+
+    OFF = 0
+    READY = 1
+    ENABLED = 2
+    TRIPPED = 3
+
+
+class Trip(IntFlag):
+    """Causes of a trip. Several can be up in one tick; `trip_bits` holds them all."""
+
+    OVER_CURRENT = 1 << 0
+    OVER_SPEED = 1 << 1
+    OVER_TORQUE = 1 << 2
+    I2T = 1 << 3
+    ENCODER_STALE = 1 << 4
+    ENCODER_IMPLAUSIBLE = 1 << 5
+    TORQUE_STALE = 1 << 6
+    INVERTER_STALE = 1 << 7
+    INVERTER_FAULT = 1 << 8
+    BUS_OFF = 1 << 9
+    LOOP_OVERRUN = 1 << 10
+    SUPERVISOR_STALE = 1 << 11
+    TEMPERATURE = 1 << 12
+    LINK_ERRORS = 1 << 13
+    BUS_VOLTAGE = 1 << 14
+    ENABLE_TIMEOUT = 1 << 15
+    BRIDGE_FAULT = 1 << 16
+    FEEDBACK_INVALID = 1 << 17
+
+
+class Flag(IntFlag):
+    """What else is true of a tick."""
+
+    LATE = 1 << 0  # woke later than half a period
+    AFTER_GAP = 1 << 1  # at least one tick before this one was skipped
+    CURRENT_LIMITED = 1 << 2
+    TORQUE_LIMITED = 1 << 3
+    CURRENTS_COMPENSATED = 1 << 4  # alpha and beta of the calibration applied
+    COGGING_COMPENSATED = 1 << 5
+    RAMPING = 1 << 6  # torque set-point not yet at the one asked for
+    BRAKE_READY = 1 << 7
+    NEW_ENCODER = 1 << 8  # encoder sample newer than the tick before
+    NEW_INVERTER = 1 << 9
+    SIMULATED = 1 << 10
+    SUPERVISOR_ABSENT = 1 << 11
+
+
+def _tick_fields() -> tuple[Field, ...]:
+    rows = (
+        ("t_ns", "sfixed64", "ns", "Unix time of the encoder and torque sample"),
+        ("tick", "fixed64", "", "counter of loop periods; a gap is a skipped period"),
+        ("encoder_count", "sfixed32", "", "decoded position, 0 to counts - 1"),
+        ("encoder_gray", "fixed32", "", "encoder lines as read (Gray code)"),
+        ("angle_rad", "float", "rad", "estimated mechanical angle at t_ns, 0 to 2 pi"),
+        ("speed_rad_s", "float", "rad/s", "estimated mechanical speed"),
+        ("i_a_A", "float", "A", "sensed current, phase a"),
+        ("i_b_A", "float", "A", "sensed current, phase b"),
+        ("i_c_A", "float", "A", "sensed current, phase c"),
+        ("i_cmd_a_A", "float", "A", "commanded current, phase a"),
+        ("i_cmd_b_A", "float", "A", "commanded current, phase b"),
+        ("i_cmd_c_A", "float", "A", "commanded current, phase c"),
+        ("u_a_V", "float", "V", "voltage, phase a"),
+        ("u_b_V", "float", "V", "voltage, phase b"),
+        ("u_c_V", "float", "V", "voltage, phase c"),
+        ("u_bus_V", "float", "V", "DC bus voltage"),
+        ("torque_Nm", "float", "Nm", "measured torque, as the sensor gives it"),
+        ("torque_set_Nm", "float", "Nm", "torque set-point in force after ramp and limits"),
+        ("speed_set_rad_s", "float", "rad/s", "speed the plan or the operator asks for"),
+        ("state", "fixed32", "", "0 OFF, 1 READY, 2 ENABLED, 3 TRIPPED"),
+        ("trip_bits", "fixed32", "", "latched causes, see Trip"),
+        ("flags", "fixed32", "", "see Flag"),
+        ("missed", "fixed32", "", "periods skipped since the loop started"),
+        ("wake_late_ns", "sfixed32", "ns", "wake-up after the deadline"),
+        ("work_ns", "sfixed32", "ns", "time from wake-up to the end of the tick before"),
+        ("plan_point", "sfixed32", "", "operating point being captured, -1 for none"),
+        ("angle_predicted_rad", "float", "rad", "angle at which the command takes effect"),
+        ("i_age_ns", "sfixed32", "ns", "age at t_ns of the sensed currents and voltages"),
+        ("sample_age_ns", "sfixed32", "ns", "age of the encoder sample when the tick began"),
+        ("cogging_comp_Nm", "float", "Nm", "cogging torque that the command makes up for"),
+        ("temperature_C", "float", "degC", "inverter temperature"),
+        ("inverter_status", "fixed32", "", "status word of the inverter"),
+        ("bridge_status", "fixed32", "", "status word of the bridge"),
+        ("link_errors", "fixed32", "", "frames lost or corrupt since start, both links"),
+        ("brake_set", "float", "1", "brake excitation asked for, 0 to 1"),
+        ("brake_temperature_C", "float", "degC", "brake disc temperature, nan if unknown"),
+        ("drive_set_rad_s", "float", "rad/s", "external drive speed asked for"),
+        ("setpoint_seq", "fixed32", "", "number of the set-point in force"),
+        ("first_trip", "fixed32", "", "the first cause alone"),
+    )
+    return tuple(Field(number, *row) for number, row in enumerate(rows, start=1))
+
+
+TICK = Record("Tick", "One period of the control loop.", _tick_fields())
+TICK_DTYPE = TICK.dtype
+
+TRUTH = Record(
+    "Truth",
+    "What a simulated rig really did: known to the simulator, never to the controller.",
+    tuple(
+        Field(number, *row)
+        for number, row in enumerate(
+            (
+                ("t_ns", "sfixed64", "ns", "Unix time"),
+                ("angle_rad", "double", "rad", "mechanical angle, not wrapped"),
+                ("speed_rad_s", "float", "rad/s", "mechanical speed"),
+                ("torque_Nm", "float", "Nm", "electromagnetic plus cogging torque"),
+                ("torque_em_Nm", "float", "Nm", "electromagnetic torque"),
+                ("torque_cog_Nm", "float", "Nm", "cogging torque"),
+                ("torque_brake_Nm", "float", "Nm", "brake torque"),
+                ("i_a_A", "float", "A", "current that flows in phase a"),
+                ("i_b_A", "float", "A", "current that flows in phase b"),
+                ("i_c_A", "float", "A", "current that flows in phase c"),
+                ("enable_line", "fixed32", "", "1 while the enable line is closed"),
+                ("inverter_on", "fixed32", "", "1 while the power stage is on"),
+            ),
+            start=1,
+        )
+    ),
+)
+TRUTH_DTYPE = TRUTH.dtype
