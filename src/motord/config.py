@@ -56,7 +56,7 @@ class MotorConfig(Section):
         """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts."""
         if isinstance(self.back_emf, Path):
             return _read_back_emf_table(self.back_emf, self.counts)
-        theta_rad = 2 * np.pi * np.arange(self.counts) / self.counts
+        theta_rad = 2 * np.pi * np.arange(self.counts) / self.counts + self.encoder_offset_rad
         table = np.zeros((self.counts, 3))
         for phase in range(3):
             electrical_rad = self.pole_pairs * theta_rad - phase * 2 * np.pi / 3
@@ -91,7 +91,7 @@ class LoopConfig(Section):
     rate_Hz: Annotated[int, Field(ge=100, le=20_000)] = 1000
     cpu: Annotated[int, Field(ge=0)] | None = None
     priority: Annotated[int, Field(ge=1, le=98)] = 80
-    observer_bandwidth_Hz: Positive = 30.0
+    observer_bandwidth_Hz: Positive = 60.0
     supervisor_timeout_s: Positive = 0.25
     enable_timeout_s: Positive = 1.0
     overrun_ticks: Annotated[int, Field(ge=1)] = 50
@@ -164,26 +164,59 @@ class BridgeConfig(Section):
         return self
 
 
+RegisterKind = Literal["u16", "i16", "u32", "i32"]
+"""How a number lies in registers: unsigned or two's complement, one register or two."""
+
+
 class ModbusConfig(Section):
-    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device."""
+    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device.
+
+    `timeout_s` is for one request. `watchdog_s` tells when the device itself drops its set-point
+    to zero if nobody writes it (0 = never): set in the device, and followed by the emulated one.
+    """
 
     transport: Literal["tcp", "rtu"] = "tcp"
     host: str = "127.0.0.1"
     tcp_port: Annotated[int, Field(ge=1, le=65535)] = 502
     serial_port: str = ""
     baud: Annotated[int, Field(gt=0)] = 115_200
+    parity: Literal["N", "E", "O"] = "N"
+    stop_bits: Literal[1, 2] = 1
     unit: Annotated[int, Field(ge=1, le=247)] = 1
     timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    watchdog_s: NonNegative = 0.0
+    word_order: Literal["big", "little"] = "big"
     setpoint_register: Annotated[int, Field(ge=0, le=65535)] = 0
+    setpoint_kind: RegisterKind = "u16"
     setpoint_scale: Positive = 0.0001
+    read_table: Literal["holding", "input"] = "holding"
     status_register: Annotated[int, Field(ge=0, le=65535)] = 16
+    status_ready_mask: Annotated[int, Field(ge=0, le=65535)] = 1
+    status_fault_mask: Annotated[int, Field(ge=0, le=65535)] = 2
     value_register: Annotated[int, Field(ge=0, le=65535)] = 17
+    value_kind: RegisterKind = "i16"
     value_scale: Positive = 0.1
 
     @model_validator(mode="after")
     def _needs_serial_port(self) -> "ModbusConfig":
         if self.transport == "rtu" and not self.serial_port:
             raise ValueError('transport = "rtu" needs serial_port')
+        return self
+
+    @model_validator(mode="after")
+    def _registers_apart(self) -> "ModbusConfig":
+        taken: dict[int, str] = {}
+        blocks = [
+            ("status_register", self.status_register, "u16"),
+            ("value_register", self.value_register, self.value_kind),
+        ]
+        if self.read_table == "holding":
+            blocks.append(("setpoint_register", self.setpoint_register, self.setpoint_kind))
+        for name, first, kind in blocks:
+            for address in range(first, first + (2 if kind.endswith("32") else 1)):
+                if address in taken:
+                    raise ValueError(f"{name} and {taken[address]} both use register {address}")
+                taken[address] = name
         return self
 
 

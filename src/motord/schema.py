@@ -101,6 +101,26 @@ class Flag(IntFlag):
     SUPERVISOR_ABSENT = 1 << 11
 
 
+class InverterStatus(IntFlag):
+    """What motord understands of any drive's status word (tick field `inverter_status`)."""
+
+    READY = 1 << 0  # power stage on and following the current commands
+    FAULT = 1 << 1  # the drive says that it has a fault
+    BUS_OFF = 1 << 2  # the CAN controller is off the bus
+    COMMAND_TIMEOUT = 1 << 3  # the drive heard no command in time
+    ENABLE_LINE = 1 << 4  # the drive sees its enable line closed
+
+
+class BridgeStatus(IntFlag):
+    """What motord understands of any bridge's status word (tick field `bridge_status`)."""
+
+    ENABLE_LINE = 1 << 0  # the line to the inverter is closed
+    HEARTBEAT_LOST = 1 << 1  # the board heard no heartbeat in time and opened the line
+    TORQUE_INVALID = 1 << 2  # the torque sample is not to be trusted (saturated, ADC error)
+    ENCODER_INVALID = 1 << 3  # the encoder lines are not to be trusted
+    FAULT = 1 << 4  # the board's self-test failed
+
+
 def _tick_fields() -> tuple[Field, ...]:
     rows = (
         ("t_ns", "sfixed64", "ns", "Unix time of the encoder and torque sample"),
@@ -123,7 +143,7 @@ def _tick_fields() -> tuple[Field, ...]:
         ("torque_set_Nm", "float", "Nm", "torque set-point in force after ramp and limits"),
         ("speed_set_rad_s", "float", "rad/s", "speed the plan or the operator asks for"),
         ("state", "fixed32", "", "0 OFF, 1 READY, 2 ENABLED, 3 TRIPPED"),
-        ("trip_bits", "fixed32", "", "latched causes, see Trip"),
+        ("trip_bits", "fixed32", "", "latched causes, see Trip; in OFF: what now stands against enabling"),
         ("flags", "fixed32", "", "see Flag"),
         ("missed", "fixed32", "", "periods skipped since the loop started"),
         ("wake_late_ns", "sfixed32", "ns", "wake-up after the deadline"),

@@ -5,8 +5,6 @@ is what the kernel remembers from tick to tick, `Parameters` what it is told of 
 All numbers that a recording must hold to replay a run are single precision, as in the tick.
 """
 
-import numpy as np
-
 from motord.schema import record_dtype
 
 FEEDBACK = record_dtype(
@@ -15,8 +13,8 @@ FEEDBACK = record_dtype(
         ("t_ns", "i8"),  # when encoder and torque were sampled (Unix ns)
         ("t_inverter_ns", "i8"),  # when currents and voltages were sampled (Unix ns)
         ("encoder_gray", "u4"),
-        ("bridge_status", "u4"),  # wire.frames.BridgeStatus
-        ("inverter_status", "u4"),  # hal.base.InverterStatus, whatever the drive's own bits are
+        ("bridge_status", "u4"),  # schema.BridgeStatus
+        ("inverter_status", "u4"),  # schema.InverterStatus
         ("link_errors", "u4"),  # frames lost or corrupt since start, both links
         ("torque_Nm", "f4"),
         ("i_A", "f4", (3,)),
@@ -56,8 +54,8 @@ PARAMETERS = record_dtype(
         ("period_s", "f8"),
         ("counts", "i8"),
         ("pole_pairs", "i8"),
+        ("star", "i8"),
         ("encoder_direction", "i8"),
-        ("encoder_offset_rad", "f8"),
         ("observer_bandwidth_rad_s", "f8"),
         ("actuation_delay_s", "f8"),  # from the start of a tick until its current flows, the mean
         ("alpha", "f8", (3,)),  # current gain of each phase, product 1
@@ -82,5 +80,32 @@ PARAMETERS = record_dtype(
         ("enable_timeout_s", "f8"),
         ("overrun_ticks", "i8"),
         ("simulated", "i8"),
+    ]
+)
+
+MEMORY = record_dtype(
+    [
+        ("t_ns", "i8"),  # time of the newest encoder sample used
+        ("t_inverter_ns", "i8"),
+        ("angle_rad", "f8"),  # at t_ns, 0 to 2 pi
+        ("speed_rad_s", "f8"),
+        ("torque_set_Nm", "f8"),  # after ramp and limits
+        ("heat_s", "f8", (3,)),  # I2t accumulator of each phase
+        ("link_level", "f8"),  # link errors of about the last second
+        ("link_errors", "i8"),
+        ("missed", "i8"),
+        ("arming_s", "f8"),  # time since enabling began
+        ("state", "u4"),
+        ("trip_bits", "u4"),
+        ("first_trip", "u4"),
+        ("request_seq", "u4"),
+        ("debounce", "u4", (32,)),  # ticks that each trip's condition has lasted
+        ("implausible", "u4"),  # encoder samples in a row that the speed cannot explain
+        ("encoder_count", "i4"),
+        ("started", "u1"),  # the first tick is over
+        ("tracking", "u1"),  # the observer has an angle
+        ("arming", "u1"),  # READY, on the way to ENABLED
+        ("stopping", "u1"),  # ENABLED, ramping to READY
+        ("loop_gap", "u1"),  # the gap before this tick was an overrun
     ]
 )

@@ -6,28 +6,31 @@ record, without blocking and without allocating. `WireRig` makes one of an `Inve
 `SetpointDevice`s that the supervisor's Modbus thread owns.
 """
 
-from enum import IntFlag
 from typing import Protocol
 
 import numpy as np
+
+from motord.schema import BridgeStatus, InverterStatus
+
+__all__ = [
+    "BridgeDriver",
+    "BridgeStatus",
+    "DeviceError",
+    "DeviceReading",
+    "InverterDriver",
+    "InverterStatus",
+    "Rig",
+    "SetpointDevice",
+]
 
 
 class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""
 
 
-class InverterStatus(IntFlag):
-    """What motord understands of any drive's status word (`Feedback.inverter_status`)."""
-
-    READY = 1 << 0  # power stage on and following the current commands
-    FAULT = 1 << 1  # the drive says that it has a fault
-    BUS_OFF = 1 << 2  # the CAN controller is off the bus
-    COMMAND_TIMEOUT = 1 << 3  # the drive heard no command in time
-    ENABLE_LINE = 1 << 4  # the drive sees its enable line closed
-
-
 class Rig(Protocol):
-    """All devices of the fast loop. Times are Unix ns; records are those of `control.types`."""
+    """All devices of the fast loop. Times are Unix ns; records are those of `control.types`; status
+words are in motord's own bits whatever the device's are."""
 
     def open(self) -> None:
         """Open the devices and wait for their first samples. Raises DeviceError."""
@@ -52,7 +55,7 @@ class InverterDriver(Protocol):
         """Open the bus. Raises DeviceError."""
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status; add link_errors."""
+        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status, link_errors."""
 
     def write(self, command: np.ndarray) -> None:
         """Send current references and the enable bit."""

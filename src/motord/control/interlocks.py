@@ -1,0 +1,107 @@
+"""Trip conditions, evaluated every tick in compiled code. Latching is `step`'s and `states`' work.
+
+Each condition has a bit of `schema.Trip`, a limit of `[limits]`, and the number of ticks that it
+must last (`DEBOUNCE_TICKS`; 0 acts at once).
+"""
+
+import math
+
+import numpy as np
+
+from motord.control.states import ENABLED, OFF
+from motord.jit import jit
+from motord.schema import BridgeStatus, InverterStatus, Trip
+
+DEBOUNCE_TICKS = {
+    Trip.OVER_CURRENT: 1,
+    Trip.OVER_SPEED: 2,
+    Trip.OVER_TORQUE: 5,
+    Trip.BUS_VOLTAGE: 20,
+    Trip.TEMPERATURE: 20,
+    Trip.TORQUE_STALE: 5,
+    Trip.INVERTER_FAULT: 2,
+}
+"""Ticks that a condition may last without a trip; 0 for those not named."""
+
+TRIPS = tuple(Trip)
+_DEBOUNCE = np.array([DEBOUNCE_TICKS.get(trip, 0) for trip in TRIPS], dtype=np.int64)
+
+_READY = int(InverterStatus.READY)
+_FAULT = int(InverterStatus.FAULT)
+_BUS_OFF = int(InverterStatus.BUS_OFF)
+_TORQUE_INVALID = int(BridgeStatus.TORQUE_INVALID)
+_ENCODER_INVALID = int(BridgeStatus.ENCODER_INVALID)
+_BRIDGE_FAULT = int(BridgeStatus.FAULT)
+
+IMPLAUSIBLE_SAMPLES = 3
+LINK_MEMORY_S = 1.0
+
+
+@jit
+def _bit(trip_index: int, condition: bool, m: np.record) -> int:
+    """Return the bit of a trip whose condition has outlasted its debounce time, or 0."""
+    if not condition:
+        m.debounce[trip_index] = 0
+        return 0
+    m.debounce[trip_index] += 1
+    return (1 << trip_index) if m.debounce[trip_index] > _DEBOUNCE[trip_index] else 0
+
+
+@jit
+def heat_up(p: np.record, m: np.record, f: np.record) -> None:
+    """Advance the I2t accumulators: seconds at sqrt(2) times the continuous current."""
+    for phase in range(3):
+        ratio = f.i_A[phase] / p.i2t_current_A
+        if math.isfinite(ratio):
+            heat_s = m.heat_s[phase] + (ratio * ratio - 1.0) * p.period_s
+            m.heat_s[phase] = min(max(heat_s, 0.0), 2.0 * p.i2t_time_s)
+
+
+@jit
+def count_link_errors(p: np.record, m: np.record, link_errors: int) -> None:
+    """Let the level of link errors decay with a time constant of LINK_MEMORY_S and add new ones."""
+    new = link_errors - m.link_errors
+    m.link_errors = link_errors
+    m.link_level *= 1.0 - min(p.period_s / LINK_MEMORY_S, 1.0)
+    if new > 0 and m.started:
+        m.link_level += new
+
+
+@jit
+def causes(p: np.record, m: np.record, f: np.record, missed: int, supervisor_late: bool) -> int:
+    """Return the trip bits that hold now. Advances the debounce counters in `m`."""
+    inverter_age_s = (f.now_ns - f.t_inverter_ns) * 1e-9
+    bridge_age_s = (f.now_ns - f.t_ns) * 1e-9
+    largest_A = max(abs(f.i_A[0]), abs(f.i_A[1]), abs(f.i_A[2]))
+    finite = math.isfinite(f.i_A[0] + f.i_A[1] + f.i_A[2]) and math.isfinite(f.torque_Nm)
+    status = f.inverter_status
+    lost_power = m.state == ENABLED and (status & _READY) == 0
+    bits = _bit(0, largest_A > p.trip_current_A, m)
+    bits |= _bit(1, abs(m.speed_rad_s) > p.trip_speed_rad_s, m)
+    bits |= _bit(2, abs(f.torque_Nm) > p.trip_torque_Nm, m)
+    bits |= _bit(3, max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s, m)
+    bits |= _bit(4, bridge_age_s > p.bridge_stale_s, m)
+    bits |= _bit(5, m.implausible >= IMPLAUSIBLE_SAMPLES, m)
+    bits |= _bit(6, (f.bridge_status & _TORQUE_INVALID) != 0, m)
+    bits |= _bit(7, inverter_age_s > p.inverter_stale_s, m)
+    bits |= _bit(8, (status & _FAULT) != 0 or lost_power, m)
+    bits |= _bit(9, (status & _BUS_OFF) != 0, m)
+    bits |= _bit(10, missed - m.missed >= p.overrun_ticks and m.started, m)
+    bits |= _bit(11, supervisor_late and m.torque_set_Nm == 0.0, m)
+    bits |= _bit(12, f.temperature_C > p.trip_temperature_C, m)
+    bits |= _bit(13, m.link_level > p.link_errors_per_s, m)
+    bits |= _bit(14, not (p.bus_V_min <= f.u_bus_V <= p.bus_V_max), m)
+    bits |= _bit(15, m.arming_s > p.enable_timeout_s, m)
+    bits |= _bit(16, (f.bridge_status & (_BRIDGE_FAULT | _ENCODER_INVALID)) != 0, m)
+    bits |= _bit(17, not finite, m)
+    return bits
+
+
+@jit
+def latch(m: np.record, bits: int) -> None:
+    """Add `bits` to the latched causes; the first ones are kept apart. OFF latches nothing."""
+    if m.state == OFF or bits == 0:
+        return
+    if m.first_trip == 0:
+        m.first_trip = bits & -bits
+    m.trip_bits |= bits

@@ -1,0 +1,58 @@
+"""What the kernel is told: parameters and tables from the bench file and the calibration."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from motord.config import Config
+from motord.control.types import PARAMETERS
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
+
+
+def build(
+    config: Config, calibration: "Calibration | None" = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (parameters (1,), back-EMF (counts, 3) in V s/rad, cogging (counts,) in Nm).
+
+    Without a calibration alpha is 1, beta 0 and the cogging table zero.
+    """
+    motor = config.motor
+    parameters = np.zeros(1, PARAMETERS)
+    p = parameters[0]
+    p.period_s = 1.0 / config.loop.rate_Hz
+    p.counts, p.pole_pairs = motor.counts, motor.pole_pairs
+    p.star = motor.connection == "star"
+    p.encoder_direction = motor.encoder_direction
+    p.observer_bandwidth_rad_s = 2 * np.pi * config.loop.observer_bandwidth_Hz
+    p.actuation_delay_s = config.inverter.actuation_delay_s + 0.5 / config.loop.rate_Hz
+    p.simulated = config.simulated
+    _fill_limits(p, config)
+    p.alpha[:] = calibration.alpha if calibration else 1.0
+    p.beta_A[:] = calibration.beta_A if calibration else 0.0
+    p.delta_epsilon = calibration.delta_epsilon if calibration else 1.0
+    cogging_Nm = np.zeros(motor.counts)
+    if calibration:
+        cogging_Nm[:] = calibration.tau_cog_Nm
+    return parameters, np.ascontiguousarray(motor.back_emf_table()), cogging_Nm
+
+
+def _fill_limits(p: np.record, config: Config) -> None:
+    limits = config.limits
+    p.torque_limit_Nm = limits.torque_Nm
+    p.torque_rate_Nm_per_s = limits.torque_rate_Nm_per_s
+    p.current_limit_A = limits.current_A
+    p.trip_current_A = limits.trip_current_A
+    p.i2t_current_A, p.i2t_time_s = limits.i2t_current_A, limits.i2t_time_s
+    p.trip_speed_rad_s = limits.trip_speed_rad_s
+    p.trip_torque_Nm = limits.trip_torque_Nm
+    p.trip_temperature_C = limits.trip_temperature_C
+    p.bus_V_min, p.bus_V_max = limits.bus_V_min, limits.bus_V_max
+    p.encoder_jump_rad = limits.encoder_jump_rad
+    p.link_errors_per_s = limits.link_errors_per_s
+    p.bridge_stale_s = config.bridge.stale_after_s
+    p.inverter_stale_s = config.inverter.stale_after_s
+    p.supervisor_timeout_s = config.loop.supervisor_timeout_s
+    p.enable_timeout_s = config.loop.enable_timeout_s
+    p.overrun_ticks = config.loop.overrun_ticks

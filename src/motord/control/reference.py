@@ -1,0 +1,78 @@
+"""Programmed reference currents with pre-compensation, in compiled code.
+
+Least-copper-loss currents from the back-EMF table (Poels 2008, ch. 4; METHODS in docs/methods.md):
+
+- independent phases: i_p = T k_p / sum_q k_q^2
+- star:               i_p = T m_p / sum_q m_q^2,  m_p = k_p - mean_q k_q
+
+then the inverse of the current errors, i_cmd = (i - beta) / (alpha delta_epsilon), with T reduced
+by the cogging torque at the angle where the current will flow.
+"""
+
+import math
+from enum import IntFlag
+
+from motord.control.observer import TWO_PI
+from motord.jit import jit
+
+TINY_V2_S2 = 1e-12
+"""Sum of squared back-EMF constants below which no current makes torque."""
+
+
+class Compensate(IntFlag):
+    """Which parts of the calibration the reference uses."""
+
+    CURRENTS = 1 << 0
+    COGGING = 1 << 1
+
+
+@jit
+def table_position(angle_rad: float, counts: int) -> tuple[int, int, float]:
+    """Return (index, next index, weight of the next) of `angle_rad` in a table of one turn."""
+    position = angle_rad / TWO_PI * counts
+    floor = math.floor(position)
+    index = int(floor) % counts
+    return index, (index + 1) % counts, position - floor
+
+
+@jit
+def phase_currents(
+    torque_Nm: float, k_a: float, k_b: float, k_c: float, star: int
+) -> tuple[float, float, float]:
+    """Return the three currents (A) that make `torque_Nm` with back-EMF constants k (V s/rad)."""
+    if star:
+        mean = (k_a + k_b + k_c) / 3.0
+        k_a, k_b, k_c = k_a - mean, k_b - mean, k_c - mean
+    power = k_a * k_a + k_b * k_b + k_c * k_c
+    if not power > TINY_V2_S2:
+        return 0.0, 0.0, 0.0
+    scale = torque_Nm / power
+    return scale * k_a, scale * k_b, scale * k_c
+
+
+@jit
+def limit_currents(
+    i_a: float, i_b: float, i_c: float, limit_A: float
+) -> tuple[float, float, float, bool]:
+    """Return the currents scaled together so that none exceeds `limit_A`; zero if not finite."""
+    largest = max(abs(i_a), abs(i_b), abs(i_c))
+    if not (math.isfinite(i_a) and math.isfinite(i_b) and math.isfinite(i_c)):
+        return 0.0, 0.0, 0.0, True
+    if largest <= limit_A:
+        return i_a, i_b, i_c, False
+    scale = limit_A / largest * (1.0 - 1e-6)  # below the limit in single precision, too
+    return i_a * scale, i_b * scale, i_c * scale, True
+
+
+@jit
+def clamp(value: float, limit: float) -> float:
+    """Return `value` within +-limit; zero for what is not a number."""
+    if math.isnan(value):
+        return 0.0
+    return min(max(value, -limit), limit)
+
+
+@jit
+def ramp(value: float, target: float, step: float) -> float:
+    """Return `value` moved towards `target` by at most `step`."""
+    return target if abs(target - value) <= step else value + math.copysign(step, target - value)

@@ -1,0 +1,196 @@
+"""One tick of control: feedback and set-point in; command, memory and the tick record out.
+
+Pure and compiled: no clock, no I/O, nothing that knows whether the rig is real. The caller has
+filled `tick`, `missed`, `wake_late_ns`, `work_ns` and the flags of lateness in the tick record.
+"""
+
+import numpy as np
+
+from motord.control import interlocks, observer, reference, states
+from motord.control.types import MEMORY
+from motord.jit import jit
+from motord.schema import Flag, State
+
+_CURRENT_LIMITED = int(Flag.CURRENT_LIMITED)
+_TORQUE_LIMITED = int(Flag.TORQUE_LIMITED)
+_CURRENTS_COMPENSATED = int(Flag.CURRENTS_COMPENSATED)
+_COGGING_COMPENSATED = int(Flag.COGGING_COMPENSATED)
+_RAMPING = int(Flag.RAMPING)
+_NEW_ENCODER = int(Flag.NEW_ENCODER)
+_NEW_INVERTER = int(Flag.NEW_INVERTER)
+_SIMULATED = int(Flag.SIMULATED)
+_SUPERVISOR_ABSENT = int(Flag.SUPERVISOR_ABSENT)
+_COMPENSATE_CURRENTS = int(reference.Compensate.CURRENTS)
+_COMPENSATE_COGGING = int(reference.Compensate.COGGING)
+_ENABLED = int(State.ENABLED)
+_INT32_MAX = 2**31 - 1
+
+
+def new_memory() -> np.ndarray:
+    """Return the memory of a kernel that has not run yet, shape (1,): OFF, nothing known."""
+    return np.zeros(1, MEMORY)
+
+
+@jit
+def _i32(value: int) -> int:
+    return min(max(value, -_INT32_MAX), _INT32_MAX)
+
+
+@jit
+def _set_torque(p: np.record, m: np.record, s: np.record, supervisor_late: bool) -> int:
+    """Ramp the torque set-point; to zero unless enabled, asked for and supervised. Flags."""
+    if m.state != _ENABLED:
+        m.torque_set_Nm = 0.0
+        return 0
+    wanted_Nm = 0.0 if m.stopping or supervisor_late else float(s.torque_Nm)
+    target_Nm = reference.clamp(wanted_Nm, p.torque_limit_Nm)
+    step_Nm = p.torque_rate_Nm_per_s * p.period_s
+    m.torque_set_Nm = reference.ramp(m.torque_set_Nm, target_Nm, step_Nm)
+    flags = _RAMPING if m.torque_set_Nm != target_Nm else 0
+    return flags | (_TORQUE_LIMITED if wanted_Nm != target_Nm else 0)
+
+
+@jit
+def _currents(
+    p: np.record,
+    m: np.record,
+    s: np.record,
+    back_emf: np.ndarray,
+    cogging_Nm: np.ndarray,
+    angle_rad: float,
+    command: np.record,
+    tick: np.record,
+) -> int:
+    """Fill the command's currents for the angle at which they will flow. Returns flags."""
+    flags = 0
+    n, following, weight = reference.table_position(angle_rad, p.counts)
+    torque_Nm = m.torque_set_Nm
+    if s.compensate & _COMPENSATE_COGGING:
+        cog_Nm = (1.0 - weight) * cogging_Nm[n] + weight * cogging_Nm[following]
+        tick.cogging_comp_Nm = cog_Nm
+        torque_Nm = reference.clamp(torque_Nm - cog_Nm, p.torque_limit_Nm)
+        flags |= _COGGING_COMPENSATED
+        if torque_Nm != m.torque_set_Nm - cog_Nm:
+            flags |= _TORQUE_LIMITED
+    k_a = (1.0 - weight) * back_emf[n, 0] + weight * back_emf[following, 0]
+    k_b = (1.0 - weight) * back_emf[n, 1] + weight * back_emf[following, 1]
+    k_c = (1.0 - weight) * back_emf[n, 2] + weight * back_emf[following, 2]
+    i_a, i_b, i_c = reference.phase_currents(torque_Nm, k_a, k_b, k_c, p.star)
+    if s.compensate & _COMPENSATE_CURRENTS:
+        i_a = (i_a - p.beta_A[0]) / (p.alpha[0] * p.delta_epsilon)
+        i_b = (i_b - p.beta_A[1]) / (p.alpha[1] * p.delta_epsilon)
+        i_c = (i_c - p.beta_A[2]) / (p.alpha[2] * p.delta_epsilon)
+        flags |= _CURRENTS_COMPENSATED
+    i_a, i_b, i_c, limited = reference.limit_currents(i_a, i_b, i_c, p.current_limit_A)
+    command.i_A[0], command.i_A[1], command.i_A[2] = i_a, i_b, i_c
+    return flags | (_CURRENT_LIMITED if limited else 0)
+
+
+@jit
+def _decide(
+    p: np.record, m: np.record, s: np.record, f: np.record, missed: int, supervisor_late: bool
+) -> int:
+    """Evaluate interlocks and the supervisor's request, move the state; returns what holds."""
+    request = 0
+    if m.started and s.request_seq != m.request_seq:
+        request = s.request
+    m.request_seq = s.request_seq
+    bits = interlocks.causes(p, m, f, missed, supervisor_late)
+    interlocks.latch(m, bits)
+    state, arming, stopping = states.transition(
+        m.state,
+        m.arming != 0,
+        m.stopping != 0,
+        request,
+        bits,
+        (f.inverter_status & 1) != 0,
+        m.torque_set_Nm == 0.0,
+    )
+    if m.state == states.TRIPPED and state == states.READY:
+        m.trip_bits = 0
+        m.first_trip = 0
+    m.arming_s = m.arming_s + p.period_s if arming else 0.0
+    m.state, m.arming, m.stopping = state, arming, stopping
+    return bits
+
+
+@jit
+def _record(m: np.record, s: np.record, f: np.record, command: np.record, tick: np.record) -> None:
+    """Copy what was read and decided into the tick."""
+    tick.t_ns = f.t_ns
+    tick.encoder_gray = f.encoder_gray
+    tick.encoder_count = m.encoder_count
+    tick.angle_rad = m.angle_rad
+    tick.speed_rad_s = m.speed_rad_s
+    tick.i_a_A, tick.i_b_A, tick.i_c_A = f.i_A[0], f.i_A[1], f.i_A[2]
+    tick.u_a_V, tick.u_b_V, tick.u_c_V = f.u_V[0], f.u_V[1], f.u_V[2]
+    tick.i_cmd_a_A, tick.i_cmd_b_A, tick.i_cmd_c_A = (
+        command.i_A[0],
+        command.i_A[1],
+        command.i_A[2],
+    )
+    tick.u_bus_V = f.u_bus_V
+    tick.torque_Nm = f.torque_Nm
+    tick.temperature_C = f.temperature_C
+    tick.torque_set_Nm = m.torque_set_Nm
+    tick.speed_set_rad_s = s.speed_rad_s
+    tick.state = m.state
+    tick.first_trip = m.first_trip
+    tick.plan_point = s.plan_point
+    tick.i_age_ns = _i32(f.t_ns - f.t_inverter_ns)
+    tick.sample_age_ns = _i32(f.now_ns - f.t_ns)
+    tick.inverter_status = f.inverter_status
+    tick.bridge_status = f.bridge_status
+    tick.link_errors = f.link_errors
+    tick.brake_set = s.brake
+    tick.brake_temperature_C = s.brake_temperature_C
+    tick.drive_set_rad_s = s.drive_rad_s
+    tick.setpoint_seq = s.seq
+
+
+@jit
+def step(
+    parameters: np.ndarray,
+    back_emf: np.ndarray,
+    cogging_Nm: np.ndarray,
+    memory: np.ndarray,
+    feedback: np.ndarray,
+    setpoint: np.ndarray,
+    command: np.ndarray,
+    tick: np.ndarray,
+) -> None:
+    """Run one tick. All but the tables are one-element arrays of the dtypes in `control.types`.
+
+    back_emf: (counts, 3), V s/rad; cogging_Nm: (counts,), Nm, at angles 2 pi n / counts.
+    """
+    p, m, f, s = parameters[0], memory[0], feedback[0], setpoint[0]
+    c, t = command[0], tick[0]
+    flags = _SIMULATED if p.simulated else 0
+    flags |= _NEW_ENCODER if f.t_ns != m.t_ns else 0
+    flags |= _NEW_INVERTER if f.t_inverter_ns != m.t_inverter_ns else 0
+    m.t_inverter_ns = f.t_inverter_ns
+    count = observer.decode(f.encoder_gray, p)
+    if count >= 0:
+        m.encoder_count = count
+    observer.observe(p, m, f.t_ns, count)
+    interlocks.heat_up(p, m, f)
+    interlocks.count_link_errors(p, m, f.link_errors)
+    supervisor_late = (f.now_ns - s.heartbeat_ns) * 1e-9 > p.supervisor_timeout_s
+    flags |= _SUPERVISOR_ABSENT if supervisor_late else 0
+    causes = _decide(p, m, s, f, t.missed, supervisor_late)
+    t.trip_bits = causes if m.state == states.OFF else m.trip_bits
+    flags |= _set_torque(p, m, s, supervisor_late)
+    ahead_s = (f.now_ns - m.t_ns) * 1e-9 + p.actuation_delay_s
+    angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * min(ahead_s, 0.1))
+    t.angle_predicted_rad = angle_rad
+    t.cogging_comp_Nm = 0.0
+    c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0
+    if m.state == _ENABLED:
+        flags |= _currents(p, m, s, back_emf, cogging_Nm, angle_rad, c, t)
+    c.enable = 1 if m.state == _ENABLED or m.arming else 0
+    c.brake = s.brake
+    c.drive_rad_s = s.drive_rad_s
+    t.flags |= flags
+    m.missed = t.missed
+    m.started = 1
+    _record(m, s, f, c, t)
