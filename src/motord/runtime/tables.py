@@ -1,0 +1,124 @@
+"""Parameters and tables of the control kernel, swapped by the loop between two ticks.
+
+Two complete sets and a version whose lowest bit names the set in force. The loop compares the
+version once a tick, changes its views and acknowledges; only then is the other set free for the
+next write, so no table ever changes under a running kernel.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from motord.control.types import PARAMETERS
+from motord.runtime.fence import fence
+from motord.runtime.shared import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
+
+KIND = "tables"
+_COUNTS = FIRST_WORD
+_VERSION = 2 * LINE_WORDS
+_IN_USE = 4 * LINE_WORDS
+_PARAMETER_BYTES = -(-PARAMETERS.itemsize // 64) * 64
+
+
+class TablesBusyError(Exception):
+    """The loop has not yet taken up the set written before."""
+
+
+class TableSet(NamedTuple):
+    """Arguments of the kernel: parameters (1,), back-EMF (counts, 3), cogging (counts,)."""
+
+    parameters: np.ndarray
+    back_emf_V_s_per_rad: np.ndarray
+    cogging_Nm: np.ndarray
+
+
+def _set_bytes(counts: int) -> int:
+    return _PARAMETER_BYTES + -(-counts * 4 * 8 // 64) * 64
+
+
+def _sets(shared: SharedFile, counts: int) -> list[TableSet]:
+    float64 = np.dtype(np.float64)
+    sets = []
+    for side in (0, 1):
+        start = side * _set_bytes(counts)
+        back_emf_start = start + _PARAMETER_BYTES
+        back_emf = shared.array(float64, counts * 3, back_emf_start).reshape(counts, 3)
+        cogging = shared.array(float64, counts, back_emf_start + counts * 3 * 8)
+        sets.append(TableSet(shared.array(PARAMETERS, 1, start), back_emf, cogging))
+    return sets
+
+
+class TablesWriter:
+    """The only writer of the tables, made anew at `path` for an encoder of `counts` counts."""
+
+    def __init__(self, path: Path, counts: int) -> None:
+        self._file = SharedFile.create(
+            path, KIND, layout_digest([PARAMETERS]), [counts], 2 * _set_bytes(counts)
+        )
+        self.counts = counts
+        self._words = self._file.words
+        self._sets = _sets(self._file, counts)
+
+    @property
+    def version(self) -> int:
+        """Number of the set written last; 0 before the first."""
+        return self._words[_VERSION]
+
+    @property
+    def in_use(self) -> int:
+        """Number of the set that the loop uses; 0 while there is no loop."""
+        return self._words[_IN_USE]
+
+    def write(
+        self, parameters: np.ndarray, back_emf_V_s_per_rad: np.ndarray, cogging_Nm: np.ndarray
+    ) -> int:
+        """Put a set in force and return its version; shapes as in TableSet.
+
+        Raises TablesBusyError while a loop has yet to take up the set before (at most a tick, if
+        it runs), ValueError for tables of another size.
+        """
+        version = self.version
+        if back_emf_V_s_per_rad.shape != (self.counts, 3) or cogging_Nm.shape != (self.counts,):
+            raise ValueError(
+                f"tables are {back_emf_V_s_per_rad.shape} and {cogging_Nm.shape}, "
+                f"expected ({self.counts}, 3) and ({self.counts},)"
+            )
+        if self.in_use not in (0, version):
+            raise TablesBusyError("the loop has not yet taken up the tables written before")
+        target = self._sets[(version + 1) & 1]
+        target.parameters[:] = parameters
+        target.back_emf_V_s_per_rad[:] = back_emf_V_s_per_rad
+        target.cogging_Nm[:] = cogging_Nm
+        fence()
+        self._words[_VERSION] = version + 1
+        fence()
+        return version + 1
+
+    def forget_loop(self) -> None:
+        """Say that the loop is gone; the next one acknowledges for itself."""
+        self._words[_IN_USE] = 0
+
+
+class TablesReader:
+    """The loop's end. `current` is the set in force after `poll()` returned True."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = SharedFile.attach(path, KIND, layout_digest([PARAMETERS]), writable=True)
+        self._words = self._file.words
+        self.counts = int(self._words[_COUNTS])
+        self._sets = _sets(self._file, self.counts)
+        self._version = 0
+        self.current = self._sets[0]
+
+    def poll(self) -> bool:
+        """Take up a new set, if there is one, and return whether there was."""
+        words = self._words
+        if words[_VERSION] == self._version:
+            return False
+        while words[_VERSION] != self._version:  # a write may have come before we acknowledged
+            self._version = words[_VERSION]
+            words[_IN_USE] = self._version
+            fence()
+        self.current = self._sets[self._version & 1]
+        return True
