@@ -1,0 +1,189 @@
+"""What a simulated rig really is: the parameters that the controller is never told.
+
+`load(path)` reads a rig file such as the packaged `report.rig.toml`. Every table is optional and
+defaults to the rig of Poels 2008 with an ideal inverter and ideal sensors left to the file.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from motord.config import (
+    BackEmfHarmonic,
+    Finite,
+    NonNegative,
+    Positive,
+    Section,
+    packaged,
+    read_toml,
+    validate,
+)
+
+MAX_ORDERS = 32
+"""Distinct orders per turn that back-EMF and cogging together may have."""
+
+MAX_ORDER = 2000
+"""Highest order per turn."""
+
+Triple = tuple[Finite, Finite, Finite]
+PositiveTriple = tuple[Positive, Positive, Positive]
+
+
+class CoggingHarmonic(Section):
+    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad), theta mechanical."""
+
+    order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
+    amplitude_Nm: Finite
+    phase_rad: Finite = 0.0
+
+
+class MotorTruth(Section):
+    """`[motor]`: windings, back-EMF and cogging."""
+
+    pole_pairs: Annotated[int, Field(ge=1, le=200)] = 8
+    connection: Literal["star", "independent"] = "independent"
+    resistance_ohm: NonNegative = 0.1
+    inductance_H: Positive = 0.2e-3
+    back_emf: Annotated[tuple[BackEmfHarmonic, ...], Field(min_length=1)] = (
+        BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.206),
+    )
+    cogging: tuple[CoggingHarmonic, ...] = ()
+
+    @model_validator(mode="after")
+    def _orders_fit(self) -> "MotorTruth":
+        orders = {h.order * self.pole_pairs for h in self.back_emf}
+        orders |= {h.order for h in self.cogging}
+        if len(orders) > MAX_ORDERS:
+            raise ValueError(f"{len(orders)} different orders per turn, at most {MAX_ORDERS}")
+        if max(orders) > MAX_ORDER:
+            raise ValueError(f"order {max(orders)} per turn, at most {MAX_ORDER}")
+        return self
+
+
+class InverterTruth(Section):
+    """`[inverter]`: current loops, what their sensors get wrong, and the supply.
+
+    What flows in phase p is alpha_p epsilon i* + beta_p with i* the sensed current, Poels 2008,
+    eq. (4.1). alpha holds at `reference_C`; it moves by gain_drift_per_K with the inverter's
+    temperature, at most gain_drift_max either way.
+    """
+
+    bus_V: Positive = 24.0
+    dead_time_s: Annotated[float, Field(ge=0, le=0.01)] = 0.2e-3
+    bandwidth_Hz: Annotated[float, Field(gt=0, le=5000)] = 800.0
+    current_max_A: Positive = 60.0
+    ready_delay_s: NonNegative = 3e-3
+    alpha: PositiveTriple = (1.0, 1.0, 1.0)
+    beta_A: Triple = (0.0, 0.0, 0.0)
+    epsilon: Positive = 1.0
+    gain_drift_per_K: Triple = (0.0, 0.0, 0.0)
+    gain_drift_max: Annotated[float, Field(ge=0, lt=0.5)] = 0.007
+    reference_C: Finite = 25.0
+    thermal_resistance_K_per_W: NonNegative = 0.4
+    thermal_time_constant_s: Positive = 300.0
+    current_noise_A: NonNegative = 0.0
+    voltage_noise_V: NonNegative = 0.0
+
+
+class RotorTruth(Section):
+    """`[rotor]`: inertia and bearing friction, and where it stands at the start."""
+
+    inertia_kg_m2: Positive = 0.0105
+    viscous_Nm_s_per_rad: NonNegative = 0.002
+    coulomb_Nm: NonNegative = 0.03
+    static_Nm: NonNegative = 0.04
+    angle_rad: Finite = 0.0
+    speed_rad_s: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
+
+    @model_validator(mode="after")
+    def _static_not_below(self) -> "RotorTruth":
+        if self.static_Nm < self.coulomb_Nm:
+            raise ValueError("static_Nm must be at least coulomb_Nm")
+        return self
+
+
+class BrakeTruth(Section):
+    """`[brake]`: eddy-current brake, T = excitation^2 2 Tmax / (w/wc + wc/w).
+
+    A warm disc conducts less: its critical speed wc rises by critical_speed_per_K.
+    """
+
+    torque_max_Nm: NonNegative = 12.0
+    critical_speed_rad_s: Positive = 9.0
+    excitation_time_constant_s: NonNegative = 0.2
+    critical_speed_per_K: NonNegative = 0.0
+    thermal_resistance_K_per_W: NonNegative = 1.2
+    thermal_time_constant_s: Positive = 480.0
+
+
+class DriveTruth(Section):
+    """`[drive]`: external motor and the rubber belt to the rotor.
+
+    The belt is on while the drive is asked to turn, until it has come to rest again. It carries
+    stiffness times twist plus damping, at most slip_torque_Nm (1 - (speed / lift_speed)^2): the
+    grip that centrifugal force leaves. Below that it creeps by creep_per_Nm of the drive's speed.
+    """
+
+    speed_max_rad_s: Positive = 15.0
+    acceleration_rad_s2: Positive = 5.0
+    belt_stiffness_Nm_per_rad: Positive = 15.0
+    belt_damping_Nm_s_per_rad: NonNegative = 0.05
+    slip_torque_Nm: NonNegative = 1.5
+    lift_speed_rad_s: Positive = 20.0
+    creep_per_Nm: NonNegative = 0.01
+
+
+class TorqueSensorTruth(Section):
+    """`[torque_sensor]`: reaction sensor on its mount, charge amplifier and converter.
+
+    The charge amplifier's leakage makes the output move at a rate that wanders with standard
+    deviation drift_Nm_per_s and correlation time drift_correlation_s; it only exists where there
+    is a high-pass (highpass_time_constant_s > 0). resonance_Hz = 0 is a rigid mount.
+    """
+
+    highpass_time_constant_s: NonNegative = 2.0
+    resonance_Hz: Annotated[float, Field(ge=0, le=3000)] = 700.0
+    damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.02
+    delta: Positive = 1.0
+    gain_Nm_per_V: Positive = 1.0
+    adc_V_per_count: Positive = 10.0 / 32768
+    adc_bits: Annotated[int, Field(ge=2, le=24)] = 16
+    noise_Nm: NonNegative = 0.0
+    drift_Nm_per_s: NonNegative = 0.0
+    drift_correlation_s: Positive = 20.0
+
+
+class EncoderTruth(Section):
+    """`[encoder]`: absolute Gray-code encoder; count n is read around angle 2 pi n / counts."""
+
+    counts: Annotated[int, Field(ge=16, le=1_048_576)] = 4096
+    offset_rad: Finite = 0.0
+    direction: Literal[1, -1] = 1
+
+
+class SimulationTruth(Section):
+    """`[simulation]`: the longest step of the integration and the room's temperature."""
+
+    substep_s: Annotated[float, Field(ge=1e-6, le=1e-4)] = 1e-4
+    ambient_C: Finite = 25.0
+
+
+class RigTruth(Section):
+    """A whole rig."""
+
+    motor: MotorTruth = MotorTruth()
+    inverter: InverterTruth = InverterTruth()
+    rotor: RotorTruth = RotorTruth()
+    brake: BrakeTruth = BrakeTruth()
+    drive: DriveTruth = DriveTruth()
+    torque_sensor: TorqueSensorTruth = TorqueSensorTruth()
+    encoder: EncoderTruth = EncoderTruth()
+    simulation: SimulationTruth = SimulationTruth()
+
+
+def load(path: Path | None = None) -> RigTruth:
+    """Read and check a rig file; None is the packaged rig. Raises motord.config.ConfigError."""
+    path = path or packaged("report.rig.toml")
+    text, data = read_toml(path)
+    return validate(RigTruth, path, text, data)

@@ -1,0 +1,170 @@
+"""The records of the simulated rig, one element arrays of these dtypes.
+
+`RIG_PARAMETERS` and `RIG_STATE` come from `rig.build`; `RIG_INPUT` is what the world does to the
+rig, `RIG_OUTPUT` what its sensors say. SI units; [3] is phases a, b, c.
+"""
+
+import numpy as np
+
+from motord.rig.truth import MAX_ORDERS
+from motord.schema import record_dtype
+
+QUEUE_LENGTH = 32
+"""Current commands that can be under way at once during the dead time."""
+
+RIG_INPUT = record_dtype(
+    [
+        ("i_command_A", "f8", (3,)),  # newest command that the inverter has; not finite counts as 0
+        ("brake", "f8"),  # excitation asked for, 0 to 1
+        ("drive_rad_s", "f8"),  # speed asked of the external drive; not 0 puts the belt on
+        ("enable_command", "u4"),  # the inverter is told to switch on
+        ("enable_line", "u4"),  # the hardware enable line is closed
+        ("fault", "u4"),  # not 0: the inverter has a fault and stays off
+    ]
+)
+
+RIG_OUTPUT = record_dtype(
+    [
+        ("i_sensed_A", "f8", (3,)),  # sensed currents i*
+        ("u_V", "f8", (3,)),  # voltage across each winding
+        ("u_bus_V", "f8"),
+        ("temperature_C", "f8"),  # inverter
+        ("brake_temperature_C", "f8"),
+        ("brake", "f8"),  # excitation that the brake has
+        ("drive_rad_s", "f8"),  # speed that the external drive has
+        ("torque_Nm", "f8"),  # torque_counts through the sensor's nominal gain
+        ("torque_counts", "i4"),  # signed output of the converter
+        ("encoder_count", "i4"),
+        ("encoder_gray", "u4"),
+        ("inverter_on", "u4"),  # power stage on and following the commands
+        ("enable_line", "u4"),
+        ("fault", "u4"),
+    ]
+)
+
+RIG_PARAMETERS = record_dtype(
+    [
+        # integration
+        ("substep_s", "f8"),
+        ("slow_every", "i8"),  # substeps between updates of temperatures and drifts
+        # back-EMF (rows of phases a, b, c) and cogging: sum of c cos(m x) + s sin(m x)
+        ("base_order", "i8"),  # x = base_order theta
+        ("order_count", "i8"),
+        ("order", "i8", (MAX_ORDERS,)),  # m, rising
+        ("wave_cos", "f8", (4 * MAX_ORDERS,)),  # [4 row + 0, 1, 2: phase; 3: cogging]
+        ("wave_sin", "f8", (4 * MAX_ORDERS,)),
+        # windings and inverter
+        ("star", "i8"),
+        ("resistance_ohm", "f8"),
+        ("inductance_H", "f8"),
+        ("bus_V", "f8"),
+        ("dead_steps", "f8"),  # dead time in substeps
+        ("loop_rate_per_s", "f8"),  # 1 / time constant of the current loops
+        ("loop_decay", "f8"),  # what is left of a current error after a substep
+        ("current_max_A", "f8"),
+        ("ready_steps", "i8"),
+        ("gain", "f8", (3,)),  # alpha epsilon at the reference temperature
+        ("beta_A", "f8", (3,)),
+        ("gain_drift_per_K", "f8", (3,)),
+        ("gain_drift_max", "f8"),
+        ("reference_C", "f8"),
+        ("ambient_C", "f8"),
+        ("inverter_K_per_W", "f8"),
+        ("inverter_decay", "f8"),  # of its temperature, over slow_every substeps
+        ("current_noise_A", "f8"),
+        ("voltage_noise_V", "f8"),
+        # mechanics
+        ("inertia_kg_m2", "f8"),
+        ("viscous_Nm_s_per_rad", "f8"),
+        ("coulomb_Nm", "f8"),
+        ("static_Nm", "f8"),
+        # brake
+        ("brake_torque_max_Nm", "f8"),
+        ("brake_critical_rad_s", "f8"),
+        ("brake_critical_per_K", "f8"),
+        ("brake_excitation_decay", "f8"),  # over a substep
+        ("brake_K_per_W", "f8"),
+        ("brake_decay", "f8"),  # of its temperature, over slow_every substeps
+        # drive and belt
+        ("drive_max_rad_s", "f8"),
+        ("drive_change_rad_s", "f8"),  # largest change of speed in a substep
+        ("belt_Nm_per_rad", "f8"),
+        ("belt_Nm_s_per_rad", "f8"),
+        ("belt_slip_Nm", "f8"),
+        ("belt_lift_rad_s", "f8"),
+        ("belt_creep_per_Nm", "f8"),
+        # torque sensor: mount x' = A x + B0 u0 + B1 u1 over a substep, input straight between
+        ("mount_a", "f8", (4,)),
+        ("mount_b", "f8", (4,)),
+        ("mount_rigid", "i8"),
+        ("highpass", "i8"),
+        ("highpass_decay", "f8"),
+        ("highpass_gain", "f8"),  # answer to a straight input of unit rise over a substep
+        ("drift_gain_s", "f8"),  # answer to a drift of 1 Nm/s over a substep
+        ("drift_decay", "f8"),  # of the drift rate, over slow_every substeps
+        ("drift_kick_Nm_per_s", "f8"),
+        ("torque_counts_per_Nm", "f8"),  # true: with delta
+        ("torque_Nm_per_count", "f8"),  # nominal
+        ("torque_noise_counts", "f8"),
+        ("torque_count_max", "i8"),
+        # encoder
+        ("counts", "i8"),
+        ("encoder_offset_rad", "f8"),
+        ("encoder_direction", "i8"),
+    ]
+)
+
+RIG_STATE = record_dtype(
+    [
+        ("step", "i8"),  # substeps since the start
+        ("remainder_s", "f8"),  # time asked for and not yet stepped through
+        ("random", "u8"),
+        # commands on their way: ring of times (in substeps) and currents
+        ("queue_head", "i8"),
+        ("queue_size", "i8"),
+        ("queue_step", "f8", (QUEUE_LENGTH,)),
+        ("queue_A", "f8", (3 * QUEUE_LENGTH,)),
+        ("i_newest_A", "f8", (3,)),  # newest command taken in
+        ("i_command_A", "f8", (3,)),  # command in force
+        # inverter and windings
+        ("inverter_on", "i8"),
+        ("enable_line", "i8"),
+        ("fault", "i8"),
+        ("on_steps", "i8"),  # substeps since it was told to switch on
+        ("i_sensed_A", "f8", (3,)),
+        ("i_A", "f8", (3,)),  # what flows
+        ("gain", "f8", (3,)),  # alpha epsilon, with drift
+        ("k_V_s_per_rad", "f8", (3,)),
+        ("temperature_C", "f8"),
+        # mechanics
+        ("angle_rad", "f8"),
+        ("speed_rad_s", "f8"),
+        ("acceleration_rad_s2", "f8"),  # mean over the last substep
+        ("torque_em_Nm", "f8"),
+        ("torque_cog_Nm", "f8"),
+        # brake
+        ("excitation", "f8"),
+        ("brake_coefficient_Nm_s_per_rad", "f8"),
+        ("brake_temperature_C", "f8"),
+        # drive and belt
+        ("engaged", "i8"),
+        ("drive_rad_s", "f8"),
+        ("belt_twist_rad", "f8"),
+        ("belt_Nm", "f8"),
+        # torque sensor
+        ("mount_Nm", "f8"),
+        ("mount_rate", "f8"),  # second state of the mount, Nm/s
+        ("sensor_Nm", "f8"),
+        ("drift_Nm_per_s", "f8"),
+    ]
+)
+
+
+def new_input() -> np.ndarray:
+    """Return a RIG_INPUT, shape (1,), of a rig left alone: all zero."""
+    return np.zeros(1, RIG_INPUT)
+
+
+def new_output() -> np.ndarray:
+    """Return an empty RIG_OUTPUT, shape (1,)."""
+    return np.zeros(1, RIG_OUTPUT)
