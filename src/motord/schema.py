@@ -61,6 +61,23 @@ class State(IntEnum):
     TRIPPED = 3
 
 
+class Request(IntEnum):
+    """What the supervisor asks of the loop; each is carried out once."""
+
+    NONE = 0
+    ENABLE = 1  # arm, then apply torque
+    DISABLE = 2  # ramp to zero, then READY
+    STOP = 3  # zero now, OFF
+    RESET = 4  # leave TRIPPED, if no cause is left
+
+
+class Compensate(IntFlag):
+    """Which parts of the calibration the reference currents use."""
+
+    CURRENTS = 1 << 0
+    COGGING = 1 << 1
+
+
 class Trip(IntFlag):
     """Causes of a trip. Several can be up in one tick; `trip_bits` holds them all."""
 

@@ -64,9 +64,9 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
     ahead_rad = m.angle_rad + m.speed_rad_s * dt_s
     error_rad = wrap_difference(angle_rad - ahead_rad)
     if count < 0 or abs(error_rad) > p.encoder_jump_rad:
-        m.implausible += 1
-        lost = int(m.implausible) > RESYNC_SAMPLES
-        if count >= 0 and lost and m.state != ENABLED:
+        implausible = int(m.implausible) + 1
+        m.implausible = implausible
+        if count >= 0 and implausible > RESYNC_SAMPLES and m.state != ENABLED:
             _start(m, t_ns, angle_rad)
         return
     m.implausible = 0

@@ -10,20 +10,22 @@ by the cogging torque at the angle where the current will flow.
 """
 
 import math
-from enum import IntFlag
 
 from motord.control.observer import TWO_PI
 from motord.jit import jit
+from motord.schema import Compensate
+
+__all__ = [
+    "Compensate",
+    "clamp",
+    "limit_currents",
+    "phase_currents",
+    "ramp",
+    "table_position",
+]
 
 TINY_V2_S2 = 1e-12
 """Sum of squared back-EMF constants below which no current makes torque."""
-
-
-class Compensate(IntFlag):
-    """Which parts of the calibration the reference uses."""
-
-    CURRENTS = 1 << 0
-    COGGING = 1 << 1
 
 
 @jit

@@ -3,22 +3,12 @@
 `transition` is compiled; tests walk it over every state, request and condition.
 """
 
-from enum import IntEnum
-
 from motord.jit import jit
-from motord.schema import State
+from motord.schema import Request, State
+
+__all__ = ["Request", "State", "transition"]
 
 OFF, READY, ENABLED, TRIPPED = (int(s) for s in State)
-
-
-class Request(IntEnum):
-    """What the supervisor asks of the loop; each is carried out once."""
-
-    NONE = 0
-    ENABLE = 1  # arm, then apply torque
-    DISABLE = 2  # ramp to zero, then READY
-    STOP = 3  # zero now, OFF
-    RESET = 4  # leave TRIPPED, if no cause is left
 
 
 _ENABLE, _DISABLE, _STOP, _RESET = (int(r) for r in list(Request)[1:])

@@ -28,7 +28,7 @@ SETPOINT = record_dtype(
     [
         ("heartbeat_ns", "i8"),  # Unix ns when the supervisor last wrote
         ("seq", "u4"),
-        ("request", "u4"),  # control.states.Request
+        ("request", "u4"),  # schema.Request
         ("request_seq", "u4"),  # a request is carried out once, when this changes
         ("torque_Nm", "f4"),
         ("speed_rad_s", "f4"),  # for the record only
@@ -36,7 +36,7 @@ SETPOINT = record_dtype(
         ("brake_temperature_C", "f4"),
         ("drive_rad_s", "f4"),  # external drive: carried to simulated drives, recorded
         ("plan_point", "i4"),
-        ("compensate", "u4"),  # control.reference.Compensate
+        ("compensate", "u4"),  # schema.Compensate
     ]
 )
 

@@ -1,0 +1,52 @@
+"""The brake as a slow actuator of speed: feed-forward from its curve, integral correction."""
+
+import math
+from dataclasses import dataclass
+
+from motord.config import BrakeConfig
+
+GAIN_PER_S = 1.2
+"""Relative change of the squared excitation per second for a relative speed error of one."""
+SHIFT_MAX = 8.0
+"""Largest factor by which the servo may depart from the told curve, either way."""
+
+
+def brake_torque_Nm(brake: BrakeConfig, excitation: float, speed_rad_s: float) -> float:
+    """Return the eddy-current brake's torque: e^2 2 Tmax / (w/wc + wc/w) (METHODS, section 1)."""
+    if speed_rad_s == 0.0:
+        return 0.0
+    ratio = speed_rad_s / brake.critical_speed_rad_s
+    return excitation**2 * 2 * brake.torque_max_Nm / (ratio + 1 / ratio)
+
+
+def excitation_for(brake: BrakeConfig, torque_Nm: float, speed_rad_s: float) -> float:
+    """Return the excitation (0 to 1) that balances `torque_Nm` at `speed_rad_s`."""
+    full_Nm = abs(brake_torque_Nm(brake, 1.0, speed_rad_s))
+    return min(math.sqrt(abs(torque_Nm) / full_Nm), 1.0) if full_Nm > 0 else 1.0
+
+
+@dataclass
+class BrakeServo:
+    """Holds a speed by the brake. The state is the departure from the told curve, as a log."""
+
+    brake: BrakeConfig
+    shift: float = 0.0
+    _t_ns: int | None = None
+
+    def start(self, t_ns: int) -> None:
+        """Begin to integrate at `t_ns`; what was learnt of the brake is kept."""
+        self._t_ns = t_ns
+
+    def excitation(self, torque_Nm: float, speed_Hz: float) -> float:
+        """Return the excitation for a torque and speed with what is known of the brake."""
+        plain = excitation_for(self.brake, torque_Nm, 2 * math.pi * speed_Hz)
+        return min(plain * math.exp(0.5 * self.shift), 1.0)
+
+    def correct(self, t_ns: int, speed_Hz: float, wanted_Hz: float) -> None:
+        """Move towards more brake if `speed_Hz` is above `wanted_Hz`, towards less if below."""
+        dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
+        self._t_ns = t_ns
+        error = max(min(speed_Hz / wanted_Hz - 1.0, 1.0), -1.0)
+        limit = math.log(SHIFT_MAX)
+        shift = self.shift + GAIN_PER_S * error * min(max(dt_s, 0.0), 0.5)
+        self.shift = max(min(shift, limit), -limit)

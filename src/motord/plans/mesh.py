@@ -1,0 +1,33 @@
+"""`calibrate` and `verify`: the torque/speed mesh, point by point."""
+
+from motord.config import BrakeConfig, MeshConfig
+from motord.plans.brake_servo import BrakeServo
+from motord.plans.steps import Enable, OperatingPoint, Rest, Steps
+from motord.plans.take_point import TakePoint
+
+
+def points(mesh: MeshConfig) -> tuple[OperatingPoint, ...]:
+    """Return the points, torque by torque, speeds up and down in turn so that steps are small."""
+    ordered = []
+    for row, torque_Nm in enumerate(mesh.torques_Nm):
+        speeds_Hz = mesh.speeds_Hz if row % 2 == 0 else tuple(reversed(mesh.speeds_Hz))
+        ordered += [(torque_Nm, speed_Hz) for speed_Hz in speeds_Hz]
+    return tuple(
+        OperatingPoint(index, torque_Nm, speed_Hz, mesh.turns)
+        for index, (torque_Nm, speed_Hz) in enumerate(ordered)
+    )
+
+
+def steps(mesh: MeshConfig, brake: BrakeConfig, compensate: int) -> Steps:
+    """Yield the steps of a mesh: enable, every point, rest."""
+    servo = BrakeServo(brake)
+    yield Enable(compensate=compensate)
+    for point in points(mesh):
+        yield TakePoint(point, mesh, servo)
+    yield Rest()
+
+
+def seconds(mesh: MeshConfig, brake: BrakeConfig) -> float:
+    """Return an estimate of the whole time (s)."""
+    servo = BrakeServo(brake)
+    return 1.5 + sum(TakePoint(point, mesh, servo).seconds() for point in points(mesh))

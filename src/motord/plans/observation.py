@@ -1,0 +1,88 @@
+"""What a plan sees of the bench: a short account of the ticks since it last looked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.schema import State
+
+WINDOW_TURNS = 1.0
+"""The speed that counts is the mean over the last whole turn: ripple must not move the brake."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The bench at the end of a block of ticks."""
+
+    t_ns: int
+    tick: int
+    state: State
+    trip_bits: int
+    speed_Hz: float  # over the block
+    turn_speed_Hz: float  # over the last turn, or since the start
+    torque_set_Nm: float
+    plan_point: int
+    point_first_tick: int  # first tick with this plan_point
+    point_first_t_ns: int
+    point_turns: float  # turned since then
+
+
+class TickWatcher:
+    """Makes observations from successive blocks of ticks."""
+
+    def __init__(self) -> None:
+        self._angle_rad = 0.0
+        self._turned_rad = 0.0
+        self._started = False
+        self._history: list[tuple[int, float]] = []
+        self._point = -1
+        self._point_first = (0, 0)
+        self._point_turned_rad = 0.0
+
+    def take(self, ticks: np.ndarray) -> Observation:
+        """Return what the block `ticks` (TICK_DTYPE, at least one) shows."""
+        angle_rad = ticks["angle_rad"].astype(float)
+        if not self._started:
+            self._angle_rad, self._started = float(angle_rad[0]), True
+        steps_rad = np.diff(angle_rad, prepend=self._angle_rad)
+        steps_rad -= 2 * np.pi * np.round(steps_rad / (2 * np.pi))
+        turned_rad = self._turned_rad + np.cumsum(steps_rad)
+        self._watch_point(ticks, turned_rad)
+        self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
+        last = ticks[-1]
+        return Observation(
+            t_ns=int(last["t_ns"]),
+            tick=int(last["tick"]),
+            state=State(int(last["state"])),
+            trip_bits=int(last["trip_bits"]),
+            speed_Hz=float(np.mean(ticks["speed_rad_s"])) / (2 * np.pi),
+            turn_speed_Hz=self._turn_speed_Hz(int(last["t_ns"])),
+            torque_set_Nm=float(last["torque_set_Nm"]),
+            plan_point=int(last["plan_point"]),
+            point_first_tick=self._point_first[0],
+            point_first_t_ns=self._point_first[1],
+            point_turns=(self._turned_rad - self._point_turned_rad) / (2 * np.pi),
+        )
+
+    def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:
+        point = int(ticks["plan_point"][-1])
+        if point == self._point:
+            return
+        first = int(np.argmax(ticks["plan_point"] == point))
+        self._point = point
+        self._point_first = (int(ticks["tick"][first]), int(ticks["t_ns"][first]))
+        self._point_turned_rad = float(turned_rad[first])
+
+    def _turn_speed_Hz(self, t_ns: int) -> float:
+        self._history.append((t_ns, self._turned_rad))
+        while (
+            len(self._history) > 2
+            and self._turned_rad - self._history[1][1] >= WINDOW_TURNS * 2 * np.pi
+        ):
+            self._history.pop(0)
+        while len(self._history) > 2 and t_ns - self._history[0][0] > 10_000_000_000:
+            self._history.pop(0)
+        t_first_ns, first_rad = self._history[0]
+        if t_ns <= t_first_ns:
+            return 0.0
+        return (self._turned_rad - first_rad) / (2 * np.pi) / ((t_ns - t_first_ns) * 1e-9)

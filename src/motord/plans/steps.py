@@ -1,0 +1,134 @@
+"""What plans are made of: operating points, demands on the bench, and steps that make demands."""
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, Protocol
+
+from motord.plans.observation import Observation
+from motord.schema import State
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """A torque and a speed to be held while `turns` turns are recorded."""
+
+    index: int
+    torque_Nm: float
+    speed_Hz: float
+    turns: int
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What the bench should do now. A rise of `enabled` enables, a fall ramps down, disables."""
+
+    enabled: bool = False
+    torque_Nm: float = 0.0
+    speed_Hz: float = 0.0
+    brake: float = 0.0
+    drive_rad_s: float = 0.0
+    compensate: int = 0
+    plan_point: int = -1
+
+
+class Outcome(Enum):
+    """Where a step stands."""
+
+    RUNNING = "running"
+    DONE = "done"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True)
+class Advance:
+    """A step's answer to an observation."""
+
+    demand: Demand
+    outcome: Outcome = Outcome.RUNNING
+    message: str = ""
+    point: dict[str, Any] | None = None  # an operating point that was just captured
+
+
+class Step(Protocol):
+    """One thing to do on the bench. May be begun again after a pause."""
+
+    def begin(self, seen: Observation) -> None:
+        """Start, or start over."""
+
+    def advance(self, seen: Observation, demand: Demand) -> Advance:
+        """Go on from `demand`, the one in force."""
+
+    def seconds(self) -> float:
+        """Return an estimate of how long this takes (s)."""
+
+    @property
+    def label(self) -> str:
+        """What an operator reads while it runs."""
+
+
+Steps = Generator[Step, dict[str, Any] | None, None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An experiment: its points, its estimated time, and a maker of its steps."""
+
+    name: str
+    points: tuple[OperatingPoint, ...]
+    steps: Callable[[], Steps]
+    settings: dict[str, Any]
+    seconds: float
+
+
+@dataclass
+class Enable:
+    """Enable the bench at zero torque and wait until it is."""
+
+    compensate: int = 0
+    timeout_s: float = 5.0
+    label: str = "enabling"
+    _began_ns: int = 0
+
+    def begin(self, seen: Observation) -> None:
+        """Start the clock."""
+        self._began_ns = seen.t_ns
+
+    def advance(self, seen: Observation, demand: Demand) -> Advance:
+        """Wait for ENABLED."""
+        demand = replace(demand, enabled=True, torque_Nm=0.0, compensate=self.compensate)
+        if seen.state == State.ENABLED:
+            return Advance(demand, Outcome.DONE)
+        if (seen.t_ns - self._began_ns) * 1e-9 > self.timeout_s:
+            return Advance(demand, Outcome.FAILED, f"not enabled within {self.timeout_s:g} s")
+        return Advance(demand)
+
+    def seconds(self) -> float:
+        """Enabling takes well under a second."""
+        return 0.5
+
+
+@dataclass
+class Rest:
+    """Ramp the torque to zero, disable, release the brake."""
+
+    timeout_s: float = 10.0
+    label: str = "ramping down"
+    _began_ns: int = field(default=0)
+
+    def begin(self, seen: Observation) -> None:
+        """Start the clock."""
+        self._began_ns = seen.t_ns
+
+    def advance(self, seen: Observation, demand: Demand) -> Advance:
+        """Wait until the bench is no longer enabled; the brake holds until then."""
+        demand = replace(demand, enabled=False, torque_Nm=0.0, plan_point=-1)
+        if seen.state != State.ENABLED:
+            return Advance(replace(demand, brake=0.0, speed_Hz=0.0), Outcome.DONE)
+        if (seen.t_ns - self._began_ns) * 1e-9 > self.timeout_s:
+            return Advance(demand, Outcome.FAILED, "still enabled: the bench did not ramp down")
+        return Advance(demand)
+
+    def seconds(self) -> float:
+        """A ramp from full torque takes about a second."""
+        return 1.0
