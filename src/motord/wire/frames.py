@@ -1,0 +1,169 @@
+"""The frames between host and bridge board, in both directions.
+
+On the wire a frame is `type u8, sequence u16, payload, CRC-16 u16`, little-endian, byte-stuffed
+(`wire.cobs`) and ended by a zero byte. Each side numbers all the frames it sends. The CRC
+(`wire.crc.crc16`) covers type, sequence and payload. `docs/protocols.md` tells who sends what when.
+
+Status words are those of `schema.BridgeStatus`. Times are the board's microsecond clock, which
+wraps at 32 bits.
+"""
+
+import struct
+from binascii import crc32
+from typing import NamedTuple
+
+from motord.wire import cobs
+from motord.wire.crc import crc16
+
+PROTOCOL = 1
+"""Version that both sides name in `HelloRequest` and `Hello`."""
+
+DELIMITER = b"\0"
+SEQUENCE_MODULUS = 1 << 16
+CLOCK_MODULUS_US = 1 << 32
+
+
+class Hello(NamedTuple):
+    """Board to host: who it is. Answers `HelloRequest`; also sent unasked after a reset."""
+
+    protocol: int
+    firmware: int  # major << 16 | minor << 8 | patch
+    board: bytes  # name in ASCII, at most 16 bytes, padded with zeros
+    serial: int
+    rate_Hz: int  # of the samples, as configured
+    counts: int  # encoder counts per turn, 0 if the board does not know
+    layout: int  # LAYOUT_HASH of the board's frames
+
+    @property
+    def board_name(self) -> str:
+        """Return the board's name as text."""
+        return self.board.rstrip(b"\0").decode("ascii", "replace")
+
+    @property
+    def firmware_version(self) -> str:
+        """Return the firmware's version, for example 1.2.3."""
+        return f"{self.firmware >> 16}.{self.firmware >> 8 & 0xFF}.{self.firmware & 0xFF}"
+
+
+class Sample(NamedTuple):
+    """Board to host, at its rate: encoder and torque sampled at one instant."""
+
+    t_us: int
+    encoder_gray: int
+    torque_counts: int  # ADC, signed
+    status: int
+
+
+class Status(NamedTuple):
+    """Board to host: answers `Configure`, `Start` and `Stop`; and unasked, 20 times a second.
+
+    `heartbeat_sequence` and `heartbeat_t_us` are number and time of arrival of the newest
+    heartbeat, from which the host learns the board's clock; `heartbeats` is 0 before the first.
+    """
+
+    t_us: int
+    status: int
+    heartbeat_sequence: int
+    heartbeat_t_us: int
+    heartbeats: int  # heard since reset
+    errors: int  # frames from the host that were lost or corrupt, since reset
+    dropped: int  # samples that found no room on the link, since reset
+    rate_Hz: int
+    streaming: int  # 1 between Start and Stop
+
+
+class HelloRequest(NamedTuple):
+    """Host to board: who are you?"""
+
+    protocol: int
+
+
+class Configure(NamedTuple):
+    """Host to board: sample rate, and when silence of the host opens the enable line."""
+
+    rate_Hz: int
+    heartbeat_timeout_us: int
+
+
+class Start(NamedTuple):
+    """Host to board: send samples."""
+
+
+class Stop(NamedTuple):
+    """Host to board: open the enable line, send no more samples."""
+
+
+class Heartbeat(NamedTuple):
+    """Host to board, every tick: the host is alive, and wants the enable line closed (1) or not."""
+
+    enable: int
+
+
+Frame = Hello | Sample | Status | HelloRequest | Configure | Start | Stop | Heartbeat
+
+_LAYOUTS: dict[type[Frame], tuple[int, str]] = {
+    Hello: (0x01, "HI16sIIII"),
+    Sample: (0x02, "IIiH"),
+    Status: (0x03, "IHHIIIIIB"),
+    HelloRequest: (0x11, "H"),
+    Configure: (0x12, "II"),
+    Start: (0x13, ""),
+    Stop: (0x14, ""),
+    Heartbeat: (0x15, "B"),
+}
+
+LAYOUT_HASH = crc32(
+    ";".join(
+        f"{code}:{frame.__name__}:{layout}:{','.join(frame._fields)}"
+        for frame, (code, layout) in _LAYOUTS.items()
+    ).encode()
+)
+"""CRC-32 of every frame's type, name, layout and fields: equal on both sides, or they differ."""
+
+_HEADER_BYTES = 3
+_CRC_BYTES = 2
+_ENCODERS = {
+    frame: (code, struct.Struct(f"<BH{layout}").pack) for frame, (code, layout) in _LAYOUTS.items()
+}
+_DECODERS = {
+    code: (struct.calcsize(f"<BH{layout}H"), struct.Struct(f"<BH{layout}H").unpack, frame._make)
+    for frame, (code, layout) in _LAYOUTS.items()
+}
+MAX_STUFFED_BYTES = max(size for size, _, _ in _DECODERS.values()) + 1
+"""Longest frame on the wire without its delimiter: anything longer is noise."""
+
+
+class Numbered(NamedTuple):
+    """A frame as received, with the number its sender gave it."""
+
+    sequence: int
+    frame: Frame
+
+
+def encode(frame: Frame, sequence: int) -> bytes:
+    """Return the bytes of `frame` on the wire, delimiter included.
+
+    Raises struct.error if a field does not fit its width.
+    """
+    code, pack = _ENCODERS[type(frame)]
+    body = pack(code, sequence, *frame)
+    return cobs.encode(body + crc16(body).to_bytes(2, "little")) + DELIMITER
+
+
+def decode(stuffed: bytes | bytearray) -> Numbered | None:
+    """Return the frame in `stuffed`, the bytes between two delimiters, or None if it is corrupt."""
+    body = cobs.decode(stuffed)
+    if body is None or len(body) < _HEADER_BYTES + _CRC_BYTES:
+        return None
+    size, unpack, make = _DECODERS.get(body[0], (0, None, None))
+    if unpack is None or make is None or len(body) != size:
+        return None
+    fields = unpack(body)
+    if crc16(body[:-_CRC_BYTES]) != fields[-1]:
+        return None
+    return Numbered(fields[1], make(fields[2:-1]))
+
+
+def firmware(major: int, minor: int, patch: int) -> int:
+    """Return a firmware version as `Hello` carries it."""
+    return major << 16 | minor << 8 | patch

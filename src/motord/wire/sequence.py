@@ -1,0 +1,56 @@
+"""How many frames of a numbered stream were lost or corrupt, each counted once.
+
+A corrupt frame is seen twice: when its checksum fails, and as a gap at the next good one. The
+larger of the two counts between good frames is what went wrong there.
+"""
+
+
+class SequenceCheck:
+    """Follows frames numbered modulo `modulus` (0: not numbered, only corrupt ones count)."""
+
+    __slots__ = ("_corrupt", "_errors", "_expected", "_modulus")
+
+    def __init__(self, modulus: int) -> None:
+        self._modulus = modulus
+        self._expected = -1
+        self._corrupt = 0
+        self._errors = 0
+
+    @property
+    def errors(self) -> int:
+        """Return the frames lost, corrupt or repeated since the start; it never falls."""
+        return self._errors + self._corrupt
+
+    def corrupt(self) -> None:
+        """Count a frame whose content cannot be trusted."""
+        self._corrupt += 1
+
+    def accept(self, number: int) -> bool:
+        """Count what is missing before a good frame; False if it repeats the one before it.
+
+        A step back, or more than half a turn ahead, is a sender that started anew: one error.
+        """
+        modulus = self._modulus
+        if not modulus:
+            self._settle(0)
+            return True
+        if self._expected < 0:
+            missing = 0
+        else:
+            missing = (number - self._expected) % modulus
+            if missing == modulus - 1:
+                self._corrupt += 1
+                return False
+            if missing > modulus // 2:
+                missing = 1
+        self._expected = (number + 1) % modulus
+        self._settle(missing)
+        return True
+
+    def restart(self) -> None:
+        """Take the next frame as the first of a new stream."""
+        self._expected = -1
+
+    def _settle(self, missing: int) -> None:
+        self._errors += max(missing, self._corrupt)
+        self._corrupt = 0
