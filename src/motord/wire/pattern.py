@@ -1,0 +1,54 @@
+"""Byte patterns: rows of bytes some of which are constant, made and recognised as arrays."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+
+ROWS_AT_ONCE = 512
+"""Rows that are worked on together, so that several passes over them stay in the cache."""
+
+
+class Pattern:
+    """A row of bytes: `template` (size,) and `mask` (size,), 255 where a byte is constant."""
+
+    def __init__(self, template: Bytes, mask: Bytes) -> None:
+        self.template = template
+        self.mask = mask
+
+    @classmethod
+    def fixed(cls, content: bytes) -> "Pattern":
+        """Return a pattern of constant bytes."""
+        template = np.frombuffer(content, np.uint8)
+        return cls(template, np.full_like(template, 0xFF))
+
+    @classmethod
+    def free(cls, size: int) -> "Pattern":
+        """Return a pattern of `size` bytes that may be anything, zero in the template."""
+        return cls(np.zeros(size, np.uint8), np.zeros(size, np.uint8))
+
+    def __add__(self, other: "Pattern") -> "Pattern":
+        return Pattern(
+            np.concatenate([self.template, other.template]),
+            np.concatenate([self.mask, other.mask]),
+        )
+
+    @property
+    def size(self) -> int:
+        """Bytes in a row."""
+        return len(self.template)
+
+    def rows(self, count: int) -> Bytes:
+        """Return new rows, shape (count, size), all equal to the template."""
+        rows = np.empty((count, self.size), np.uint8)
+        rows[:] = self.template
+        return rows
+
+    def matching(self, rows: Bytes) -> int:
+        """Return how many of `rows` (n, size), from the first on, have the constant bytes."""
+        for start in range(0, len(rows), ROWS_AT_ONCE):
+            part = rows[start : start + ROWS_AT_ONCE]
+            wrong = ((part & self.mask) != self.template).any(axis=1)
+            if wrong.any():
+                return start + int(np.argmax(wrong))
+        return len(rows)
