@@ -1,0 +1,139 @@
+"""The folder of a running bench: shared files, locks, the loop's account of itself.
+
+It is `$XDG_RUNTIME_DIR/motord/<bench>`, or `/dev/shm/motord-<uid>/<bench>` without such a
+directory. Both live in memory and are private to the user. One daemon at a time holds its lock;
+locks vanish with the process that holds them, so nothing has to be cleaned up after a crash.
+"""
+
+import fcntl
+import os
+import stat
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+class RunDirError(Exception):
+    """The bench is in use by another process, or its folder cannot be used."""
+
+
+def base_directory() -> Path:
+    """Return the folder under which every bench of this user has its own."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    if runtime and Path(runtime).is_dir():
+        return Path(runtime) / "motord"
+    return Path(f"/dev/shm/motord-{os.getuid()}")
+
+
+class RunDir:
+    """Names of the files of bench `bench`, under `base` (default: `base_directory()`)."""
+
+    def __init__(self, bench: str, base: Path | None = None) -> None:
+        self.bench = bench
+        self.path = (base or base_directory()) / bench
+
+    @classmethod
+    def at(cls, path: Path) -> "RunDir":
+        """Return the folder at `path`, as the loop and the recorder get it from the daemon."""
+        return cls(path.name, path.parent)
+
+    @property
+    def ring(self) -> Path:
+        """The tick ring, written by the loop."""
+        return self.path / "ring"
+
+    @property
+    def setpoint(self) -> Path:
+        """The set-point mailbox, written by the supervisor."""
+        return self.path / "setpoint"
+
+    @property
+    def tables(self) -> Path:
+        """Parameters and tables of the kernel, written by the supervisor."""
+        return self.path / "tables"
+
+    @property
+    def loop_status(self) -> Path:
+        """The loop's account of itself (`runtime.status.LoopStatus`)."""
+        return self.path / "loop.json"
+
+    def create(self) -> None:
+        """Make the folder, for this user only. Raises RunDirError if others could use it."""
+        try:
+            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for folder in (self.path.parent, self.path):
+                _make_private(folder)
+        except OSError as error:
+            raise RunDirError(f"{self.path}: cannot make it: {error.strerror}") from error
+
+    @contextmanager
+    def hold(self) -> Iterator["RunDir"]:
+        """Be the one daemon of this bench; on leaving, remove the folder with all that is in it.
+
+        Raises RunDirError with the process number of the daemon that already runs.
+        """
+        self.create()
+        with self.lock("daemon", 0.0):
+            self.remove_files()
+            try:
+                yield self
+            finally:
+                self.remove_files()
+                (self.path / "daemon.lock").unlink(missing_ok=True)
+                with suppress(OSError):
+                    self.path.rmdir()
+
+    @contextmanager
+    def lock(self, role: str, wait_s: float) -> Iterator[None]:
+        """Hold the lock of `role` ("daemon" or "loop"), waiting at most `wait_s` for it."""
+        path = self.path / f"{role}.lock"
+        deadline_s = time.monotonic() + wait_s
+        while (descriptor := _try_lock(path)) is None:
+            if time.monotonic() >= deadline_s:
+                raise RunDirError(
+                    f"bench {self.bench!r} is in use: {role} process {_holder(path)} holds {path}; "
+                    "stop it first"
+                )
+            time.sleep(0.02)
+        try:
+            yield
+        finally:
+            os.close(descriptor)
+
+    def remove_files(self) -> None:
+        """Remove the shared files, those of a crashed daemon included; locks stay."""
+        for file in self.path.iterdir():
+            if file.suffix != ".lock":
+                file.unlink(missing_ok=True)
+
+
+def _make_private(folder: Path) -> None:
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
+        raise RunDirError(f"{folder}: belongs to another user or is no folder; remove it")
+    if stat.S_IMODE(status.st_mode) != 0o700:
+        folder.chmod(0o700)
+
+
+def _try_lock(path: Path) -> int | None:
+    """Return the descriptor that holds the lock, or None if another process does."""
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            return None
+        with suppress(FileNotFoundError):
+            if path.stat().st_ino == os.fstat(descriptor).st_ino:
+                os.ftruncate(descriptor, 0)
+                os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+                return descriptor
+        os.close(descriptor)  # its holder removed the file as we opened it: try the new one
+
+
+def _holder(path: Path) -> str:
+    with suppress(OSError):
+        return path.read_text() or "?"
+    return "?"

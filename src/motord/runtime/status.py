@@ -1,0 +1,52 @@
+"""What the loop process tells of itself in `loop.json`: at start, when ready, at the end."""
+
+import os
+from enum import StrEnum
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from motord.runtime.histogram import TimeSummary
+from motord.runtime.realtime import RealtimeStatus
+
+
+class Phase(StrEnum):
+    """Where in its life the loop process is."""
+
+    STARTING = "starting"
+    READY = "ready"  # devices open, ticks are being published
+    STOPPED = "stopped"
+    FAILED = "failed"
+
+
+class LoopStatus(BaseModel):
+    """The loop process: who, since when, with which rights, and at the end how it went."""
+
+    model_config = ConfigDict(frozen=True)
+
+    phase: Phase
+    pid: int
+    rate_Hz: int = 0
+    offset_ns: int = 0
+    error: str = ""
+    reason: str = ""
+    foreign_threads: list[str] = []
+    realtime: RealtimeStatus | None = None
+    ticks: int = 0
+    missed: int = 0
+    wake_late: TimeSummary = TimeSummary()
+    work: TimeSummary = TimeSummary()
+
+    def write(self, path: Path) -> None:
+        """Write the file in one step, so that a reader sees the old or the new one."""
+        temporary = path.with_name(f".{path.name}.{os.getpid()}")
+        temporary.write_text(self.model_dump_json(indent=1))
+        temporary.rename(path)
+
+    @classmethod
+    def read(cls, path: Path) -> "LoopStatus | None":
+        """Return what the file says, or None if there is none (yet) or it is no status."""
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except (FileNotFoundError, ValidationError):
+            return None
