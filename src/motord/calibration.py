@@ -1,0 +1,226 @@
+"""The calibration file: what the controller is told of a motor's currents and cogging torque.
+
+JSON, versioned, written at once or not at all. `id` is a digest of everything that is applied; a
+file whose content does not fit its id is refused, and so is one of another motor.
+"""
+
+import hashlib
+import json
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from motord.config import Finite, MotorConfig, NonNegative, Positive
+
+SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
+
+Triple = tuple[Finite, Finite, Finite]
+StandardErrors = tuple[NonNegative, NonNegative, NonNegative]
+
+
+class CalibrationError(Exception):
+    """A calibration that cannot be used; the message says which file, what and what to do."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class CalibratedMotor(_Part):
+    """The motor that was calibrated: what has to agree with the bench's `[motor]`."""
+
+    name: str
+    serial: str = ""
+    slots: Annotated[int, Field(ge=1)]
+    pole_pairs: Annotated[int, Field(ge=1)]
+    counts: Annotated[int, Field(ge=1)]
+    rated_torque_Nm: Positive
+    connection: Literal["star", "independent"]
+
+    @classmethod
+    def of(cls, motor: MotorConfig) -> "CalibratedMotor":
+        """Return the identity of a bench's motor."""
+        return cls(**{name: getattr(motor, name) for name in cls.model_fields})
+
+
+class Harmonic(_Part):
+    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad)."""
+
+    order: Annotated[int, Field(ge=1)]
+    amplitude_Nm: Finite
+    phase_rad: Finite
+    stderr_Nm: NonNegative
+
+
+class RmsSummary(_Part):
+    """RMS error over the operating points, percent of rated torque."""
+
+    mean: NonNegative
+    max: NonNegative
+
+
+class RmsPoint(_Part):
+    """RMS error of one operating point, Poels 2008, eq. (4.16); None where not measured."""
+
+    torque_Nm: Finite
+    speed_Hz: Finite
+    before: NonNegative | None = None
+    after: NonNegative | None = None
+
+
+class RmsErrors(_Part):
+    """RMS errors without (`before`) and with (`after`) compensation, percent of rated torque."""
+
+    before: RmsSummary | None = None
+    after: RmsSummary | None = None
+    points: tuple[RmsPoint, ...] = ()
+
+    @classmethod
+    def of(cls, points: tuple[RmsPoint, ...]) -> "RmsErrors":
+        """Return the points with their summaries."""
+        before = [p.before for p in points if p.before is not None]
+        after = [p.after for p in points if p.after is not None]
+        return cls(before=_summary(before), after=_summary(after), points=points)
+
+
+def _summary(values: list[float]) -> RmsSummary | None:
+    return RmsSummary(mean=sum(values) / len(values), max=max(values)) if values else None
+
+
+class Calibration(_Part):
+    """A calibration, Poels 2008, eq. (4.1): what flows is alpha epsilon i* + beta_A in each phase.
+
+    alpha has product 1 and beta_A sums to 0 where the data cannot tell otherwise (`observable`
+    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts.
+    """
+
+    schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
+    id: str = ""
+    created: datetime
+    motor: CalibratedMotor
+    method: Literal["joint", "residual"]
+    runs: tuple[str, ...] = ()
+    alpha: tuple[Positive, Positive, Positive]
+    alpha_stderr: StandardErrors
+    beta_A: Triple
+    beta_stderr_A: StandardErrors
+    delta_epsilon: Positive = 1.0
+    delta_epsilon_source: str = "assumed"
+    tau_cog_Nm: tuple[Finite, ...]
+    tau_cog_harmonics: tuple[Harmonic, ...] = ()
+    observable: tuple[str, ...] = ()
+    condition_number: Annotated[float, Field(ge=1)]
+    rms_error_percent: RmsErrors = RmsErrors()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Calibration":
+        if len(self.tau_cog_Nm) != self.motor.counts:
+            has, counts = len(self.tau_cog_Nm), self.motor.counts
+            raise ValueError(f"tau_cog_Nm has {has} values, the motor {counts} counts")
+        digest = self._digest()
+        if not self.id:
+            object.__setattr__(self, "id", digest)
+        elif self.id != digest:
+            raise ValueError(f"content does not fit its id {self.id}: the file was changed")
+        return self
+
+    def _digest(self) -> str:
+        """Digest of all but the verification, which is added after the calibration is applied."""
+        content = self.model_dump(mode="json", by_alias=True, exclude={"id", "rms_error_percent"})
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def with_rms_error(self, rms: RmsErrors) -> "Calibration":
+        """Return the same calibration (same id) with these RMS errors."""
+        return self.model_copy(update={"rms_error_percent": rms})
+
+    def check_motor(self, motor: MotorConfig) -> None:
+        """Raise CalibrationError naming all that differs if this was made for another motor."""
+        here = CalibratedMotor.of(motor)
+        differing = [
+            f"{name} is {getattr(self.motor, name)!r} there and {getattr(here, name)!r} here"
+            for name in CalibratedMotor.model_fields
+            if getattr(self.motor, name) != getattr(here, name)
+        ]
+        if differing:
+            raise CalibrationError(
+                f"calibration {self.id} was made for another motor: {'; '.join(differing)}; "
+                "calibrate this motor or correct [motor] in the bench file"
+            )
+
+    def age_s(self, now: datetime) -> float:
+        """Return how long ago it was made (s)."""
+        return (now - self.created).total_seconds()
+
+    def age(self, now: datetime | None = None) -> str:
+        """Return how long ago it was made, in words, such as "3 days"."""
+        return in_words(self.age_s(now or datetime.now(UTC)))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content of the file."""
+        return self.model_dump(mode="json", by_alias=True)
+
+    def save(self, path: Path) -> None:
+        """Write the file: a temporary one beside it, synced, then renamed. Raises CalibrationError.
+
+        Whatever interrupts it, `path` holds either the old or the new calibration, whole.
+        """
+        text = json.dumps(self.to_json(), indent=1) + "\n"
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            with temporary.open("w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+            _sync_folder(path.parent)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            raise CalibrationError(f"{path}: cannot write it: {error.strerror}") from error
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def from_json(content: object, where: str) -> Calibration:
+    """Check the content of a calibration file. Raises CalibrationError that begins with `where`."""
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema != SCHEMA:
+        found = f"its schema is {schema!r}" if schema else "it names no schema"
+        raise CalibrationError(f"{where}: not a calibration file: {found}, expected {SCHEMA!r}")
+    try:
+        return Calibration.model_validate_json(json.dumps(content))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"])
+        what = first["msg"].removeprefix("Value error, ")
+        raise CalibrationError(f"{where}: {key + ': ' if key else ''}{what}") from None
+
+
+def load(path: Path) -> Calibration:
+    """Read and check a calibration file. Raises CalibrationError."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot read it: {error.strerror}") from error
+    except ValueError as error:
+        raise CalibrationError(f"{path}: not a calibration file: no valid JSON: {error}") from error
+    return from_json(content, str(path))
+
+
+def in_words(seconds: float) -> str:
+    """Return a duration in words: "40 seconds", "3 hours", "12 days"."""
+    if seconds < 0:
+        return "less than nothing (made in the future: is the clock right?)"
+    for unit, length_s in (("day", 86_400), ("hour", 3_600), ("minute", 60)):
+        if seconds >= 2 * length_s:
+            return f"{int(seconds // length_s)} {unit}s"
+    return f"{int(seconds)} second{'' if int(seconds) == 1 else 's'}"
