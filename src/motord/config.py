@@ -99,10 +99,17 @@ class LoopConfig(Section):
 
 
 class CanSignalMap(Section):
-    """Names in the DBC of what motord sends and reads: `Message.Signal`."""
+    """Names in the DBC of what motord sends and reads: `Message.Signal`.
+
+    The command is one message; the feedback may lie in several, each with a counter and a CRC of
+    its own, or none. `command_constants` sets other signals of the command. The masks tell which
+    bits of the drive's status word mean what (0 = the drive does not say).
+    """
 
     command_i_A: tuple[str, str, str]
     command_enable: str
+    command_enable_value: Annotated[int, Field(ge=1)] = 1
+    command_constants: dict[str, Finite] = {}
     command_counter: str = ""
     command_crc: str = ""
     feedback_i_A: tuple[str, str, str]
@@ -110,10 +117,12 @@ class CanSignalMap(Section):
     feedback_u_bus_V: str = ""
     feedback_temperature_C: str = ""
     feedback_status: str
-    feedback_counter: str = ""
-    feedback_crc: str = ""
+    feedback_counter: tuple[str, ...] = ()
+    feedback_crc: tuple[str, ...] = ()
     status_ready_mask: Annotated[int, Field(ge=0)] = 1
     status_fault_mask: Annotated[int, Field(ge=0)] = 2
+    status_timeout_mask: Annotated[int, Field(ge=0)] = 4
+    status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
 
 
 class CanConfig(Section):
@@ -125,6 +134,7 @@ class CanConfig(Section):
     fd: bool = True
     data_bitrate: Annotated[int, Field(gt=0)] | None = None
     options: dict[str, str | int | float | bool] = {}
+    connect_timeout_s: Positive = 2.0
     dbc: Path
     signals: CanSignalMap
 
@@ -155,6 +165,7 @@ class BridgeConfig(Section):
     rate_Hz: Annotated[int, Field(ge=100, le=20_000)] | None = None
     stale_after_s: Positive = 0.02
     heartbeat_timeout_s: Positive = 0.05
+    connect_timeout_s: Positive = 2.0
     adc_V_per_count: Positive = 10.0 / 32768
 
     @model_validator(mode="after")

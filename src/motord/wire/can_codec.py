@@ -1,0 +1,193 @@
+"""The drive's CAN messages, compiled from a DBC to shifts and masks: no DBC library per frame.
+
+Both directions of every message: the daemon encodes the command and decodes the feedback, the
+emulated drive the other way round. A message may carry an alive counter, one more with each frame
+modulo 2 to its width, and a CRC: CRC-8/SAE-J1850 over every byte of the payload but its own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from motord.config import CanSignalMap
+from motord.schema import InverterStatus
+from motord.wire.can_signal import SignalCodec
+from motord.wire.crc import crc8
+
+COMMAND_SLOTS = ("i_a_A", "i_b_A", "i_c_A", "enable")
+"""The values of the command message, in the order of its `MessageCodec`."""
+
+FEEDBACK_SLOTS = (
+    "i_a_A",
+    "i_b_A",
+    "i_c_A",
+    "u_a_V",
+    "u_b_V",
+    "u_c_V",
+    "u_bus_V",
+    "temperature_C",
+    "status",
+)
+"""The values that the drive sends, over all its messages; a DBC need not have all."""
+
+EXTENDED = 1 << 31
+_FD_BYTES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+
+
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """What guards a message: its counter signal, if any, and the byte of its CRC, or -1."""
+
+    counter: SignalCodec | None = None
+    counter_modulus: int = 0
+    crc_byte: int = -1
+
+
+class MessageCodec:
+    """One message: `slots` names the values of `encode` and `decode`, in order.
+
+    `key` is the identifier, with bit 31 set for an extended one; `size_bytes` the length on the
+    bus, `checks.counter_modulus` 0 for a message without counter.
+    """
+
+    __slots__ = ("_base", "_length", "_signals", "checks", "key", "name", "size_bytes", "slots")
+
+    def __init__(
+        self,
+        name: str,
+        key: int,
+        length_bytes: int,
+        signals: Mapping[str, SignalCodec],
+        checks: Checks,
+        constants: Sequence[tuple[SignalCodec, float]] = (),
+    ) -> None:
+        """Join the signals of a message; `constants` are sent with these values every time."""
+        self.name = name
+        self.key = key
+        self.size_bytes = next(size for size in _FD_BYTES if size >= length_bytes)
+        self.slots = tuple(signals)
+        self.checks = checks
+        self._length = length_bytes
+        self._signals = tuple(signals.values())
+        self._base = [0, 0]
+        for signal, value in constants:
+            self._base[signal.big_endian] |= signal.insert(value)
+
+    @property
+    def identifier(self) -> int:
+        """Return the identifier without the mark of an extended one."""
+        return self.key & ~EXTENDED
+
+    @property
+    def extended(self) -> bool:
+        """Return whether the identifier has 29 bits."""
+        return self.key >= EXTENDED
+
+    def encode(self, values: Sequence[float], counter: int = 0) -> bytes:
+        """Return the payload, `size_bytes` long, of `values` in the order of `slots`.
+
+        What does not fit a signal saturates; the counter wraps.
+        """
+        little, big = self._base
+        for signal, value in zip(self._signals, values, strict=True):
+            if signal.big_endian:
+                big |= signal.insert(value)
+            else:
+                little |= signal.insert(value)
+        checks = self.checks
+        if checks.counter is not None:
+            bits = checks.counter.insert(counter % checks.counter_modulus)
+            if checks.counter.big_endian:
+                big |= bits
+            else:
+                little |= bits
+        length = self._length
+        if big:
+            little |= int.from_bytes(big.to_bytes(length, "big"), "little")
+        payload = bytearray(little.to_bytes(length, "little"))
+        if checks.crc_byte >= 0:
+            payload[checks.crc_byte] = self._crc(payload)
+        return bytes(payload.ljust(self.size_bytes, b"\0"))
+
+    def decode(self, payload: bytes | bytearray) -> tuple[float, ...] | None:
+        """Return the values in the order of `slots`, or None if length or CRC are wrong."""
+        length = self._length
+        if len(payload) != self.size_bytes:
+            return None
+        if self.size_bytes != length:
+            payload = payload[:length]
+        crc_byte = self.checks.crc_byte
+        if crc_byte >= 0 and payload[crc_byte] != self._crc(payload):
+            return None
+        little = int.from_bytes(payload, "little")
+        big = int.from_bytes(payload, "big")
+        return tuple([s.extract(big) if s.big_endian else s.extract(little) for s in self._signals])
+
+    def counter(self, payload: bytes | bytearray) -> int:
+        """Return the alive counter in a payload that `decode` took; 0 if the message has none."""
+        signal = self.checks.counter
+        if signal is None:
+            return 0
+        body = payload[: self._length]
+        if signal.big_endian:
+            return int(signal.extract(int.from_bytes(body, "big")))
+        return int(signal.extract(int.from_bytes(body, "little")))
+
+    def _crc(self, payload: bytes | bytearray) -> int:
+        byte = self.checks.crc_byte
+        return crc8(payload[:byte] + payload[byte + 1 :])
+
+
+@dataclass(frozen=True)
+class InverterCodec:
+    """All messages of one drive, from `wire.dbc.load`."""
+
+    command: MessageCodec
+    feedback: tuple[MessageCodec, ...]
+    signals: CanSignalMap
+
+    def encode_command(self, i_A: Sequence[float], enable: bool, counter: int) -> bytes:
+        """Return the payload of `command` for phase-current references and the enable bit."""
+        on = float(self.signals.command_enable_value) if enable else 0.0
+        return self.command.encode((*i_A, on), counter)
+
+    def decode_command(self, payload: bytes) -> tuple[tuple[float, ...], bool] | None:
+        """Return phase-current references and enable bit, or None for a corrupt payload."""
+        values = self.command.decode(payload)
+        if values is None:
+            return None
+        return values[:3], round(values[3]) == self.signals.command_enable_value
+
+    def encode_feedback(
+        self, values: Mapping[str, float], counter: int
+    ) -> list[tuple[MessageCodec, bytes]]:
+        """Return every feedback message with its payload; `values` has the FEEDBACK_SLOTS."""
+        return [(m, m.encode([values[s] for s in m.slots], counter)) for m in self.feedback]
+
+    def understand(self, word: int) -> InverterStatus:
+        """Return what the drive's status word says, in motord's bits.
+
+        A drive without a ready bit (mask 0) counts as ready.
+        """
+        masks, status = self.signals, InverterStatus(0)
+        if word & masks.status_ready_mask == masks.status_ready_mask:
+            status |= InverterStatus.READY
+        for mask, meaning in self._meanings():
+            if word & mask:
+                status |= meaning
+        return status
+
+    def status_word(self, status: InverterStatus) -> int:
+        """Return the status word with which the drive says `status`."""
+        word = self.signals.status_ready_mask if status & InverterStatus.READY else 0
+        for mask, meaning in self._meanings():
+            if status & meaning:
+                word |= mask
+        return word
+
+    def _meanings(self) -> tuple[tuple[int, InverterStatus], ...]:
+        masks = self.signals
+        return (
+            (masks.status_fault_mask, InverterStatus.FAULT),
+            (masks.status_timeout_mask, InverterStatus.COMMAND_TIMEOUT),
+            (masks.status_enable_line_mask, InverterStatus.ENABLE_LINE),
+        )

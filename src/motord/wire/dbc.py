@@ -1,0 +1,195 @@
+"""From a DBC file and the signal map of the bench to the drive's codec, once at start.
+
+Every name that the DBC does not have, and every signal that cannot do what the map asks of it, is
+one `ConfigError` that names the DBC, the key of the map and what the DBC has instead.
+"""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cantools
+from cantools.database.can import Database, Message, Signal
+from cantools.database.errors import Error as DatabaseError
+
+from motord.config import CanConfig, CanSignalMap, ConfigError
+from motord.wire.can_codec import (
+    COMMAND_SLOTS,
+    EXTENDED,
+    FEEDBACK_SLOTS,
+    Checks,
+    InverterCodec,
+    MessageCodec,
+)
+from motord.wire.can_signal import SignalCodec
+
+CLASSIC_BYTES = 8
+
+
+def load(can: CanConfig) -> InverterCodec:
+    """Compile the messages of `[inverter.can]`. Raises ConfigError."""
+    codec = compile_codec(read_database(can.dbc), can.dbc, can.signals)
+    for message in (codec.command, *codec.feedback):
+        if message.size_bytes > CLASSIC_BYTES and not can.fd:
+            raise ConfigError(
+                f"{can.dbc}: {message.name} has {message.size_bytes} bytes, more than classical "
+                "CAN carries; set fd = true in [inverter.can], or take another DBC"
+            )
+    return codec
+
+
+def read_database(path: Path) -> Database:
+    """Parse a DBC file. Raises ConfigError."""
+    try:
+        text = path.read_text(encoding="cp1252", errors="replace")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the DBC: {error.strerror}") from error
+    try:
+        database = cantools.database.load_string(text, "dbc")
+    except DatabaseError as error:
+        reason = str(getattr(error, "e_dbc", None) or error).replace("\n", " ")
+        raise ConfigError(f"{path}: not a valid DBC: {reason}") from error
+    assert isinstance(database, Database)
+    return database
+
+
+def compile_codec(database: Database, path: Path, signals: CanSignalMap) -> InverterCodec:
+    """Compile the mapped signals of `database`; `path` is for messages. Raises ConfigError."""
+    names = _Names(database, path)
+    commands = _Drafts(names)
+    for slot, name in zip(COMMAND_SLOTS[:3], signals.command_i_A, strict=True):
+        commands.add(slot, "command_i_A", name)
+    commands.add("enable", "command_enable", signals.command_enable)
+    if len(commands.drafts) > 1:
+        raise names.error(
+            "command_enable",
+            "currents and enable must be in one message, they are in "
+            + " and ".join(commands.drafts),
+        )
+    commands.count("command_counter", signals.command_counter)
+    commands.guard("command_crc", signals.command_crc)
+    for name, value in signals.command_constants.items():
+        commands.fix("command_constants", name, value)
+
+    feedback = _Drafts(names)
+    for slot, (key, name) in zip(FEEDBACK_SLOTS, _feedback_names(signals), strict=True):
+        if name:
+            feedback.add(slot, key, name)
+    for name in signals.feedback_counter:
+        feedback.count("feedback_counter", name)
+    for name in signals.feedback_crc:
+        feedback.guard("feedback_crc", name)
+    return InverterCodec(commands.compiled()[0], feedback.compiled(), signals)
+
+
+def _feedback_names(signals: CanSignalMap) -> list[tuple[str, str]]:
+    """Return key of the map and name, "" if not mapped, for each of FEEDBACK_SLOTS."""
+    groups: tuple[tuple[str, tuple[str, ...]], ...] = (
+        ("feedback_i_A", signals.feedback_i_A),
+        ("feedback_u_V", signals.feedback_u_V or ("", "", "")),
+        ("feedback_u_bus_V", (signals.feedback_u_bus_V,)),
+        ("feedback_temperature_C", (signals.feedback_temperature_C,)),
+        ("feedback_status", (signals.feedback_status,)),
+    )
+    return [(key, name) for key, group in groups for name in group]
+
+
+@dataclass
+class _Draft:
+    """A message on its way to a codec."""
+
+    message: Message
+    signals: dict[str, SignalCodec] = field(default_factory=dict)
+    checks: Checks = field(default_factory=Checks)
+    constants: list[tuple[SignalCodec, float]] = field(default_factory=list)
+
+    def compiled(self) -> MessageCodec:
+        message = self.message
+        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+        return MessageCodec(
+            message.name, key, message.length, self.signals, self.checks, self.constants
+        )
+
+
+class _Drafts:
+    """The messages of one direction; those that carry a mapped value, and nothing else."""
+
+    def __init__(self, names: "_Names") -> None:
+        self._names = names
+        self.drafts: dict[str, _Draft] = {}
+
+    def add(self, slot: str, key: str, name: str) -> None:
+        message, signal = self._names.find(key, name)
+        draft = self.drafts.setdefault(message.name, _Draft(message))
+        draft.signals[slot] = SignalCodec(signal, message.length)
+
+    def count(self, key: str, name: str) -> None:
+        if not name:
+            return
+        draft, signal = self._existing(key, name)
+        if signal.is_float or signal.is_signed or (signal.scale, signal.offset) != (1, 0):
+            raise self._names.error(key, f"{name} must be an unsigned integer without scale")
+        counter = SignalCodec(signal, draft.message.length)
+        draft.checks = replace(draft.checks, counter=counter, counter_modulus=1 << signal.length)
+
+    def guard(self, key: str, name: str) -> None:
+        if not name:
+            return
+        draft, signal = self._existing(key, name)
+        first_bit = 0 if signal.byte_order == "little_endian" else 7
+        if signal.length != 8 or signal.start % 8 != first_bit:
+            raise self._names.error(key, f"{name} must be one whole byte, for a CRC-8/SAE-J1850")
+        draft.checks = replace(draft.checks, crc_byte=signal.start // 8)
+
+    def fix(self, key: str, name: str, value: float) -> None:
+        draft, signal = self._existing(key, name)
+        draft.constants.append((SignalCodec(signal, draft.message.length), value))
+
+    def compiled(self) -> tuple[MessageCodec, ...]:
+        return tuple(draft.compiled() for draft in self.drafts.values())
+
+    def _existing(self, key: str, name: str) -> tuple[_Draft, Signal]:
+        message, signal = self._names.find(key, name)
+        if message.name not in self.drafts:
+            known = " and ".join(self.drafts)
+            raise self._names.error(
+                key, f"{name} is not in {known}, which the rest of the map uses"
+            )
+        return self.drafts[message.name], signal
+
+
+class _Names:
+    """Finds `Message.Signal` in a database; what it lacks becomes a ConfigError."""
+
+    def __init__(self, database: Database, path: Path) -> None:
+        self._path = path
+        self._messages = {message.name: message for message in database.messages}
+
+    def error(self, key: str, what: str) -> ConfigError:
+        return ConfigError(f"{self._path}: [inverter.can.signals] {key}: {what}")
+
+    def find(self, key: str, name: str) -> tuple[Message, Signal]:
+        message_name, dot, signal_name = name.partition(".")
+        if not dot:
+            raise self.error(key, f'"{name}" must be written "Message.Signal"')
+        message = self._messages.get(message_name)
+        if message is None:
+            known = _near(message_name, self._messages)
+            raise self.error(key, f"the DBC has no message {message_name}; {known}")
+        signals = {signal.name: signal for signal in message.signals}
+        signal = signals.get(signal_name)
+        if signal is None:
+            known = _near(signal_name, signals)
+            raise self.error(key, f"message {message_name} has no signal {signal_name}; {known}")
+        if signal.multiplexer_ids:
+            raise self.error(key, f"{name} is multiplexed, which motord does not support")
+        return message, signal
+
+
+def _near(name: str, names: Iterable[str]) -> str:
+    known = list(names)
+    near = difflib.get_close_matches(name, known, 3, 0.5)
+    if near:
+        return f"did you mean {' or '.join(near)}?"
+    return f"it has {', '.join(known[:8])}{', ...' if len(known) > 8 else ''}" if known else "none"
