@@ -1,8 +1,17 @@
 """From the truth of a rig to the records that its kernels step."""
 
-import numpy as np
+import math
 
-from motord.rig.truth import RigTruth
+import numpy as np
+from scipy.linalg import expm
+
+from motord.rig.noise import gaussian, random_state
+from motord.rig.truth import RigTruth, TorqueSensorTruth
+from motord.rig.types import RIG_PARAMETERS, RIG_STATE
+from motord.rig.waves import wave_values
+
+SLOW_PERIOD_S = 5e-3
+"""Time between updates of temperatures and drifts."""
 
 
 def build(
@@ -12,4 +21,139 @@ def build(
 
     `seed` starts its random numbers; `substep_s` overrides the step of the integration.
     """
-    ...
+    parameters, state = np.zeros(1, RIG_PARAMETERS), np.zeros(1, RIG_STATE)
+    p, s = parameters[0], state[0]
+    p.substep_s = substep_s or truth.simulation.substep_s
+    p.slow_every = max(1, round(SLOW_PERIOD_S / p.substep_s))
+    p.ambient_C = truth.simulation.ambient_C
+    _fill_waves(p, truth)
+    _fill_inverter(p, truth)
+    _fill_rotor_and_brake(p, truth)
+    _fill_drive(p, truth)
+    _fill_torque_sensor(p, truth.torque_sensor)
+    p.counts = truth.encoder.counts
+    p.encoder_offset_rad = truth.encoder.offset_rad
+    p.encoder_direction = truth.encoder.direction
+    _fill_state(p, s, truth, seed)
+    return parameters, state
+
+
+def _decay(duration_s: float, time_constant_s: float) -> float:
+    """Return what is left after `duration_s` of a first-order transient; 0 for an instant one."""
+    return math.exp(-duration_s / time_constant_s) if time_constant_s > 0 else 0.0
+
+
+def _fill_waves(p: np.record, truth: RigTruth) -> None:
+    """Tabulate back-EMF and cogging as cosines and sines of multiples of one base order."""
+    motor = truth.motor
+    terms = [
+        (h.order * motor.pole_pairs, phase, h.amplitude_V_s_per_rad, h.phase_rad - h.order * lag)
+        for h in motor.back_emf
+        for phase, lag in enumerate((0.0, 2 * math.pi / 3, 4 * math.pi / 3))
+    ]
+    terms += [(h.order, 3, h.amplitude_Nm, h.phase_rad) for h in motor.cogging]
+    orders = sorted({term[0] for term in terms})
+    p.base_order = math.gcd(*orders)
+    p.order_count = len(orders)
+    for row, order in enumerate(orders):
+        p.order[row] = order // int(p.base_order)
+    for order, column, amplitude, phase_rad in terms:
+        index = 4 * orders.index(order) + column
+        p.wave_cos[index] += amplitude * math.sin(phase_rad)
+        p.wave_sin[index] += amplitude * math.cos(phase_rad)
+
+
+def _fill_inverter(p: np.record, truth: RigTruth) -> None:
+    inverter, slow_s = truth.inverter, p.slow_every * p.substep_s
+    p.star = truth.motor.connection == "star"
+    p.resistance_ohm = truth.motor.resistance_ohm
+    p.inductance_H = truth.motor.inductance_H
+    p.bus_V = inverter.bus_V
+    p.dead_steps = inverter.dead_time_s / p.substep_s
+    p.loop_rate_per_s = 2 * math.pi * inverter.bandwidth_Hz
+    p.loop_decay = math.exp(-p.loop_rate_per_s * p.substep_s)
+    p.current_max_A = inverter.current_max_A
+    p.ready_steps = round(inverter.ready_delay_s / p.substep_s)
+    p.gain[:] = np.asarray(inverter.alpha) * inverter.epsilon
+    p.beta_A[:] = inverter.beta_A
+    p.gain_drift_per_K[:] = inverter.gain_drift_per_K
+    p.gain_drift_max = inverter.gain_drift_max
+    p.reference_C = inverter.reference_C
+    p.inverter_K_per_W = inverter.thermal_resistance_K_per_W
+    p.inverter_decay = _decay(slow_s, inverter.thermal_time_constant_s)
+    p.current_noise_A = inverter.current_noise_A
+    p.voltage_noise_V = inverter.voltage_noise_V
+
+
+def _fill_rotor_and_brake(p: np.record, truth: RigTruth) -> None:
+    rotor, brake = truth.rotor, truth.brake
+    p.inertia_kg_m2 = rotor.inertia_kg_m2
+    p.viscous_Nm_s_per_rad = rotor.viscous_Nm_s_per_rad
+    p.coulomb_Nm, p.static_Nm = rotor.coulomb_Nm, rotor.static_Nm
+    p.brake_torque_max_Nm = brake.torque_max_Nm
+    p.brake_critical_rad_s = brake.critical_speed_rad_s
+    p.brake_critical_per_K = brake.critical_speed_per_K
+    p.brake_excitation_decay = _decay(p.substep_s, brake.excitation_time_constant_s)
+    p.brake_K_per_W = brake.thermal_resistance_K_per_W
+    p.brake_decay = _decay(p.slow_every * p.substep_s, brake.thermal_time_constant_s)
+
+
+def _fill_drive(p: np.record, truth: RigTruth) -> None:
+    drive = truth.drive
+    p.drive_max_rad_s = drive.speed_max_rad_s
+    p.drive_change_rad_s = drive.acceleration_rad_s2 * p.substep_s
+    p.belt_Nm_per_rad = drive.belt_stiffness_Nm_per_rad
+    p.belt_Nm_s_per_rad = drive.belt_damping_Nm_s_per_rad
+    p.belt_slip_Nm = drive.slip_torque_Nm
+    p.belt_lift_rad_s = drive.lift_speed_rad_s
+    p.belt_creep_per_Nm = drive.creep_per_Nm
+
+
+def mount_matrices(
+    resonance_Hz: float, damping_ratio: float, duration_s: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (A, B0, B1), shapes (2, 2), (2,), (2,): x1 = A x0 + B0 u0 + B1 u1 over `duration_s`.
+
+    x is (output, its rate / natural frequency) of w^2 / (s^2 + 2 zeta w s + w^2); exact for an
+    input that goes straight from u0 to u1 (first-order hold).
+    """
+    w_rad_s = 2 * math.pi * resonance_Hz
+    block = np.zeros((4, 4))
+    block[:2, :2] = [[0.0, w_rad_s], [-w_rad_s, -2 * damping_ratio * w_rad_s]]
+    block[1, 2] = w_rad_s
+    block[2, 3] = 1.0 / duration_s
+    phi = expm(block * duration_s)
+    return phi[:2, :2], phi[:2, 2] - phi[:2, 3], phi[:2, 3]
+
+
+def _fill_torque_sensor(p: np.record, sensor: TorqueSensorTruth) -> None:
+    step_s, slow_s = p.substep_s, p.slow_every * p.substep_s
+    p.mount_rigid = sensor.resonance_Hz == 0
+    if not p.mount_rigid:
+        a, b0, b1 = mount_matrices(sensor.resonance_Hz, sensor.damping_ratio, step_s)
+        p.mount_a[:] = a.ravel()
+        p.mount_b[:] = np.concatenate([b0, b1])
+    tau_s = sensor.highpass_time_constant_s
+    p.highpass = tau_s > 0
+    if p.highpass:
+        p.highpass_decay = _decay(step_s, tau_s)
+        p.highpass_gain = tau_s / step_s * -math.expm1(-step_s / tau_s)
+        p.drift_gain_s = tau_s * -math.expm1(-step_s / tau_s)
+    p.drift_decay = _decay(slow_s, sensor.drift_correlation_s)
+    p.drift_kick_Nm_per_s = sensor.drift_Nm_per_s * math.sqrt(1 - p.drift_decay**2)
+    p.torque_Nm_per_count = sensor.gain_Nm_per_V * sensor.adc_V_per_count
+    p.torque_counts_per_Nm = sensor.delta / p.torque_Nm_per_count
+    p.torque_noise_counts = sensor.noise_Nm / p.torque_Nm_per_count
+    p.torque_count_max = 2 ** (sensor.adc_bits - 1) - 1
+
+
+def _fill_state(p: np.record, s: np.record, truth: RigTruth, seed: int) -> None:
+    s.random = random_state(seed)
+    s.gain[:] = p.gain
+    s.temperature_C = s.brake_temperature_C = p.ambient_C
+    s.angle_rad, s.speed_rad_s = truth.rotor.angle_rad, truth.rotor.speed_rad_s
+    k_a, k_b, k_c, cogging_Nm = wave_values(p, s.angle_rad)
+    s.k_V_s_per_rad[:] = k_a, k_b, k_c
+    s.torque_cog_Nm = cogging_Nm
+    s.mount_Nm = cogging_Nm
+    s.drift_Nm_per_s = truth.torque_sensor.drift_Nm_per_s * gaussian(s)

@@ -1,8 +1,23 @@
-"""The rig in time: `advance`, and what it shows: `sense` to the sensors, `fill_truth` to the log."""
+"""The rig in time: `advance` it, `sense` what its sensors say, `fill_truth` with what it does."""
+
+import math
 
 import numpy as np
 
 from motord.jit import jit
+from motord.rig.electric import step_currents, take_command
+from motord.rig.mechanics import step_brake, step_drive, step_rotor
+from motord.rig.noise import gaussian
+from motord.rig.sensors import (
+    gray_code,
+    read_encoder,
+    read_inverter,
+    read_torque,
+    step_torque_sensor,
+)
+from motord.rig.waves import wave_values
+
+DURATION_MAX_S = 60.0
 
 
 @jit
@@ -15,13 +30,97 @@ def advance(
     command takes effect the dead time after the beginning of the call that brought it. Negative or
     not finite durations count as 0, and at most 60 s pass in one call.
     """
+    p, s = parameters[0], state[0]
+    _take_input(p, s, rig_input[0])
+    if not duration_s > 0.0:
+        return
+    due_s = s.remainder_s + min(duration_s, DURATION_MAX_S)
+    steps = int(due_s / p.substep_s + 1e-6)
+    s.remainder_s = max(due_s - steps * p.substep_s, 0.0)
+    for _ in range(steps):
+        _substep(p, s)
+
+
+@jit
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high) if math.isfinite(value) else 0.0
+
+
+@jit
+def _take_input(p: np.record, s: np.record, i: np.record) -> None:
+    take_command(p, s, i.i_command_A)
+    s.brake_set = _within(i.brake, 0.0, 1.0)
+    s.drive_set_rad_s = _within(i.drive_rad_s, -p.drive_max_rad_s, p.drive_max_rad_s)
+    s.enable_line = 1 if i.enable_line else 0
+    s.fault = 1 if i.fault else 0
+    s.wanted = 1 if i.enable_command and i.enable_line and not i.fault else 0
+    if not s.wanted:
+        s.on_steps = 0
+        s.inverter_on = 0
+
+
+@jit
+def _substep(p: np.record, s: np.record) -> None:
+    """One step of everything; angle and speed are predicted first, corrected last."""
+    h_s, angle_rad = p.substep_s, s.angle_rad
+    middle_rad_s = s.speed_rad_s + 0.5 * h_s * s.acceleration_rad_s2
+    step_brake(p, s, middle_rad_s)
+    step_drive(p, s, middle_rad_s)
+    k_a, k_b, k_c, cogging_Nm = wave_values(p, angle_rad + h_s * middle_rad_s)
+    s.k_V_s_per_rad[0], s.k_V_s_per_rad[1], s.k_V_s_per_rad[2] = k_a, k_b, k_c
+    step_currents(p, s, middle_rad_s)
+    before_Nm = s.torque_em_Nm + s.torque_cog_Nm
+    em_Nm = float(k_a * s.i_A[0] + k_b * s.i_A[1] + k_c * s.i_A[2])
+    after_Nm = em_Nm + cogging_Nm
+    s.torque_em_Nm, s.torque_cog_Nm = em_Nm, cogging_Nm
+    step_rotor(p, s, 0.5 * (before_Nm + after_Nm), angle_rad)
+    step_torque_sensor(p, s, before_Nm, after_Nm)
+    s.step += 1
+    if s.step % p.slow_every == 0:
+        _change_slowly(p, s)
+
+
+@jit
+def _change_slowly(p: np.record, s: np.record) -> None:
+    """Update temperatures, the gains that move with them, and the drift of the torque sensor."""
+    i = s.i_A
+    copper_W = p.resistance_ohm * (i[0] * i[0] + i[1] * i[1] + i[2] * i[2])
+    steady_C = p.ambient_C + p.inverter_K_per_W * copper_W
+    s.temperature_C = steady_C + (s.temperature_C - steady_C) * p.inverter_decay
+    for phase in range(3):
+        drift = p.gain_drift_per_K[phase] * (s.temperature_C - p.reference_C)
+        drift = min(max(drift, -p.gain_drift_max), p.gain_drift_max)
+        s.gain[phase] = p.gain[phase] * (1.0 + drift)
+    brake_W = s.brake_coefficient_Nm_s_per_rad * s.speed_rad_s * s.speed_rad_s
+    steady_C = p.ambient_C + p.brake_K_per_W * brake_W
+    s.brake_temperature_C = steady_C + (s.brake_temperature_C - steady_C) * p.brake_decay
+    s.drift_Nm_per_s = s.drift_Nm_per_s * p.drift_decay + p.drift_kick_Nm_per_s * gaussian(s)
 
 
 @jit
 def sense(parameters: np.ndarray, state: np.ndarray, rig_output: np.ndarray) -> None:
     """Fill `rig_output` (shape (1,)) with what the sensors say now; draws their noise."""
+    p, s, o = parameters[0], state[0], rig_output[0]
+    o.encoder_count = read_encoder(p, s.angle_rad + s.remainder_s * s.speed_rad_s)
+    o.encoder_gray = gray_code(o.encoder_count)
+    read_torque(p, s, o)
+    read_inverter(p, s, o)
+    o.brake = s.excitation
+    o.brake_temperature_C = s.brake_temperature_C
+    o.drive_rad_s = s.drive_rad_s
 
 
 @jit
-def fill_truth(parameters: np.ndarray, state: np.ndarray, t_ns: int, truth: np.ndarray) -> None:
-    """Fill `truth`, one element of a TRUTH_DTYPE block (a record), with what the rig does now."""
+def fill_truth(parameters: np.ndarray, state: np.ndarray, t_ns: int, truth: np.record) -> None:
+    """Fill `truth`, one element of a TRUTH_DTYPE block, with what the rig does now."""
+    s = state[0]
+    truth.t_ns = t_ns
+    truth.angle_rad = s.angle_rad + s.remainder_s * s.speed_rad_s
+    truth.speed_rad_s = s.speed_rad_s
+    truth.torque_em_Nm = s.torque_em_Nm
+    truth.torque_cog_Nm = s.torque_cog_Nm
+    truth.torque_Nm = s.torque_em_Nm + s.torque_cog_Nm
+    truth.torque_brake_Nm = s.brake_coefficient_Nm_s_per_rad * s.speed_rad_s
+    truth.i_a_A, truth.i_b_A, truth.i_c_A = s.i_A[0], s.i_A[1], s.i_A[2]
+    truth.enable_line = s.enable_line
+    truth.inverter_on = s.inverter_on

@@ -31,7 +31,7 @@ PositiveTriple = tuple[Positive, Positive, Positive]
 
 
 class CoggingHarmonic(Section):
-    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad), theta mechanical."""
+    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad)."""
 
     order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
     amplitude_Nm: Finite
@@ -180,6 +180,13 @@ class RigTruth(Section):
     torque_sensor: TorqueSensorTruth = TorqueSensorTruth()
     encoder: EncoderTruth = EncoderTruth()
     simulation: SimulationTruth = SimulationTruth()
+
+    @model_validator(mode="after")
+    def _belt_can_be_stepped(self) -> "RigTruth":
+        rate = self.drive.belt_stiffness_Nm_per_rad / self.rotor.inertia_kg_m2
+        if rate * self.simulation.substep_s**2 > 1:
+            raise ValueError("belt_stiffness_Nm_per_rad is too high for this inertia and substep_s")
+        return self
 
 
 def load(path: Path | None = None) -> RigTruth:

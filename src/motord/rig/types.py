@@ -34,6 +34,7 @@ RIG_OUTPUT = record_dtype(
         ("drive_rad_s", "f8"),  # speed that the external drive has
         ("torque_Nm", "f8"),  # torque_counts through the sensor's nominal gain
         ("torque_counts", "i4"),  # signed output of the converter
+        ("torque_clipped", "u4"),  # the converter is at the end of its range
         ("encoder_count", "i4"),
         ("encoder_gray", "u4"),
         ("inverter_on", "u4"),  # power stage on and following the commands
@@ -130,7 +131,10 @@ RIG_STATE = record_dtype(
         ("inverter_on", "i8"),
         ("enable_line", "i8"),
         ("fault", "i8"),
-        ("on_steps", "i8"),  # substeps since it was told to switch on
+        ("wanted", "i8"),  # told to switch on, line closed, no fault
+        ("on_steps", "i8"),  # substeps since then
+        ("i_loop_A", "f8", (3,)),  # what the loops control: i*, in a star less its mean
+        ("i_slope_A_per_s", "f8", (3,)),  # its rate when last looked at
         ("i_sensed_A", "f8", (3,)),
         ("i_A", "f8", (3,)),  # what flows
         ("gain", "f8", (3,)),  # alpha epsilon, with drift
@@ -143,17 +147,20 @@ RIG_STATE = record_dtype(
         ("torque_em_Nm", "f8"),
         ("torque_cog_Nm", "f8"),
         # brake
+        ("brake_set", "f8"),
         ("excitation", "f8"),
         ("brake_coefficient_Nm_s_per_rad", "f8"),
         ("brake_temperature_C", "f8"),
         # drive and belt
-        ("engaged", "i8"),
+        ("drive_set_rad_s", "f8"),
+        ("engaged", "i8"),  # belt on
         ("drive_rad_s", "f8"),
         ("belt_twist_rad", "f8"),
-        ("belt_Nm", "f8"),
+        ("belt_Nm", "f8"),  # of its spring
+        ("belt_before_Nm", "f8"),  # a substep ago
         # torque sensor
         ("mount_Nm", "f8"),
-        ("mount_rate", "f8"),  # second state of the mount, Nm/s
+        ("mount_rate_Nm", "f8"),  # rate of mount_Nm over its natural frequency
         ("sensor_Nm", "f8"),
         ("drift_Nm_per_s", "f8"),
     ]

@@ -1,0 +1,196 @@
+"""Inverter and windings over one substep, compiled: dead time, current loops, bus limit.
+
+Each loop forces its sensed current i* to the command as a first-order lag; what flows is
+g i* + beta with g = alpha epsilon (Poels 2008, eq. (4.1)). In a star what flows sums to zero, so
+the loops force i* less its mean over the phases, and the mean c follows from
+sum_p (g_p i*_p + beta_p) = 0.
+"""
+
+import math
+
+import numpy as np
+
+from motord.jit import jit
+from motord.rig.types import QUEUE_LENGTH
+
+
+@jit
+def take_command(p: np.record, s: np.record, i_command_A: np.ndarray) -> None:
+    """Queue `i_command_A` (3,), if it is new, to take effect after the dead time."""
+    same = True
+    for phase in range(3):
+        i_A = i_command_A[phase]
+        i_A = min(max(i_A, -p.current_max_A), p.current_max_A) if math.isfinite(i_A) else 0.0
+        same = same and i_A == s.i_newest_A[phase]
+        s.i_newest_A[phase] = i_A
+    if same:
+        return
+    if s.queue_size < QUEUE_LENGTH:
+        s.queue_size += 1
+        last = (s.queue_head + s.queue_size - 1) % QUEUE_LENGTH
+        s.queue_step[last] = s.step + s.remainder_s / p.substep_s + p.dead_steps
+    last = (s.queue_head + s.queue_size - 1) % QUEUE_LENGTH
+    for phase in range(3):
+        s.queue_A[3 * last + phase] = s.i_newest_A[phase]
+
+
+@jit
+def _next_command(p: np.record, s: np.record) -> None:
+    """Put the oldest queued command in force; in a star without its common part."""
+    first = 3 * s.queue_head
+    common_A = 0.0
+    if p.star:
+        common_A = (s.queue_A[first] + s.queue_A[first + 1] + s.queue_A[first + 2]) / 3.0
+    for phase in range(3):
+        s.i_command_A[phase] = s.queue_A[first + phase] - common_A
+    s.queue_head = (s.queue_head + 1) % QUEUE_LENGTH
+    s.queue_size -= 1
+
+
+@jit
+def _track(s: np.record, decay: float) -> None:
+    """Let the controlled currents approach the command; `decay` is what is left of the error."""
+    for phase in range(3):
+        command_A = s.i_command_A[phase]
+        s.i_loop_A[phase] = command_A + (s.i_loop_A[phase] - command_A) * decay
+
+
+@jit
+def _run_loops(p: np.record, s: np.record) -> None:
+    """Run the loops over one substep, through commands that take effect on the way (exact)."""
+    position = 0.0
+    while s.queue_size > 0 and s.queue_step[s.queue_head] < s.step + 1:
+        at = max(s.queue_step[s.queue_head] - s.step, position)
+        _track(s, math.exp(-p.loop_rate_per_s * p.substep_s * (at - position)))
+        _next_command(p, s)
+        position = at
+    rest = p.loop_decay
+    if position > 0.0:
+        rest = math.exp(-p.loop_rate_per_s * p.substep_s * (1.0 - position))
+    _track(s, rest)
+
+
+@jit
+def _common_part(p: np.record, s: np.record, x: np.ndarray, offset: float) -> float:
+    """Return the c that makes sum_p g_p (x_p + c) + offset zero in a star, else 0."""
+    if not p.star:
+        return 0.0
+    g = s.gain
+    total = float(g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + offset)
+    return -total / float(g[0] + g[1] + g[2])
+
+
+@jit
+def limit_voltages(
+    p: np.record, u_a: float, u_b: float, u_c: float
+) -> tuple[float, float, float, bool]:
+    """Return winding voltages (V) that the bus allows, and whether that changed them.
+
+    Independent windings have a bridge each: +-bus. In a star no two may differ by more than the
+    bus; their common part belongs to the floating neutral and stays.
+    """
+    bus_V = p.bus_V
+    if p.star:
+        span_V = max(u_a, u_b, u_c) - min(u_a, u_b, u_c)
+        if span_V <= bus_V:
+            return u_a, u_b, u_c, False
+        mean_V, scale = (u_a + u_b + u_c) / 3.0, bus_V / span_V
+        u_a, u_b = mean_V + (u_a - mean_V) * scale, mean_V + (u_b - mean_V) * scale
+        return u_a, u_b, mean_V + (u_c - mean_V) * scale, True
+    if max(abs(u_a), abs(u_b), abs(u_c)) <= bus_V:
+        return u_a, u_b, u_c, False
+    u_a, u_b = min(max(u_a, -bus_V), bus_V), min(max(u_b, -bus_V), bus_V)
+    return u_a, u_b, min(max(u_c, -bus_V), bus_V), True
+
+
+@jit
+def _mean_voltage(p: np.record, s: np.record, phase: int, i_A: float, speed_rad_s: float) -> float:
+    """Return R i + L di/dt + k w, the mean over a substep in which the current becomes `i_A`."""
+    before_A = float(s.i_A[phase])
+    slope_V = p.inductance_H / p.substep_s * (i_A - before_A)
+    emf_V = float(s.k_V_s_per_rad[phase]) * speed_rad_s
+    return float(0.5 * p.resistance_ohm * (i_A + before_A) + slope_V + emf_V)
+
+
+@jit
+def _under_voltage(p: np.record, s: np.record, phase: int, u_V: float, speed_rad_s: float) -> float:
+    """Return the current (A) after a substep of `u_V` on R, L and the back-EMF (trapezoidal)."""
+    rate_ohm = float(p.inductance_H / p.substep_s)
+    drive_V = u_V - float(s.k_V_s_per_rad[phase]) * speed_rad_s
+    half_ohm = 0.5 * float(p.resistance_ohm)
+    return float((rate_ohm - half_ohm) * s.i_A[phase] + drive_V) / (rate_ohm + half_ohm)
+
+
+@jit
+def _flow(p: np.record, s: np.record, speed_rad_s: float) -> None:
+    """Let the currents flow that the loops ask for, as far as the bus voltage allows."""
+    common_A = _common_part(p, s, s.i_loop_A, p.beta_A[0] + p.beta_A[1] + p.beta_A[2])
+    i_a = s.gain[0] * (s.i_loop_A[0] + common_A) + p.beta_A[0]
+    i_b = s.gain[1] * (s.i_loop_A[1] + common_A) + p.beta_A[1]
+    i_c = s.gain[2] * (s.i_loop_A[2] + common_A) + p.beta_A[2]
+    u_a, u_b, u_c, limited = limit_voltages(
+        p,
+        _mean_voltage(p, s, 0, i_a, speed_rad_s),
+        _mean_voltage(p, s, 1, i_b, speed_rad_s),
+        _mean_voltage(p, s, 2, i_c, speed_rad_s),
+    )
+    if limited:
+        i_a = _under_voltage(p, s, 0, u_a, speed_rad_s)
+        i_b = _under_voltage(p, s, 1, u_b, speed_rad_s)
+        i_c = _under_voltage(p, s, 2, u_c, speed_rad_s)
+        _set_flow(p, s, i_a, i_b, i_c)
+    else:
+        s.i_A[0], s.i_A[1], s.i_A[2] = i_a, i_b, i_c
+        for phase in range(3):
+            s.i_sensed_A[phase] = s.i_loop_A[phase] + common_A
+
+
+@jit
+def _set_flow(p: np.record, s: np.record, i_a: float, i_b: float, i_c: float) -> None:
+    """Set what flows, and from it what is sensed and what the loops control."""
+    s.i_A[0], s.i_A[1], s.i_A[2] = i_a, i_b, i_c
+    for phase in range(3):
+        s.i_sensed_A[phase] = (s.i_A[phase] - p.beta_A[phase]) / s.gain[phase]
+    common_A = 0.0
+    if p.star:
+        common_A = (s.i_sensed_A[0] + s.i_sensed_A[1] + s.i_sensed_A[2]) / 3.0
+    for phase in range(3):
+        s.i_loop_A[phase] = s.i_sensed_A[phase] - common_A
+
+
+@jit
+def _freewheel(p: np.record, s: np.record) -> None:
+    """Switched off: the diodes put the bus against the currents until these have died away."""
+    largest_A = max(abs(s.i_A[0]), abs(s.i_A[1]), abs(s.i_A[2]))
+    scale = 0.0
+    if largest_A > 0.0:
+        scale = max(0.0, 1.0 - p.substep_s * p.bus_V / p.inductance_H / largest_A)
+    _set_flow(p, s, s.i_A[0] * scale, s.i_A[1] * scale, s.i_A[2] * scale)
+
+
+@jit
+def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
+    """Advance queue, power stage and currents by one substep at the mean speed of it."""
+    s.on_steps = s.on_steps + 1 if s.wanted else 0
+    s.inverter_on = 1 if s.on_steps > p.ready_steps else 0
+    _run_loops(p, s)
+    if s.inverter_on:
+        _flow(p, s, speed_rad_s)
+    else:
+        _freewheel(p, s)
+
+
+@jit
+def winding_voltages(p: np.record, s: np.record) -> tuple[float, float, float]:
+    """Return the voltages (V) across the windings now: R i + L di/dt + k w."""
+    slope = s.i_slope_A_per_s
+    for phase in range(3):
+        error_A = s.i_command_A[phase] - s.i_loop_A[phase]
+        slope[phase] = error_A * p.loop_rate_per_s if s.inverter_on else 0.0
+    common = _common_part(p, s, slope, 0.0)
+    w, k, r, inductance = s.speed_rad_s, s.k_V_s_per_rad, p.resistance_ohm, p.inductance_H
+    u_a = r * s.i_A[0] + inductance * s.gain[0] * (slope[0] + common) + k[0] * w
+    u_b = r * s.i_A[1] + inductance * s.gain[1] * (slope[1] + common) + k[1] * w
+    u_c = r * s.i_A[2] + inductance * s.gain[2] * (slope[2] + common) + k[2] * w
+    u_a, u_b, u_c, _ = limit_voltages(p, u_a, u_b, u_c)
+    return u_a, u_b, u_c
