@@ -190,7 +190,7 @@ def step(
     c.enable = 1 if m.state == _ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s
-    t.flags |= flags
+    t["flags"] |= flags  # not t.flags: numpy has an attribute of that name
     m.missed = t.missed
     m.started = 1
     _record(m, s, f, c, t)

@@ -1,0 +1,95 @@
+"""A bench of arrays around the kernel: healthy feedback, one tick at a time."""
+
+from typing import Any
+
+import numpy as np
+
+from motord.config import Config
+from motord.control import parameters
+from motord.control.step import new_memory, step
+from motord.control.types import COMMAND, FEEDBACK, SETPOINT
+from motord.schema import TICK_DTYPE, InverterStatus, Request, State
+
+EPOCH_NS = 1_700_000_000_000_000_000
+
+
+def make_config(**sections: Any) -> Config:
+    motor = {
+        "name": "test motor",
+        "pole_pairs": 8,
+        "slots": 48,
+        "counts": 4096,
+        "rated_torque_Nm": 6.0,
+        "connection": "independent",
+        "back_emf": [
+            {"order": 1, "amplitude_V_s_per_rad": 0.206},
+            {"order": 3, "amplitude_V_s_per_rad": 0.01, "phase_rad": 0.3},
+            {"order": 5, "amplitude_V_s_per_rad": 0.006},
+        ],
+    }
+    motor.update(sections.pop("motor", {}))
+    return Config.model_validate({"motor": motor, **sections})
+
+
+class Bench:
+    def __init__(self, config: Config | None = None, calibration: Any = None) -> None:
+        self.config = config or make_config()
+        self.parameters, self.back_emf, self.cogging_Nm = parameters.build(self.config, calibration)
+        self.memory = new_memory()
+        self.feedback = np.zeros(1, FEEDBACK)
+        self.setpoint = np.zeros(1, SETPOINT)
+        self.command = np.zeros(1, COMMAND)
+        self.tick = np.zeros(1, TICK_DTYPE)
+        self.period_ns = round(1e9 / self.config.loop.rate_Hz)
+        self.now_ns = EPOCH_NS
+        self.angle_rad = 1.0
+        self.speed_rad_s = 5.0
+        self.feedback["u_bus_V"] = 24.0
+        self.feedback["inverter_status"] = InverterStatus.READY
+        self.number = 0
+
+    def count_at(self, angle_rad: float) -> int:
+        counts = self.config.motor.counts
+        return round(angle_rad / (2 * np.pi) * counts) % counts
+
+    def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
+        for _ in range(ticks):
+            self.now_ns += self.period_ns
+            self.angle_rad += self.speed_rad_s * self.period_ns * 1e-9
+            f = self.feedback[0]
+            f.now_ns = self.now_ns
+            if healthy:
+                count = self.count_at(self.angle_rad)
+                f.t_ns = f.t_inverter_ns = self.now_ns
+                f.encoder_gray = count ^ (count >> 1)
+            if supervised:
+                self.setpoint["heartbeat_ns"] = self.now_ns
+            self.number += 1
+            t = self.tick[0]
+            t.tick, t["flags"] = self.number, 0
+            step(
+                self.parameters,
+                self.back_emf,
+                self.cogging_Nm,
+                self.memory,
+                self.feedback,
+                self.setpoint,
+                self.command,
+                self.tick,
+            )
+        return self.tick[0]
+
+    def ask(self, request: Request) -> None:
+        self.setpoint["request"] = request
+        self.setpoint["request_seq"] += 1
+
+    def enable(self, torque_Nm: float = 0.0, compensate: int = 0) -> None:
+        self.run(5)
+        self.ask(Request.ENABLE)
+        self.setpoint["torque_Nm"] = torque_Nm
+        self.setpoint["compensate"] = compensate
+        self.run(3)
+        assert self.tick["state"][0] == State.ENABLED, self.tick["trip_bits"][0]
+
+    def currents_A(self) -> np.ndarray:
+        return self.command["i_A"][0].astype(float)

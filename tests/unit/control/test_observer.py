@@ -1,0 +1,99 @@
+"""Gray code, angle wrapping and the tracking filter."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.control import observer
+from tests.unit.control.bench import Bench, make_config
+
+
+@pytest.mark.kernel
+@given(st.integers(0, 2**32 - 1))
+def test_gray_code_round_trip(count: int) -> None:
+    assert observer.gray_to_count(count ^ (count >> 1)) == count
+
+
+@pytest.mark.kernel
+@given(st.floats(-1e6, 1e6))
+def test_wrapping(angle_rad: float) -> None:
+    wrapped = observer.wrap_angle(angle_rad)
+    assert 0.0 <= wrapped < 2 * math.pi
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle_rad), abs=1e-6)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle_rad), abs=1e-6)
+    assert -math.pi <= observer.wrap_difference(angle_rad) <= math.pi
+
+
+@pytest.mark.kernel
+def test_direction_and_impossible_codes() -> None:
+    forward = Bench(make_config(motor={"counts": 1000})).parameters[0]
+    backward = Bench(make_config(motor={"counts": 1000, "encoder_direction": -1})).parameters[0]
+    assert observer.decode(5 ^ (5 >> 1), forward) == 5
+    assert observer.decode(5 ^ (5 >> 1), backward) == 995
+    assert observer.decode(0, backward) == 0
+    assert observer.decode(1000 ^ (1000 >> 1), forward) == -1
+
+
+@pytest.mark.parametrize("speed_rad_s", [-15.0, -0.3, 0.0, 3.0, 6.3, 18.0])
+def test_tracks_a_constant_speed(speed_rad_s: float) -> None:
+    bench = Bench()
+    bench.speed_rad_s = speed_rad_s
+    bench.run(1000)
+    cell_rad = 2 * math.pi / 4096
+    errors_rad, speeds_rad_s = [], []
+    for _ in range(500):
+        tick = bench.run()
+        errors_rad.append(observer.wrap_difference(float(tick.angle_rad) - bench.angle_rad))
+        speeds_rad_s.append(float(tick.speed_rad_s))
+    assert np.abs(errors_rad).max() < 0.75 * cell_rad
+    assert abs(np.mean(errors_rad)) < 0.5 * cell_rad
+    assert np.mean(speeds_rad_s) == pytest.approx(speed_rad_s, abs=0.02)
+
+
+def test_angle_is_better_than_the_encoder_when_turning() -> None:
+    """Tracking averages the quantisation: less than its 0.289 of a cell, at the loop's rate."""
+    bench = Bench(make_config(loop={"rate_Hz": 2000}))
+    bench.speed_rad_s = 5.1
+    bench.run(2000)
+    errors_rad = []
+    for _ in range(4000):
+        tick = bench.run()
+        errors_rad.append(observer.wrap_difference(float(tick.angle_rad) - bench.angle_rad))
+    assert 0.01 < np.std(errors_rad) / (2 * math.pi / 4096) < 0.27
+
+
+@pytest.mark.kernel
+def test_one_glitch_is_ridden_through() -> None:
+    bench = Bench()
+    bench.run(200)
+    before_rad_s = float(bench.tick["speed_rad_s"][0])
+    bench.feedback["encoder_gray"] = 0
+    bench.feedback["t_ns"] = bench.feedback["t_inverter_ns"] = bench.now_ns + bench.period_ns
+    bench.angle_rad += math.pi  # far from what the code says
+    bench.run(healthy=False)
+    bench.angle_rad -= math.pi
+    tick = bench.run()
+    assert abs(float(tick.speed_rad_s) - before_rad_s) < 0.3
+    assert tick.trip_bits == 0
+
+
+def test_no_sample_twice() -> None:
+    """A tick without a new encoder sample leaves angle and speed alone."""
+    bench = Bench()
+    bench.run(100)
+    angle_rad, speed_rad_s = bench.tick["angle_rad"][0], bench.tick["speed_rad_s"][0]
+    tick = bench.run(3, healthy=False)
+    assert (tick.angle_rad, tick.speed_rad_s) == (angle_rad, speed_rad_s)
+
+
+def test_prediction_reaches_to_where_the_current_flows() -> None:
+    config = make_config(inverter={"actuation_delay_s": 0.002})
+    bench = Bench(config)
+    bench.run(1000)
+    tick = bench.run(2, healthy=False)  # the sample is two periods old
+    ahead_s = 0.002 + 0.5e-3 + 2e-3
+    predicted_rad = observer.wrap_difference(tick.angle_predicted_rad - tick.angle_rad)
+    assert predicted_rad == pytest.approx(bench.speed_rad_s * ahead_s, rel=0.05)
