@@ -247,8 +247,8 @@ class _ModbusDevice(Section):
 class BrakeConfig(_ModbusDevice):
     """`[brake]`: eddy-current brake, T = excitation^2 2 Tmax / (w/wc + wc/w)."""
 
-    torque_max_Nm: Positive = 8.0
-    critical_speed_rad_s: Positive = 9.0
+    torque_max_Nm: Positive = 20.0
+    critical_speed_rad_s: Positive = 20.0
     excitation_time_constant_s: NonNegative = 0.2
     temperature_max_C: Finite = 150.0
 

@@ -1,0 +1,6 @@
+"""`python -m motord`."""
+
+from motord.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""The command line. Modules here parse arguments and print; they import the rest when called."""
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import Annotated, Any
+
+import click
+import typer
+from typer.core import TyperGroup
+
+COMMANDS = {
+    "demo": "motord.cli.demo:demo",
+    "run": "motord.cli.run:run",
+    "emulate": "motord.cli.emulate:emulate",
+    "check": "motord.cli.check:check",
+    "status": "motord.cli.operate:status",
+    "watch": "motord.cli.operate:watch",
+    "events": "motord.cli.operate:events",
+    "enable": "motord.cli.operate:enable",
+    "disable": "motord.cli.operate:disable",
+    "stop": "motord.cli.operate:stop",
+    "reset": "motord.cli.operate:reset",
+    "set": "motord.cli.operate:set_",
+    "plan": "motord.cli.plan:app",
+    "analyse": "motord.cli.analyse:app",
+    "calibration": "motord.cli.calibration:app",
+    "record": "motord.cli.record:app",
+}
+"""Command to `module:object`; the object is a function or a typer app."""
+
+
+class _Commands(TyperGroup):
+    """Imports a command's module only when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> Any:
+        """Return the command, or None if there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, name = COMMANDS[cmd_name].partition(":")
+        found = getattr(import_module(module), name)
+        app = found
+        if not isinstance(found, typer.Typer):
+            app = typer.Typer(add_completion=False)
+            app.command(cmd_name)(found)
+        command = typer.main.get_command(app)
+        command.name = cmd_name
+        return command
+
+
+app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"motord {version('motord')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show it.")
+    ] = False,
+) -> None:
+    """Real-time motor controller and data acquisition for a motor test bench."""
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
