@@ -1,0 +1,147 @@
+"""Control kernel and simulated rig stepped together in virtual time, seeded and compiled."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from motord.config import Config, ConfigError
+from motord.control import parameters as control_parameters
+from motord.control.step import new_memory, step
+from motord.control.types import COMMAND, FEEDBACK
+from motord.jit import jit
+from motord.rig.build import build
+from motord.rig.feedback import apply_command, fill_feedback
+from motord.rig.step import advance, fill_truth, sense
+from motord.rig.truth import RigTruth, load
+from motord.rig.types import new_input, new_output
+from motord.schema import TICK_DTYPE, TRUTH_DTYPE
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
+
+EPOCH_NS = 1_767_225_600_000_000_000
+"""Unix time at which virtual time starts: 2026-01-01 00:00:00 UTC."""
+
+
+class VirtualBench:
+    """A bench in virtual time: each `run` continues where the one before ended.
+
+    `truth` is by default the rig file of `[bench] rig`, or the packaged rig; `seed` by default
+    that of `[bench]`. The same config, truth, seed and calls give the same bits. The supervisor's
+    heartbeat is always fresh here. Raises ConfigError where rig and told motor cannot fit.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        truth: RigTruth | None = None,
+        seed: int | None = None,
+        calibration: "Calibration | None" = None,
+    ) -> None:
+        self.config = config
+        self.truth = truth or load(config.bench.rig)
+        if self.truth.encoder.counts != config.motor.counts:
+            raise ConfigError(
+                f"{config.bench.rig or 'the simulated rig'}: its encoder has "
+                f"{self.truth.encoder.counts} counts, [motor] counts says {config.motor.counts}"
+            )
+        self.tick = 0
+        self._rig = build(
+            self.truth, config.bench.seed if seed is None else seed, self._fitting_substep_s()
+        )
+        self._input, self._output = new_input(), new_output()
+        self._memory = new_memory()
+        self._feedback, self._command = np.zeros(1, FEEDBACK), np.zeros(1, COMMAND)
+        self._torque_Nm_per_count = (
+            config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
+        )
+        self.install(calibration)
+
+    @property
+    def t_ns(self) -> int:
+        """Unix ns of the next tick."""
+        return EPOCH_NS + self.tick * 1_000_000_000 // self.config.loop.rate_Hz
+
+    @property
+    def t_s(self) -> float:
+        """Seconds of virtual time passed."""
+        return self.tick / self.config.loop.rate_Hz
+
+    def install(self, calibration: "Calibration | None") -> None:
+        """Let the kernel use `calibration`, or none, from the next tick on."""
+        self._tables = control_parameters.build(self.config, calibration)
+
+    def run(self, setpoint: np.ndarray, ticks: int) -> tuple[np.ndarray, np.ndarray]:
+        """Run `ticks` periods under `setpoint` (SETPOINT, shape (1,)).
+
+        Returns blocks of TICK_DTYPE and TRUTH_DTYPE, shape (ticks,): row n of both is the same
+        instant.
+        """
+        tick_block, truth_block = np.zeros(ticks, TICK_DTYPE), np.zeros(ticks, TRUTH_DTYPE)
+        _run(
+            *self._rig,
+            self._input,
+            self._output,
+            *self._tables,
+            self._memory,
+            self._feedback,
+            setpoint.copy(),
+            self._command,
+            self._torque_Nm_per_count,
+            self.tick,
+            self.config.loop.rate_Hz,
+            tick_block,
+            truth_block,
+        )
+        self.tick += ticks
+        return tick_block, truth_block
+
+    def _fitting_substep_s(self) -> float:
+        """Return the longest step that the rig allows and that fits the period evenly."""
+        period_s = 1.0 / self.config.loop.rate_Hz
+        return period_s / math.ceil(period_s / self.truth.simulation.substep_s - 1e-9)
+
+
+@jit
+def _run(
+    rig_parameters: np.ndarray,
+    rig_state: np.ndarray,
+    rig_input: np.ndarray,
+    rig_output: np.ndarray,
+    parameters: np.ndarray,
+    back_emf: np.ndarray,
+    cogging_Nm: np.ndarray,
+    memory: np.ndarray,
+    feedback: np.ndarray,
+    setpoint: np.ndarray,
+    command: np.ndarray,
+    torque_Nm_per_count: float,
+    first_tick: int,
+    rate_Hz: int,
+    tick_block: np.ndarray,
+    truth_block: np.ndarray,
+) -> None:
+    """Sense, decide, act, let a period pass; once for every row of the blocks."""
+    s, period_s = setpoint[0], 1.0 / rate_Hz
+    for row in range(tick_block.size):
+        number = first_tick + row
+        t_ns = EPOCH_NS + number * 1_000_000_000 // rate_Hz
+        sense(rig_parameters, rig_state, rig_output)
+        fill_feedback(rig_output, t_ns, torque_Nm_per_count, feedback)
+        s.heartbeat_ns = t_ns
+        s.brake_temperature_C = rig_output[0].brake_temperature_C
+        tick_block[row].tick = number
+        step(
+            parameters,
+            back_emf,
+            cogging_Nm,
+            memory,
+            feedback,
+            setpoint,
+            command,
+            tick_block[row : row + 1],
+        )
+        fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
+        apply_command(command, rig_input)
+        advance(rig_parameters, rig_state, rig_input, period_s)
