@@ -4,7 +4,6 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
 
-import click
 import typer
 from typer.core import TyperGroup
 
@@ -32,11 +31,11 @@ COMMANDS = {
 class _Commands(TyperGroup):
     """Imports a command's module only when it is asked for."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
+    def list_commands(self, ctx: typer.Context) -> list[str]:
         """Return the names in the order of the table."""
         return list(COMMANDS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> Any:
+    def get_command(self, ctx: typer.Context, cmd_name: str) -> Any:
         """Return the command, or None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
