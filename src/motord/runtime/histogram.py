@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 _BITS = 5
-BINS = (31 - _BITS) << _BITS
+BINS = (32 - _BITS) << _BITS
 """Number of bins for values below 2**31 ns."""
 
 

@@ -1,0 +1,34 @@
+"""Entry of the loop process: `python -m motord.runtime.loop --config FILE --dir RUNDIR`.
+
+Numerical libraries start their thread pools when they are loaded, so this module tells them not
+to before it loads any.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+ONE_THREAD = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the loop process; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="motord.runtime.loop", description="the real-time loop")
+    parser.add_argument("--config", type=Path, required=True, help="bench file")
+    parser.add_argument("--dir", type=Path, required=True, help="run folder made by the daemon")
+    options = parser.parse_args(arguments)
+    os.environ.update(ONE_THREAD)
+    from motord.runtime.process import LoopProcess
+    from motord.runtime.rundir import RunDir
+
+    return LoopProcess(options.config, RunDir.at(options.dir)).run()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
