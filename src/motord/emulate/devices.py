@@ -1,4 +1,4 @@
-"""What the emulated devices do, without I/O: commands, timeouts, registers.
+"""What the emulated inverter, brake and drive do, without I/O: commands, timeouts, registers.
 
 All times are monotonic nanoseconds, handed in; nothing here reads a clock.
 """
@@ -7,6 +7,43 @@ import math
 
 from motord.config import ModbusConfig
 from motord.wire.registers import DeviceStatus, Register, layout
+
+Currents = tuple[float, float, float]
+ZERO_A: Currents = (0.0, 0.0, 0.0)
+NEVER_NS = 1 << 62
+
+
+class Inverter:
+    """A drive that follows current commands while they come.
+
+    After `timeout_s` without a command its currents are zero and its power stage is off; it stays
+    off until it has been told to be off, so that a host that comes back does not find it running.
+    """
+
+    def __init__(self, timeout_s: float) -> None:
+        self.i_A = ZERO_A
+        self.enabled = False
+        self.timed_out = False
+        self.timeouts = 0
+        self.deadline_ns = NEVER_NS
+        self._timeout_ns = round(timeout_s * 1e9)
+
+    def command(self, now_ns: int, i_A: Currents, enable: bool) -> None:
+        """Take a command; currents that are not finite are refused as zero."""
+        self.deadline_ns = now_ns + self._timeout_ns
+        self.timed_out = self.timed_out and enable
+        self.enabled = enable and not self.timed_out
+        self.i_A = i_A if self.enabled and all(map(math.isfinite, i_A)) else ZERO_A
+
+    def expire(self, now_ns: int) -> None:
+        """Let time pass: zero the currents if the last command is too old."""
+        if now_ns < self.deadline_ns:
+            return
+        self.deadline_ns = NEVER_NS
+        self.timeouts += 1
+        self.timed_out = True
+        self.enabled = False
+        self.i_A = ZERO_A
 
 
 class RegisterDevice:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from motord.emulate import EmulatorError
 
-BACKLOG_BYTES = 65_536
-"""Bytes kept for a reader that is behind; more are dropped, as a full UART drops them."""
+BACKLOG_BYTES = 4096
+"""Bytes kept for a host that is behind, beside those the kernel keeps; more are lost."""
 
 
 class Pty:
@@ -35,12 +35,11 @@ class Pty:
 
     def _open(self) -> None:
         self._backlog = b""
-        self.dropped_bytes = 0
         self._device_fd, self._host_fd = os.openpty()
         tty.setraw(self._host_fd)
         os.set_blocking(self._device_fd, False)
-        self._target = os.ttyname(self._host_fd)
-        self._link.symlink_to(self._target)
+        self.name = os.ttyname(self._host_fd)
+        self._link.symlink_to(self.name)
 
     def fileno(self) -> int:
         """Return the descriptor of the device's end."""
@@ -53,16 +52,15 @@ class Pty:
         except BlockingIOError:
             return b""
 
-    def write(self, data: bytes) -> None:
-        """Send `data` without waiting, or as much as the host has room for, the rest later."""
-        if len(self._backlog) + len(data) > BACKLOG_BYTES:
-            self.dropped_bytes += len(data)
-            data = b""
-        data = self._backlog + data
+    def write(self, data: bytes) -> bool:
+        """Send `data` whole, without waiting; False if there is no room for it."""
+        fits = len(self._backlog) + len(data) <= BACKLOG_BYTES
+        data = self._backlog + (data if fits else b"")
         try:
             self._backlog = data[os.write(self._device_fd, data) :]
         except BlockingIOError:
             self._backlog = data
+        return fits
 
     def close(self) -> None:
         """Remove the symlink, if it is still ours, and close; may be called twice."""
@@ -70,7 +68,7 @@ class Pty:
         if self._device_fd < 0:
             return
         with suppress(OSError):
-            if str(self._link.readlink()) == self._target:
+            if str(self._link.readlink()) == self.name:
                 self._link.unlink()
         os.close(self._device_fd)
         os.close(self._host_fd)

@@ -1,0 +1,102 @@
+"""`motord emulate`: the devices of a bench on the wire."""
+
+import json
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.console import fail
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from motord.config import Config
+    from motord.emulate.process import Emulator
+
+
+def emulate(
+    config: Annotated[
+        Path, typer.Option("--config", "-c", metavar="FILE", help="The bench whose devices to be.")
+    ],
+    truth: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.mcap", help="Record what the rig truly does."),
+    ] = None,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", min=0, help="End after this time.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One line of JSON when ready, one at the end.")
+    ] = False,
+) -> None:
+    """Be the devices of a bench on the wire: inverter, bridge, brake and external drive."""
+    from motord.config import ConfigError, load
+    from motord.emulate import EmulatorError
+    from motord.record.errors import RecordError
+
+    try:
+        bench = load(config)
+        with _emulator(bench, truth) as emulator, _signals_stop(emulator):
+            _say(emulator.ready(), _ready_line(emulator.ready()), as_json)
+            emulator.run(duration_s)
+        _say(emulator.summary(), _summary_line(emulator.summary()), as_json)
+    except (ConfigError, EmulatorError, RecordError) as error:
+        fail(str(error))
+
+
+@contextmanager
+def _emulator(bench: "Config", truth: Path | None) -> "Iterator[Emulator]":
+    from motord.emulate.process import Emulator
+    from motord.record.writer import RunWriter
+    from motord.rig.truth import load as load_rig
+
+    rig = load_rig(bench.bench.rig)
+    with ExitStack() as stack:
+        sink = None
+        if truth is not None:
+            metadata = {"bench": bench.bench.name, "source": "motord emulate"}
+            sink = stack.enter_context(RunWriter(truth, metadata)).truth
+        yield stack.enter_context(Emulator(bench, rig, sink))
+
+
+@contextmanager
+def _signals_stop(emulator: "Emulator") -> Iterator[None]:
+    """Make SIGINT and SIGTERM end `emulator.run`."""
+
+    def stop(_number: int, _frame: "FrameType | None") -> None:
+        emulator.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _say(data: dict[str, object], line: str, as_json: bool) -> None:
+    typer.echo(json.dumps(data) if as_json else line)
+
+
+def _ready_line(ready: dict[str, object]) -> str:
+    modbus = ready["modbus"]
+    assert isinstance(modbus, dict)
+    places = "".join(f", {name} on {place}" for name, place in modbus.items())
+    return (
+        f"ready: bench {ready['bench']}, inverter on CAN {ready['can']}, "
+        f"bridge on {ready['bridge']} ({ready['pty']}){places}"
+    )
+
+
+def _summary_line(summary: dict[str, object]) -> str:
+    mean_Nm = summary["torque_mean_Nm"]
+    torque = f"{mean_Nm:.4f} Nm" if isinstance(mean_Nm, float) else "never switched on"
+    return (
+        f"ended: {summary['ticks']} ticks, true mean torque {torque}, "
+        f"{summary['command_timeouts']} command timeouts, "
+        f"{summary['heartbeat_drops']} heartbeat drops"
+    )

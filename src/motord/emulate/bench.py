@@ -1,0 +1,140 @@
+"""The emulated devices joined to the simulated rig, without I/O.
+
+Commands and frames carry the time at which they arrived; `advance` lets them take effect, and lets
+timeouts happen, each at its own time, whenever it is called. So the rig does the same however late
+the process that calls it is scheduled. Times are monotonic nanoseconds, handed in.
+"""
+
+from collections.abc import Callable
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from motord.config import Config, ModbusConfig
+from motord.emulate.board import Board
+from motord.emulate.devices import Currents, Inverter, RegisterDevice
+from motord.rig import build, step
+from motord.rig.truth import RigTruth
+from motord.rig.types import RIG_OUTPUT, new_input, new_output
+from motord.schema import InverterStatus
+from motord.wire.frames import Frame, Numbered
+from motord.wire.registers import DeviceStatus
+
+ADVANCE_MAX_NS = 500_000_000
+"""Most time that passes in one call; a longer stall of the host stops the rig's time meanwhile."""
+
+
+class Command(NamedTuple):
+    """A current command as the inverter received it."""
+
+    i_A: Currents
+    enable: bool
+
+
+class Reading(NamedTuple):
+    """What devices read off the rig: fields of a RIG_OUTPUT record."""
+
+    i_sensed_A: NDArray[np.float64]
+    u_V: NDArray[np.float64]
+    u_bus_V: float
+    temperature_C: float
+    brake_temperature_C: float
+    drive_rad_s: float
+    torque_counts: int
+    torque_clipped: int
+    encoder_gray: int
+    inverter_on: int
+    enable_line: int
+    fault: int
+
+
+_pick = itemgetter(*((RIG_OUTPUT.names or ()).index(name) for name in Reading._fields))
+
+
+class EmulatedBench:
+    """A rig with its inverter, board, brake and drive; `now_ns` is the time it has reached."""
+
+    def __init__(self, config: Config, truth: RigTruth, start_ns: int) -> None:
+        self.now_ns = start_ns
+        self.skipped_ns = 0
+        self.inverter = Inverter(config.inverter.timeout_s)
+        self.board = Board(config, start_ns)
+        self.brake = RegisterDevice(config.brake.modbus or ModbusConfig(), 0.0, 1.0)
+        fastest_rad_s = config.drive.speed_max_rad_s
+        self.drive = RegisterDevice(
+            config.drive.modbus or ModbusConfig(), -fastest_rad_s, fastest_rad_s
+        )
+        self._temperature_max_C = config.brake.temperature_max_C
+        self._parameters, self._state = build.build(truth, config.bench.seed)
+        self._output = new_output()
+        self._input = new_input()
+        self._fields = {name: self._input[name] for name in self._input.dtype.names or ()}
+        self._arrivals: list[tuple[int, Command | Numbered]] = []
+
+    def arrive(self, at_ns: int, what: Command | Numbered) -> None:
+        """Let a command or a frame of the host take effect at `at_ns`, or now if that is past."""
+        self._arrivals.append((max(at_ns, self.now_ns), what))
+
+    def advance(self, to_ns: int, answer: Callable[[Frame], object]) -> None:
+        """Let time pass up to `to_ns`; `answer` takes what the board replies meanwhile."""
+        if to_ns - self.now_ns > ADVANCE_MAX_NS:
+            self.skipped_ns += to_ns - ADVANCE_MAX_NS - self.now_ns
+            self.now_ns = to_ns - ADVANCE_MAX_NS
+        self._arrivals.sort(key=lambda arrival: arrival[0])
+        while True:
+            first_ns = self._arrivals[0][0] if self._arrivals else to_ns
+            self._step(min(first_ns, self.inverter.deadline_ns, self.board.deadline_ns, to_ns))
+            self.inverter.expire(self.now_ns)
+            self.board.expire(self.now_ns)
+            if self._arrivals and self._arrivals[0][0] <= self.now_ns:
+                self._take(self._arrivals.pop(0)[1], answer)
+            elif self.now_ns >= to_ns:
+                return
+
+    def sense(self) -> Reading:
+        """Return what the sensors say now; brake and drive read theirs as well."""
+        step.sense(self._parameters, self._state, self._output)
+        reading = Reading._make(_pick(self._output.item()))
+        hot = reading.brake_temperature_C > self._temperature_max_C
+        self.brake.measure(
+            reading.brake_temperature_C, DeviceStatus.FAULT if hot else DeviceStatus.READY
+        )
+        self.drive.measure(reading.drive_rad_s)
+        return reading
+
+    def inverter_status(self, reading: Reading) -> InverterStatus:
+        """Return what the drive says of itself."""
+        return InverterStatus(
+            (InverterStatus.READY if reading.inverter_on else 0)
+            | (InverterStatus.FAULT if reading.fault else 0)
+            | (InverterStatus.ENABLE_LINE if reading.enable_line else 0)
+            | (InverterStatus.COMMAND_TIMEOUT if self.inverter.timed_out else 0)
+        )
+
+    def fill_truth(self, unix_ns: int, truth: np.record) -> None:
+        """Fill one row of TRUTH_DTYPE with what the rig does now."""
+        step.fill_truth(self._parameters, self._state, unix_ns, truth)
+
+    def _take(self, what: Command | Numbered, answer: Callable[[Frame], object]) -> None:
+        if isinstance(what, Command):
+            self.inverter.command(self.now_ns, what.i_A, what.enable)
+            return
+        for frame in self.board.receive(self.now_ns, what):
+            answer(frame)
+
+    def _step(self, to_ns: int) -> None:
+        duration_ns = to_ns - self.now_ns
+        if duration_ns <= 0:
+            return
+        self.brake.expire(to_ns)
+        self.drive.expire(to_ns)
+        fields = self._fields
+        fields["i_command_A"][0] = self.inverter.i_A
+        fields["enable_command"][0] = self.inverter.enabled
+        fields["enable_line"][0] = self.board.line_closed
+        fields["brake"][0] = self.brake.setpoint
+        fields["drive_rad_s"][0] = self.drive.setpoint
+        step.advance(self._parameters, self._state, self._input, duration_ns * 1e-9)
+        self.now_ns = to_ns

@@ -1,0 +1,129 @@
+"""What the emulated bridge board does, without I/O: frames in, frames out, heartbeat, own clock.
+
+All times are monotonic nanoseconds, handed in; nothing here reads a clock.
+"""
+
+from motord.config import Config
+from motord.emulate.devices import NEVER_NS
+from motord.schema import BridgeStatus
+from motord.wire import frames
+
+BOARD_NAME = b"motord-emulate"
+FIRMWARE = frames.firmware(1, 0, 0)
+CLOCK_OFFSET_US = 3_000_000_000
+"""Reading of the board's clock at its reset: wraps its 32 bits after some 20 minutes."""
+CLOCK_DRIFT = 35e-6
+"""How much faster than the host's clock the board's clock runs."""
+RATES_HZ = (1, 20_000)
+
+
+class Board:
+    """The bridge board: samples while told to, holds the enable line closed while told to.
+
+    `heartbeat_timeout` without a heartbeat opens the line; it stays open until a heartbeat has
+    asked for it to be open, so that a host that comes back does not find it closed.
+    """
+
+    def __init__(self, config: Config, reset_ns: int, serial: int = 1) -> None:
+        self.line_closed = False
+        self.streaming = False
+        self.rate_Hz = config.bridge.rate_Hz or config.loop.rate_Hz
+        self.heartbeat_drops = 0
+        self.deadline_ns = NEVER_NS
+        self.errors = 0
+        self.dropped = 0
+        self._counts = config.motor.counts
+        self._serial = serial
+        self._timeout_ns = round(config.bridge.heartbeat_timeout_s * 1e9)
+        self._reset_ns = reset_ns
+        self._lost = False
+        self._heartbeats = 0
+        self._heartbeat_sequence = 0
+        self._heartbeat_t_us = 0
+
+    def clock_us(self, now_ns: int) -> int:
+        """Return what the board's clock says: its own offset and drift, wrapping at 32 bits."""
+        run_us = (now_ns - self._reset_ns) * (1e-3 * (1 + CLOCK_DRIFT))
+        return (CLOCK_OFFSET_US + int(run_us)) % frames.CLOCK_MODULUS_US
+
+    def receive(self, now_ns: int, numbered: frames.Numbered) -> list[frames.Frame]:
+        """Take a frame of the host; return the answers."""
+        frame = numbered.frame
+        if isinstance(frame, frames.Heartbeat):
+            self._beat(now_ns, numbered.sequence, frame.enable == 1)
+            return []
+        if isinstance(frame, frames.HelloRequest):
+            return [self.hello()]
+        if isinstance(frame, frames.Configure):
+            self._configure(frame)
+        elif isinstance(frame, frames.Start):
+            self.streaming = True
+        elif isinstance(frame, frames.Stop):
+            self._stop()
+        else:
+            return []
+        return [self.status(now_ns)]
+
+    def expire(self, now_ns: int) -> None:
+        """Let time pass: open the enable line if the last heartbeat is too old."""
+        if now_ns < self.deadline_ns:
+            return
+        self.deadline_ns = NEVER_NS
+        self.heartbeat_drops += self.line_closed
+        self._lost = True
+        self.line_closed = False
+
+    def hello(self) -> frames.Hello:
+        """Return who the board is."""
+        return frames.Hello(
+            protocol=frames.PROTOCOL,
+            firmware=FIRMWARE,
+            board=BOARD_NAME,
+            serial=self._serial,
+            rate_Hz=self.rate_Hz,
+            counts=self._counts,
+            layout=frames.LAYOUT_HASH,
+        )
+
+    def sample(
+        self, now_ns: int, encoder_gray: int, torque_counts: int, torque_clipped: bool
+    ) -> frames.Sample:
+        """Return the sample of this instant."""
+        status = int(self._status_bits()) | (BridgeStatus.TORQUE_INVALID if torque_clipped else 0)
+        return frames.Sample(self.clock_us(now_ns), encoder_gray, torque_counts, status)
+
+    def status(self, now_ns: int) -> frames.Status:
+        """Return the board's account of itself."""
+        return frames.Status(
+            t_us=self.clock_us(now_ns),
+            status=int(self._status_bits()),
+            heartbeat_sequence=self._heartbeat_sequence,
+            heartbeat_t_us=self._heartbeat_t_us,
+            heartbeats=self._heartbeats,
+            errors=self.errors,
+            dropped=self.dropped,
+            rate_Hz=self.rate_Hz,
+            streaming=int(self.streaming),
+        )
+
+    def _status_bits(self) -> BridgeStatus:
+        line = BridgeStatus.ENABLE_LINE if self.line_closed else BridgeStatus(0)
+        return line | (BridgeStatus.HEARTBEAT_LOST if self._lost else BridgeStatus(0))
+
+    def _beat(self, now_ns: int, sequence: int, close_line: bool) -> None:
+        self._heartbeats += 1
+        self._heartbeat_sequence = sequence
+        self._heartbeat_t_us = self.clock_us(now_ns)
+        self.deadline_ns = now_ns + self._timeout_ns
+        self._lost = self._lost and close_line
+        self.line_closed = close_line and not self._lost
+
+    def _configure(self, frame: frames.Configure) -> None:
+        if RATES_HZ[0] <= frame.rate_Hz <= RATES_HZ[1]:
+            self.rate_Hz = frame.rate_Hz
+        self._timeout_ns = frame.heartbeat_timeout_us * 1000
+
+    def _stop(self) -> None:
+        self.streaming = False
+        self.line_closed = False
+        self.deadline_ns = NEVER_NS

@@ -1,0 +1,115 @@
+"""The emulated inverter's CAN port: command frames in, feedback and status frames out."""
+
+import logging
+from collections.abc import Iterator, Mapping
+
+import can
+
+from motord.config import CanConfig
+from motord.emulate import EmulatorError
+from motord.emulate.bench import Command
+from motord.wire.can_codec import EXTENDED, InverterCodec, MessageCodec
+from motord.wire.sequence import SequenceCheck
+
+# python-can tells its log of errors that it also raises
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+FRAMES_AT_ONCE = 4096
+
+
+class CanPort:
+    """The drive's end of the bus. Commands with a wrong CRC or a repeated counter are ignored."""
+
+    def __init__(self, config: CanConfig, codec: InverterCodec) -> None:
+        """Open the bus. Raises EmulatorError."""
+        self.send_errors = 0
+        self.corrupt = 0
+        self._codec = codec
+        self._check = SequenceCheck(codec.command.checks.counter_modulus)
+        self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
+        self._bus = _open(config)
+
+    @property
+    def command_errors(self) -> int:
+        """Return the commands lost, corrupt or repeated so far."""
+        return self._check.errors
+
+    def receive(self) -> Iterator[tuple[int, Command]]:
+        """Yield the commands since the last call, each with its time of arrival (Unix ns)."""
+        for _ in range(FRAMES_AT_ONCE):
+            try:
+                message = self._bus.recv(0)
+            except can.CanError:
+                self.corrupt += 1
+                continue
+            if message is None:
+                return
+            key = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+            if key == self._codec.command.key:
+                command = self._understand(bytes(message.data))
+                if command is not None:
+                    yield round(message.timestamp * 1e9), command
+
+    def _understand(self, payload: bytes) -> Command | None:
+        decoded = self._codec.decode_command(payload)
+        if decoded is None:
+            self._check.corrupt()
+            return None
+        if not self._check.accept(self._codec.command.counter(payload)):
+            return None
+        (i_a_A, i_b_A, i_c_A), enable = decoded
+        return Command((i_a_A, i_b_A, i_c_A), enable)
+
+    def send(self, codec: MessageCodec, values: Mapping[str, float]) -> None:
+        """Send a feedback message; what the bus has no room for is lost and counted."""
+        try:
+            self._bus.send(self._outgoing[codec.name].fill(values), timeout=0)
+        except can.CanError:
+            self.send_errors += 1
+
+    def close(self) -> None:
+        """Release the bus; may be called twice."""
+        self._bus.shutdown()
+
+
+class _Outgoing:
+    """A message to be sent again and again, with its counter."""
+
+    def __init__(self, codec: MessageCodec, fd: bool) -> None:
+        self._codec = codec
+        self._counter = 0
+        self._message = can.Message(
+            arbitration_id=codec.identifier,
+            is_extended_id=codec.extended,
+            is_fd=fd,
+            bitrate_switch=fd,
+            data=bytes(codec.size_bytes),
+        )
+
+    def fill(self, values: Mapping[str, float]) -> can.Message:
+        codec = self._codec
+        payload = codec.encode([values[slot] for slot in codec.slots], self._counter)
+        self._counter = (self._counter + 1) % (codec.checks.counter_modulus or 1)
+        self._message.data = bytearray(payload)
+        return self._message
+
+
+def _open(config: CanConfig) -> can.BusABC:
+    settings: dict[str, object] = {"fd": config.fd, **config.options}
+    if config.bitrate is not None:
+        settings["bitrate"] = config.bitrate
+    if config.data_bitrate is not None:
+        settings["data_bitrate"] = config.data_bitrate
+    try:
+        return can.Bus(interface=config.interface, channel=config.channel, **settings)  # type: ignore[arg-type]
+    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+        cause = error.__cause__ or error
+        reason = getattr(cause, "strerror", None) or str(cause)
+        hint = (
+            "a multicast group needs a route: ip route add 224.0.0.0/4 dev lo"
+            if config.interface == "udp_multicast"
+            else "is the interface up, and are [inverter.can] interface and channel right?"
+        )
+        raise EmulatorError(
+            f"CAN {config.interface} {config.channel}: cannot open it: {reason}; {hint}"
+        ) from error

@@ -1,0 +1,58 @@
+"""The emulated board's serial port: frames in, frames out, over a pseudo-terminal."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from motord.emulate.pty import Pty
+from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, encode
+from motord.wire.stream import StreamDecoder
+
+
+class BoardLink:
+    """The board's end of the serial line."""
+
+    def __init__(self, port: Path) -> None:
+        """Make the pseudo-terminal and its symlink. Raises EmulatorError."""
+        self._pty = Pty(port)
+        self._decoder = StreamDecoder()
+        self._sequence = 0
+        self._polled_ns = 0
+
+    @property
+    def errors(self) -> int:
+        """Return the frames from the host that were lost or corrupt."""
+        return self._decoder.errors
+
+    @property
+    def pty_name(self) -> str:
+        """Return the name of the pseudo-terminal to which the port is a symlink."""
+        return self._pty.name
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when the host has sent something."""
+        return self._pty.fileno()
+
+    def receive(self, now_ns: int) -> Iterator[tuple[int, Numbered]]:
+        """Yield the frames since the last call, each with its time of arrival (monotonic ns).
+
+        Bytes carry no time. One frame is read as soon as it has come; several have come one after
+        the other while the process was kept waiting, and are spread over that time.
+        """
+        waiting_ns = now_ns - self._polled_ns
+        self._polled_ns = now_ns
+        data = self._pty.read()
+        if not data:
+            return
+        numbered = self._decoder.feed(data)
+        for place, frame in enumerate(numbered, start=1):
+            yield now_ns - waiting_ns * (len(numbered) - place) // len(numbered), frame
+
+    def send(self, frame: Frame) -> bool:
+        """Send a frame; False if the host has let the line fill up and there is no room."""
+        encoded = encode(frame, self._sequence)
+        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
+        return self._pty.write(encoded)
+
+    def close(self) -> None:
+        """Remove the port; may be called twice."""
+        self._pty.close()

@@ -1,0 +1,244 @@
+"""The emulator in real time: ports opened, rig and devices paced by the host's clock, closed.
+
+The devices sample and send at instants of their own, fixed beforehand. A process that wakes late
+produces what was due meanwhile, with the right times; what the host sent takes effect at the time
+when it arrived. Only a stall of more than `CATCH_UP_NS` leaves instants out.
+"""
+
+import gc
+import select
+import time
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+from motord.config import Config, ModbusConfig
+from motord.emulate import EmulatorError
+from motord.emulate.bench import EmulatedBench, Reading
+from motord.emulate.can import CanPort
+from motord.emulate.clock import HostClock
+from motord.emulate.devices import RegisterDevice
+from motord.emulate.link import BoardLink
+from motord.emulate.modbus import ModbusServers, place_of
+from motord.emulate.schedule import Schedule
+from motord.emulate.truth_log import TruthLog, TruthSink
+from motord.rig.truth import RigTruth
+from motord.schema import InverterStatus
+from motord.wire import dbc
+from motord.wire.can_codec import FEEDBACK_SLOTS, MessageCodec
+
+CATCH_UP_NS = 200_000_000
+BOARD_STATUS_HZ = 20
+INVERTER_STATUS_HZ = 100
+
+
+class Emulator:
+    """The devices of one bench on the wire. Use as a context manager: it opens and closes ports."""
+
+    def __init__(self, config: Config, truth: RigTruth, sink: TruthSink | None = None) -> None:
+        """Prepare; `sink` takes blocks of TRUTH_DTYPE. Raises EmulatorError, ConfigError."""
+        _check_drivers(config)
+        assert config.inverter.can is not None
+        self._config = config
+        self._can_config = config.inverter.can
+        self._codec = dbc.load(config.inverter.can)
+        self._fast = [m for m in self._codec.feedback if _is_fast(m)]
+        self._slow = [m for m in self._codec.feedback if not _is_fast(m)]
+        self._log = TruthLog(config.loop.rate_Hz, sink)
+        self._clock = HostClock()
+        self._truth = truth
+        _compile(config, truth)
+        self.bench = EmulatedBench(config, truth, 0)
+        self._ports = ExitStack()
+        self._status = InverterStatus(0)
+        self._stopped = False
+        self._cpu_s = 0.0
+        self.ticks = 0
+        self.skipped = 0
+
+    def __enter__(self) -> "Emulator":
+        """Open all ports. Raises EmulatorError for one that cannot be had."""
+        self.bench = EmulatedBench(self._config, self._truth, time.monotonic_ns())
+        with ExitStack() as ports:
+            servers = ModbusServers(_register_devices(self._config, self.bench))
+            ports.callback(servers.close)
+            servers.start()
+            self._link = BoardLink(Path(self._config.bridge.port))
+            ports.callback(self._link.close)
+            self._can = CanPort(self._can_config, self._codec)
+            ports.callback(self._can.close)
+            self._ports = ports.pop_all()
+        self._link.send(self.bench.board.hello())
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Hand the last truth to the sink and close all ports."""
+        with self._ports:
+            self._log.flush()
+
+    def stop(self) -> None:
+        """Make `run` return; may be called from a signal handler."""
+        self._stopped = True
+
+    def ready(self) -> dict[str, object]:
+        """Return where the devices are, once the ports are open."""
+        modbus = {
+            name: f"{place_of(config)} unit {config.unit}"
+            for name, (config, _) in _register_devices(self._config, self.bench).items()
+        }
+        return {
+            "ready": True,
+            "bench": self._config.bench.name,
+            "can": f"{self._can_config.interface} {self._can_config.channel}",
+            "bridge": self._config.bridge.port,
+            "pty": self._link.pty_name,
+            "modbus": modbus,
+        }
+
+    def summary(self) -> dict[str, object]:
+        """Return what happened; complete once the ports are closed."""
+        bench = self.bench
+        return {
+            "ready": False,
+            "ticks": self.ticks,
+            "skipped": self.skipped,
+            "stalled_s": bench.skipped_ns * 1e-9,
+            "torque_mean_Nm": self._log.mean_torque_Nm,
+            "ticks_on": self._log.on_rows,
+            "command_timeouts": bench.inverter.timeouts,
+            "command_errors": self._can.command_errors,
+            "can_send_errors": self._can.send_errors,
+            "heartbeat_drops": bench.board.heartbeat_drops,
+            "link_errors": bench.board.errors,
+            "samples_dropped": bench.board.dropped,
+            "cpu_s": time.process_time() - self._cpu_s,
+        }
+
+    def run(self, duration_s: float | None = None) -> None:
+        """Be the devices until `stop`, or for `duration_s`."""
+        now_ns = time.monotonic_ns()
+        end_ns = now_ns + round(duration_s * 1e9) if duration_s is not None else None
+        self._start(now_ns)
+        link = [self._link]
+        while not self._stopped and (end_ns is None or now_ns < end_ns):
+            self._listen(now_ns)
+            next_ns = self._produce(now_ns)
+            self._log.flush_if_full()
+            self._clock.refresh(now_ns)
+            wait_s = (next_ns - time.monotonic_ns()) * 1e-9
+            if wait_s > 0:
+                select.select(link, (), (), wait_s)
+            now_ns = time.monotonic_ns()
+
+    def _start(self, now_ns: int) -> None:
+        with suppress(OSError):
+            Path("/proc/self/timerslack_ns").write_text("1")  # wake when asked, not 50 us later
+        gc.freeze()
+        self._cpu_s = time.process_time()
+        self.bench.now_ns = now_ns
+        self._samples = Schedule(now_ns, self.bench.board.rate_Hz)
+        self._feedback = Schedule(now_ns, self._config.loop.rate_Hz)
+        self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
+        self._board_status = Schedule(now_ns, BOARD_STATUS_HZ)
+        self._schedules = (
+            self._samples,
+            self._feedback,
+            self._slow_feedback,
+            self._board_status,
+        )
+
+    def _listen(self, now_ns: int) -> None:
+        """Take in what the host has sent, with the times at which it arrived."""
+        for at_ns, frame in self._link.receive(now_ns):
+            self.bench.arrive(at_ns, frame)
+        for unix_ns, command in self._can.receive():
+            self.bench.arrive(min(self._clock.monotonic_ns(unix_ns), now_ns), command)
+        self.bench.board.errors = self._link.errors
+
+    def _produce(self, now_ns: int) -> int:
+        """Let time pass up to `now_ns`, sending what is due; return when the next is due."""
+        board = self.bench.board
+        if board.rate_Hz != self._samples.rate_Hz:
+            self._samples.restart(self.bench.now_ns, board.rate_Hz)
+        for schedule in self._schedules:
+            self.skipped += schedule.skip_to(now_ns - CATCH_UP_NS)
+        while True:
+            at_ns = min(schedule.next_ns for schedule in self._schedules)
+            if at_ns > now_ns:
+                self.bench.advance(now_ns, self._link.send)
+                return at_ns
+            self.bench.advance(at_ns, self._link.send)
+            self._emit(at_ns)
+
+    def _emit(self, at_ns: int) -> None:
+        """Send everything that is due at this instant."""
+        reading, board = self.bench.sense(), self.bench.board
+        status = self.bench.inverter_status(reading)
+        if self._samples.due(at_ns) and board.streaming:
+            sample = board.sample(
+                at_ns, reading.encoder_gray, reading.torque_counts, reading.torque_clipped != 0
+            )
+            board.dropped += not self._link.send(sample)
+        if self._feedback.due(at_ns):
+            self._send(self._fast, reading, status)
+            self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
+            self.ticks += 1
+        if self._slow_feedback.due(at_ns) or status != self._status:
+            self._send(self._slow, reading, status)
+            self._status = status
+        if self._board_status.due(at_ns) and board.streaming:
+            self._link.send(board.status(at_ns))
+
+    def _send(self, messages: list[MessageCodec], reading: Reading, status: InverterStatus) -> None:
+        currents_A, voltages_V = reading.i_sensed_A.tolist(), reading.u_V.tolist()
+        values = (
+            *currents_A,
+            *voltages_V,
+            reading.u_bus_V,
+            reading.temperature_C,
+            self._codec.status_word(status),
+        )
+        named = dict(zip(FEEDBACK_SLOTS, values, strict=True))
+        for message in messages:
+            self._can.send(message, named)
+
+
+def _check_drivers(config: Config) -> None:
+    """Raise EmulatorError unless the bench's devices are ones that can be emulated."""
+    if config.inverter.driver != "can" or config.inverter.can is None:
+        raise EmulatorError(
+            f'[inverter] driver = "{config.inverter.driver}": the emulator serves driver = "can" '
+            "only; take config/emulated.toml as a start"
+        )
+    if config.bridge.driver != "serial":
+        raise EmulatorError(
+            f'[bridge] driver = "{config.bridge.driver}": the emulator serves driver = "serial" '
+            "only; take config/emulated.toml as a start"
+        )
+
+
+def _is_fast(message: MessageCodec) -> bool:
+    """Return whether a message carries currents or voltages: it is sent at the loop's rate."""
+    return not set(message.slots).isdisjoint(FEEDBACK_SLOTS[:6])
+
+
+def _register_devices(
+    config: Config, bench: EmulatedBench
+) -> dict[str, tuple[ModbusConfig, RegisterDevice]]:
+    """Return the devices that the bench file has on Modbus, by name."""
+    pairs = (
+        ("brake", config.brake, bench.brake),
+        ("drive", config.drive, bench.drive),
+    )
+    return {
+        name: (section.modbus, device)
+        for name, section, device in pairs
+        if section.driver == "modbus" and section.modbus is not None
+    }
+
+
+def _compile(config: Config, truth: RigTruth) -> None:
+    """Compile the rig's kernels, which may take seconds, before any port is open."""
+    bench = EmulatedBench(config, truth, 0)
+    bench.advance(1_000_000, lambda _frame: None)
+    bench.sense()
+    bench.fill_truth(0, TruthLog(config.loop.rate_Hz, None).next_row())
