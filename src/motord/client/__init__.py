@@ -1,0 +1,16 @@
+"""What other tools import to talk to a running daemon; the command line uses nothing else.
+
+with motord.client.connect() as client:
+    print(client.state().state)
+    with client.lease("me") as lease:
+        client.rpc("enable", token=lease.token)
+        client.rpc("set", token=lease.token, torque_Nm=1.0, speed_Hz=0.5)
+"""
+
+from motord.client.connection import Client, connect
+from motord.client.error import ClientError
+from motord.client.lease import Lease
+from motord.client.subscription import Subscription
+from motord.service.endpoints import DEFAULT_ENDPOINT
+
+__all__ = ["DEFAULT_ENDPOINT", "Client", "ClientError", "Lease", "Subscription", "connect"]

@@ -1,0 +1,177 @@
+"""A connection to one daemon: its state, its events, its ticks, its RPCs."""
+
+import getpass
+import json
+import socket
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import numpy as np
+import zenoh
+
+from motord.client.error import ClientError
+from motord.client.lease import Lease
+from motord.client.subscription import Subscription
+from motord.schema import TICK
+from motord.service.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
+from motord.service.messages import Event, PlanView, State
+from motord.wire.blocks import BlockCodec
+
+ANSWER_S = 40.0
+"""An answer that does not come in this time will not come: the daemon's own limit is shorter."""
+LOOK_S = 2.0
+
+_Item = TypeVar("_Item")
+_CODEC = BlockCodec(TICK)
+
+
+def connect(bench: str | None = None, endpoint: str = DEFAULT_ENDPOINT) -> "Client":
+    """Connect to the daemon of `bench` at `endpoint`; without a name, to the only one there.
+
+    Raises ClientError if there is none.
+    """
+    try:
+        session = zenoh.open(client_config(endpoint))
+    except zenoh.ZError:
+        raise _absent(bench, endpoint) from None
+    try:
+        return Client(session, _choose(session, bench, endpoint), endpoint)
+    except ClientError:
+        session.close()  # type: ignore[no-untyped-call]
+        raise
+
+
+def _absent(bench: str | None, endpoint: str) -> ClientError:
+    which = f" for bench '{bench}'" if bench else ""
+    return ClientError(
+        "unreachable", f"no motord at {endpoint}{which}: is `motord run` running there?"
+    )
+
+
+def _choose(session: zenoh.Session, bench: str | None, endpoint: str) -> str:
+    """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
+    tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=LOOK_S)
+    benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
+    if bench is None and len(benches) == 1:
+        return benches[0]
+    if bench is not None and bench in benches:
+        return bench
+    if not benches:
+        raise _absent(bench, endpoint)
+    there = ", ".join(benches)
+    if bench is None:
+        raise ClientError("unreachable", f"several benches at {endpoint}: {there}; name one")
+    raise ClientError(
+        "unreachable", f"no motord at {endpoint} for bench '{bench}'; there is one for: {there}"
+    )
+
+
+class Client:
+    """A connection to one daemon. Use it as a context manager, or call `close`."""
+
+    def __init__(self, session: zenoh.Session, bench: str, endpoint: str) -> None:
+        self.bench = bench
+        self.endpoint = endpoint
+        self._session = session
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the connection; may be called twice."""
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def state(self) -> State:
+        """Return the state now."""
+        return State.model_validate_json(self._get("state", None, LOOK_S))
+
+    def events(self) -> list[Event]:
+        """Return the newest events that the daemon remembers, the oldest first."""
+        return [Event.model_validate(e) for e in json.loads(self._get("event", None, LOOK_S))]
+
+    def plan(self) -> PlanView | None:
+        """Return the progress of the plan under way or of the last one."""
+        content = self._get("plan", None, LOOK_S)
+        return None if content == b"null" else PlanView.model_validate_json(content)
+
+    def rpc(self, name: str, **arguments: Any) -> dict[str, Any]:
+        """Ask for `rpc/<name>` (docs/api.md lists them) and return the answer.
+
+        Raises ClientError with the daemon's code and message if it refuses.
+        """
+        answer = json.loads(self._get(f"rpc/{name}", arguments, ANSWER_S))
+        return dict(answer)
+
+    def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
+        """Return a lease on command, as a context manager that renews it until it is left."""
+        return Lease(self.rpc, holder or f"{getpass.getuser()}@{socket.gethostname()}", force=force)
+
+    def subscribe_state(
+        self, callback: Callable[[State], None] | None = None
+    ) -> "Subscription[State]":
+        """Receive the state, ten times a second and when it changes."""
+        return self._subscribe("state", State.model_validate_json, callback)
+
+    def subscribe_events(
+        self, callback: Callable[[Event], None] | None = None
+    ) -> "Subscription[Event]":
+        """Receive events as they happen."""
+        return self._subscribe("event", Event.model_validate_json, callback)
+
+    def subscribe_plan(
+        self, callback: Callable[[PlanView], None] | None = None
+    ) -> Subscription[PlanView]:
+        """Receive the progress of plans."""
+        return self._subscribe("plan", PlanView.model_validate_json, callback)
+
+    def subscribe_ticks(
+        self, callback: Callable[[np.ndarray], None] | None = None
+    ) -> Subscription[np.ndarray]:
+        """Receive every tick, in blocks: structured arrays of shape (n,), `schema.TICK_DTYPE`."""
+        return self._subscribe("ticks", _CODEC.decode_list, callback)
+
+    def _subscribe(
+        self, name: str, decode: Callable[[bytes], _Item], callback: Callable[[_Item], None] | None
+    ) -> Subscription[_Item]:
+        return Subscription(self._session, key(self.bench, name), decode, callback)
+
+    def _get(self, name: str, arguments: dict[str, Any] | None, timeout_s: float) -> bytes:
+        payload = None if arguments is None else json.dumps(arguments)
+        replies = self._session.get(
+            key(self.bench, name),
+            payload=payload,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+            timeout=timeout_s,
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+            if reply.err is not None:
+                raise _refusal(name, reply.err, timeout_s)
+        if name.startswith("rpc/") and self._alive():
+            raise ClientError("unknown", f"this daemon has no {name}")
+        raise ClientError(
+            "unreachable", f"the daemon of bench '{self.bench}' at {self.endpoint} is gone"
+        )
+
+    def _alive(self) -> bool:
+        tokens = self._session.liveliness().get(key(self.bench, "alive"), timeout=LOOK_S)
+        return any(token.ok is not None for token in tokens)
+
+
+def _refusal(name: str, error: zenoh.ReplyError, timeout_s: float) -> ClientError:
+    try:
+        content = json.loads(error.payload.to_bytes())
+        return ClientError(str(content["code"]), str(content["message"]))
+    except (ValueError, KeyError, TypeError):  # Zenoh's own: "Timeout"
+        return ClientError("unreachable", f"{name}: no answer within {timeout_s:g} s")

@@ -1,0 +1,80 @@
+"""Command over a bench, held for as long as a `with` block runs."""
+
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
+
+from motord.client.error import ClientError
+
+RENEWALS = 3
+"""How often a lease is renewed within its duration."""
+
+Rpc = Callable[..., dict[str, Any]]
+
+
+class Lease:
+    """Command over the bench while the `with` block runs; renewed in the background.
+
+    `lost` is set, with the reason in `why`, when somebody took over or the daemon went away.
+    """
+
+    def __init__(self, rpc: Rpc, holder: str, *, force: bool = False) -> None:
+        self.token = ""
+        self.holder = holder
+        self.took_over_from: str | None = None
+        self.lost = threading.Event()
+        self.why = ""
+        self._rpc = rpc
+        self._force = force
+        self._done = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        self.acquire()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.release()
+
+    def acquire(self) -> None:
+        """Take command. Raises ClientError if somebody else is in command."""
+        answer = self._rpc("lease/acquire", holder=self.holder, force=self._force)
+        self.token, self.took_over_from = answer["token"], answer["took_over_from"]
+        self._thread = threading.Thread(
+            target=self._renew,
+            args=(answer["lease_s"] / RENEWALS,),
+            name="motord-lease",
+            daemon=True,
+        )
+        self._thread.start()
+
+    def release(self) -> None:
+        """Give up command: an enabled bench ramps down, unless a detached plan runs."""
+        self._done.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+        if self.lost.is_set():
+            return
+        try:
+            self._rpc("lease/release", token=self.token)
+        except ClientError as error:
+            self._lose(str(error))
+
+    def _renew(self, every_s: float) -> None:
+        while not self._done.wait(every_s):
+            try:
+                self._rpc("lease/renew", token=self.token)
+            except ClientError as error:
+                self._lose(str(error))
+                return
+
+    def _lose(self, why: str) -> None:
+        self.why = why
+        self.lost.set()

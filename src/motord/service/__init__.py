@@ -1,0 +1,1 @@
+"""The daemon: supervisor, child processes, command lease, plan runner, Zenoh API, telemetry."""

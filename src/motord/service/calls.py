@@ -1,0 +1,64 @@
+"""A request on its way from a Zenoh thread to the supervisor and its answer on the way back."""
+
+import queue
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from motord.service.messages import Request
+from motord.service.refusal import Refusal
+
+Answer = Mapping[str, Any]
+
+
+class Call:
+    """One request. The supervisor answers it once; the thread that brought it waits.
+
+    `prepared` is what that thread has made of the request beforehand, because it takes long.
+    """
+
+    def __init__(self, name: str, request: Request, prepared: Any = None) -> None:
+        self.name = name
+        self.request = request
+        self.prepared = prepared
+        self._answered = threading.Event()
+        self._answer: Answer | Refusal | None = None
+
+    def answer(self, answer: Answer | Refusal) -> None:
+        """Answer the call, or refuse it; only the first answer counts."""
+        if not self._answered.is_set():
+            self._answer = answer
+            self._answered.set()
+
+    def wait(self, timeout_s: float) -> Answer:
+        """Return the answer. Raises Refusal, also if none comes within `timeout_s`."""
+        if not self._answered.wait(timeout_s):
+            raise Refusal("busy", f"{self.name}: no answer from the supervisor in {timeout_s:g} s")
+        if isinstance(self._answer, Refusal):
+            raise self._answer
+        return self._answer or {}
+
+
+class CallQueue:
+    """Bounded queue of calls, filled by any thread, emptied by the supervisor."""
+
+    CAPACITY = 128
+
+    def __init__(self) -> None:
+        self._queue: queue.Queue[Call] = queue.Queue(self.CAPACITY)
+
+    def put(self, call: Call) -> None:
+        """Hand over a call without waiting. Raises Refusal "busy" if there are too many."""
+        try:
+            self._queue.put_nowait(call)
+        except queue.Full:
+            raise Refusal("busy", f"{self.CAPACITY} requests are waiting; try again") from None
+
+    def take(self) -> list[Call]:
+        """Return the calls that are waiting."""
+        calls = []
+        while True:
+            try:
+                calls.append(self._queue.get_nowait())
+            except queue.Empty:
+                return calls

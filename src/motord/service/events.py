@@ -1,0 +1,45 @@
+"""The daemon's events: kept for those who ask later, and passed on to whoever listens."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from motord.service.messages import Event
+
+KEPT = 500
+_LOG = logging.getLogger("motord")
+
+_LOG_LEVEL = {
+    "trip": logging.ERROR,
+    "fault": logging.ERROR,
+    "process": logging.WARNING,
+    "device": logging.WARNING,
+    "missed": logging.WARNING,
+    "ring_loss": logging.WARNING,
+}
+
+Listener = Callable[[Event], None]
+
+
+class EventLog:
+    """Events of this run, the newest `KEPT` in memory; each goes to the log and the listeners."""
+
+    def __init__(self, unix_ns: Callable[[], int]) -> None:
+        self._unix_ns = unix_ns
+        self._kept: deque[Event] = deque(maxlen=KEPT)
+        self.listeners: list[Listener] = []
+
+    def emit(self, kind: str, message: str, t_ns: int | None = None, **data: Any) -> None:
+        """Note that something happened, now or at `t_ns` (Unix ns)."""
+        event = Event(
+            t_ns=self._unix_ns() if t_ns is None else t_ns, kind=kind, message=message, data=data
+        )
+        self._kept.append(event)
+        _LOG.log(_LOG_LEVEL.get(kind, logging.INFO), "%s: %s", kind, message)
+        for listener in self.listeners:
+            listener(event)
+
+    def recent(self) -> list[Event]:
+        """Return the kept events, the oldest first. May be called from any thread."""
+        return list(self._kept)

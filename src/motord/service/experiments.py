@@ -1,0 +1,109 @@
+"""RPCs of plans: start, pause, resume, abort, list."""
+
+from typing import Any
+
+from motord.plans import PLANS, Plan, PlanError
+from motord.plans import build as build_plan
+from motord.service.bench import Bench
+from motord.service.calls import Answer, Call
+from motord.service.desk import Handler, expect, need_ready
+from motord.service.messages import PlanStart, WithToken
+from motord.service.refusal import Refusal
+
+
+class Experiments:
+    """Starts plans and steers the one under way."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self.handlers: dict[str, Handler] = {
+            "plan/start": self._start,
+            "plan/pause": self._pause,
+            "plan/resume": self._resume,
+            "plan/abort": self._abort,
+            "plan/list": self._list,
+        }
+
+    def _start(self, call: Call, now_ns: int) -> Answer:
+        asked, bench = expect(PlanStart, call), self._bench
+        plan = self._build(asked)
+        outline = _outline(plan)
+        if asked.dry_run:
+            return outline
+        who = bench.lease.require(asked.token, now_ns).holder
+        need_ready(bench)
+        if bench.trouble:
+            raise Refusal("refused", f"not started: {bench.trouble}")
+        detached = ", detached" if asked.detach else ""
+        bench.events.emit("plan", f"{plan.name} started by {who}{detached}", settings=plan.settings)
+        bench.hand.rest()
+        view = bench.plans.start(plan, who, asked.notes, detached=asked.detach)
+        return {**outline, "recording": view.recording}
+
+    def _build(self, asked: PlanStart) -> Plan:
+        try:
+            plan = build_plan(asked.name, self._bench.config, asked.settings)
+        except PlanError as error:
+            raise Refusal("invalid", str(error)) from None
+        if not self._bench.has("brake"):
+            raise Refusal("refused", f"{plan.name} needs a brake, and this bench has none")
+        if plan.settings.get("compensate", "off") != "off" and not self._bench.calibrated:
+            raise Refusal(
+                "refused",
+                f"{plan.name} compensates, but no calibration is installed; install one, or set "
+                "compensate=off",
+            )
+        return plan
+
+    def _need_plan(self, call: Call, now_ns: int) -> str:
+        who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder
+        if not self._bench.plans.active:
+            raise Refusal("refused", "no plan is under way")
+        return who
+
+    def _progress(self) -> Answer:
+        view = self._bench.plans.view
+        return view.model_dump(mode="json") if view is not None else {}
+
+    def _pause(self, call: Call, now_ns: int) -> Answer:
+        who = self._need_plan(call, now_ns)
+        self._bench.events.emit("plan", f"paused by {who}")
+        self._bench.plans.pause()
+        return self._progress()
+
+    def _resume(self, call: Call, now_ns: int) -> Answer:
+        who = self._need_plan(call, now_ns)
+        self._bench.events.emit("plan", f"resumed by {who}")
+        self._bench.plans.resume()
+        return self._progress()
+
+    def _abort(self, call: Call, now_ns: int) -> Answer:
+        who = self._need_plan(call, now_ns)
+        self._bench.plans.abort(f"aborted by {who}")
+        return self._progress()
+
+    def _list(self, call: Call, now_ns: int) -> Answer:
+        own = self._bench.config.plans
+        return {
+            "plans": [
+                {
+                    "name": name,
+                    "summary": kind.summary,
+                    "settings": getattr(own, name.replace("-", "_")).model_dump(mode="json"),
+                }
+                for name, kind in PLANS.items()
+            ]
+        }
+
+
+def _outline(plan: Plan) -> dict[str, Any]:
+    """Return what a plan will do: points, estimated time, settings."""
+    return {
+        "plan": plan.name,
+        "points": [
+            {"index": p.index, "torque_Nm": p.torque_Nm, "speed_Hz": p.speed_Hz, "turns": p.turns}
+            for p in plan.points
+        ],
+        "estimate_s": round(plan.seconds, 1),
+        "settings": plan.settings,
+    }

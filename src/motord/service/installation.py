@@ -1,0 +1,109 @@
+"""RPCs that concern what the daemon was set up with: its configuration and the calibration.
+
+A calibration is read, checked and turned into tables before the supervisor sees the request, and
+written to disk after it; only the exchange of the tables happens in between.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motord.calibration import Calibration, CalibrationError
+from motord.config import Config
+from motord.control import parameters
+from motord.runtime.tables import TablesBusyError
+from motord.schema import State
+from motord.service.bench import Bench
+from motord.service.calibrations import CalibrationStore
+from motord.service.calls import Answer, Call
+from motord.service.desk import Handler, Wait, expect, need_no_plan
+from motord.service.messages import CalibrationInstall, Request
+from motord.service.refusal import Refusal
+
+SWAP_S = 1.0
+
+Tables = tuple[np.ndarray, np.ndarray, np.ndarray]
+WriteTables = Callable[[np.ndarray, np.ndarray, np.ndarray], object]
+"""Puts tables in force. Raises TablesBusyError while the loop has not taken up those before."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A calibration that fits the bench, and what the loop needs of it."""
+
+    calibration: Calibration
+    tables: Tables
+
+
+class Installation:
+    """Answers `config` and installs calibrations; `toml` is the text of the bench file."""
+
+    def __init__(
+        self, bench: Bench, store: CalibrationStore, write_tables: WriteTables, toml: str
+    ) -> None:
+        self._bench = bench
+        self._store = store
+        self._write_tables = write_tables
+        self._config_answer = config_answer(bench.config, toml)
+        self.handlers: dict[str, Handler] = {
+            "config": lambda call, now_ns: self._config_answer,
+            "calibration/install": self._install,
+        }
+
+    def prepare(self, request: Request) -> Prepared:
+        """Check a calibration and make its tables; for any thread. Raises Refusal."""
+        assert isinstance(request, CalibrationInstall)
+        try:
+            calibration = self._store.check(request.calibration, request.path)
+        except CalibrationError as error:
+            raise Refusal("invalid", str(error)) from None
+        return Prepared(calibration, parameters.build(self._bench.config, calibration))
+
+    def keep(self, prepared: Prepared, answer: Answer) -> Answer:
+        """Write the calibration that is now in force to disk; for any thread. Raises Refusal."""
+        try:
+            path = self._store.keep(prepared.calibration)
+        except CalibrationError as error:
+            raise Refusal(
+                "failed", f"the calibration is in force, but not after a restart: {error}"
+            ) from None
+        return {**answer, "path": str(path)}
+
+    def _install(self, call: Call, now_ns: int) -> Answer | Wait:
+        bench, prepared = self._bench, call.prepared
+        who = bench.lease.require(expect(CalibrationInstall, call).token, now_ns).holder
+        need_no_plan(bench)
+        if bench.state is State.ENABLED and (
+            bench.watch.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
+        ):
+            raise Refusal(
+                "refused",
+                "the torque would jump: a calibration is installed at zero torque; "
+                "set torque_Nm = 0 first",
+            )
+
+        def swapped() -> Answer | None:
+            try:
+                self._write_tables(*prepared.tables)
+            except TablesBusyError:
+                return None
+            self._store.current = prepared.calibration
+            bench.calibration_installed()
+            bench.events.emit(
+                "calibration", f"{prepared.calibration.id} installed by {who}",
+                id=prepared.calibration.id,
+            )  # fmt: skip
+            return {
+                "id": prepared.calibration.id,
+                "created": prepared.calibration.created.isoformat(),
+                "age": prepared.calibration.age(),
+            }
+
+        return Wait(swapped, SWAP_S, lambda: "the loop did not take up the tables before these")
+
+
+def config_answer(config: Config, toml: str) -> dict[str, Any]:
+    """Return the configuration as read (TOML text) and with its defaults (JSON)."""
+    return {"toml": toml, "config": config.model_dump(mode="json")}

@@ -1,0 +1,157 @@
+"""RPCs of operation by hand: lease, enable, disable, stop, reset, set."""
+
+from collections.abc import Callable
+
+from motord.schema import Request as Ask
+from motord.schema import State
+from motord.service.bench import Bench
+from motord.service.calls import Answer, Call
+from motord.service.desk import (
+    Handler,
+    Wait,
+    expect,
+    need_loop,
+    need_no_plan,
+    need_no_trip,
+    need_ready,
+)
+from motord.service.messages import LeaseAcquire, Set, Stop, WithToken
+from motord.service.refusal import Refusal
+from motord.service.words import trip_words
+
+SOON_S = 0.5
+"""Within this time the loop has carried out what needs no ramp."""
+LOOP_START_S = 30.0
+"""Within this time a loop is up: it may have to compile its kernel and open devices."""
+
+
+class Operate:
+    """What an operator does; `restart_loop` starts the loop process if it does not run."""
+
+    def __init__(self, bench: Bench, restart_loop: Callable[[], None]) -> None:
+        self._bench = bench
+        self._restart_loop = restart_loop
+        self.handlers: dict[str, Handler] = {
+            "lease/acquire": self._acquire,
+            "lease/renew": self._renew,
+            "lease/release": self._release,
+            "enable": self._enable,
+            "disable": self._disable,
+            "stop": self._stop,
+            "reset": self._reset,
+            "set": self._set,
+        }
+
+    def _acquire(self, call: Call, now_ns: int) -> Answer:
+        asked, lease = expect(LeaseAcquire, call), self._bench.lease
+        grant = lease.acquire(asked.holder, now_ns, force=asked.force)
+        taken = f", taking over from {grant.took_over_from}" if grant.took_over_from else ""
+        self._bench.events.emit(
+            "lease",
+            f"{grant.holder} is in command{taken}",
+            holder=grant.holder,
+            took_over_from=grant.took_over_from,
+        )
+        return {
+            "token": grant.token,
+            "holder": grant.holder,
+            "lease_s": lease.duration_ns / 1e9,
+            "took_over_from": grant.took_over_from,
+        }
+
+    def _renew(self, call: Call, now_ns: int) -> Answer:
+        lease = self._bench.lease
+        lease.renew(expect(WithToken, call).token, now_ns)
+        return {"lease_s": lease.duration_ns / 1e9}
+
+    def _release(self, call: Call, now_ns: int) -> Answer:
+        who = self._bench.lease.release(expect(WithToken, call).token, now_ns)
+        self._bench.events.emit("lease", f"{who} gave up command", holder=who)
+        self._bench.nobody_commands(f"{who} gave up command")
+        return {}
+
+    def _commander(self, call: Call, now_ns: int) -> str:
+        token = expect(WithToken, call).token
+        return self._bench.lease.require(token, now_ns).holder
+
+    def _in_state(self) -> Answer:
+        return {"state": self._bench.state.name}
+
+    def _enable(self, call: Call, now_ns: int) -> Answer | Wait:
+        who, bench = self._commander(call, now_ns), self._bench
+        need_ready(bench)
+        bench.events.emit("request", f"enable, from {who}")
+        bench.hand.drop_torque()
+        bench.setpoint.request(Ask.ENABLE)
+
+        def enabled() -> Answer | None:
+            need_loop(bench)
+            need_no_trip(bench)
+            return self._in_state() if bench.state is State.ENABLED else None
+
+        timeout_s = bench.config.loop.enable_timeout_s + 2 * SOON_S
+        return Wait(enabled, timeout_s, lambda: f"not enabled, still {bench.state.name}")
+
+    def _disable(self, call: Call, now_ns: int) -> Answer | Wait:
+        who, bench = self._commander(call, now_ns), self._bench
+        bench.events.emit("request", f"disable, from {who}")
+        if bench.plans.active:
+            bench.plans.abort(f"disabled by {who}")
+        else:
+            bench.disable()
+        limits = bench.config.limits
+        return Wait(
+            lambda: None if bench.state is State.ENABLED else self._in_state(),
+            2 * SOON_S + limits.torque_Nm / limits.torque_rate_Nm_per_s,
+            lambda: f"still {bench.state.name}: the torque did not ramp down; use stop",
+        )
+
+    def _stop(self, call: Call, now_ns: int) -> Answer | Wait:
+        by, bench = expect(Stop, call).by or "somebody", self._bench
+        bench.events.emit("request", f"stop, from {by}")
+        bench.stop(f"stopped by {by}")
+        return Wait(
+            lambda: None if bench.state in (State.ENABLED, State.READY) else self._in_state(),
+            SOON_S,
+            lambda: f"still {bench.state.name}: is the loop alive?",
+        )
+
+    def _reset(self, call: Call, now_ns: int) -> Answer | Wait:
+        who, bench = self._commander(call, now_ns), self._bench
+        need_no_plan(bench)
+        bench.events.emit("request", f"reset, from {who}")
+        if bench.loop_fault:
+            self._restart_loop()
+            return Wait(
+                lambda: None if bench.loop_fault else self._in_state(),
+                LOOP_START_S,
+                lambda: bench.loop_fault,
+            )
+        if bench.state is State.TRIPPED:
+            bench.setpoint.request(Ask.RESET)
+        return Wait(
+            lambda: None if bench.state is State.TRIPPED else self._in_state(),
+            SOON_S,
+            lambda: f"a cause is still there: {trip_words(bench.watch.trip_bits)}",
+        )
+
+    def _set(self, call: Call, now_ns: int) -> Answer:
+        asked, bench = expect(Set, call), self._bench
+        bench.lease.require(asked.token, now_ns)
+        need_loop(bench)
+        need_no_plan(bench)
+        need_no_trip(bench)
+        self._need_devices(asked)
+        bench.hand.set(asked, bench.state)
+        return {"setpoint": bench.setpoint.view().model_dump()}
+
+    def _need_devices(self, asked: Set) -> None:
+        bench = self._bench
+        if asked.torque_Nm and bench.trouble:
+            raise Refusal("refused", f"no torque now: {bench.trouble}")
+        if (asked.speed_Hz is not None or asked.brake is not None) and not bench.has("brake"):
+            raise Refusal("refused", "this bench has no brake that the daemon could set")
+        if asked.drive_Hz is not None and not bench.has("drive"):
+            raise Refusal("refused", "this bench has no external drive that the daemon could set")
+        if asked.compensate not in (None, "off") and not bench.calibrated:
+            raise Refusal("refused", "nothing to compensate with: no calibration is installed")

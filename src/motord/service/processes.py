@@ -1,0 +1,164 @@
+"""The daemon's child processes: what each is, when it is started again, how it ended.
+
+`table` says it all: add a process by adding a row.
+"""
+
+import signal
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+from motord.service.messages import ProcessView
+
+BACKOFF_FIRST_S = 0.1
+BACKOFF_LAST_S = 5.0
+SETTLED_S = 10.0
+"""A child that ran this long is started again at once when it ends."""
+
+
+@dataclass(frozen=True)
+class ChildSpec:
+    """A child process.
+
+    `restart`: "always" starts it again by itself, "on reset" waits for an operator. `consequence`
+    is what its end means, for the event.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    restart: Literal["always", "on reset"]
+    stop_timeout_s: float
+    consequence: str
+
+
+class Process(Protocol):
+    """What is used of `subprocess.Popen`."""
+
+    pid: int
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while it runs."""
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end. Raises subprocess.TimeoutExpired."""
+
+    def send_signal(self, sig: int) -> None:
+        """Send a signal, if it still runs."""
+
+
+def spawn(command: Sequence[str]) -> Process:
+    """Start a child; it writes to the same stderr as the daemon."""
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A child that has ended by itself; `again_s`: when it is started again, None for never."""
+
+    spec: ChildSpec
+    how: str
+    again_s: float | None
+
+
+@dataclass
+class _Child:
+    spec: ChildSpec
+    process: Process | None = None
+    started_ns: int = 0
+    restarts: int = -1  # the first start is none
+    how: str = ""
+    backoff_s: float = BACKOFF_FIRST_S
+    start_at_ns: int | None = None
+    stopping: bool = field(default=False)
+
+
+class Children:
+    """Starts, watches and stops the processes of a table. Times are monotonic ns."""
+
+    def __init__(
+        self, specs: Sequence[ChildSpec], spawn: Callable[[Sequence[str]], Process] = spawn
+    ) -> None:
+        self._children = {spec.name: _Child(spec) for spec in specs}
+        self._spawn = spawn
+
+    def start(self, name: str, now_ns: int) -> None:
+        """Start a child, unless it runs."""
+        child = self._children[name]
+        if child.process is not None:
+            return
+        child.process = self._spawn(child.spec.command)
+        child.started_ns, child.start_at_ns = now_ns, None
+        child.restarts += 1
+        child.stopping = False
+
+    def running(self, name: str) -> bool:
+        """Return whether a child runs, as far as `poll` knows."""
+        return self._children[name].process is not None
+
+    def poll(self, now_ns: int) -> list[Ended]:
+        """Return the children that have ended since the last call; start those that are due."""
+        ended = []
+        for child in self._children.values():
+            if child.process is not None:
+                code = child.process.poll()
+                if code is not None:
+                    ended.append(self._note_end(child, code, now_ns))
+            elif child.start_at_ns is not None and now_ns >= child.start_at_ns:
+                self.start(child.spec.name, now_ns)
+        return ended
+
+    def _note_end(self, child: _Child, code: int, now_ns: int) -> Ended:
+        child.process = None
+        child.how = in_words(code)
+        if child.spec.restart != "always" or child.stopping:
+            return Ended(child.spec, child.how, None)
+        if now_ns - child.started_ns > SETTLED_S * 1e9:
+            child.backoff_s = BACKOFF_FIRST_S
+        again_s = child.backoff_s
+        child.backoff_s = min(2 * again_s, BACKOFF_LAST_S)
+        child.start_at_ns = now_ns + round(again_s * 1e9)
+        return Ended(child.spec, child.how, again_s)
+
+    def signal(self, name: str, sig: signal.Signals) -> None:
+        """Send a signal to a child, if it runs."""
+        process = self._children[name].process
+        if process is not None:
+            process.send_signal(sig)
+
+    def stop(self, name: str) -> str:
+        """End a child: SIGTERM, after its time SIGKILL; it stays down. Returns how it ended."""
+        child = self._children[name]
+        child.stopping, child.start_at_ns = True, None
+        if child.process is None:
+            return child.how
+        child.process.send_signal(signal.SIGTERM)
+        try:
+            code = child.process.wait(child.spec.stop_timeout_s)
+        except subprocess.TimeoutExpired:
+            child.process.send_signal(signal.SIGKILL)
+            code = child.process.wait()
+        child.process, child.how = None, in_words(code)
+        return child.how
+
+    def views(self) -> dict[str, ProcessView]:
+        """Return every child as clients see it."""
+        return {
+            name: ProcessView(
+                pid=child.process.pid if child.process else None,
+                running=child.process is not None,
+                restarts=max(child.restarts, 0),
+                exit=child.how,
+            )
+            for name, child in self._children.items()
+        }
+
+
+def in_words(code: int) -> str:
+    """Return an exit code in words."""
+    if code >= 0:
+        return f"exit code {code}"
+    try:
+        return f"killed by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"killed by signal {-code}"

@@ -1,0 +1,96 @@
+"""The full state of bench and daemon, as it is published."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+from motord.config import Config
+from motord.service.bench import Bench
+from motord.service.calibrations import CalibrationStore
+from motord.service.messages import (
+    DeviceView,
+    LeaseView,
+    ProcessView,
+    RecordingView,
+    State,
+)
+
+RecordingSource = Callable[[], RecordingView]
+ProcessSource = Callable[[], dict[str, ProcessView]]
+
+
+@dataclass
+class StateView:
+    """Where each part of the state comes from. Times: monotonic ns, but for `unix_ns`."""
+
+    bench: Bench
+    calibrations: CalibrationStore
+    processes: ProcessSource
+    recording: RecordingSource
+    realtime: Callable[[], dict[str, Any]]
+    dropped: Callable[[], int]
+    started_ns: int
+
+    def build(self, now_ns: int, unix_ns: int) -> State:
+        """Return the state now."""
+        bench, config = self.bench, self.bench.config
+        trips, first = bench.watch.trips()
+        holder = bench.in_command(now_ns)
+        return State(
+            bench=config.bench.name,
+            motor=f"{config.motor.name} {config.motor.serial}".strip(),
+            simulated=config.simulated,
+            version=version("motord"),
+            t_ns=unix_ns,
+            uptime_s=round((now_ns - self.started_ns) / 1e9, 1),
+            state=bench.state.name,
+            fault=bench.fault,
+            trips=trips,
+            first_trip=first,
+            tick=bench.watch.tick_view(),
+            setpoint=bench.setpoint.view(),
+            lease=LeaseView(
+                holder=holder,
+                remaining_s=round(bench.lease.remaining_s(now_ns), 2),
+                duration_s=config.zenoh.lease_s,
+            ),
+            plan=bench.plans.view,
+            loop=bench.watch.loop_view(now_ns),
+            realtime=self.realtime(),
+            recording=self.recording(),
+            calibration=self.calibrations.view(),
+            brake=device_view(bench, config, "brake", now_ns),
+            drive=device_view(bench, config, "drive", now_ns),
+            processes=self.processes(),
+            telemetry_dropped=self.dropped(),
+        )
+
+
+def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceView:
+    """Return a slow device, on a wire, in the simulated rig or not there."""
+    if name in bench.devices:
+        return bench.devices[name].view(now_ns)
+    return DeviceView(health="simulated" if bench.has(name) else "none")
+
+
+def same_to_the_eye(a: State | None, b: State) -> bool:
+    """Return whether nothing changed that is worth publishing before its time."""
+    return a is not None and _essence(a) == _essence(b)
+
+
+def _essence(state: State) -> tuple[object, ...]:
+    plan = state.plan
+    return (
+        state.state,
+        state.fault,
+        state.first_trip,
+        len(state.trips),
+        state.lease.holder,
+        state.setpoint,
+        (plan.plan, plan.state, plan.points_done) if plan is not None else None,
+        state.calibration.id if state.calibration is not None else None,
+        state.brake.health,
+        state.drive.health,
+        state.recording.path,
+    )
