@@ -1,0 +1,80 @@
+"""Which driver a name in the bench file stands for; imported only when it is used.
+
+Drivers in other packages join through the entry-point group `motord.drivers`, named
+`<device>.<driver>`: with `inverter.acme = "acme_motord:Inverter"` a bench may say
+`[inverter] driver = "acme"`. A driver is called with the whole `Config` and returns a device as
+`hal.base` describes it.
+"""
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any, Literal
+
+from motord.config import Config
+from motord.hal.base import BridgeDriver, DeviceError, InverterDriver, Rig, SetpointDevice
+from motord.hal.wire_rig import WireRig
+
+GROUP = "motord.drivers"
+
+BUILT_IN = {
+    "inverter.can": "motord.hal.inverter_can:CanInverter",
+    "bridge.serial": "motord.hal.bridge_serial:SerialBridge",
+    "brake.modbus": "motord.hal.modbus:brake",
+    "drive.modbus": "motord.hal.modbus:drive",
+}
+
+WITHOUT_WIRE = ("inverter.sim", "bridge.sim", "brake.sim", "drive.sim", "brake.none", "drive.none")
+"""Names that need no driver: the simulated rig has its own brake and drive."""
+
+SIMULATED_RIG = "motord.hal.sim:SimRig"
+
+
+def make_rig(config: Config) -> Rig:
+    """Return the rig of a bench, not yet opened. Raises DeviceError, ConfigError."""
+    if config.simulated:
+        rig: Rig = _load(SIMULATED_RIG)(config)
+        return rig
+    inverter: InverterDriver = _driver("inverter", config.inverter.driver)(config)
+    bridge: BridgeDriver = _driver("bridge", config.bridge.driver)(config)
+    return WireRig(inverter, bridge)
+
+
+def make_setpoint_device(kind: Literal["brake", "drive"], config: Config) -> SetpointDevice:
+    """Return brake or drive of a bench, not yet opened. Raises DeviceError.
+
+    The supervisor itself deals with "none" and "sim", which are no devices.
+    """
+    name = config.brake.driver if kind == "brake" else config.drive.driver
+    device: SetpointDevice = _driver(kind, name)(config)
+    return device
+
+
+def known(kind: str) -> list[str]:
+    """Return the names of the drivers for a kind of device, those of other packages included."""
+    names = [*BUILT_IN, *WITHOUT_WIRE, *(entry.name for entry in entry_points(group=GROUP))]
+    return sorted({name.partition(".")[2] for name in names if name.startswith(f"{kind}.")})
+
+
+def _driver(kind: str, name: str) -> Callable[[Config], Any]:
+    target = BUILT_IN.get(f"{kind}.{name}")
+    if target is None:
+        found = entry_points(group=GROUP, name=f"{kind}.{name}")
+        if not found:
+            raise DeviceError(
+                f'[{kind}] driver = "{name}" is not known; known: {", ".join(known(kind))}'
+            )
+        target = next(iter(found)).value
+    try:
+        return _load(target)
+    except (ImportError, AttributeError) as error:
+        raise DeviceError(
+            f'[{kind}] driver = "{name}": cannot load {target}: {error}; '
+            "is the package that brings it installed completely?"
+        ) from error
+
+
+def _load(target: str) -> Callable[[Config], Any]:
+    module, _, name = target.partition(":")
+    driver: Callable[[Config], Any] = getattr(import_module(module), name)
+    return driver
