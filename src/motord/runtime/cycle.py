@@ -4,7 +4,6 @@ Everything it touches in a tick is made beforehand; the garbage collector is off
 Python allocates is freed at once by reference counts.
 """
 
-import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -77,7 +76,7 @@ def run(cycle: Cycle, pacer: Pacer) -> None:
     begun_ns, heartbeat_ns = feedback["now_ns"], setpoint["heartbeat_ns"]
     count_wake_late, count_work = cycle.wake_late.add, cycle.work.add
     offset_ns = cycle.mailbox.clock.offset_ns
-    clock_ns, wait = time.monotonic_ns, pacer.wait
+    clock_ns, wait = pacer.clock_ns, pacer.wait
     work_ns = 0
     parameters, back_emf, cogging = tables.current
     heartbeat_ns[0] = clock_ns() + offset_ns

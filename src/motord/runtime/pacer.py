@@ -32,10 +32,10 @@ class Pacer:
     """
 
     __slots__ = (
-        "_clock_ns",
         "_deadline_ns",
         "_half_ns",
         "_wait_until",
+        "clock_ns",
         "flags",
         "late_ns",
         "missed",
@@ -51,13 +51,13 @@ class Pacer:
     ) -> None:
         self.period_ns = period_ns
         self._half_ns = period_ns // 2
-        self._clock_ns = clock_ns
+        self.clock_ns = clock_ns
         self._wait_until = wait_until
         self.start()
 
     def start(self) -> None:
         """Start counting: tick 0 is due one period from now."""
-        self._deadline_ns = self._clock_ns()
+        self._deadline_ns = self.clock_ns()
         self.tick = -1
         self.missed = 0
         self.late_ns = 0
@@ -72,7 +72,7 @@ class Pacer:
         period_ns = self.period_ns
         deadline_ns = self._deadline_ns + period_ns
         tick = self.tick + 1
-        behind_ns = self._clock_ns() - deadline_ns - self._half_ns
+        behind_ns = self.clock_ns() - deadline_ns - self._half_ns
         if behind_ns > 0:
             over = -(-behind_ns // period_ns)
             deadline_ns += over * period_ns

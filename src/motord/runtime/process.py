@@ -5,6 +5,7 @@ import signal
 import sys
 import threading
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -127,5 +128,6 @@ def foreign_threads() -> list[str]:
         if number in python and number != os.getpid():
             names.append(f"{python[number]} (Python)")
         elif number != os.getpid():
-            names.append(f"{(task / 'comm').read_text().strip()} (native)")
+            with suppress(OSError):  # it has ended since
+                names.append(f"{(task / 'comm').read_text().strip()} (native)")
     return names

@@ -58,11 +58,8 @@ class SharedFile:
         Raises SharedFileError if there is no room for it.
         """
         temporary = path.with_name(f".{path.name}.{os.getpid()}")
-        descriptor = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
         try:
-            os.posix_fallocate(descriptor, 0, HEADER_BYTES + size)
-            memory = mmap.mmap(descriptor, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE)
-            inode = os.fstat(descriptor).st_ino
+            memory, inode = _map_new(temporary, HEADER_BYTES + size)
             shared = cls(path, memory, inode)
             for place, word in enumerate(words, start=FIRST_WORD):
                 shared.words[place] = word
@@ -74,8 +71,6 @@ class SharedFile:
             raise SharedFileError(
                 f"{path}: cannot make a shared file of {size / 1e6:.1f} MB: {error.strerror}"
             ) from error
-        finally:
-            os.close(descriptor)
         return shared
 
     @classmethod
@@ -115,3 +110,14 @@ class SharedFile:
             return self.path.stat().st_ino != self._inode
         except FileNotFoundError:
             return True
+
+
+def _map_new(path: Path, size: int) -> tuple[mmap.mmap, int]:
+    """Make a zeroed file of `size` bytes, all of it in memory; return mapping and inode."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o600)
+    try:
+        os.posix_fallocate(descriptor, 0, size)
+        memory = mmap.mmap(descriptor, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE)
+        return memory, os.fstat(descriptor).st_ino
+    finally:
+        os.close(descriptor)
