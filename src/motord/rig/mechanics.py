@@ -46,6 +46,7 @@ def step_drive(p: np.record, s: np.record, speed_rad_s: float) -> None:
     if not s.engaged:
         s.belt_twist_rad = 0.0
         s.belt_Nm = 0.0
+        s.belt_Nm_s_per_rad = 0.0
         return
     drive_rad_s = 0.5 * (before_rad_s + s.drive_rad_s)
     creep_rad_s = abs(drive_rad_s) * p.belt_creep_per_Nm * s.belt_Nm
@@ -53,7 +54,9 @@ def step_drive(p: np.record, s: np.record, speed_rad_s: float) -> None:
     ratio = s.drive_rad_s / p.belt_lift_rad_s
     grip_Nm = p.belt_slip_Nm * max(0.0, 1.0 - ratio * ratio)
     spring_Nm = float(p.belt_Nm_per_rad * s.belt_twist_rad)
+    s.belt_Nm_s_per_rad = p.belt_Nm_s_per_rad
     if abs(spring_Nm) > grip_Nm:
+        s.belt_Nm_s_per_rad = 0.0
         spring_Nm = math.copysign(grip_Nm, spring_Nm)
         s.belt_twist_rad = spring_Nm / p.belt_Nm_per_rad
     s.belt_Nm = spring_Nm
@@ -75,14 +78,11 @@ def _rub(p: np.record, speed_rad_s: float, free_rad_s: float, per_Nm: float) -> 
 def step_rotor(p: np.record, s: np.record, torque_Nm: float, angle_rad: float) -> None:
     """Advance speed and angle under `torque_Nm`, the mean over the substep; starts at `angle_rad`.
 
-    The belt's spring torque is taken in here, and its damping where the belt does not slip.
+    The belt's torque is taken in here: its spring's and, where it does not slip, its damping's.
     """
     h_s, w_rad_s = p.substep_s, s.speed_rad_s
-    damping = p.viscous_Nm_s_per_rad + s.brake_coefficient_Nm_s_per_rad
-    torque_Nm += 0.5 * (s.belt_Nm + s.belt_before_Nm)
-    if s.engaged:
-        damping += p.belt_Nm_s_per_rad
-        torque_Nm += p.belt_Nm_s_per_rad * s.drive_rad_s
+    damping = p.viscous_Nm_s_per_rad + s.brake_coefficient_Nm_s_per_rad + s.belt_Nm_s_per_rad
+    torque_Nm += 0.5 * (s.belt_Nm + s.belt_before_Nm) + s.belt_Nm_s_per_rad * s.drive_rad_s
     half = 0.5 * h_s * damping / p.inertia_kg_m2
     per_Nm = h_s / p.inertia_kg_m2 / (1.0 + half)
     free_rad_s = (1.0 - half) / (1.0 + half) * w_rad_s + per_Nm * torque_Nm

@@ -158,6 +158,7 @@ RIG_STATE = record_dtype(
         ("belt_twist_rad", "f8"),
         ("belt_Nm", "f8"),  # of its spring
         ("belt_before_Nm", "f8"),  # a substep ago
+        ("belt_Nm_s_per_rad", "f8"),  # its damping; none while it slips
         # torque sensor
         ("mount_Nm", "f8"),
         ("mount_rate_Nm", "f8"),  # rate of mount_Nm over its natural frequency
