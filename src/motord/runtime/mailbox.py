@@ -12,7 +12,7 @@ import numpy as np
 from motord.control.types import SETPOINT
 from motord.runtime.clock import Clock
 from motord.runtime.fence import fence
-from motord.runtime.shared import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
+from motord.runtime.shared import FIRST_WORD, LINE_WORDS, SharedFile, as_bytes, layout_digest
 
 KIND = "setpnt"
 _OFFSET_NS = FIRST_WORD
@@ -33,14 +33,15 @@ class MailboxWriter:
         )
         self.clock = clock
         self._words = self._file.words
-        self._copies = _copies(self._file)
+        copies = _copies(self._file)
+        self._bytes = [as_bytes(copy) for copy in copies]
+        self._heartbeats_ns = [copy["heartbeat_ns"] for copy in copies]
 
     def write(self, setpoint: np.ndarray) -> None:
         """Put `setpoint` (SETPOINT, shape (1,)) in force, with the heartbeat set to now."""
         version = self._words[_VERSION] + 1
-        target = self._copies[version & 1]
-        target[:] = setpoint
-        target["heartbeat_ns"][0] = self.clock.now_ns()
+        self._bytes[version & 1][:] = as_bytes(setpoint)
+        self._heartbeats_ns[version & 1][0] = self.clock.now_ns()
         fence()
         self._words[_VERSION] = version
         fence()
@@ -58,7 +59,7 @@ class MailboxReader:
         self._file = SharedFile.attach(path, KIND, layout_digest([SETPOINT]))
         self._words = self._file.words
         self.clock = Clock(int(self._words[_OFFSET_NS]))
-        self._copies = _copies(self._file)
+        self._bytes = [as_bytes(copy) for copy in _copies(self._file)]
         self._version = 0
 
     def read(self, setpoint: np.ndarray) -> bool:
@@ -72,11 +73,11 @@ class MailboxReader:
             return False
         for _ in range(self.RETRIES):
             fence()
-            copied = self._copies[version & 1].copy()
+            copied = bytes(self._bytes[version & 1])
             fence()
             latest = words[_VERSION]
             if latest == version:
-                setpoint[:] = copied
+                as_bytes(setpoint)[:] = copied
                 self._version = version
                 return True
             version = latest

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from motord.control.types import SETPOINT
 from motord.runtime.clock import Clock
 from motord.runtime.mailbox import MailboxReader, MailboxWriter
-from motord.runtime.shared import SharedFileError
+from motord.runtime.shared import SharedFileError, as_bytes
 
 
 def setpoint(value: int) -> np.ndarray:
@@ -64,7 +64,7 @@ def test_write_in_progress_leaves_the_last_one_readable(
     writer: MailboxWriter, reader: MailboxReader, tmp_path: Path
 ) -> None:
     writer.write(setpoint(1))
-    writer._copies[0][:] = setpoint(99)  # a writer that died before raising the version
+    writer._bytes[0][:] = as_bytes(setpoint(99))  # a writer that died before raising the version
     mine = setpoint(0)
     assert reader.read(mine)
     assert mine["torque_Nm"][0] == 1
@@ -76,15 +76,15 @@ class Overtaken(MailboxReader):
     def follow(self, writer: MailboxWriter, writes: int, attempts: int) -> None:
         self.copied = 0
 
-        class Copies(list[np.ndarray]):
-            def __getitem__(inner, index: int) -> np.ndarray:  # type: ignore[override]
+        class Copies(list[memoryview]):
+            def __getitem__(inner, index: int) -> memoryview:  # type: ignore[override]
                 if self.copied < attempts:
                     for _ in range(writes):
                         writer.write(setpoint(10 + self.copied))
                 self.copied += 1
                 return super().__getitem__(index)
 
-        self._copies = Copies(self._copies)
+        self._bytes = Copies(self._bytes)
 
 
 @given(writes=st.integers(1, 3), attempts=st.integers(0, 6))
