@@ -104,7 +104,7 @@ class Client:
         content = self._get("plan", None, LOOK_S)
         return None if content == b"null" else PlanView.model_validate_json(content)
 
-    def rpc(self, name: str, **arguments: Any) -> dict[str, Any]:
+    def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
         """Ask for `rpc/<name>` (docs/api.md lists them) and return the answer.
 
         Raises ClientError with the daemon's code and message if it refuses.

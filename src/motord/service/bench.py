@@ -174,7 +174,7 @@ class Bench:
                     report.health, report.said_ns = view.health, now_ns
             used = name == "brake" or self.setpoint.drive_Hz != 0.0
             if view.health == "stale" and used:
-                trouble = trouble or f"{name} has not answered for {view.age_s:.1f} s: {view.error}"
+                trouble = trouble or f"{name} has not answered for {view.age_s} s: {view.error}"
             hottest_C = self.config.brake.temperature_max_C
             if name == "brake" and view.value is not None and view.value > hottest_C:
                 trouble = trouble or (

@@ -1,0 +1,145 @@
+"""Requests: what is right comes through, whatever else is refused as invalid, nothing escapes."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.service import messages
+from motord.service.messages import REQUESTS, parse
+from motord.service.refusal import Refusal
+
+VALID = {
+    "lease/acquire": {"holder": "anna@bench"},
+    "lease/renew": {"token": "t"},
+    "lease/release": {"token": "t"},
+    "enable": {"token": "t"},
+    "disable": {"token": "t"},
+    "stop": {},
+    "reset": {"token": "t"},
+    "set": {"token": "t", "torque_Nm": 3, "speed_Hz": 0.7},
+    "plan/start": {"name": "calibrate", "token": "t", "settings": {"turns": 2}},
+    "plan/pause": {"token": "t"},
+    "plan/resume": {"token": "t"},
+    "plan/abort": {"token": "t"},
+    "plan/list": {},
+    "config": {},
+    "calibration/install": {"token": "t", "calibration": {"id": "x"}},
+}
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: (
+        st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4)
+    ),
+    max_leaves=12,
+)
+names = st.sampled_from(sorted(REQUESTS))
+
+
+def refusal_of(name, payload):
+    with pytest.raises(Refusal) as caught:
+        parse(name, payload)
+    assert caught.value.code == "invalid"
+    return caught.value.message
+
+
+def test_there_is_a_valid_example_for_every_rpc():
+    assert VALID.keys() == REQUESTS.keys()
+
+
+@pytest.mark.parametrize("name", sorted(VALID))
+def test_valid_requests_come_through(name):
+    request = parse(name, json.dumps(VALID[name]).encode())
+    assert request.model_dump(exclude_unset=True) == VALID[name]
+
+
+@pytest.mark.parametrize("name", sorted(VALID))
+def test_an_unknown_field_is_named(name):
+    assert "oops: unknown field" in refusal_of(
+        name, json.dumps({**VALID[name], "oops": 1}).encode()
+    )
+
+
+@pytest.mark.parametrize("name", sorted(n for n in VALID if VALID[n]))
+def test_missing_fields_are_named(name):
+    required = [k for k, f in REQUESTS[name].model_fields.items() if f.is_required()]
+    for field in required:
+        body = {k: v for k, v in VALID[name].items() if k != field}
+        assert f"{field}: missing" in refusal_of(name, json.dumps(body).encode())
+
+
+def outcome(name, payload):
+    try:
+        return parse(name, payload)
+    except Refusal as refusal:
+        return refusal.code
+
+
+@given(name=names, payload=st.binary(max_size=64))
+def test_bytes_never_escape(name, payload):
+    assert outcome(name, payload) == "invalid" or payload in (b"", b"{}")
+
+
+@given(name=names, body=json_values)
+def test_json_never_escapes(name, body):
+    request = outcome(name, json.dumps(body).encode())
+    if request != "invalid":
+        assert isinstance(body, dict)
+        assert set(body) <= set(REQUESTS[name].model_fields)
+        assert isinstance(request, REQUESTS[name])
+
+
+@given(field=st.sampled_from(["torque_Nm", "speed_Hz", "brake", "drive_Hz"]), value=json_values)
+def test_set_takes_finite_numbers_only(field, value):
+    body = json.dumps({"token": "t", field: value}).encode()
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    finite = is_number and abs(value) <= 1.7e308
+    in_range = finite and (field != "brake" or 0 <= value <= 1)
+    if in_range:
+        assert getattr(parse("set", body), field) == pytest.approx(value)
+    elif value is None or (is_number and finite is False and isinstance(value, int)):
+        return  # null is the same as left out; integers beyond a double are refused or infinite
+    else:
+        assert field in refusal_of("set", body)
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "words"),
+    [
+        ("set", {"token": "t"}, "nothing to set"),
+        ("set", {"token": "t", "speed_Hz": 1, "brake": 0.5}, "give one of them"),
+        ("set", {"token": "t", "torque_Nm": "3"}, "torque_Nm"),
+        ("set", {"token": "t", "compensate": "some"}, "compensate"),
+        ("lease/acquire", {"holder": ""}, "holder"),
+        ("lease/acquire", {"holder": "a", "force": 1}, "force"),
+        ("enable", {"token": ""}, "token"),
+        ("calibration/install", {"token": "t"}, "either calibration"),
+        ("calibration/install", {"token": "t", "calibration": {}, "path": "/x"}, "either"),
+    ],
+)
+def test_refusals_say_what_is_wrong(name, body, words):
+    assert words in refusal_of(name, json.dumps(body).encode())
+
+
+@pytest.mark.parametrize(
+    "text", ['{"token": "t", "torque_Nm": NaN}', '{"token":"t","torque_Nm":1e999}']
+)
+def test_what_is_not_finite_is_refused(text):
+    assert "torque_Nm" in refusal_of("set", text.encode())
+
+
+def test_a_request_that_is_too_long_is_refused():
+    body = json.dumps({"by": "x" * messages.MAX_REQUEST_BYTES}).encode()
+    assert "bytes" in refusal_of("stop", body)
+
+
+def test_no_payload_is_an_empty_object():
+    assert parse("stop", b"").model_dump() == {"by": ""}
+
+
+def test_replies_skip_what_they_do_not_know_and_lose_what_is_not_finite():
+    text = messages.Event(t_ns=1, kind="k", message="m", data={"x": float("nan")}).to_json()
+    event = messages.Event.model_validate({**json.loads(text), "new": 1})
+    assert event.data == {"x": None}

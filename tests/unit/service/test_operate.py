@@ -1,0 +1,282 @@
+"""Operation by hand over the real kernel and rig in virtual time."""
+
+import numpy as np
+import pytest
+
+from motord.schema import Request, State, Trip
+from motord.service.refusal import Refusal
+from tests.unit.service.virtual_service import VirtualService
+
+
+@pytest.fixture
+def service():
+    return VirtualService()
+
+
+def refused(service, code, name, /, **arguments):
+    with pytest.raises(Refusal) as caught:
+        service.ask(name, **arguments)
+    assert caught.value.code == code
+    return caught.value.message
+
+
+def trip(service, cause=Trip.OVER_SPEED):
+    service.loop.virtual._memory["trip_bits"] = service.loop.virtual._memory["first_trip"] = cause
+    service.loop.virtual._memory["state"] = State.TRIPPED
+    service.step()
+
+
+def test_starts_off_and_is_enabled_by_whoever_is_in_command(service):
+    assert service.bench.state is State.OFF
+    token = service.acquire()
+    assert service.ask("enable", token=token) == {"state": "ENABLED"}
+    assert service.bench.watch.torque_set_Nm == 0.0
+
+
+@pytest.mark.parametrize("name", ["enable", "disable", "reset", "lease/renew", "lease/release"])
+def test_nothing_moves_without_the_lease(service, name):
+    service.acquire("anna")
+    assert "anna is in command" in refused(service, "no_lease", name, token="guess")
+
+
+def test_a_second_commander_has_to_force_it_and_that_is_logged(service):
+    first = service.acquire("anna")
+    assert "anna" in refused(service, "lease_held", "lease/acquire", holder="ben")
+    answer = service.ask("lease/acquire", holder="ben", force=True)
+    assert answer["took_over_from"] == "anna"
+    assert "lease: ben is in command, taking over from anna" in service.messages()
+    assert "ben took over" in refused(service, "no_lease", "lease/renew", token=first)
+
+
+def test_torque_and_speed_are_reached_and_held_by_the_brake(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)
+    service.run_s(8.0, token)
+    assert service.bench.watch.torque_set_Nm == pytest.approx(3.0)
+    speeds_Hz = []
+    for _ in range(200):
+        service.run_s(0.01, token)
+        speeds_Hz.append(service.bench.watch.last["speed_rad_s"] / (2 * np.pi))
+    assert np.mean(speeds_Hz) == pytest.approx(0.7, rel=0.03)
+
+
+def test_the_brake_leads_a_rising_torque(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)
+    service.run_s(0.4, token)
+    assert service.bench.setpoint.brake > 0.1
+    assert service.bench.watch.torque_set_Nm == 0.0
+    service.run_s(0.8, token)
+    assert service.bench.watch.torque_set_Nm > 1.0
+
+
+def test_torque_alone_keeps_the_speed_servo_and_brake_alone_ends_it(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=2.0, speed_Hz=0.6)
+    service.run_s(3.0, token)
+    answer = service.ask("set", token=token, torque_Nm=1.0)
+    assert answer["setpoint"]["speed_Hz"] == 0.6
+    assert service.bench.setpoint.torque_Nm == 1.0
+    service.ask("set", token=token, brake=0.4)
+    service.run_s(1.0, token)
+    assert (service.bench.setpoint.speed_Hz, service.bench.setpoint.brake) == (None, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ({"torque_Nm": 6.1}, "torque_Nm = 6"),
+        ({"torque_Nm": -7}, "torque_Nm = 6"),
+        ({"torque_Nm": 1, "speed_Hz": 3.5}, "trip_speed_rad_s"),
+        ({"torque_Nm": 1, "speed_Hz": 0}, "above 0"),
+        ({"torque_Nm": 1, "speed_Hz": -0.5}, "other way"),
+        ({"torque_Nm": 6, "speed_Hz": 0.05}, "the brake holds at most"),
+        ({"drive_Hz": 3}, "speed_max_rad_s"),
+        ({"compensate": "on"}, "no calibration"),
+    ],
+)
+def test_set_is_checked_against_the_limits(service, asked, words):
+    token = service.enabled()
+    before = service.bench.setpoint.view()
+    assert words in refused(service, "refused", "set", token=token, **asked)
+    assert service.bench.setpoint.view() == before
+
+
+def test_torque_needs_an_enabled_bench_but_the_drive_does_not(service):
+    token = service.acquire()
+    assert "enable it first" in refused(service, "refused", "set", token=token, torque_Nm=1)
+    service.ask("set", token=token, drive_Hz=0.5)
+    service.step()
+    assert service.loop.setpoint["drive_rad_s"][0] == pytest.approx(np.pi, rel=1e-6)
+
+
+def test_a_bench_without_brake_and_drive_says_so():
+    service = VirtualService(brake={"driver": "none"}, drive={"driver": "none"})
+    token = service.enabled()
+    assert "no brake" in refused(service, "refused", "set", token=token, torque_Nm=1, speed_Hz=1)
+    assert "no brake" in refused(service, "refused", "set", token=token, brake=0.5)
+    assert "no external drive" in refused(service, "refused", "set", token=token, drive_Hz=0.5)
+    assert "needs a brake" in refused(
+        service, "refused", "plan/start", token=token, name="calibrate"
+    )
+
+
+def test_disable_ramps_down_and_forgets_what_was_set(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=2.0, speed_Hz=0.6)
+    service.run_s(2.0, token)
+    disabling = service.begin("disable", token=token)
+    service.step(5)
+    assert disabling.outcome is None
+    assert 0.0 < service.bench.watch.torque_set_Nm < 2.0
+    service.step(40)
+    assert disabling.outcome == {"state": "READY"}
+    assert service.bench.setpoint.view().model_dump() == {
+        "torque_Nm": 0.0, "speed_Hz": None, "brake": 0.0, "drive_Hz": 0.0, "compensate": "off",
+    }  # fmt: skip
+
+
+def test_stop_is_taken_from_anyone_and_is_immediate(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=2.0, speed_Hz=0.6)
+    service.run_s(2.0, token)
+    assert service.ask("stop", by="a passer-by") == {"state": "OFF"}
+    assert service.bench.watch.torque_set_Nm == 0.0
+    assert "request: stop, from a passer-by" in service.messages()
+    assert service.ask("stop") == {"state": "OFF"}
+
+
+def test_stop_ends_what_is_waiting(service):
+    service.loop.running = False
+    enabling = service.begin("enable", token=service.acquire())
+    stopping = service.begin("stop")
+    assert "stopped" in enabling.outcome.message
+    service.loop.running = True
+    service.step(5)
+    assert stopping.outcome == {"state": "OFF"}
+    assert service.bench.state is State.OFF
+
+
+def test_a_lease_that_runs_out_ramps_down_and_disables(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)
+    service.run_s(1.9)
+    assert service.bench.state is State.ENABLED
+    service.run_s(1.0)
+    assert service.bench.state is State.READY
+    assert any("ran out: ramping down" in message for message in service.messages())
+
+
+def test_giving_the_lease_back_while_enabled_ramps_down_too(service):
+    token = service.enabled()
+    service.ask("lease/release", token=token)
+    service.step(5)
+    assert service.bench.state is State.READY
+
+
+def test_losing_the_lease_while_enabling_does_not_leave_it_enabled(service):
+    token = service.acquire()
+    service.begin("enable", token=token)
+    service.ask("lease/release", token=token)
+    service.run_s(0.5)
+    assert service.bench.state is not State.ENABLED
+
+
+def test_a_trip_is_told_with_cause_and_value_and_reset_leaves_it(service):
+    token = service.enabled()
+    trip(service)
+    said = next(m for m in service.messages() if m.startswith("trip"))
+    assert "OVER_SPEED" in said
+    assert "limit 25" in said
+    assert "OVER_SPEED" in refused(service, "tripped", "enable", token=token)
+    assert "OVER_SPEED" in refused(service, "tripped", "set", token=token, torque_Nm=1)
+    assert service.ask("reset", token=token) == {"state": "READY"}
+    assert service.ask("enable", token=token) == {"state": "ENABLED"}
+
+
+def test_a_trip_while_enabling_is_the_answer(service):
+    token = service.acquire()
+    enabling = service.begin("enable", token=token)
+    trip(service, Trip.BUS_VOLTAGE)
+    service.step()
+    assert enabling.outcome.code == "tripped"
+    assert "bus_V_min" in enabling.outcome.message
+
+
+def test_reset_says_which_cause_is_still_there():
+    service = VirtualService()
+    token = service.enabled()
+    service.loop.virtual._tables[0]["bus_V_min"] = 29.0
+    service.run_s(0.5, token)
+    assert service.bench.state is State.TRIPPED
+    message = refused(service, "timeout", "reset", token=token)
+    assert "BUS_VOLTAGE" in message
+    assert "still there" in message
+
+
+def test_enable_is_refused_while_something_stands_against_it():
+    service = VirtualService(limits={"bus_V_min": 29.0, "bus_V_max": 31.0})
+    service.run_s(0.2)
+    assert "BUS_VOLTAGE" in refused(service, "refused", "enable", token=service.acquire())
+
+
+def test_an_enable_that_never_comes_is_answered_in_time(service):
+    token = service.acquire()
+    service.loop.running = False
+    assert "still OFF" in refused(service, "timeout", "enable", token=token)
+
+
+def test_a_dead_loop_is_a_fault_until_reset_starts_it_again(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
+    service.bench.loop_down("the loop ended: killed by SIGKILL")
+    assert service.bench.state is State.OFF
+    assert "SIGKILL" in service.bench.fault
+    assert "SIGKILL" in refused(service, "refused", "enable", token=token)
+    assert "SIGKILL" in refused(service, "refused", "set", token=token, torque_Nm=1)
+    assert service.bench.setpoint.torque_Nm == 0.0
+    service.loop.virtual._memory["state"] = State.OFF
+    assert service.ask("reset", token=token) == {"state": "OFF"}
+    assert service.restarts == 1
+    service.run_s(0.5, token)
+    assert service.bench.state is State.OFF
+
+
+def test_a_silent_loop_is_a_fault(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, brake=1.0)
+    service.loop.running = False
+    service.run_s(1.2, token)
+    assert service.bench.fault == "the loop publishes no ticks"
+    assert service.bench.setpoint.torque_Nm == 0.0
+    service.loop.running = True
+    service.step(3)
+    assert service.bench.fault == ""
+
+
+def test_reset_of_a_bench_that_is_well_changes_nothing(service):
+    token = service.enabled()
+    assert service.ask("reset", token=token) == {"state": "ENABLED"}
+
+
+def test_requests_reach_the_loop_one_at_a_time(service):
+    seen = []
+    write = service.loop.write
+
+    def spy(setpoint):
+        seen.append((int(setpoint["request_seq"][0]), int(setpoint["request"][0])))
+        write(setpoint)
+
+    service.loop.write = spy
+    for request in (Request.ENABLE, Request.DISABLE, Request.ENABLE):
+        service.bench.setpoint.request(request)
+    service.step(10)
+    carried_out = [kind for _, kind in sorted(dict(seen).items())]
+    assert carried_out[-3:] == [Request.ENABLE, Request.DISABLE, Request.ENABLE]
+    assert service.bench.state is State.ENABLED
+
+
+def test_lost_ticks_are_told(service):
+    service.step(lost=7)
+    assert service.bench.watch.lost == 7
+    assert "ring_loss" in service.kinds()

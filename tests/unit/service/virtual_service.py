@@ -1,0 +1,146 @@
+"""The supervisor's core on a virtual bench: the real kernel and rig, time that only steps."""
+
+import json
+
+import numpy as np
+
+from motord import config
+from motord.control.types import SETPOINT
+from motord.service.bench import Bench
+from motord.service.calls import Call
+from motord.service.desk import Desk
+from motord.service.events import EventLog
+from motord.service.experiments import Experiments
+from motord.service.messages import parse
+from motord.service.operate import Operate
+from motord.service.refusal import Refusal
+from motord.virtual import VirtualBench
+
+STEP_NS = 10_000_000
+START_NS = 1_000_000_000_000
+
+
+class PlanLog:
+    """A sink that keeps what it hears."""
+
+    def __init__(self):
+        self.started, self.points, self.progress, self.over = [], [], [], []
+
+    def plan_started(self, plan, view, notes):
+        self.started.append((plan, view, notes))
+
+    def plan_point(self, point):
+        self.points.append(point)
+
+    def plan_progress(self, view):
+        self.progress.append(view)
+
+    def plan_over(self, view):
+        self.over.append(view)
+
+
+class VirtualLoop:
+    """A mailbox, and the loop that reads it: `run` gives the ticks of the next 10 ms."""
+
+    def __init__(self, bench_config):
+        self.virtual = VirtualBench(bench_config)
+        self.setpoint = np.zeros(1, SETPOINT)
+        self.running = True
+
+    def write(self, setpoint):
+        self.setpoint[:] = setpoint
+
+    def run(self):
+        if not self.running:
+            return self.virtual.run(self.setpoint, 0)[0]
+        rate_Hz = self.virtual.config.loop.rate_Hz
+        return self.virtual.run(self.setpoint, rate_Hz * STEP_NS // 1_000_000_000)[0]
+
+
+class Pending:
+    """A call under way."""
+
+    def __init__(self, call):
+        self.call = call
+
+    @property
+    def outcome(self):
+        """The answer, the refusal, or None."""
+        try:
+            return self.call.wait(0)
+        except Refusal as refusal:
+            return None if refusal.code == "busy" else refusal
+
+
+class VirtualService:
+    """Bench and desk over a virtual loop; `devices` are slow devices on a wire."""
+
+    def __init__(self, devices=None, bench_config=None, **changes):
+        base = (bench_config or config.load()).model_dump()
+        for section, values in changes.items():
+            base[section].update(values)
+        self.config = config.Config.model_validate(base)
+        self.now_ns = START_NS
+        self.loop = VirtualLoop(self.config)
+        self.events = EventLog(lambda: self.now_ns)
+        self.sink = PlanLog()
+        self.bench = Bench(self.config, self.loop, devices or {}, self.events, self.sink)
+        self.restarts = 0
+        handlers = Operate(self.bench, self._restart).handlers
+        self.desk = Desk({**handlers, **Experiments(self.bench).handlers})
+        self.bench.loop_up()
+        self.step(2)
+
+    def _restart(self):
+        self.restarts += 1
+        self.bench.loop_up()
+
+    def step(self, steps=1, lost=0):
+        """Let `steps` times 10 ms pass."""
+        for _ in range(steps):
+            self.now_ns += STEP_NS
+            self.bench.step(self.loop.run(), lost, self.now_ns)
+            self.desk.step(self.now_ns)
+
+    def run_s(self, seconds, token=None):
+        """Let `seconds` pass, with the lease renewed if `token` is given."""
+        for _ in range(round(seconds * 1e9 / STEP_NS)):
+            if token:
+                self.bench.lease.renew(token, self.now_ns)
+            self.step()
+
+    def begin(self, name, /, **arguments):
+        """Bring a request, and return it as it waits."""
+        call = Call(name, parse(name, json.dumps(arguments).encode()))
+        self.desk.handle(call, self.now_ns)
+        return Pending(call)
+
+    def ask(self, name, /, **arguments):
+        """Return the answer to a request, let as much time pass as it takes; raises Refusal."""
+        pending = self.begin(name, **arguments)
+        for _ in range(500):
+            outcome = pending.outcome
+            if outcome is not None:
+                break
+            self.step()
+        if isinstance(outcome, Refusal):
+            raise outcome
+        return outcome
+
+    def acquire(self, holder="anna", force=False):
+        """Return a token."""
+        return self.ask("lease/acquire", holder=holder, force=force)["token"]
+
+    def enabled(self):
+        """Return the token of a commander who has enabled the bench."""
+        token = self.acquire()
+        self.ask("enable", token=token)
+        return token
+
+    def kinds(self):
+        """Return the kinds of all events."""
+        return [event.kind for event in self.events.recent()]
+
+    def messages(self):
+        """Return all events in words."""
+        return [f"{event.kind}: {event.message}" for event in self.events.recent()]
