@@ -1,0 +1,198 @@
+"""From operating points to a calibration, one point at a time, by either estimator."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from motord.calibration import Harmonic
+from motord.config import MotorConfig, TorqueSensorConfig
+from motord.identify import star
+from motord.identify.basis import ALPHA, FIRST_COGGING, Basis
+from motord.identify.checks import check_fit, check_points
+from motord.identify.joint import Fit, fit
+from motord.identify.moments import PointMoments, accumulate
+from motord.identify.orders import allowed_orders
+from motord.identify.points import PointData, prepare
+from motord.identify.residual import ResidualEstimator
+from motord.identify.result import CalibrationResult, Method
+from motord.identify.ripple import harmonics_table
+from motord.identify.turns import Turns
+from motord.identify.verify import PointRipple, point_ripple
+
+COUNTS_PER_PERIOD = 4
+"""Encoder counts that a period of the highest cogging order needs."""
+
+SAMPLES_PER_PERIOD = 2.4
+"""Samples that a period of the highest cogging order needs, at the fastest operating point."""
+
+
+class Calibrator:
+    """Takes operating points one by one; then gives the result of either estimator.
+
+    What it keeps of a point does not grow with the number of samples.
+    """
+
+    def __init__(self, motor: MotorConfig, sensor: TorqueSensorConfig) -> None:
+        self._motor, self._sensor = motor, sensor
+        self._orders = allowed_orders(
+            motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_PERIOD
+        )
+        self._basis = Basis.of(motor, self._orders)
+        self._points: list[PointMoments] = []
+        self._residual = ResidualEstimator(motor, self._orders)
+        self._ripples: list[PointRipple] = []
+
+    def add(self, point: PointData) -> None:
+        """Take an operating point. Raises IdentifyError."""
+        samples = prepare(point, self._motor.counts)
+        self._points.append(accumulate(samples, self._basis, self._sensor))
+        self._residual.add(samples)
+        self._ripples.append(point_ripple(samples, self._motor, self._sensor))
+
+    def result(self, method: Method) -> CalibrationResult:
+        """Return what all points together give. Raises IdentifyError."""
+        return self.joint() if method == "joint" else self.residual()
+
+    def joint(self) -> CalibrationResult:
+        """Return the result of the joint estimator. Raises IdentifyError."""
+        check_points(self._points)
+        basis, dropped = self._sampled_basis()
+        is_star = self._motor.connection == "star"
+        turns = Turns.of(self._points, self._basis, is_star).keep(basis)
+        rated_A = rated_current_A(self._motor)
+        fitted = fit(turns, rated_A)
+        check_fit(fitted)
+        words = _what_was_seen(fitted)
+        if is_star:
+            words.append(star.compare(turns, rated_A))
+        if dropped:
+            words.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+        harmonics = _harmonics(fitted, basis.orders)
+        return CalibrationResult(
+            method="joint",
+            alpha=fitted.solution.alpha,
+            alpha_stderr=fitted.stderr[ALPHA],
+            beta_A=fitted.solution.theta[3:FIRST_COGGING],
+            beta_stderr_A=fitted.stderr[3:FIRST_COGGING],
+            delta_epsilon=fitted.solution.delta_epsilon,
+            delta_epsilon_stderr=(
+                float(fitted.stderr[-1]) if fitted.gauge.gain_direction is None else None
+            ),
+            tau_cog_Nm=_table(harmonics, self._motor.counts),
+            harmonics=harmonics,
+            observable=tuple(words),
+            condition_number=fitted.condition_number,
+            ripples=tuple(self._ripples),
+        )
+
+    def residual(self) -> CalibrationResult:
+        """Return the result of the report's estimator. Raises IdentifyError."""
+        fitted = self._residual.solve()
+        harmonics = tuple(
+            Harmonic(
+                order=order,
+                amplitude_Nm=float(np.abs(line)),
+                phase_rad=float(np.angle(line * 1j)),
+                stderr_Nm=float(stderr),
+            )
+            for order, line, stderr in zip(
+                self._orders, fitted.line, fitted.line_stderr_Nm, strict=True
+            )
+        )
+        return CalibrationResult(
+            method="residual",
+            alpha=fitted.alpha,
+            alpha_stderr=fitted.alpha_stderr,
+            beta_A=fitted.beta_A,
+            beta_stderr_A=fitted.beta_stderr_A,
+            delta_epsilon=1.0,
+            delta_epsilon_stderr=None,
+            tau_cog_Nm=fitted.z_Nm,
+            harmonics=harmonics,
+            observable=(
+                "alpha and cogging torque have the same orders: this estimator gives some of the "
+                "one to the other, and its standard errors do not know of it",
+                "common gain delta epsilon: assumed to be 1",
+            ),
+            condition_number=fitted.condition_number,
+            ripples=tuple(self._ripples),
+        )
+
+    def _sampled_basis(self) -> tuple[Basis, str]:
+        """Return the basis of the orders that every point samples, and the others in words."""
+        fewest = min(point.ticks_per_turn for point in self._points)
+        highest = fewest / SAMPLES_PER_PERIOD
+        kept = tuple(order for order in self._orders if order <= highest)
+        dropped = [str(order) for order in self._orders if order > highest]
+        return Basis.of(self._motor, kept), ", ".join(dropped)
+
+
+def calibrate(
+    points: Iterable[PointData],
+    motor: MotorConfig,
+    sensor: TorqueSensorConfig,
+    method: Method = "joint",
+) -> CalibrationResult:
+    """Identify alpha, beta and cogging torque. Raises IdentifyError for what cannot be told."""
+    calibrator = Calibrator(motor, sensor)
+    for point in points:
+        calibrator.add(point)
+    return calibrator.result(method)
+
+
+def rated_current_A(motor: MotorConfig) -> float:
+    """Return the peak of the phase currents that make rated torque with least copper loss."""
+    k = motor.back_emf_table()
+    if motor.connection == "star":
+        k = k - k.mean(axis=1, keepdims=True)
+    power = np.maximum((k**2).sum(axis=1, keepdims=True), 1e-12)
+    return float(np.abs(motor.rated_torque_Nm * k / power).max())
+
+
+def _harmonics(fitted: Fit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:
+    found = []
+    for row, order in enumerate(orders):
+        place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
+        cosine, sine = fitted.solution.theta[place]
+        amplitude = float(np.hypot(cosine, sine))
+        direction = np.array([cosine, sine]) / max(amplitude, 1e-300)
+        variance = direction @ fitted.covariance[place, place] @ direction
+        found.append(
+            Harmonic(
+                order=order,
+                amplitude_Nm=amplitude,
+                phase_rad=float(np.arctan2(cosine, sine)),
+                stderr_Nm=float(np.sqrt(variance)),
+            )
+        )
+    return tuple(found)
+
+
+def _table(harmonics: tuple[Harmonic, ...], counts: int) -> np.ndarray:
+    return harmonics_table(
+        np.array([h.order for h in harmonics]),
+        np.array([h.amplitude_Nm for h in harmonics]),
+        np.array([h.phase_rad for h in harmonics]),
+        counts,
+    )
+
+
+def _what_was_seen(fitted: Fit) -> list[str]:
+    """Return what was not identifiable, and how it was fixed, in words."""
+    words = []
+    if fitted.gauge.gain_direction is None:
+        value, stderr = fitted.solution.delta_epsilon, fitted.stderr[-1]
+        words.append(f"common gain delta epsilon: measured, {value:.4f} +- {stderr:.4f}")
+    else:
+        words.append(
+            "common gain delta epsilon: not seen (it makes mean torque only); assumed to be 1, "
+            "product of alpha set to 1"
+        )
+    if fitted.gauge.offset_seen:
+        words.append("common offset of the currents: measured")
+    else:
+        words.append(
+            "common offset of the currents: not seen (the back-EMFs add up to nothing); "
+            "sum of beta set to 0"
+        )
+    return words

@@ -1,0 +1,113 @@
+"""Sums of products over each turn: all that the joint estimator needs of the samples.
+
+A turn of any number of samples becomes one small matrix, so memory grows with turns, not with
+samples, and a run can be read block by block.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.config import TorqueSensorConfig
+from motord.identify.basis import Basis, fill_columns, highpass
+from motord.identify.points import Samples
+from motord.identify.sensor import MountInverse
+
+BAND_MARGIN = 1.4
+"""Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
+
+
+@dataclass(frozen=True)
+class PointMoments:
+    """The turns of one operating point.
+
+    torque (turns, width, width): sums over each turn of products of the basis' columns, each
+    column freed of its mean and slope over the turn (the sensor is AC coupled and drifts).
+    currents (turns, 7, 7): the same of [i*_a, i*_b, i*_c, 1, i_cmd_a, i_cmd_b, i_cmd_c], as they
+    are. samples (turns,). ticks_per_turn: samples in the turn that has fewest.
+    """
+
+    label: str
+    torque_set_Nm: float
+    speed_Hz: float
+    torque: np.ndarray
+    currents: np.ndarray
+    samples: np.ndarray
+
+    @property
+    def ticks_per_turn(self) -> int:
+        """Samples in the turn that has fewest."""
+        return int(self.samples.min())
+
+
+def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> PointMoments:
+    """Sum up the whole turns of an operating point."""
+    y_Nm = measured_torque(samples, max(basis.orders, default=1), sensor)
+    dt_s = np.diff(samples.t_s, prepend=samples.t_s[0])
+    state = _settled(samples, basis)
+    turns = len(samples.turns)
+    torque = np.empty((turns, basis.width, basis.width))
+    currents = np.empty((turns, 7, 7))
+    for row, (first, end) in enumerate(((0, samples.turns[0][0]), *samples.turns)):
+        columns = np.empty((end - first, basis.width))
+        part = slice(first, end)
+        fill_columns(
+            samples.count[part],
+            samples.i_A[part],
+            samples.command_A[part],
+            basis.back_emf,
+            basis.cogging,
+            columns,
+        )
+        if sensor.highpass_time_constant_s > 0:
+            highpass(columns, dt_s[part], sensor.highpass_time_constant_s, state)
+        if row > 0:  # what comes before the first zero point only settles the high-pass
+            columns[:, -1] = y_Nm[part]
+            torque[row - 1] = _products_without_trend(columns, samples.t_s[part])
+            currents[row - 1] = _current_products(samples, part)
+    return PointMoments(
+        label=samples.label,
+        torque_set_Nm=samples.torque_set_Nm,
+        speed_Hz=samples.speed_Hz,
+        torque=torque,
+        currents=currents,
+        samples=np.array([end - first for first, end in samples.turns]),
+    )
+
+
+def measured_torque(samples: Samples, highest_order: int, sensor: TorqueSensorConfig) -> np.ndarray:
+    """Return the measured torque freed of its mean and of the mount's resonance (Nm)."""
+    torque_Nm: np.ndarray = samples.torque_Nm - samples.torque_Nm.mean()
+    if sensor.resonance_Hz == 0:
+        return torque_Nm
+    band_Hz = BAND_MARGIN * highest_order * samples.speed_Hz
+    inverse = MountInverse.of(sensor, samples.period_s, band_Hz)
+    return inverse.apply(samples.t_s, torque_Nm)
+
+
+def _settled(samples: Samples, basis: Basis) -> np.ndarray:
+    """Return the high-pass' state after a long time in this operating point."""
+    first, end = samples.turns[0]
+    k = basis.back_emf[samples.count[first:end]]
+    state = np.zeros((2, basis.width))
+    state[:, :3] = (samples.i_A[first:end] * k).mean(axis=0)
+    state[:, basis.instruments] = (samples.command_A[first:end] * k).mean(axis=0)
+    return state
+
+
+def _products_without_trend(columns: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Return columns' columns after taking mean and slope out of each column."""
+    trend = np.empty((t_s.size, 2))
+    trend[:, 0] = 1 / np.sqrt(t_s.size)
+    centred_s = t_s - t_s.mean()
+    trend[:, 1] = centred_s / max(float(np.linalg.norm(centred_s)), 1e-300)
+    share = trend.T @ columns
+    products: np.ndarray = columns.T @ columns - share.T @ share
+    return products
+
+
+def _current_products(samples: Samples, part: slice) -> np.ndarray:
+    i_A, command_A = samples.i_A[part], samples.command_A[part]
+    rows = np.column_stack([i_A, np.ones(i_A.shape[0]), command_A])
+    products: np.ndarray = rows.T @ rows
+    return products

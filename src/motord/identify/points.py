@@ -1,0 +1,179 @@
+"""Operating points as samples: whole turns, currents at the instants of the torque samples."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from motord.identify import IdentifyError
+from motord.identify.align import interpolate
+
+CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
+COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
+REQUIRED = ("t_ns", "encoder_count", *CURRENTS, "torque_Nm")
+
+GOOD = "ok"
+"""Quality of an operating point that was taken as it should be."""
+
+
+@dataclass(frozen=True)
+class PointData:
+    """One captured operating point: its set-points and the ticks of its capture.
+
+    ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
+    where the source has them. compensate: 0 without compensation (schema.Compensate).
+    """
+
+    torque_Nm: float
+    speed_Hz: float
+    ticks: np.ndarray
+    compensate: int = 0
+
+
+@dataclass(frozen=True)
+class Samples:
+    """An operating point ready to be identified from; n samples, time rising strictly.
+
+    t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
+    command_A (n, 3), equal to i_A where none was recorded; turns: (first, end) of each whole turn.
+    """
+
+    torque_set_Nm: float
+    speed_set_Hz: float
+    compensate: int
+    t_s: np.ndarray
+    count: np.ndarray
+    torque_Nm: np.ndarray
+    i_A: np.ndarray
+    command_A: np.ndarray
+    turns: tuple[tuple[int, int], ...]
+
+    @property
+    def label(self) -> str:
+        """Set-points in words."""
+        return f"{self.torque_set_Nm:g} Nm, {self.speed_set_Hz:g} Hz"
+
+    @property
+    def period_s(self) -> float:
+        """Time between samples, the median (s)."""
+        return float(np.median(np.diff(self.t_s)))
+
+    @property
+    def whole(self) -> slice:
+        """All samples of whole turns."""
+        return slice(self.turns[0][0], self.turns[-1][1])
+
+    @property
+    def speed_Hz(self) -> float:
+        """Mean speed over the whole turns (turns/s)."""
+        duration_s = self.t_s[self.turns[-1][1] - 1] - self.t_s[self.turns[0][0]]
+        return float(len(self.turns) / (duration_s + self.period_s))
+
+
+def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> Iterator[PointData]:
+    """Yield the good operating points of a run, in their order.
+
+    ticks: all ticks of the run, with columns `tick` and `plan_point` besides those of a point.
+    operating_points: dicts as recorded in `/operating_point`; those not of good quality, and
+    takes that were taken again, are left out.
+    """
+    for point in good_points(operating_points):
+        first, last = int(point["tick_start"]), int(point["tick_end"])
+        begin, end = np.searchsorted(ticks["tick"], [first, last + 1])
+        chosen = ticks[begin:end]
+        yield PointData(
+            torque_Nm=float(point["torque_Nm"]),
+            speed_Hz=float(point["speed_Hz"]),
+            ticks=chosen[chosen["plan_point"] == int(point["index"])],
+            compensate=int(point.get("compensate", 0)),
+        )
+
+
+def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the operating points of good quality, of several takes the last, in time order."""
+    latest: dict[tuple[int, int], Mapping[str, Any]] = {}
+    for point in operating_points:
+        key = (int(point["index"]), int(point.get("compensate", 0)))
+        if point.get("quality", GOOD) == GOOD:
+            latest[key] = point
+    return sorted(latest.values(), key=lambda point: int(point["tick_start"]))
+
+
+def prepare(point: PointData, counts: int) -> Samples:
+    """Return the samples of a point. Raises IdentifyError where there is no whole turn."""
+    label = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz"
+    names = point.ticks.dtype.names or ()
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
+    ticks = _fresh(point.ticks)
+    t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9 if ticks.size else np.zeros(0)
+    i_A = _columns(ticks, CURRENTS)
+    command_A = _columns(ticks, COMMANDS) if set(COMMANDS) <= set(names) else i_A
+    if "i_age_ns" in names and ticks["i_age_ns"].any():
+        i_A = _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
+        if command_A is not i_A and not set(COMMANDS) <= set(names):
+            command_A = i_A
+    if not np.isfinite(command_A).all():
+        command_A = i_A
+    torque_Nm = ticks["torque_Nm"].astype(float)
+    good = np.isfinite(torque_Nm) & np.isfinite(i_A).all(axis=1)
+    count = ticks["encoder_count"][good].astype(np.int64)
+    if count.size and not 0 <= count.min() <= count.max() < counts:
+        raise IdentifyError(
+            f"{label}: encoder counts from {count.min()} to {count.max()}, "
+            f"but the motor has {counts} counts a turn; correct counts in [motor]"
+        )
+    return Samples(
+        torque_set_Nm=point.torque_Nm,
+        speed_set_Hz=point.speed_Hz,
+        compensate=point.compensate,
+        t_s=t_s[good],
+        count=count,
+        torque_Nm=torque_Nm[good],
+        i_A=np.ascontiguousarray(i_A[good]),
+        command_A=np.ascontiguousarray(command_A[good]),
+        turns=_whole_turns(count, counts, label),
+    )
+
+
+def _fresh(ticks: np.ndarray) -> np.ndarray:
+    """Drop ticks that repeat a sample (their time does not rise)."""
+    rising = np.ones(ticks.size, bool)
+    rising[1:] = ticks["t_ns"][1:] > np.maximum.accumulate(ticks["t_ns"])[:-1]
+    return ticks[rising]
+
+
+def _columns(ticks: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    return np.column_stack([ticks[name].astype(float) for name in names])
+
+
+def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
+    """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
+    source_s = t_s - age_s
+    fresh = np.ones(source_s.size, bool)
+    fresh[1:] = source_s[1:] > np.maximum.accumulate(source_s)[:-1]
+    fresh &= np.isfinite(i_A).all(axis=1)
+    moved = np.empty_like(i_A)
+    interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)
+    return moved
+
+
+def _whole_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int, int], ...]:
+    """Return (first, end) of each turn from zero point to zero point, either way round."""
+    steps = np.diff(count, prepend=count[:1])
+    steps = (steps + counts // 2) % counts - counts // 2
+    position = (count[0] if count.size else 0) + np.cumsum(steps)
+    if count.size and position[-1] < position[0]:
+        position = -position
+    turn = np.maximum.accumulate(position // counts) if count.size else position
+    first, last = (turn[0] + 1, turn[-1]) if count.size else (0, 0)
+    edges = np.searchsorted(turn, np.arange(first, last + 1))
+    pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
+    if not pairs:
+        raise IdentifyError(
+            f"{label}: no whole turn from zero point to zero point; record at least 2 turns"
+        )
+    return pairs

@@ -1,0 +1,80 @@
+"""The torque sensor: what it does to a torque, and how that is undone.
+
+H(s) = s tau / (1 + s tau) * wn^2 / (s^2 + 2 zeta wn s + wn^2): the charge amplifier's high-pass
+and the motor on its mount. The high-pass is applied to the model (its inverse would integrate
+noise), the mount's resonance is taken out of the measurement (it lies above what is of interest).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.config import TorqueSensorConfig
+
+HALF_LENGTH = 12
+"""Samples on either side that the inverse of the mount uses."""
+
+OUT_OF_BAND_WEIGHT = 1e-5
+"""How much gain above the band counts against accuracy in the band."""
+
+
+def response(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray:
+    """Return H at the frequencies, complex."""
+    s = 2j * np.pi * np.asarray(frequency_Hz, float)
+    h = np.ones_like(s)
+    if sensor.highpass_time_constant_s > 0:
+        h = s * sensor.highpass_time_constant_s / (1 + s * sensor.highpass_time_constant_s)
+    gain: np.ndarray = h / _mount_inverse(sensor, np.asarray(frequency_Hz, float))
+    return gain
+
+
+def _mount_inverse(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray:
+    if sensor.resonance_Hz == 0:
+        return np.ones_like(frequency_Hz, complex)
+    x = frequency_Hz / sensor.resonance_Hz
+    return 1 - x**2 + 2j * sensor.damping_ratio * x
+
+
+@dataclass(frozen=True)
+class MountInverse:
+    """Takes the mount's resonance out of samples `period_s` apart; right up to `band_Hz`.
+
+    A filter of 2 HALF_LENGTH + 1 taps around each sample, least squares in the band. Above it the
+    gain is kept small: there is nothing but noise.
+    """
+
+    taps: np.ndarray
+    period_s: float
+
+    @classmethod
+    def of(cls, sensor: TorqueSensorConfig, period_s: float, band_Hz: float) -> "MountInverse":
+        """Design the filter for samples `period_s` apart."""
+        band = min(band_Hz * period_s, 0.45)
+        x = np.linspace(0, 0.5, 400)
+        wanted = np.where(x <= band, _mount_inverse(sensor, x / period_s), 0)
+        weight = np.where(x <= band, 1.0, np.where(x <= 1.3 * band, 0.0, OUT_OF_BAND_WEIGHT))
+        k = np.arange(HALF_LENGTH + 1)
+        even = np.cos(2 * np.pi * np.outer(x, k)) * np.where(k == 0, 1, 2)
+        odd = -2 * np.sin(2 * np.pi * np.outer(x, k[1:]))
+        a = _weighted_least_squares(even, wanted.real, weight)
+        b = _weighted_least_squares(odd, wanted.imag, weight)
+        # y[n] = sum_k taps[k] x[n - k]: a delay by k turns phase by -2 pi x k
+        taps = np.concatenate([(a[1:] - b)[::-1], a[:1], a[1:] + b])
+        return cls(taps, period_s)
+
+    def apply(self, t_s: np.ndarray, torque_Nm: np.ndarray) -> np.ndarray:
+        """Return the torque with the mount's resonance taken out, at the same times.
+
+        Samples that are missing are filled straight from their neighbours.
+        """
+        index = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
+        grid = np.interp(np.arange(index[-1] + 1), index, torque_Nm)
+        padded = np.pad(grid, HALF_LENGTH, mode="edge")
+        filtered: np.ndarray = np.convolve(padded, self.taps, mode="valid")[index]
+        return filtered
+
+
+def _weighted_least_squares(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    root = np.sqrt(weight)
+    solution: np.ndarray = np.linalg.lstsq(a * root[:, None], b * root, rcond=None)[0]
+    return solution
