@@ -42,10 +42,10 @@ class SignalCodec:
             real, raw = _FLOATS[bits]
             self._float = struct.Struct(real), struct.Struct(raw)
             largest = real_max(bits)
-            self._low, self._high = -largest, largest
+            self._low: float = -largest
+            self._high: float = largest
         else:
-            low, high = _raw_range(signal)
-            self._low, self._high = float(low), float(high)
+            self._low, self._high = _raw_range(signal)
 
     def extract(self, payload: int) -> float:
         """Return the physical value in `payload`."""
@@ -60,7 +60,11 @@ class SignalCodec:
         if value != value:
             value = 0.0
         scaled = (value - self._offset) / self._scale
-        scaled = min(max(scaled, self._low), self._high)
+        # limits of integer signals are integers, so that the widest do not round up and wrap
+        if scaled >= self._high:
+            scaled = self._high
+        elif scaled <= self._low:
+            scaled = self._low
         if self._float is not None:
             real, bits = self._float
             return int(bits.unpack(real.pack(scaled))[0]) << self._shift

@@ -192,4 +192,8 @@ def _near(name: str, names: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, known, 3, 0.5)
     if near:
         return f"did you mean {' or '.join(near)}?"
-    return f"it has {', '.join(known[:8])}{', ...' if len(known) > 8 else ''}" if known else "none"
+    return (
+        f"it has {', '.join(known[:8])}{', ...' if len(known) > 8 else ''}"
+        if known
+        else "it has none"
+    )

@@ -1,0 +1,311 @@
+"""The other ends of the wires, in threads: a drive and a bridge board that tests can upset."""
+
+import os
+import select
+import threading
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any
+
+import can
+
+from motord.config import CanConfig, Config, MotorConfig, packaged
+from motord.schema import BridgeStatus, InverterStatus
+from motord.wire import dbc, frames
+from motord.wire.stream import StreamDecoder
+
+PERIOD_S = 0.001
+DEADLINE_S = 10.0
+
+CHANNEL = "239.74.163.77"
+SIGNALS = {
+    "command_i_A": tuple(f"CurrentCommand.Current{p}" for p in "ABC"),
+    "command_enable": "CurrentCommand.Enable",
+    "command_counter": "CurrentCommand.Counter",
+    "command_crc": "CurrentCommand.Checksum",
+    "feedback_i_A": tuple(f"PhaseFeedback.Current{p}" for p in "ABC"),
+    "feedback_u_V": tuple(f"PhaseFeedback.Voltage{p}" for p in "ABC"),
+    "feedback_u_bus_V": "InverterStatus.BusVoltage",
+    "feedback_temperature_C": "InverterStatus.Temperature",
+    "feedback_status": "InverterStatus.Status",
+    "feedback_counter": ("PhaseFeedback.Counter", "InverterStatus.Counter"),
+    "feedback_crc": ("PhaseFeedback.Checksum", "InverterStatus.Checksum"),
+}
+MOTOR = MotorConfig(
+    name="test",
+    pole_pairs=8,
+    slots=48,
+    counts=4096,
+    rated_torque_Nm=6.0,
+    connection="independent",
+    back_emf=({"order": 1, "amplitude_V_s_per_rad": 0.206},),
+)
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    """Return what `condition` returns once it is true; fails if it stays false for long."""
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not (result := condition()):
+        assert time.monotonic() < deadline_s, f"not within {DEADLINE_S:g} s: {condition}"
+        time.sleep(PERIOD_S / 4)
+    return result
+
+
+_ports = count(43_200 + os.getpid() % 500 * 16)
+
+
+def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
+    """Return a bus of its own, so that tests that run at the same time do not hear each other."""
+    port = next(_ports)
+    own = (
+        {"channel": CHANNEL, "options": {"port": port, "hop_limit": 0}}
+        if interface == "udp_multicast"
+        else {"channel": f"test-{port}"}
+    )
+    return CanConfig(
+        **{
+            "interface": interface,
+            "dbc": packaged("inverter.dbc"),
+            "signals": SIGNALS,
+            "connect_timeout_s": DEADLINE_S,
+            **own,
+            **changes,
+        }
+    )
+
+
+def bench(can: CanConfig | None = None, port: str = "/dev/null", **bridge: Any) -> Config:
+    """Return a bench with these wires."""
+    return Config(
+        motor=MOTOR,
+        inverter={"driver": "can", "can": can or can_config("virtual")},
+        bridge={
+            "driver": "serial",
+            "port": port,
+            "connect_timeout_s": DEADLINE_S,
+            "adc_V_per_count": 0.001,
+            **bridge,
+        },
+        torque_sensor={"gain_Nm_per_V": 2.0},
+    )
+
+
+class Peer:
+    """A thread that calls `step` until it is closed."""
+
+    def __init__(self) -> None:
+        self.silent = False
+        self.corrupt = 0  # frames to spoil
+        self.lose = 0  # frames to leave out
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def step(self) -> None:
+        raise NotImplementedError
+
+    def release(self) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._stopping = True
+        self._thread.join()
+        self.release()
+
+    def _run(self) -> None:
+        while not self._stopping:
+            self.step()
+
+
+class Drive(Peer):
+    """An inverter on CAN: answers with `values`, keeps the newest command."""
+
+    def __init__(self, config: CanConfig) -> None:
+        self.codec = dbc.load(config)
+        self.commands = 0
+        self.corrupt_commands = 0
+        self.i_A: tuple[float, ...] = (9.0, 9.0, 9.0)
+        self.enable = True
+        ready = self.codec.status_word(InverterStatus.READY | InverterStatus.ENABLE_LINE)
+        self.values = {
+            "i_a_A": 1.0,
+            "i_b_A": -2.5,
+            "i_c_A": 1.5,
+            "u_a_V": 3.0,
+            "u_b_V": -6.0,
+            "u_c_V": 3.0,
+            "u_bus_V": 24.0,
+            "temperature_C": 41.5,
+            "status": ready,
+        }
+        self._config = config
+        self._counter = 0
+        self._bus = can.Bus(
+            config.channel, config.interface, ignore_config=True, fd=config.fd, **config.options
+        )
+        super().__init__()
+
+    def step(self) -> None:
+        message = self._bus.recv(PERIOD_S)
+        while message is not None:
+            if message.arbitration_id == self.codec.command.identifier:
+                self._obey(bytes(message.data))
+            message = self._bus.recv(0)
+        if not self.silent:
+            self._speak()
+
+    def send(self, message: can.Message) -> None:
+        self._bus.send(message)
+
+    def release(self) -> None:
+        self._bus.shutdown()
+
+    def _obey(self, payload: bytes) -> None:
+        command = self.codec.decode_command(payload)
+        if command is None:
+            self.corrupt_commands += 1
+            return
+        self.i_A, self.enable = command
+        self.commands += 1
+
+    def _speak(self) -> None:
+        self._counter += 1
+        if self.lose:
+            self.lose -= 1
+            return
+        for codec, payload in self.codec.encode_feedback(self.values, self._counter):
+            data = bytearray(payload)
+            if self.corrupt:
+                data[0] ^= 0x10
+            self._bus.send(
+                can.Message(
+                    arbitration_id=codec.identifier,
+                    is_extended_id=codec.extended,
+                    is_fd=self._config.fd,
+                    data=data,
+                )
+            )
+        self.corrupt = max(self.corrupt - 1, 0)
+
+
+@dataclass
+class Identity:
+    """What a board says of itself."""
+
+    protocol: int = frames.PROTOCOL
+    firmware: int = frames.firmware(1, 2, 3)
+    board: bytes = b"fake"
+    serial: int = 7
+    counts: int = 4096
+    layout: int = frames.LAYOUT_HASH
+    rates_Hz: list[int] = field(default_factory=list)  # those it can do; none: all
+
+
+class Board(Peer):
+    """A bridge board behind a pseudo-terminal; the host opens `port`."""
+
+    def __init__(self, identity: Identity | None = None) -> None:
+        self.identity = identity or Identity()
+        self.line_closed = True
+        self.heartbeats = 0
+        self.configured: frames.Configure | None = None
+        self.starts = 0
+        self.streaming = False
+        self.errors = 0
+        self.dropped = 0
+        self.torque_counts = 1500
+        self.encoder_gray = 0x5A5
+        self.status = 0
+        self.clock_offset_us = 0
+        self.reboot = False
+        self.raw = b""  # to be sent as it is
+        self._rate_Hz = 1000
+        self._heartbeat = (0, 0)
+        self._sequence = 0
+        self._decoder = StreamDecoder()
+        self._fd, self._host_fd = os.openpty()
+        tty.setraw(self._host_fd)
+        os.set_blocking(self._fd, False)
+        self.port = os.ttyname(self._host_fd)
+        super().__init__()
+
+    def clock_us(self) -> int:
+        return (time.monotonic_ns() // 1000 + self.clock_offset_us) % frames.CLOCK_MODULUS_US
+
+    def step(self) -> None:
+        if self.reboot:
+            self.reboot = False
+            self.streaming = False
+            self._sequence = 0
+            self.clock_offset_us = -(time.monotonic_ns() // 1000)
+            self._send(self._hello())
+        if select.select([self._fd], [], [], PERIOD_S)[0]:
+            for number, frame in self._decoder.feed(os.read(self._fd, 65536)):
+                self._obey(number, frame)
+        if self.raw:
+            os.write(self._fd, self.raw)
+            self.raw = b""
+        if self.streaming and not self.silent:
+            status = self.status | (BridgeStatus.ENABLE_LINE if self.line_closed else 0)
+            self._send(
+                frames.Sample(self.clock_us(), self.encoder_gray, self.torque_counts, status)
+            )
+            self._send(self._account())
+
+    def release(self) -> None:
+        os.close(self._fd)
+        os.close(self._host_fd)
+
+    def _obey(self, number: int, frame: frames.Frame) -> None:
+        if isinstance(frame, frames.Heartbeat):
+            self.heartbeats += 1
+            self._heartbeat = (number, self.clock_us())
+            self.line_closed = bool(frame.enable)
+        elif isinstance(frame, frames.HelloRequest):
+            self._send(self._hello())
+        elif isinstance(frame, frames.Configure):
+            self.configured = frame
+            if not self.identity.rates_Hz or frame.rate_Hz in self.identity.rates_Hz:
+                self._rate_Hz = frame.rate_Hz
+            self._send(self._account())
+        else:
+            self.streaming = isinstance(frame, frames.Start)
+            self.starts += self.streaming
+            self._send(self._account())
+
+    def _hello(self) -> frames.Hello:
+        me = self.identity
+        return frames.Hello(
+            me.protocol, me.firmware, me.board, me.serial, self._rate_Hz, me.counts, me.layout
+        )
+
+    def _account(self) -> frames.Status:
+        number, t_us = self._heartbeat
+        return frames.Status(
+            self.clock_us(),
+            self.status,
+            number,
+            t_us,
+            self.heartbeats,
+            self.errors,
+            self.dropped,
+            self._rate_Hz,
+            int(self.streaming),
+        )
+
+    def _send(self, frame: frames.Frame) -> None:
+        data = bytearray(frames.encode(frame, self._sequence))
+        self._sequence = (self._sequence + 1) % frames.SEQUENCE_MODULUS
+        if self.lose:
+            self.lose -= 1
+            return
+        if self.corrupt:
+            self.corrupt -= 1
+            data[3] ^= 0x41
+        try:
+            os.write(self._fd, data)
+        except BlockingIOError:
+            self.dropped += 1

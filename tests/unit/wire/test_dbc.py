@@ -1,0 +1,148 @@
+"""A wrong DBC or a wrong name in the signal map is one clear line."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from motord.config import CanConfig, ConfigError, packaged
+from motord.wire import dbc
+from motord.wire.can_codec import EXTENDED, InverterCodec
+from tests.contract.peers import SIGNALS
+
+HEADER = 'VERSION ""\nNS_ :\nBS_:\nBU_: Host Drive\n'
+COMMAND = """
+BO_ {identifier} Command: 8 Host
+ SG_ RefA : 7|16@0- (0.01,0) [-100|100] "A" Drive
+ SG_ RefB : 23|16@0- (0.01,0) [-100|100] "A" Drive
+ SG_ RefC : 39|16@0- (0.01,0) [-100|100] "A" Drive
+ SG_ Control : 48|4@1+ (1,0) [0|15] "" Drive
+ SG_ Mode : 52|4@1+ (1,0) [0|15] "" Drive
+ SG_ Alive : 63|8@0+ (1,0) [0|255] "" Drive
+"""
+FEEDBACK = """
+BO_ 2 Currents: 7 Drive
+ SG_ A : 0|16@1- (0.01,0) [0|0] "A" Host
+ SG_ B : 16|16@1- (0.01,0) [0|0] "A" Host
+ SG_ C : 32|16@1- (0.01,0) [0|0] "A" Host
+ SG_ Half : 48|4@1+ (1,0) [0|0] "" Host
+ SG_ Scaled : 52|4@1+ (2,0) [0|0] "" Host
+
+BO_ 3 State: 2 Drive
+ SG_ Word M : 0|8@1+ (1,0) [0|0] "" Host
+ SG_ Extra m1 : 8|8@1+ (1,0) [0|0] "" Host
+
+BO_ 4 Other: 2 Drive
+ SG_ Count : 0|8@1+ (1,0) [0|0] "" Host
+"""
+NAMES: dict[str, Any] = {
+    "command_i_A": ("Command.RefA", "Command.RefB", "Command.RefC"),
+    "command_enable": "Command.Control",
+    "feedback_i_A": ("Currents.A", "Currents.B", "Currents.C"),
+    "feedback_status": "State.Word",
+}
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    return write(tmp_path, HEADER + COMMAND.format(identifier=1) + FEEDBACK)
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "drive.dbc"
+    path.write_text(text)
+    return path
+
+
+def load(path: Path, fd: bool = True, **names: Any) -> InverterCodec:
+    return dbc.load(CanConfig(dbc=path, fd=fd, signals=NAMES | names))
+
+
+def error_of(path: Path, fd: bool = True, **names: Any) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(path, fd, **names)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert "\n" not in message
+    return message
+
+
+def test_the_packaged_dbc_fits_its_documented_map() -> None:
+    codec = dbc.load(CanConfig(dbc=packaged("inverter.dbc"), signals=SIGNALS))
+    assert (codec.command.identifier, codec.command.size_bytes) == (0x100, 8)
+    assert [(m.identifier, m.size_bytes) for m in codec.feedback] == [(0x180, 16), (0x181, 8)]
+    assert all(m.checks.crc_byte == m.size_bytes - 1 for m in codec.feedback)
+
+
+def test_big_endian_command_with_control_word_and_constants(drive: Path) -> None:
+    codec = load(
+        drive,
+        command_enable_value=15,
+        command_counter="Command.Alive",
+        command_constants={"Command.Mode": 9},
+    )
+    payload = codec.encode_command((1.0, -1.0, 0.5), True, 0x1FE)
+    assert payload.hex() == "0064ff9c00329ffe"
+    assert codec.decode_command(payload) == ((1.0, -1.0, 0.5), True)
+    assert codec.command.counter(payload) == 0xFE
+    assert codec.encode_command((999.0, -999.0, 0), False, 0).hex()[:8] == "2710d8f0"  # DBC limits
+
+
+def test_a_message_of_odd_length_is_padded_and_unguarded(drive: Path) -> None:
+    codec = load(drive, feedback_counter=("Currents.Half",))
+    currents = codec.feedback[0]
+    payload = currents.encode((1.0, 2.0, 3.0), 21)
+    assert (len(payload), currents.counter(payload)) == (7, 5)
+    assert codec.feedback[1].counter(b"\0\0") == 0
+    assert currents.decode(payload + b"\0") is None
+
+
+def test_padding_to_a_length_that_can_fd_has(tmp_path: Path) -> None:
+    text = HEADER + COMMAND.format(identifier=1).replace("Command: 8", "Command: 10") + FEEDBACK
+    codec = load(write(tmp_path, text))
+    payload = codec.encode_command((1.0, 2.0, 3.0), True, 0)
+    assert len(payload) == 12
+    assert codec.decode_command(payload) == ((1.0, 2.0, 3.0), True)
+
+
+def test_extended_identifier(tmp_path: Path) -> None:
+    text = HEADER + COMMAND.format(identifier=0x18FF0102 | EXTENDED) + FEEDBACK
+    command = load(write(tmp_path, text)).command
+    assert (command.identifier, command.extended) == (0x18FF0102, True)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ({"command_enable": "Comand.Control"}, ["no message Comand", "did you mean Command?"]),
+        ({"command_enable": "Command.Contrl"}, ["no signal Contrl", "did you mean Control?"]),
+        ({"command_enable": "Command.Qqq"}, ["no signal Qqq", "it has RefA, RefB"]),
+        ({"command_enable": "Control"}, ['must be written "Message.Signal"']),
+        ({"command_enable": "Other.Count"}, ["must be in one message", "Command and Other"]),
+        ({"command_counter": "Other.Count"}, ["Other.Count is not in Command"]),
+        ({"command_constants": {"Other.Count": 1}}, ["Other.Count is not in Command"]),
+        ({"feedback_u_bus_V": "State.Extra"}, ["multiplexed"]),
+        ({"feedback_counter": ("Currents.A",)}, ["unsigned integer without scale"]),
+        ({"feedback_counter": ("Currents.Scaled",)}, ["unsigned integer without scale"]),
+        ({"feedback_crc": ("Currents.Half",)}, ["one whole byte"]),
+        ({"feedback_crc": ("Other.Count",)}, ["not in Currents and State"]),
+    ],
+)
+def test_what_the_dbc_lacks_is_named(drive: Path, names: dict[str, Any], words: list[str]) -> None:
+    message = error_of(drive, **names)
+    assert f"[inverter.can.signals] {next(iter(names))}:" in message
+    for word in words:
+        assert word in message
+
+
+def test_files_that_are_no_dbc(tmp_path: Path) -> None:
+    assert "No such file" in error_of(tmp_path / "missing.dbc")
+    assert "not a valid DBC: Invalid syntax at line 1" in error_of(write(tmp_path, "hello"))
+    assert "has no message Command; it has none" in error_of(write(tmp_path, HEADER))
+    overlong = HEADER + 'BO_ 1 Command: 1 Host\n SG_ RefA : 0|16@1- (1,0) [0|0] "" Drive\n'
+    assert "does not fit" in error_of(write(tmp_path, overlong))
+
+
+def test_a_long_message_needs_can_fd(tmp_path: Path) -> None:
+    text = HEADER + COMMAND.format(identifier=1).replace("Command: 8", "Command: 12") + FEEDBACK
+    assert "set fd = true" in error_of(write(tmp_path, text), fd=False)
