@@ -18,7 +18,7 @@ from motord.emulate.devices import Currents, Inverter, RegisterDevice
 from motord.rig import build, step
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_OUTPUT, new_input, new_output
-from motord.schema import InverterStatus
+from motord.schema import TRUTH_DTYPE, InverterStatus
 from motord.wire.frames import Frame, Numbered
 from motord.wire.registers import DeviceStatus
 
@@ -138,3 +138,11 @@ class EmulatedBench:
         fields["drive_rad_s"][0] = self.drive.setpoint
         step.advance(self._parameters, self._state, self._input, duration_ns * 1e-9)
         self.now_ns = to_ns
+
+
+def compile_kernels(config: Config, truth: RigTruth) -> None:
+    """Compile the kernels of the rig, which may take seconds, with a bench thrown away."""
+    bench = EmulatedBench(config, truth, 0)
+    bench.advance(1_000_000, lambda _frame: None)
+    bench.sense()
+    bench.fill_truth(0, np.zeros(1, TRUTH_DTYPE)[0])

@@ -101,9 +101,16 @@ def _open(config: CanConfig) -> can.BusABC:
     if config.data_bitrate is not None:
         settings["data_bitrate"] = config.data_bitrate
     try:
-        return can.Bus(interface=config.interface, channel=config.channel, **settings)  # type: ignore[arg-type]
-    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-        cause = error.__cause__ or error
+        return can.Bus(
+            config.channel,
+            config.interface,
+            ignore_config=True,
+            **settings,  # type: ignore[arg-type]
+        )
+    except (can.CanError, OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
+        cause = (
+            error.__cause__ or error
+        )  # NotImplementedError (unknown interface) is a RuntimeError
         reason = getattr(cause, "strerror", None) or str(cause)
         hint = (
             "a multicast group needs a route: ip route add 224.0.0.0/4 dev lo"

@@ -11,15 +11,14 @@ import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from motord.config import Config, ModbusConfig
-from motord.emulate import EmulatorError
-from motord.emulate.bench import EmulatedBench, Reading
+from motord.config import Config
+from motord.emulate.bench import EmulatedBench, Reading, compile_kernels
 from motord.emulate.can import CanPort
 from motord.emulate.clock import HostClock
-from motord.emulate.devices import RegisterDevice
 from motord.emulate.link import BoardLink
 from motord.emulate.modbus import ModbusServers, place_of
 from motord.emulate.schedule import Schedule
+from motord.emulate.selection import check_drivers, is_fast, register_devices
 from motord.emulate.truth_log import TruthLog, TruthSink
 from motord.rig.truth import RigTruth
 from motord.schema import InverterStatus
@@ -36,22 +35,23 @@ class Emulator:
 
     def __init__(self, config: Config, truth: RigTruth, sink: TruthSink | None = None) -> None:
         """Prepare; `sink` takes blocks of TRUTH_DTYPE. Raises EmulatorError, ConfigError."""
-        _check_drivers(config)
+        check_drivers(config)
         assert config.inverter.can is not None
         self._config = config
         self._can_config = config.inverter.can
         self._codec = dbc.load(config.inverter.can)
-        self._fast = [m for m in self._codec.feedback if _is_fast(m)]
-        self._slow = [m for m in self._codec.feedback if not _is_fast(m)]
+        self._fast = [m for m in self._codec.feedback if is_fast(m)]
+        self._slow = [m for m in self._codec.feedback if not is_fast(m)]
         self._log = TruthLog(config.loop.rate_Hz, sink)
         self._clock = HostClock()
         self._truth = truth
-        _compile(config, truth)
+        compile_kernels(config, truth)
         self.bench = EmulatedBench(config, truth, 0)
         self._ports = ExitStack()
         self._status = InverterStatus(0)
         self._stopped = False
         self._cpu_s = 0.0
+        self._start_ns = 0
         self.ticks = 0
         self.skipped = 0
 
@@ -59,7 +59,7 @@ class Emulator:
         """Open all ports. Raises EmulatorError for one that cannot be had."""
         self.bench = EmulatedBench(self._config, self._truth, time.monotonic_ns())
         with ExitStack() as ports:
-            servers = ModbusServers(_register_devices(self._config, self.bench))
+            servers = ModbusServers(register_devices(self._config, self.bench))
             ports.callback(servers.close)
             servers.start()
             self._link = BoardLink(Path(self._config.bridge.port))
@@ -83,7 +83,7 @@ class Emulator:
         """Return where the devices are, once the ports are open."""
         modbus = {
             name: f"{place_of(config)} unit {config.unit}"
-            for name, (config, _) in _register_devices(self._config, self.bench).items()
+            for name, (config, _) in register_devices(self._config, self.bench).items()
         }
         return {
             "ready": True,
@@ -134,7 +134,7 @@ class Emulator:
             Path("/proc/self/timerslack_ns").write_text("1")  # wake when asked, not 50 us later
         gc.freeze()
         self._cpu_s = time.process_time()
-        self.bench.now_ns = now_ns
+        self.bench.now_ns = self._start_ns = now_ns
         self._samples = Schedule(now_ns, self.bench.board.rate_Hz)
         self._feedback = Schedule(now_ns, self._config.loop.rate_Hz)
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
@@ -158,7 +158,8 @@ class Emulator:
         """Let time pass up to `now_ns`, sending what is due; return when the next is due."""
         board = self.bench.board
         if board.rate_Hz != self._samples.rate_Hz:
-            self._samples.restart(self.bench.now_ns, board.rate_Hz)
+            self._samples.restart(self._start_ns, board.rate_Hz)
+            self._samples.skip_to(self.bench.now_ns)
         for schedule in self._schedules:
             self.skipped += schedule.skip_to(now_ns - CATCH_UP_NS)
         while True:
@@ -200,45 +201,3 @@ class Emulator:
         named = dict(zip(FEEDBACK_SLOTS, values, strict=True))
         for message in messages:
             self._can.send(message, named)
-
-
-def _check_drivers(config: Config) -> None:
-    """Raise EmulatorError unless the bench's devices are ones that can be emulated."""
-    if config.inverter.driver != "can" or config.inverter.can is None:
-        raise EmulatorError(
-            f'[inverter] driver = "{config.inverter.driver}": the emulator serves driver = "can" '
-            "only; take config/emulated.toml as a start"
-        )
-    if config.bridge.driver != "serial":
-        raise EmulatorError(
-            f'[bridge] driver = "{config.bridge.driver}": the emulator serves driver = "serial" '
-            "only; take config/emulated.toml as a start"
-        )
-
-
-def _is_fast(message: MessageCodec) -> bool:
-    """Return whether a message carries currents or voltages: it is sent at the loop's rate."""
-    return not set(message.slots).isdisjoint(FEEDBACK_SLOTS[:6])
-
-
-def _register_devices(
-    config: Config, bench: EmulatedBench
-) -> dict[str, tuple[ModbusConfig, RegisterDevice]]:
-    """Return the devices that the bench file has on Modbus, by name."""
-    pairs = (
-        ("brake", config.brake, bench.brake),
-        ("drive", config.drive, bench.drive),
-    )
-    return {
-        name: (section.modbus, device)
-        for name, section, device in pairs
-        if section.driver == "modbus" and section.modbus is not None
-    }
-
-
-def _compile(config: Config, truth: RigTruth) -> None:
-    """Compile the rig's kernels, which may take seconds, before any port is open."""
-    bench = EmulatedBench(config, truth, 0)
-    bench.advance(1_000_000, lambda _frame: None)
-    bench.sense()
-    bench.fill_truth(0, TruthLog(config.loop.rate_Hz, None).next_row())

@@ -1,0 +1,124 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.config import load
+from motord.emulate.board import CLOCK_DRIFT, CLOCK_OFFSET_US, Board
+from motord.emulate.devices import NEVER_NS
+from motord.schema import BridgeStatus
+from motord.wire import frames
+from tests.unit.emulate.benches import EMULATED
+
+MS = 1_000_000
+CONFIG = load(EMULATED)
+TIMEOUT_MS = round(CONFIG.bridge.heartbeat_timeout_s * 1000)
+
+
+def board() -> Board:
+    return Board(CONFIG, reset_ns=0)
+
+
+def beat(enable: int, sequence: int = 0) -> frames.Numbered:
+    return frames.Numbered(sequence, frames.Heartbeat(enable))
+
+
+def ask(target: Board, frame: frames.Frame, now_ns: int = 0) -> list[frames.Frame]:
+    return target.receive(now_ns, frames.Numbered(0, frame))
+
+
+def test_it_says_who_it_is():
+    (hello,) = ask(board(), frames.HelloRequest(frames.PROTOCOL))
+    assert hello.protocol == frames.PROTOCOL
+    assert hello.layout == frames.LAYOUT_HASH
+    assert hello.counts == CONFIG.motor.counts
+    assert hello.rate_Hz == CONFIG.loop.rate_Hz
+    assert hello.board_name == "motord-emulate"
+
+
+def test_start_and_stop_are_answered_with_what_it_does_now():
+    ours = board()
+    assert ask(ours, frames.Start())[0].streaming == 1
+    ask(ours, frames.Heartbeat(1))
+    (status,) = ask(ours, frames.Stop())
+    assert (status.streaming, ours.line_closed, ours.deadline_ns) == (0, False, NEVER_NS)
+
+
+def test_configure_sets_rate_and_timeout():
+    ours = board()
+    (status,) = ask(ours, frames.Configure(500, 20_000))
+    assert status.rate_Hz == ours.rate_Hz == 500
+    ours.receive(0, beat(1))
+    ours.expire(20 * MS)
+    assert not ours.line_closed
+
+
+@pytest.mark.parametrize("rate_Hz", [0, 20_001])
+def test_a_rate_that_it_cannot_do_leaves_the_old_one(rate_Hz):
+    (status,) = ask(board(), frames.Configure(rate_Hz, 20_000))
+    assert status.rate_Hz == CONFIG.loop.rate_Hz
+
+
+def test_frames_of_a_board_are_not_for_it():
+    ours = board()
+    assert ask(ours, ours.hello()) == []
+
+
+def test_the_line_opens_when_heartbeats_stop_and_stays_open_until_asked_open():
+    ours = board()
+    ours.receive(0, beat(1))
+    ours.expire(TIMEOUT_MS * MS - 1)
+    assert ours.line_closed
+    ours.expire(TIMEOUT_MS * MS)
+    assert (ours.line_closed, ours.heartbeat_drops) == (False, 1)
+    assert ours.sample(0, 0, 0, False).status == BridgeStatus.HEARTBEAT_LOST
+    ours.receive(200 * MS, beat(1))
+    assert not ours.line_closed
+    ours.receive(201 * MS, beat(0))
+    ours.receive(202 * MS, beat(1))
+    assert ours.sample(0, 0, 0, False).status == BridgeStatus.ENABLE_LINE
+
+
+def test_silence_with_the_line_open_is_no_drop():
+    ours = board()
+    ours.receive(0, beat(0))
+    ours.expire(10 * TIMEOUT_MS * MS)
+    assert ours.heartbeat_drops == 0
+
+
+@given(st.lists(st.tuples(st.integers(0, 2 * TIMEOUT_MS), st.sampled_from((None, 0, 1)))))
+def test_the_line_is_only_closed_within_the_timeout_of_an_enabling_heartbeat(steps):
+    ours = board()
+    now_ms, last_ms = 0, -10 * TIMEOUT_MS
+    for wait_ms, enable in steps:
+        now_ms += wait_ms
+        ours.expire(now_ms * MS)
+        if enable is not None:
+            ours.receive(now_ms * MS, beat(enable))
+            last_ms = now_ms if enable else -10 * TIMEOUT_MS
+        assert not ours.line_closed or now_ms - last_ms < TIMEOUT_MS
+
+
+def test_a_clipped_torque_is_marked():
+    sample = board().sample(5 * MS, 77, -3, True)
+    assert (sample.encoder_gray, sample.torque_counts) == (77, -3)
+    assert sample.status == BridgeStatus.TORQUE_INVALID
+
+
+def test_its_clock_has_an_offset_drifts_and_wraps():
+    ours = board()
+    assert ours.clock_us(0) == CLOCK_OFFSET_US
+    second = ours.clock_us(1_000_000_000) - ours.clock_us(0)
+    assert second == pytest.approx(1e6 * (1 + CLOCK_DRIFT), abs=1)
+    wraps_ns = (frames.CLOCK_MODULUS_US - CLOCK_OFFSET_US) * 1000
+    assert ours.clock_us(wraps_ns) < 1_000_000
+
+
+def test_status_tells_the_newest_heartbeat():
+    ours = board()
+    ours.receive(3 * MS, beat(1, 41))
+    ours.receive(4 * MS, beat(1, 42))
+    ours.errors, ours.dropped = 5, 6
+    status = ours.status(9 * MS)
+    assert (status.heartbeats, status.heartbeat_sequence) == (2, 42)
+    assert status.heartbeat_t_us == ours.clock_us(4 * MS)
+    assert (status.errors, status.dropped) == (5, 6)

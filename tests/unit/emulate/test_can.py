@@ -1,0 +1,121 @@
+import can
+import pytest
+
+from motord.config import load
+from motord.emulate import EmulatorError
+from motord.emulate.bench import Command
+from motord.emulate.can import CanPort
+from motord.wire import dbc
+from tests.unit.emulate.benches import EMULATED
+
+CONFIG = load(EMULATED).inverter.can
+CODEC = dbc.load(CONFIG)
+CURRENTS = (5.0, -2.5, -2.5)
+
+
+@pytest.fixture
+def ends(request):
+    """Yield (port, host) on a bus inside this process."""
+    config = CONFIG.model_copy(
+        update={"interface": "virtual", "channel": request.node.name, "options": {}}
+    )
+    port = CanPort(config, CODEC)
+    with can.Bus(channel=request.node.name, interface="virtual") as host:
+        yield port, host
+    port.close()
+
+
+def command(counter, i_A=CURRENTS, enable=True, **changes):
+    payload = CODEC.encode_command(i_A, enable, counter)
+    fields = {
+        "arbitration_id": CODEC.command.identifier,
+        "is_extended_id": False,
+        "is_fd": True,
+        "data": payload,
+    }
+    return can.Message(**fields | changes)
+
+
+def test_commands_come_with_their_time(ends):
+    port, host = ends
+    for counter in range(3):
+        host.send(command(counter))
+    received = list(port.receive())
+    assert [c for _, c in received] == [Command(CURRENTS, True)] * 3
+    times_ns = [t for t, _ in received]
+    assert times_ns == sorted(times_ns)
+    assert list(port.receive()) == []
+    assert port.command_errors == 0
+
+
+def test_corrupt_repeated_and_foreign_frames_are_not_commands(ends):
+    port, host = ends
+    host.send(command(0))
+    host.send(command(0))  # the same counter: a host that hangs
+    host.send(command(1, data=bytes(8)))
+    host.send(can.Message(arbitration_id=0x77, is_extended_id=False, data=bytes(8)))
+    host.send(command(2, is_extended_id=True))
+    assert len(list(port.receive())) == 1
+    assert port.command_errors == 2
+
+
+def test_feedback_is_numbered_and_can_be_read(ends):
+    port, host = ends
+    values = {slot: 0.0 for message in CODEC.feedback for slot in message.slots}
+    values |= {"i_a_A": 1.5, "u_c_V": -3.0, "u_bus_V": 24.0, "status": 9.0}
+    for _ in range(17):
+        for message in CODEC.feedback:
+            port.send(message, values)
+    codecs = {message.identifier: message for message in CODEC.feedback}
+    counters = {identifier: [] for identifier in codecs}
+    for _ in range(17 * len(codecs)):
+        message = host.recv(2)
+        codec = codecs[message.arbitration_id]
+        got = dict(zip(codec.slots, codec.decode(message.data), strict=True))
+        assert got == pytest.approx({slot: values[slot] for slot in codec.slots}, abs=0.01)
+        counters[message.arbitration_id].append(codec.counter(message.data))
+    assert list(counters.values()) == [[*range(16), 0]] * len(codecs)
+
+
+class Broken:
+    """A bus whose every call fails."""
+
+    def __init__(self):
+        self.frames = 2
+
+    def recv(self, _timeout):
+        if self.frames:
+            self.frames -= 1
+            raise can.CanOperationError("junk")
+
+    def send(self, _message, timeout):
+        raise can.CanOperationError("no room")
+
+    def shutdown(self):
+        pass
+
+
+def test_a_failing_bus_is_counted_and_survived(ends, monkeypatch):
+    port, _ = ends
+    port._bus.shutdown()
+    monkeypatch.setattr(port, "_bus", Broken())
+    assert list(port.receive()) == []
+    port.send(CODEC.feedback[0], dict.fromkeys(CODEC.feedback[0].slots, 0.0))
+    assert (port.corrupt, port.send_errors) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"interface": "socketcan", "channel": "nocan7", "options": {}}, "socketcan nocan7"),
+        ({"interface": "no-such-interface"}, "no-such-interface"),
+        ({"channel": "not a group"}, "not a group"),
+        ({"bitrate": 500_000, "data_bitrate": 2_000_000, "options": {"port": "x"}}, "ip route"),
+    ],
+)
+def test_a_bus_that_cannot_be_opened_is_one_line(changes, words):
+    with pytest.raises(EmulatorError) as caught:
+        CanPort(CONFIG.model_copy(update=changes), CODEC)
+    assert words in str(caught.value)
+    assert "cannot open it" in str(caught.value)
+    assert "\n" not in str(caught.value)

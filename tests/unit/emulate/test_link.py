@@ -1,0 +1,49 @@
+import os
+
+import pytest
+import serial
+
+from motord.emulate.link import BoardLink
+from motord.wire import frames
+from motord.wire.stream import StreamDecoder
+
+
+@pytest.fixture
+def ends(tmp_path):
+    link = BoardLink(tmp_path / "port")
+    with serial.Serial(str(tmp_path / "port"), timeout=2) as host:
+        yield link, host
+    link.close()
+
+
+def test_frames_go_out_numbered(ends):
+    link, host = ends
+    sent = [frames.Sample(n, n, -n, 0) for n in range(3)]
+    assert all(link.send(sample) for sample in sent)
+    decoder, got = StreamDecoder(), []
+    while len(got) < 3:
+        got += decoder.feed(os.read(host.fileno(), 4096))
+    assert got == [frames.Numbered(n, sample) for n, sample in enumerate(sent)]
+    assert link.pty_name.startswith("/dev/pts/")
+
+
+def test_frames_that_waited_are_spread_over_the_wait(ends):
+    link, host = ends
+    assert list(link.receive(1000)) == []
+    host.write(b"".join(frames.encode(frames.Heartbeat(1), n) for n in range(4)))
+    host.flush()
+    assert [(t, f.sequence) for t, f in link.receive(5000)] == [
+        (2000, 0),
+        (3000, 1),
+        (4000, 2),
+        (5000, 3),
+    ]
+    host.write(frames.encode(frames.Heartbeat(1), 4))
+    assert [t for t, _ in link.receive(6000)] == [6000]
+
+
+def test_noise_is_counted(ends):
+    link, host = ends
+    host.write(b"noise\0")
+    assert list(link.receive(1)) == []
+    assert link.errors == 1
