@@ -1,7 +1,7 @@
 """What a simulated rig really is: the parameters that the controller is never told.
 
-`load(path)` reads a rig file such as the packaged `report.rig.toml`. Every table is optional and
-defaults to the rig of Poels 2008 with an ideal inverter and ideal sensors left to the file.
+`load(path)` reads a rig file such as the packaged `report.rig.toml`. Every key is optional: the
+defaults are a motor and mechanics like those of Poels 2008, without errors, noise or cogging.
 """
 
 from pathlib import Path
