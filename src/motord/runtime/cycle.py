@@ -46,12 +46,18 @@ class Cycle:
     setpoint: np.ndarray = field(default_factory=lambda: np.zeros(1, SETPOINT))
     command: np.ndarray = field(default_factory=lambda: np.zeros(1, COMMAND))
 
-    def warm_up(self) -> None:
+    def warm_up_kernel(self) -> None:
         """Compile or load the kernel by running it on copies of everything it will work on."""
         self.tables.poll()
         records = (self.memory, self.feedback, self.setpoint, self.command, self.ring.slot())
         for _ in range(3):
             kernel.step(*self.tables.current, *(record.copy() for record in records))
+
+    def warm_up_rig(self) -> None:
+        """Read the opened rig and command it to be off, so that no first time is left."""
+        for _ in range(3):
+            self.rig.read(self.mailbox.clock.now_ns(), self.feedback)
+            self.rig.write(self.command)
 
     def supervisor_gone(self, now_ns: int) -> bool:
         """Return whether the supervisor has been silent for long and no torque is applied."""

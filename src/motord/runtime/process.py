@@ -70,9 +70,10 @@ class LoopProcess:
         rig = registry.make_rig(bench)
         work = cycle.Cycle(rig, ring, mailbox, tables, self._stop)
         pacer = Pacer(round(1e9 / bench.loop.rate_Hz))
-        work.warm_up()
+        work.warm_up_kernel()
         try:
             rig.open()
+            work.warm_up_rig()
             self._tell(
                 Phase.READY,
                 rate_Hz=bench.loop.rate_Hz,

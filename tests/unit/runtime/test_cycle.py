@@ -41,7 +41,7 @@ class Loop:
         self.reader = RingReader(run_dir.ring)
         self.now_ns = time.monotonic_ns()
         self.pacer = Pacer(PERIOD_NS, lambda: self.now_ns, self.wait_until)
-        self.cycle.warm_up()
+        self.cycle.warm_up_kernel()
 
     def wait_until(self, deadline_ns: int) -> int:
         self.now_ns = max(deadline_ns, self.now_ns)

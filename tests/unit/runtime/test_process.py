@@ -21,9 +21,11 @@ from motord.runtime.status import LoopStatus, Phase
 from motord.runtime.tables import TablesWriter
 from tests.unit.runtime.bench import ScriptedRig, Supervisor, write_bench
 
+WARM_UP_READS = 3
+
 
 class LoopBench:
-    """Files of a bench and a scripted rig that ends the loop after 20 ticks."""
+    """Files of a bench and a scripted rig that ends the loop in its 20th read after warming up."""
 
     def __init__(self, folder: Path) -> None:
         self.config_path = write_bench(folder)
@@ -32,7 +34,7 @@ class LoopBench:
         self.rig = ScriptedRig(self.terminate_at_20)
 
     def terminate_at_20(self, reads: int) -> None:
-        if reads == 19:
+        if reads == WARM_UP_READS + 19:
             signal.raise_signal(signal.SIGTERM)
 
     def run(self) -> int:
@@ -75,8 +77,9 @@ def test_terminated_loop_stops_safely_and_accounts(bench: LoopBench) -> None:
         bench.terminate_at_20(reads),
     )[1]
     assert bench.run() == 0
-    assert set(phases) == {Phase.READY}
+    assert phases == [Phase.STARTING] * WARM_UP_READS + [Phase.READY] * 20
     assert bench.rig.calls == ["open", "safe_stop", "close"]
+    assert all(command["enable"] == 0 for command in bench.rig.commands)
     status = bench.status
     assert (status.phase, status.reason, status.error) == (Phase.STOPPED, "SIGTERM", "")
     assert (status.pid, status.ticks, status.rate_Hz) == (os.getpid(), 20, 1000)
@@ -92,7 +95,7 @@ def test_terminated_loop_stops_safely_and_accounts(bench: LoopBench) -> None:
 
 def test_device_error_in_the_loop(bench: LoopBench, capsys: pytest.CaptureFixture[str]) -> None:
     def fail(reads: int) -> None:
-        if reads == 5:
+        if reads == WARM_UP_READS + 5:
             raise DeviceError("can0: gone; plug it in")
 
     bench.rig.on_read = fail
