@@ -61,7 +61,7 @@ class Bench:
         self.hand = Hand(config, self.setpoint)
         self.plans = PlanRunner(self.setpoint, sink)
         self.calibrated = False
-        self.loop_fault = "the loop has not started yet"
+        self.loop_fault = "the loop is not up yet"
         self._watcher = TickWatcher()
         self._unlooked: list[np.ndarray] = []
         self._looked_ns = 0

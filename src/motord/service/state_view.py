@@ -22,7 +22,7 @@ ProcessSource = Callable[[], dict[str, ProcessView]]
 
 @dataclass
 class StateView:
-    """Where each part of the state comes from. Times: monotonic ns, but for `unix_ns`."""
+    """Where each part of the state comes from. Times are monotonic ns, but for `unix_ns`."""
 
     bench: Bench
     calibrations: CalibrationStore
@@ -31,8 +31,9 @@ class StateView:
     realtime: Callable[[], dict[str, Any]]
     dropped: Callable[[], int]
     started_ns: int
+    unix_ns: Callable[[], int]
 
-    def build(self, now_ns: int, unix_ns: int) -> State:
+    def build(self, now_ns: int) -> State:
         """Return the state now."""
         bench, config = self.bench, self.bench.config
         trips, first = bench.watch.trips()
@@ -42,7 +43,7 @@ class StateView:
             motor=f"{config.motor.name} {config.motor.serial}".strip(),
             simulated=config.simulated,
             version=version("motord"),
-            t_ns=unix_ns,
+            t_ns=self.unix_ns(),
             uptime_s=round((now_ns - self.started_ns) / 1e9, 1),
             state=bench.state.name,
             fault=bench.fault,
@@ -74,23 +75,19 @@ def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceV
     return DeviceView(health="simulated" if bench.has(name) else "none")
 
 
-def same_to_the_eye(a: State | None, b: State) -> bool:
-    """Return whether nothing changed that is worth publishing before its time."""
-    return a is not None and _essence(a) == _essence(b)
-
-
-def _essence(state: State) -> tuple[object, ...]:
-    plan = state.plan
+def essence(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
+    """Return what makes a state worth publishing at once when it changes; cheap to make."""
+    plan = bench.plans.view
     return (
-        state.state,
-        state.fault,
-        state.first_trip,
-        len(state.trips),
-        state.lease.holder,
-        state.setpoint,
+        bench.state,
+        bench.fault,
+        bench.watch.trip_bits,
+        bench.in_command(now_ns),
+        bench.setpoint.torque_Nm,
+        bench.setpoint.speed_Hz,
+        bench.setpoint.drive_Hz,
+        bench.setpoint.compensate,
         (plan.plan, plan.state, plan.points_done) if plan is not None else None,
-        state.calibration.id if state.calibration is not None else None,
-        state.brake.health,
-        state.drive.health,
-        state.recording.path,
+        bench.calibrated,
+        recording_path,
     )

@@ -1,0 +1,85 @@
+"""The supervisor's loop: about a hundred times a second, and never waiting for anyone.
+
+Ticks in, requests carried out, the bench advanced, the heartbeat written; everything that could
+take long (devices, the network, the disk) happens in other threads or processes.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from motord.schema import State as DriveState
+from motord.service.bench import Bench
+from motord.service.calls import CallQueue
+from motord.service.desk import Desk
+from motord.service.loop_link import LOOP, LoopLink
+from motord.service.processes import Children
+from motord.service.publisher import Publisher
+from motord.service.recording import Recording
+
+PERIOD_NS = 10_000_000
+RAMP_MARGIN_S = 1.0
+STOP_NS = 300_000_000
+
+
+@dataclass
+class Supervisor:
+    """All parts of the daemon, and the order in which they get their turn."""
+
+    bench: Bench
+    desk: Desk
+    calls: CallQueue
+    children: Children
+    loop: LoopLink
+    recording: Recording
+    publisher: Publisher
+    clock_ns: Callable[[], int] = time.monotonic_ns
+
+    def step(self) -> None:
+        """Do everything that is due now."""
+        now_ns = self.clock_ns()
+        block, lost = self.loop.read()
+        for end in self.children.poll(now_ns):
+            if end.spec.name == LOOP:
+                self.loop.ended(end)
+            else:
+                again = f"; again in {end.again_s:g} s" if end.again_s is not None else ""
+                self.bench.events.emit(
+                    "process", f"{end.spec.name} ended: {end.how}: {end.spec.consequence}{again}"
+                )
+        for call in self.calls.take():
+            self.desk.handle(call, now_ns)
+        self.bench.step(block, lost, now_ns)
+        self.desk.step(now_ns)
+        self.recording.step(now_ns)
+        self.publisher.step(block, now_ns)
+
+    def run(self, stopping: Callable[[], object]) -> None:
+        """Step until `stopping()` is true; a step that comes late is not made up for."""
+        self._until(stopping, None)
+
+    def wait_for_loop(self, stopping: Callable[[], object]) -> bool:
+        """Step until the loop is up (True), or has failed or is to stop (False)."""
+        self._until(lambda: stopping() or self.loop.phase != "starting", None)
+        return self.loop.phase == "up"
+
+    def ramp_down(self) -> None:
+        """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short."""
+        bench, limits = self.bench, self.bench.config.limits
+        bench.events.emit("state", "shutting down")
+        bench.plans.abort("the daemon shuts down")
+        bench.disable()
+        ramp_s = limits.torque_Nm / limits.torque_rate_Nm_per_s + RAMP_MARGIN_S
+        self._until(lambda: bench.state is not DriveState.ENABLED, round(ramp_s * 1e9))
+        bench.stop("the daemon shut down")
+        over = (DriveState.OFF, DriveState.TRIPPED)
+        self._until(lambda: bench.state in over, STOP_NS)
+
+    def _until(self, done: Callable[[], object], limit_ns: int | None) -> None:
+        begun_ns = due_ns = self.clock_ns()
+        while not done():
+            if limit_ns is not None and due_ns - begun_ns > limit_ns:
+                return
+            self.step()
+            due_ns = max(due_ns + PERIOD_NS, self.clock_ns())
+            time.sleep(max(0.0, (due_ns - self.clock_ns()) / 1e9))

@@ -1,0 +1,183 @@
+"""Calibrations: checked, put in force at zero torque only, kept over a restart."""
+
+import json
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from motord import config
+from motord.calibration import CalibratedMotor, Calibration, CalibrationError
+from motord.runtime.tables import TablesBusyError
+from motord.schema import Compensate
+from motord.service.calibrations import MARK, CalibrationStore, state_directory
+from motord.service.calls import Call
+from motord.service.installation import Installation
+from motord.service.messages import CalibrationInstall
+from motord.service.refusal import Refusal
+from tests.unit.service.virtual_service import VirtualService
+
+
+def calibration(**changes):
+    motor = config.load().motor
+    return Calibration(
+        **{
+            "created": datetime.now(UTC),
+            "motor": CalibratedMotor.of(motor),
+            "method": "joint",
+            "alpha": (0.8, 1.118, 1.118),
+            "alpha_stderr": (0.001, 0.001, 0.001),
+            "beta_A": (1.0, -0.5, -0.5),
+            "beta_stderr_A": (0.01, 0.01, 0.01),
+            "tau_cog_Nm": (0.01,) * motor.counts,
+            "condition_number": 10.0,
+            **changes,
+        }
+    )
+
+
+class Tables:
+    """Takes tables up, unless busy."""
+
+    def __init__(self):
+        self.written = []
+        self.busy = False
+
+    def write(self, parameters, back_emf, cogging):
+        if self.busy:
+            raise TablesBusyError("busy")
+        self.written.append((parameters.copy(), back_emf.copy(), cogging.copy()))
+
+
+@pytest.fixture
+def tables():
+    return Tables()
+
+
+@pytest.fixture
+def service(tables, tmp_path):
+    service = VirtualService()
+    service.store = CalibrationStore(service.config, tmp_path)
+    service.installation = Installation(service.bench, service.store, tables.write, "the text")
+    service.desk._handlers = {**service.desk._handlers, **service.installation.handlers}
+    return service
+
+
+def install(service, token, **source):
+    request = CalibrationInstall(token=token, **source)
+    prepared = service.installation.prepare(request)
+    call = Call("calibration/install", request, prepared)
+    service.desk.handle(call, service.now_ns)
+    service.step(200)
+    return service.installation.keep(prepared, call.wait(0))
+
+
+def test_an_installed_calibration_is_applied_shown_and_kept(service, tables, tmp_path):
+    given = calibration()
+    answer = install(service, service.acquire(), calibration=given.to_json())
+    assert answer["id"] == given.id
+    [(parameters, _, cogging)] = tables.written
+    assert parameters["alpha"][0] == pytest.approx(given.alpha)
+    assert np.all(cogging == 0.01)
+    assert service.bench.setpoint.compensate == Compensate.CURRENTS | Compensate.COGGING
+    view = service.store.view()
+    assert (view.id, view.method, view.path) == (given.id, "joint", answer["path"])
+    assert view.age_s >= 0
+    later = CalibrationStore(service.config, tmp_path)
+    assert later.load_installed().id == given.id
+    assert "calibration" in service.kinds()
+
+
+def test_it_can_come_from_a_file_on_the_daemons_machine(service, tmp_path):
+    path = tmp_path / "cal.json"
+    calibration().save(path)
+    assert install(service, service.acquire(), path=str(path))["id"]
+    with pytest.raises(Refusal, match="absolute"):
+        install(service, service.acquire("ben", force=True), path="cal.json")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({}, "no schema"),
+        ({"schema": "motord.calibration/1"}, "calibration: "),
+        (calibration(motor=calibration().motor.model_copy(update={"serial": "other"})).to_json(),
+         "another motor"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_and_changes_nothing(service, tables, content, words):
+    with pytest.raises(Refusal, match=words) as caught:
+        install(service, service.acquire(), calibration=json.loads(json.dumps(content)))
+    assert caught.value.code == "invalid"
+    assert tables.written == []
+    assert service.store.load_installed() is None
+
+
+def test_it_waits_for_zero_torque_and_needs_the_lease(service, tables):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
+    service.run_s(2.0, token)
+    with pytest.raises(Refusal, match="zero torque"):
+        install(service, token, calibration=calibration().to_json())
+    with pytest.raises(Refusal) as caught:
+        install(service, "guess", calibration=calibration().to_json())
+    assert caught.value.code == "no_lease"
+    assert tables.written == []
+
+
+def test_a_loop_that_does_not_take_up_tables_is_told(service, tables):
+    tables.busy = True
+    with pytest.raises(Refusal) as caught:
+        install(service, service.acquire(), calibration=calibration().to_json())
+    assert caught.value.code == "timeout"
+    assert not service.bench.calibrated
+
+
+def test_in_force_but_not_kept_is_said(service, tmp_path):
+    (tmp_path / "calibrations").write_text("a file is in the way")
+    with pytest.raises(Refusal, match="not after a restart") as caught:
+        install(service, service.acquire(), calibration=calibration().to_json())
+    assert caught.value.code == "failed"
+    assert service.bench.calibrated
+
+
+def test_a_newer_calibration_takes_the_place_of_the_older(service, tmp_path):
+    install(service, service.acquire(), calibration=calibration().to_json())
+    newer = calibration(alpha=(1.0, 1.0, 1.0))
+    install(service, service.acquire("ben", force=True), calibration=newer.to_json())
+    assert CalibrationStore(service.config, tmp_path).load_installed().id == newer.id
+
+
+def test_what_was_installed_for_another_motor_is_not_loaded(service, tmp_path):
+    install(service, service.acquire(), calibration=calibration().to_json())
+    other = service.config.model_copy(
+        update={"motor": service.config.motor.model_copy(update={"serial": "2"})}
+    )
+    with pytest.raises(CalibrationError, match="another motor"):
+        CalibrationStore(other, tmp_path).load_installed()
+
+
+def test_an_unreadable_mark_is_told(service):
+    service.store.directory.mkdir(parents=True)
+    (service.store.directory / MARK).mkdir()
+    with pytest.raises(CalibrationError, match=MARK):
+        service.store.load_installed()
+    with pytest.raises(CalibrationError, match="cannot write"):
+        service.store.keep(calibration())
+
+
+def test_the_configuration_is_told_as_text_and_in_full(service):
+    answer = service.ask("config")
+    assert answer["toml"] == "the text"
+    assert answer["config"]["motor"]["slots"] == 48
+
+
+def test_the_state_folder_follows_systemd_then_xdg(monkeypatch, tmp_path):
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/motord:/other")
+    assert str(state_directory()) == "/var/lib/motord"
+    monkeypatch.delenv("STATE_DIRECTORY")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert state_directory() == tmp_path / "motord"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", "/home/anna")
+    assert str(state_directory()) == "/home/anna/.local/state/motord"

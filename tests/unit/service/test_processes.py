@@ -1,0 +1,147 @@
+"""Child processes: restart policies, back-off, ends in words; with fakes and with real ones."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from motord.service.processes import (
+    BACKOFF_FIRST_S,
+    BACKOFF_LAST_S,
+    Children,
+    ChildSpec,
+    in_words,
+    spawn,
+)
+
+SECOND_NS = 1_000_000_000
+
+
+def spec(name, restart, *command):
+    return ChildSpec(name, command or ("x",), restart, stop_timeout_s=5.0, consequence="a gap")
+
+
+class FakeProcess:
+    pid = 42
+
+    def __init__(self, command):
+        self.command = command
+        self.code = None
+        self.signals = []
+        self.deaf = False
+
+    def poll(self):
+        return self.code
+
+    def wait(self, timeout=None):
+        if self.code is None and timeout is not None:
+            raise subprocess.TimeoutExpired("x", timeout)
+        return self.code
+
+    def send_signal(self, sig):
+        self.signals.append(sig)
+        if not self.deaf or sig == signal.SIGKILL:
+            self.code = -sig
+
+
+@pytest.fixture
+def started():
+    return []
+
+
+@pytest.fixture
+def children(started):
+    def start(command):
+        started.append(FakeProcess(command))
+        return started[-1]
+
+    return Children([spec("loop", "on reset"), spec("recorder", "always")], start)
+
+
+def test_the_loop_stays_down_until_it_is_started_again(children, started):
+    children.start("loop", 0)
+    assert children.running("loop")
+    started[0].code = -9
+    [end] = children.poll(SECOND_NS)
+    assert (end.spec.name, end.how, end.again_s) == ("loop", "killed by SIGKILL", None)
+    assert children.poll(100 * SECOND_NS) == []
+    assert len(started) == 1
+    children.start("loop", 100 * SECOND_NS)
+    assert children.views()["loop"].restarts == 1
+
+
+def test_the_recorder_is_restarted_with_growing_pauses(children, started):
+    children.start("recorder", 0)
+    now_ns, pauses_s = 0, []
+    for _ in range(8):
+        started[-1].code = 1
+        [end] = children.poll(now_ns)
+        pauses_s.append(end.again_s)
+        before = len(started)
+        children.poll(now_ns + round(end.again_s * 1e9) - 1)
+        assert len(started) == before
+        now_ns += round(end.again_s * 1e9)
+        children.poll(now_ns)
+        assert len(started) == before + 1
+    assert pauses_s[0] == BACKOFF_FIRST_S
+    assert pauses_s == sorted(pauses_s)
+    assert pauses_s[-1] == BACKOFF_LAST_S
+
+
+def test_one_that_ran_for_long_is_restarted_soon(children, started):
+    children.start("recorder", 0)
+    for second in (1, 20):
+        started[-1].code = 1
+        [end] = children.poll(second * SECOND_NS)
+        assert end.again_s == BACKOFF_FIRST_S
+        children.poll((second + 1) * SECOND_NS)
+
+
+def test_starting_twice_starts_once(children, started):
+    children.start("loop", 0)
+    children.start("loop", 0)
+    assert len(started) == 1
+
+
+def test_a_stopped_child_stays_down(children, started):
+    children.start("recorder", 0)
+    assert children.stop("recorder") == "killed by SIGTERM"
+    assert children.poll(100 * SECOND_NS) == []
+    assert not children.running("recorder")
+    assert children.stop("recorder") == "killed by SIGTERM"
+
+
+def test_one_that_does_not_listen_is_killed(children, started):
+    children.start("loop", 0)
+    started[0].deaf = True
+    assert children.stop("loop") == "killed by SIGKILL"
+    assert started[0].signals == [signal.SIGTERM, signal.SIGKILL]
+
+
+def test_views_and_signals(children, started):
+    assert children.views()["loop"].model_dump() == {
+        "pid": None, "running": False, "restarts": 0, "exit": "",
+    }  # fmt: skip
+    children.signal("loop", signal.SIGUSR1)
+    children.start("loop", 0)
+    assert children.views()["loop"].pid == 42
+    children.signal("loop", signal.SIGUSR1)
+    assert started[0].signals == [signal.SIGUSR1]
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [(0, "exit code 0"), (3, "exit code 3"), (-15, "killed by SIGTERM"), (-99, "signal 99")],
+)
+def test_ends_in_words(code, words):
+    assert words in in_words(code)
+
+
+def test_real_processes_end_when_they_are_told():
+    command = (sys.executable, "-c", "import time; time.sleep(60)")
+    children = Children([spec("recorder", "always", *command)])
+    children.start("recorder", 0)
+    assert children.stop("recorder") == "killed by SIGTERM"
+    process = spawn((sys.executable, "-c", "raise SystemExit(3)"))
+    assert process.wait(30) == 3
