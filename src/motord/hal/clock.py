@@ -3,15 +3,17 @@
 `LoopClock` reads, at any moment, the clock in which the loop gives its `now_ns`. `BoardClock` maps
 a board's counter to it. What is known of a board's clock are bounds: a sample arrives after it was
 taken, a heartbeat is heard after it was sent. Delays vary, their least values hardly: so each
-bound is kept as the lower hull of its extremes over the last seconds. The hull's slope is the
-drift, and a late reading, however late, does not move it.
+bound is kept as a line below all that was seen in the last seconds, and a late reading, however
+late, does not move it. The drift comes from the heartbeats alone: their delay is the link's, while
+that of the samples includes the wait until the loop reads, which slides through a whole period as
+the two rates slip past each other.
 """
 
 import time
 
 WINDOW_NS = 250_000_000
 WINDOWS = 16
-DRIFT_MAX = 1e-3
+DRIFT_MAX = 250e-6
 DRIFT_WINDOWS = 4
 """Windows needed before a drift is believed."""
 HEARTBEAT_LATENCY_NS = 100_000
@@ -47,45 +49,49 @@ class LoopClock:
 
 
 class Bound:
-    """A straight line below all values seen in the last WINDOWS windows, as close as can be."""
+    """A straight line of slope `drift` below all values of the last WINDOWS windows."""
 
     def __init__(self, t_ns: int, value_ns: int) -> None:
         """Start with a first value at time `t_ns`."""
+        self.drift = 0.0
         self._t0_ns, self._v0_ns = t_ns, value_ns
-        self._points: list[tuple[int, int]] = []
+        self._points: list[tuple[int, int]] = []  # the least of each window
         self._window_end_ns = t_ns + WINDOW_NS
         self._least = (0, 0)
-        self._slope = 0.0
         self._level_ns = 0.0
 
     def at(self, t_ns: int) -> int:
         """Return the line at `t_ns`."""
-        return self._v0_ns + round(self._level_ns + self._slope * (t_ns - self._t0_ns))
+        return self._v0_ns + round(self._level_ns + self.drift * (t_ns - self._t0_ns))
 
-    def add(self, t_ns: int, value_ns: int) -> None:
-        """Take a value; one below the line lowers it at once."""
+    def add(self, t_ns: int, value_ns: int) -> bool:
+        """Take a value; one below the line lowers it at once. True if a window has just ended."""
         t, value = t_ns - self._t0_ns, value_ns - self._v0_ns
-        above = value - self._level_ns - self._slope * t
-        if above < 0:
-            self._level_ns += above
-        if t_ns >= self._window_end_ns:
+        ended = t_ns >= self._window_end_ns
+        if ended:
             self._window_end_ns = t_ns + WINDOW_NS
             self._points.append(self._least)
             del self._points[:-WINDOWS]
-            self._fit()
+            self.lean(self.drift)
+        if ended or value - self._least[1] < self.drift * (t - self._least[0]):
             self._least = (t, value)
-        elif value - self._least[1] < self._slope * (t - self._least[0]):
-            self._least = (t, value)
+        self._level_ns = min(self._level_ns, value - self.drift * t)
+        return ended
 
-    def _fit(self) -> None:
-        """Lay the line along the edge of the lower hull above the mean time of the points."""
-        points = self._points
-        self._slope = 0.0
-        if len(points) >= DRIFT_WINDOWS:
-            left, right = _edge(points)
-            slope = (right[1] - left[1]) / (right[0] - left[0])
-            self._slope = min(max(slope, -DRIFT_MAX), DRIFT_MAX)
-        self._level_ns = min(value - self._slope * t for t, value in points)
+    def lean(self, drift: float) -> None:
+        """Give the line the slope `drift` and raise it until it touches a point."""
+        self.drift = drift
+        points = [*self._points, self._least]
+        self._level_ns = min(value - drift * t for t, value in points)
+
+    def fitted_drift(self) -> float:
+        """Return the slope that lies closest below the points: that of their lower hull's edge at
+        their mean time. 0 while the points are few."""
+        if len(self._points) < DRIFT_WINDOWS:
+            return 0.0
+        left, right = _edge(self._points)
+        drift = (right[1] - left[1]) / (right[0] - left[0])
+        return min(max(drift, -DRIFT_MAX), DRIFT_MAX)
 
 
 def _edge(points: list[tuple[int, int]]) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -160,8 +166,10 @@ class BoardClock:
         board_ns = self._board_ns + step * self._unit_ns
         if self._lower is None:
             self._lower = Bound(board_ns, board_ns - sent_ns)
-        else:
-            self._lower.add(board_ns, board_ns - sent_ns)
+        elif self._lower.add(board_ns, board_ns - sent_ns):
+            self._lower.lean(self._lower.fitted_drift())
+            if self._upper is not None:
+                self._upper.lean(-self._lower.drift)
 
     def _difference_ns(self) -> int:
         """Return loop's time minus board's time, at the board's newest sample."""

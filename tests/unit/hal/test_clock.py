@@ -1,0 +1,168 @@
+"""Board clocks with drift, jitter, wrap, late readings and resets, in simulated time."""
+
+import math
+import random
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motord.hal.clock import HEARTBEAT_LATENCY_NS, BoardClock, Bound, LoopClock
+
+START_NS = 1_800_000_000_000_000_000
+MS = 1_000_000
+SECOND_NS = 1_000_000_000
+WRAP = 1 << 32
+
+
+@dataclass
+class Wire:
+    """A board of its own clock behind a link with delay; the host reads every `poll_ns`."""
+
+    drift: float = 0.0
+    offset_us: int = 0
+    delay_ns: int = 80_000
+    jitter_ns: int = 40_000
+    poll_ns: int = MS
+    sample_ns: int = MS
+    heartbeats: bool = True
+    seed: int = 1
+
+    def board_us(self, t_ns: float) -> int:
+        return int(self.offset_us + (t_ns - START_NS) * (1 + self.drift) / 1000) % WRAP
+
+    def run(self, clock: BoardClock, seconds: float, from_s: float = 0.0) -> Iterator[float]:
+        """Yield the error in ns of the time of every newest sample, reading by reading."""
+        rng = random.Random(self.seed)
+        newest = -1
+        sample_ns = self.sample_ns / (1 + self.drift)  # by the host's clock
+        phase_ns = 0.37 * sample_ns
+        begin_ns = START_NS + round(from_s * 1e9)
+        for tick in range(1, round(seconds * 1e9 / self.poll_ns)):
+            now_ns = begin_ns + tick * self.poll_ns
+            delay_ns = self.delay_ns + rng.expovariate(1) * self.jitter_ns
+            number = math.floor((now_ns - delay_ns - begin_ns - phase_ns) / sample_ns)
+            if self.heartbeats and tick % 50 == 0:
+                sent_ns = now_ns - 20 * MS
+                heard_ns = sent_ns + self.delay_ns + rng.expovariate(1) * self.jitter_ns
+                clock.heartbeat(self.board_us(heard_ns), sent_ns)
+            if number > newest:
+                newest = number
+                true_ns = begin_ns + phase_ns + number * sample_ns
+                yield clock.received(self.board_us(true_ns), now_ns) - true_ns
+
+
+def settled(errors: Iterator[float], skip: int = 3000) -> list[float]:
+    return list(errors)[skip:]
+
+
+@pytest.mark.parametrize("drift", [0.0, 100e-6, -100e-6])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_way_error_stays_below_the_latency(drift: float, seed: int) -> None:
+    """Through every phase between board and loop; the reading alone would be late by up to 1 ms."""
+    clock = BoardClock()
+    errors = settled(Wire(drift=drift, seed=seed).run(clock, 14.0))
+    assert max(errors) < 60_000
+    assert min(errors) > -HEARTBEAT_LATENCY_NS - 20_000
+    assert clock.resets == 0
+
+
+def test_drift_is_followed_within_microseconds() -> None:
+    """Against a line: with drift of 100 ppm an untracked window of 4 s would be off by 400 us."""
+    errors = settled(Wire(drift=100e-6, jitter_ns=5_000, poll_ns=MS // 8).run(BoardClock(), 9.0))
+    assert max(errors) - min(errors) < 40_000
+
+
+@pytest.mark.parametrize("drift", [0.0, 50e-6, -50e-6])
+def test_one_way_is_late_by_no_more_than_a_period(drift: float) -> None:
+    """Early only by what the clocks drift apart in the seconds that are remembered."""
+    wire = Wire(heartbeats=False, jitter_ns=10_000, drift=drift)
+    errors = settled(wire.run(BoardClock(), 14.0))
+    assert min(errors) > -250_000
+    assert max(errors) < MS + wire.delay_ns + 50_000
+
+
+def test_the_counter_wraps_without_notice() -> None:
+    clock = BoardClock()
+    errors = settled(Wire(drift=30e-6, offset_us=WRAP - 4_000_000).run(clock, 8.0))
+    assert max(abs(error) for error in errors) < 120_000
+    assert clock.resets == 0
+
+
+def test_never_later_than_the_arrival() -> None:
+    wire = Wire(jitter_ns=300_000)
+    clock = BoardClock()
+    for tick in range(1, 3000):
+        now_ns = START_NS + tick * MS
+        true_ns = now_ns - (tick * 7919 % 900_000)
+        assert clock.received(wire.board_us(true_ns), now_ns) <= now_ns
+
+
+def test_late_readings_do_not_move_it() -> None:
+    """A host that is stopped for 0.4 s now and then reads old samples: they keep their times."""
+    clock, wire = BoardClock(), Wire(jitter_ns=10_000)
+    for second in range(2, 8):
+        for _ in wire.run(clock, 0.5, from_s=second):
+            pass
+        true_ns = START_NS + second * SECOND_NS + 550 * MS
+        error_ns = clock.received(wire.board_us(true_ns), true_ns + 400 * MS) - true_ns
+        assert abs(error_ns) < 150_000
+    assert clock.resets == 0
+
+
+@pytest.mark.parametrize("uptime_us", [10_000_000, 3_000_000_000, WRAP - 1_000_000])
+def test_a_board_that_was_reset_is_noticed(uptime_us: int) -> None:
+    """Back to zero: as a step back, or as a leap ahead when it was past half its range."""
+    clock = BoardClock()
+    for _ in Wire(offset_us=uptime_us).run(clock, 2.0):
+        pass
+    assert clock.resets == 0
+    errors = settled(Wire(offset_us=0).run(clock, 5.0, from_s=2.0))
+    assert clock.resets == 1
+    assert max(abs(error) for error in errors) < 150_000
+
+
+def test_a_board_that_lost_time_is_noticed_after_a_second() -> None:
+    """Its clock goes on forward, but ever so late: 0.3 s less than it should say."""
+    clock = BoardClock()
+    for _ in Wire(offset_us=5_000_000).run(clock, 2.0):
+        pass
+    errors = settled(Wire(offset_us=4_700_000).run(clock, 5.0, from_s=2.5))
+    assert clock.resets == 1
+    assert max(abs(error) for error in errors) < 150_000
+
+
+def test_told_of_a_reset() -> None:
+    clock = BoardClock()
+    clock.received(500, START_NS)
+    clock.reset()
+    clock.heartbeat(5, START_NS)  # nothing to relate it to yet
+    assert clock.received(7, START_NS + MS) == START_NS + MS
+    assert clock.resets == 1
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.tuples(st.integers(1, 400 * MS), st.integers(0, 10 * MS)), min_size=1, max_size=80)
+)
+def test_bound_is_below_what_it_saw_last(steps: list[tuple[int, int]]) -> None:
+    """The line passes below every value at the moment it is taken."""
+    t_ns = START_NS
+    bound = Bound(t_ns, 5 * MS)
+    for step_ns, value_ns in steps:
+        t_ns += step_ns
+        bound.add(t_ns, value_ns)
+        assert bound.at(t_ns) <= value_ns + 1
+
+
+def test_loop_clock_takes_the_shortest_delay() -> None:
+    clock = LoopClock()
+    ahead_ns = 3600 * SECOND_NS
+    for late_ns in (5 * MS, 0, 2 * MS):
+        clock.tell(time.monotonic_ns() + ahead_ns - late_ns)
+    assert abs(clock.now_ns() - time.monotonic_ns() - ahead_ns) < MS
+    system_ns = time.time_ns()
+    assert abs(clock.from_system(system_ns) - clock.now_ns()) < MS
