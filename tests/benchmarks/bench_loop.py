@@ -3,7 +3,7 @@
     python -m tests.benchmarks.bench_loop [--json FILE] [--rate-Hz R] [--seconds S]
 
 The parts are timed in alternating rounds, so that a disturbance of the machine hits all of them;
-a figure is the median of the rounds. Ratios compare with the limits that docs/performance.md names.
+a figure is the median of the rounds. Ratios compare with the limits below.
 """
 
 import argparse
