@@ -1,7 +1,9 @@
 """The emulated inverter's CAN port: command frames in, feedback and status frames out."""
 
 import logging
+import socket
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 
 import can
 
@@ -15,6 +17,7 @@ from motord.wire.sequence import SequenceCheck
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 FRAMES_AT_ONCE = 4096
+BUFFER_BYTES = 1 << 20
 
 
 class CanPort:
@@ -28,6 +31,7 @@ class CanPort:
         self._check = SequenceCheck(codec.command.checks.counter_modulus)
         self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
         self._bus = _open(config)
+        _widen(self._bus)
 
     @property
     def command_errors(self) -> int:
@@ -92,6 +96,15 @@ class _Outgoing:
         self._counter = (self._counter + 1) % (codec.checks.counter_modulus or 1)
         self._message.data = bytearray(payload)
         return self._message
+
+
+def _widen(bus: can.BusABC) -> None:
+    """Let the kernel keep more frames while this process is kept waiting, if it may."""
+    with (
+        suppress(OSError, NotImplementedError, ValueError),
+        socket.fromfd(bus.fileno(), socket.AF_INET, socket.SOCK_DGRAM) as same,
+    ):
+        same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
 
 
 def _open(config: CanConfig) -> can.BusABC:

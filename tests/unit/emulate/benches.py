@@ -3,8 +3,6 @@
 import socket
 from pathlib import Path
 
-from motord.config import Config, load
-
 EMULATED = Path(__file__).parents[3] / "config" / "emulated.toml"
 
 
@@ -15,19 +13,18 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
         return int(probe.getsockname()[1])
 
 
-def bench(folder: Path, **changes: object) -> Config:
-    """Return config/emulated.toml with ports of its own; `changes` by dotted name, __ for a dot."""
-    data = load(EMULATED).model_dump()
-    ours: dict[str, object] = {
-        "bridge__port": str(folder / "bridge"),
-        "inverter__can__options": {"port": free_port(socket.SOCK_DGRAM), "hop_limit": 0},
-        "brake__modbus__tcp_port": free_port(),
-        "drive__modbus__tcp_port": free_port(),
+def write_bench(folder: Path, changes: dict[str, str] | None = None) -> Path:
+    """Write config/emulated.toml with ports of its own into `folder`; `changes` replaces text."""
+    text = EMULATED.read_text()
+    ours = {
+        '"/tmp/motord-emulated-bridge"': f'"{folder / "bridge"}"',
+        "port = 43117": f"port = {free_port(socket.SOCK_DGRAM)}",
+        "tcp_port = 15020": f"tcp_port = {free_port()}",
+        "tcp_port = 15021": f"tcp_port = {free_port()}",
     }
-    for name, value in (ours | changes).items():
-        *tables, key = name.split("__")
-        table = data
-        for part in tables:
-            table = table[part]
-        table[key] = value
-    return Config.model_validate(data)
+    for old, new in (ours | (changes or {})).items():
+        assert old in text, f"{old} is not in {EMULATED}"
+        text = text.replace(old, new)
+    path = folder / "bench.toml"
+    path.write_text(text)
+    return path

@@ -1,0 +1,305 @@
+"""The real `motord emulate` process, spoken to with the daemon's drivers."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.config import load
+from motord.control.types import COMMAND, FEEDBACK
+from motord.hal.base import BridgeStatus, InverterStatus
+from motord.hal.registry import make_rig, make_setpoint_device
+from motord.record.reader import open_run
+from tests.unit.emulate.benches import write_bench
+
+pytestmark = pytest.mark.system
+
+PATIENCE_S = 30.0
+MS = 1_000_000
+CURRENTS = (5.0, -2.5, -2.5)
+OFF_A = 2.0
+"""More than the offsets of the rig's current sensors."""
+
+
+class Emulator:
+    """A running `motord emulate`."""
+
+    def __init__(self, bench: Path, *options: str) -> None:
+        command = [sys.executable, "-m", "motord", "emulate", "-c", str(bench), *options]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0
+        )
+        self.first_line = self._read_line()
+
+    def _read_line(self) -> str:
+        assert self.process.stdout is not None
+        line = b""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not line.endswith(b"\n"):
+            left_s = deadline_s - time.monotonic()
+            ready, _, _ = select.select([self.process.stdout], [], [], max(left_s, 0))
+            assert ready, f"no line within {PATIENCE_S} s, only {line!r}"
+            piece = os.read(self.process.stdout.fileno(), 1)
+            if not piece:
+                break
+            line += piece
+        return line.decode()
+
+    def end(self, number: signal.Signals = signal.SIGTERM) -> tuple[int, str, str]:
+        """Send a signal; return exit code, the rest of stdout, and stderr."""
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=PATIENCE_S)
+        return self.process.returncode, out.decode(), err.decode()
+
+
+@pytest.fixture
+def start():
+    running = []
+
+    def begin(bench: Path, *options: str) -> Emulator:
+        running.append(Emulator(bench, *options))
+        return running[-1]
+
+    yield begin
+    for emulator in running:
+        if emulator.process.poll() is None:
+            emulator.process.kill()
+        emulator.process.communicate(timeout=PATIENCE_S)
+
+
+class Host:
+    """The daemon's drivers, and a tick of about 1 ms."""
+
+    def __init__(self, bench: Path) -> None:
+        self.rig = make_rig(load(bench))
+        self.feedback = np.zeros(1, FEEDBACK)
+        self.command = np.zeros(1, COMMAND)
+        self.commands, self.beats = True, True
+        self.sent_ns = (0, 0)  # just before and just after the last command
+        self.beat_ns = (0, 0)
+        self.rig.open()
+
+    def tick(self) -> np.record:
+        self.rig.read(time.time_ns(), self.feedback)
+        if self.commands:
+            before_ns = time.time_ns()
+            self.rig._inverter.write(self.command)
+            self.sent_ns = (before_ns, time.time_ns())
+        if self.beats:
+            before_ns = time.time_ns()
+            self.rig._bridge.write(self.command)
+            self.beat_ns = (before_ns, time.time_ns())
+        time.sleep(0.001)
+        return self.feedback.copy()[0]
+
+    def until(self, condition) -> np.record:
+        """Tick until `condition(feedback)`; fails after PATIENCE_S."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not condition(feedback := self.tick()):
+            assert time.monotonic() < deadline_s, f"still {feedback}"
+        return feedback
+
+    def switch_on(self) -> np.record:
+        """Disable first, as devices want after a silence; then enable with current.
+
+        A computer so busy that this process misses a timeout costs another try.
+        """
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            self.command["enable"], self.command["i_A"] = 0, 0.0
+            self.until(lambda f: not f.inverter_status & InverterStatus.ENABLE_LINE and not lost(f))
+            self.command["enable"], self.command["i_A"] = 1, CURRENTS
+            feedback = self.until(lambda f: flows(f) or lost(f))
+            if flows(feedback):
+                return feedback
+            assert time.monotonic() < deadline_s
+
+
+@pytest.fixture
+def host():
+    hosts = []
+
+    def connect(bench: Path) -> Host:
+        hosts.append(Host(bench))
+        return hosts[-1]
+
+    yield connect
+    for connected in hosts:
+        connected.rig.close()
+
+
+def flows(feedback: np.record) -> bool:
+    ready = bool(feedback.inverter_status & InverterStatus.READY)
+    return ready and np.allclose(feedback.i_A, CURRENTS, atol=0.5)
+
+
+def lost(feedback: np.record) -> bool:
+    return bool(
+        feedback.inverter_status & InverterStatus.COMMAND_TIMEOUT
+        or feedback.bridge_status & BridgeStatus.HEARTBEAT_LOST
+    )
+
+
+def truth_of(path: Path) -> np.ndarray:
+    return open_run(path).truth()
+
+
+def switched_off(truth: np.ndarray, field: str, on_at_ns: int) -> tuple[int, int]:
+    """Return the times of the last row with `field` 1 from `on_at_ns` on, and of the next."""
+    later = truth[truth["t_ns"] > on_at_ns]
+    first = np.flatnonzero(later[field] == 0)[0]
+    return int(later["t_ns"][first - 1]), int(later["t_ns"][first])
+
+
+def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
+    bench, truth = write_bench(tmp_path), tmp_path / "truth.mcap"
+    emulator = start(bench, "--json", "--truth", str(truth))
+    ready = json.loads(emulator.first_line)
+    assert ready["ready"] is True
+    assert Path(ready["bridge"]).is_symlink()
+    daemon = host(bench)
+    feedback = daemon.switch_on()
+    wanted = BridgeStatus.ENABLE_LINE
+    assert feedback.bridge_status == wanted
+    assert feedback.inverter_status == InverterStatus.READY | InverterStatus.ENABLE_LINE
+    assert feedback.u_bus_V == pytest.approx(24.0, abs=0.5)
+    assert 0 <= feedback.now_ns - feedback.t_ns < 10**9
+    assert 0 <= feedback.now_ns - feedback.t_inverter_ns < 10**9
+    daemon.rig.close()
+    code, out, err = emulator.end()
+    assert (code, err) == (0, "")
+    summary = json.loads(out)
+    assert summary["ticks_on"] > 0
+    assert not Path(ready["bridge"]).is_symlink()
+    rows = truth_of(truth)
+    assert len(rows) == summary["ticks"]
+    on = rows["inverter_on"] == 1
+    assert summary["torque_mean_Nm"] == pytest.approx(float(rows["torque_Nm"][on].mean()), rel=1e-4)
+    assert np.median(np.diff(rows["t_ns"])) == pytest.approx(MS, abs=2000)
+
+
+def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_path):
+    patient = {"heartbeat_timeout_s = 0.1": "heartbeat_timeout_s = 5.0"}
+    bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
+    emulator = start(bench, "--truth", str(truth))
+    daemon = host(bench)
+    daemon.switch_on()
+    daemon.commands = False
+    feedback = daemon.until(lambda f: np.abs(f.i_A).max() < OFF_A)
+    assert not feedback.inverter_status & InverterStatus.READY
+    daemon.until(lambda f: f.inverter_status & InverterStatus.COMMAND_TIMEOUT)
+    before_ns, after_ns = daemon.sent_ns
+    daemon.commands = True
+    daemon.switch_on()
+    assert emulator.end()[0] == 0
+    last_on_ns, off_ns = switched_off(truth_of(truth), "inverter_on", before_ns)
+    timeout_ns = round(load(bench).inverter.timeout_s * 1e9)
+    assert off_ns >= before_ns + timeout_ns - MS
+    assert last_on_ns <= after_ns + timeout_ns + MS
+
+
+def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
+    patient = {"\ntimeout_s = 0.1": "\ntimeout_s = 5.0"}
+    bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
+    emulator = start(bench, "--truth", str(truth))
+    daemon = host(bench)
+    daemon.switch_on()
+    daemon.beats = False
+    daemon.until(
+        lambda f: (
+            f.bridge_status == BridgeStatus.HEARTBEAT_LOST
+            and not f.inverter_status & InverterStatus.ENABLE_LINE
+            and np.abs(f.i_A).max() < OFF_A
+        )
+    )
+    before_ns, _ = daemon.beat_ns
+    daemon.beats = True
+    daemon.switch_on()
+    code, out, _ = emulator.end()
+    assert code == 0
+    assert "0 heartbeat drops" not in out
+    _, off_ns = switched_off(truth_of(truth), "enable_line", before_ns)
+    assert off_ns >= before_ns + round(load(bench).bridge.heartbeat_timeout_s * 1e9) - MS
+
+
+def test_brake_and_drive_answer_and_move_the_rig(start, host, tmp_path):
+    bench = write_bench(tmp_path)
+    start(bench)
+    config = load(bench)
+    brake, drive = (make_setpoint_device(kind, config) for kind in ("brake", "drive"))
+    brake.open()
+    drive.open()
+    assert brake.exchange(0.5).setpoint == pytest.approx(0.5)
+    assert brake.exchange(0.5).value == pytest.approx(25.0, abs=5.0)
+    daemon = host(bench)
+    at_rest = daemon.tick().encoder_gray
+    deadline_s = time.monotonic() + PATIENCE_S
+    while drive.exchange(2.0).value < 1.9:
+        assert time.monotonic() < deadline_s
+        daemon.tick()
+    daemon.until(lambda f: f.encoder_gray != at_rest)
+    drive.safe_stop()
+    assert drive.exchange(0.0).setpoint == 0.0
+    brake.close()
+    drive.close()
+
+
+def test_it_survives_a_stall_of_the_host(start, host, tmp_path):
+    bench = write_bench(tmp_path)
+    emulator = start(bench, "--json")
+    daemon = host(bench)
+    emulator.process.send_signal(signal.SIGSTOP)
+    stopped = daemon.until(lambda f: f.now_ns - f.t_inverter_ns > 600 * MS)
+    stale_ns = int(stopped.t_inverter_ns)
+    emulator.process.send_signal(signal.SIGCONT)
+    daemon.until(lambda f: f.t_inverter_ns > stale_ns + 600 * MS)
+    daemon.switch_on()
+    code, out, err = emulator.end(signal.SIGINT)
+    assert (code, err) == (0, "")
+    assert json.loads(out)["skipped"] > 100
+
+
+def test_a_second_emulator_of_a_bench_is_refused_in_one_line(start, tmp_path):
+    bench = write_bench(tmp_path)
+    first = start(bench)
+    assert first.first_line.startswith("ready: bench emulated, inverter on CAN udp_multicast")
+    second = start(bench)
+    code, out, err = second.end()
+    assert (second.first_line, out, code) == ("", "", 1)
+    assert "is another emulator running?" in err
+    assert err.count("\n") == 1
+    assert first.end()[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({'interface = "udp_multicast"': 'interface = "socketcan"'}, "CAN socketcan"),
+        ({'driver = "can"': 'driver = "acme"'}, '[inverter] driver = "acme"'),
+        ({'dbc = "package:inverter.dbc"': 'dbc = "nowhere.dbc"'}, "nowhere.dbc"),
+        ({'rig = "package:report.rig.toml"': 'rig = "nowhere.toml"'}, "nowhere.toml"),
+    ],
+)
+def test_what_cannot_be_served_is_one_line(start, tmp_path, changes, words):
+    emulator = start(write_bench(tmp_path, changes))
+    emulator.process.wait(PATIENCE_S)
+    code, _, err = emulator.end()
+    assert code == 1
+    assert words in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "bridge").is_symlink()
+
+
+def test_it_ends_by_itself_after_the_time_asked_for(start, tmp_path):
+    emulator = start(write_bench(tmp_path), "--duration-s", "0.2")
+    out, err = emulator.process.communicate(timeout=PATIENCE_S)
+    assert (emulator.process.returncode, err) == (0, b"")
+    assert out.startswith(b"ended: ")
+    assert b"never switched on" in out
