@@ -94,13 +94,14 @@ def bench(can: CanConfig | None = None, port: str = "/dev/null", **bridge: Any) 
 
 
 class Peer:
-    """A thread that calls `step` until it is closed."""
+    """A thread that calls `step`, which waits for `left_s` at most, until it is closed."""
 
     def __init__(self) -> None:
         self.silent = False
         self.corrupt = 0  # frames to spoil
         self.lose = 0  # frames to leave out
         self._stopping = False
+        self._due_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -114,6 +115,17 @@ class Peer:
         self._stopping = True
         self._thread.join()
         self.release()
+
+    def left_s(self) -> float:
+        """Return the time until `step` is to speak again."""
+        return max(self._due_s - time.monotonic(), 0.0)
+
+    def due(self) -> bool:
+        """Return whether it is time to speak; then the next time is a period from now."""
+        if self.left_s() > 0:
+            return False
+        self._due_s = time.monotonic() + PERIOD_S
+        return True
 
     def _run(self) -> None:
         while not self._stopping:
@@ -149,12 +161,10 @@ class Drive(Peer):
         super().__init__()
 
     def step(self) -> None:
-        message = self._bus.recv(PERIOD_S)
-        while message is not None:
-            if message.arbitration_id == self.codec.command.identifier:
-                self._obey(bytes(message.data))
-            message = self._bus.recv(0)
-        if not self.silent:
+        message = self._bus.recv(self.left_s())
+        if message is not None and message.arbitration_id == self.codec.command.identifier:
+            self._obey(bytes(message.data))
+        if self.due() and not self.silent:
             self._speak()
 
     def send(self, message: can.Message) -> None:
@@ -242,13 +252,13 @@ class Board(Peer):
             self._sequence = 0
             self.clock_offset_us = -(time.monotonic_ns() // 1000)
             self._send(self._hello())
-        if select.select([self._fd], [], [], PERIOD_S)[0]:
+        if select.select([self._fd], [], [], self.left_s())[0]:
             for number, frame in self._decoder.feed(os.read(self._fd, 65536)):
                 self._obey(number, frame)
         if self.raw:
             os.write(self._fd, self.raw)
             self.raw = b""
-        if self.streaming and not self.silent:
+        if self.due() and self.streaming and not self.silent:
             status = self.status | (BridgeStatus.ENABLE_LINE if self.line_closed else 0)
             self._send(
                 frames.Sample(self.clock_us(), self.encoder_gray, self.torque_counts, status)

@@ -25,7 +25,14 @@ def open_bus(config: CanConfig, device: str) -> can.BusABC:
             ignore_config=True,
             **settings,  # type: ignore[arg-type]
         )
-    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+    except (
+        can.CanError,
+        OSError,
+        ValueError,
+        TypeError,
+        ImportError,
+        NotImplementedError,  # an interface that python-can does not know
+    ) as error:
         cause = error.__cause__ or error
         reason = getattr(cause, "strerror", None) or str(cause)
         raise DeviceError(f"{device}: cannot open the bus: {reason}; {_hint(config)}") from error

@@ -1,0 +1,86 @@
+"""Every driver of the fast loop, each with what its other end saw and what can be done to it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from motord import config
+from motord.control.types import COMMAND, FEEDBACK
+from motord.hal.bridge_serial import SerialBridge
+from motord.hal.inverter_can import CanInverter
+from motord.hal.registry import make_rig
+from tests.contract.peers import Board, Drive, Peer, bench, can_config
+
+
+@dataclass
+class Bench:
+    """A driver under test. `obeyed` tells whether the other end is at zero and switched off."""
+
+    driver: Any
+    times: tuple[str, ...]
+    """Fields of the feedback that tell when something was sampled."""
+    peers: tuple[Peer, ...]
+    heard: Callable[[], Any]
+    """What the other end was last told: currents, enable; None if that cannot be seen."""
+
+    def close(self) -> None:
+        self.driver.close()
+        for peer in self.peers:
+            peer.close()
+
+
+def _drive_heard(drive: Drive) -> Callable[[], Any]:
+    return lambda: (drive.i_A, drive.enable)
+
+
+def can_udp() -> Bench:
+    return _can("udp_multicast")
+
+
+def can_virtual() -> Bench:
+    return _can("virtual")
+
+
+def _can(interface: str) -> Bench:
+    can = can_config(interface)
+    drive = Drive(can)
+    return Bench(CanInverter(bench(can)), ("t_inverter_ns",), (drive,), _drive_heard(drive))
+
+
+def serial() -> Bench:
+    board = Board()
+    return Bench(
+        SerialBridge(bench(port=board.port)), ("t_ns",), (board,), lambda: (None, board.line_closed)
+    )
+
+
+def wires() -> Bench:
+    can = can_config()
+    drive, board = Drive(can), Board()
+    return Bench(
+        make_rig(bench(can, board.port)),
+        ("t_ns", "t_inverter_ns"),
+        (drive, board),
+        lambda: (drive.i_A, drive.enable or board.line_closed),
+    )
+
+
+def simulated() -> Bench:
+    return Bench(make_rig(config.load()), ("t_ns", "t_inverter_ns"), (), lambda: None)
+
+
+BENCHES = (can_udp, can_virtual, serial, wires, simulated)
+ON_A_WIRE = (can_udp, can_virtual, serial, wires)
+
+
+def new_feedback() -> np.ndarray:
+    return np.zeros(1, FEEDBACK)
+
+
+def new_command(i_A: tuple[float, ...] = (0.0, 0.0, 0.0), enable: int = 0) -> np.ndarray:
+    command = np.zeros(1, COMMAND)
+    command["i_A"] = i_A
+    command["enable"] = enable
+    return command
