@@ -26,6 +26,11 @@ _Item = TypeVar("_Item")
 _CODEC = BlockCodec(TICK)
 
 
+def operator() -> str:
+    """Return who is asking, for leases and logs: user and host."""
+    return f"{getpass.getuser()}@{socket.gethostname()}"[:64]
+
+
 def connect(bench: str | None = None, endpoint: str = DEFAULT_ENDPOINT) -> "Client":
     """Connect to the daemon of `bench` at `endpoint`; without a name, to the only one there.
 
@@ -114,7 +119,7 @@ class Client:
 
     def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
         """Return a lease on command, as a context manager that renews it until it is left."""
-        return Lease(self.rpc, holder or f"{getpass.getuser()}@{socket.gethostname()}", force=force)
+        return Lease(self.rpc, holder or operator(), force=force)
 
     def subscribe_state(
         self, callback: Callable[[State], None] | None = None

@@ -1,0 +1,120 @@
+"""`motord check`: is this bench file right, do its devices answer, what rights would the loop get."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from motord.config import Config
+
+Finding = dict[str, Any]
+
+
+def check(
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config", "-c", metavar="FILE", help="The bench; without it, the simulated one."
+        ),
+    ] = None,
+    rt: Annotated[bool, typer.Option("--rt", help="Say which real-time rights it would get.")] = (
+        False
+    ),
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Check a bench file and probe each of its devices; nothing is enabled or set."""
+    from motord.config import ConfigError, load
+
+    try:
+        bench = load(config)
+    except ConfigError as error:
+        fail(str(error))
+    findings = [{"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}]
+    findings += probe_devices(bench)
+    rights = _rights(bench) if rt else []
+    if as_json:
+        print_json({"findings": findings, "realtime": rights})
+    else:
+        for finding in findings:
+            typer.echo(f"{finding['what']}: {'ok, ' if finding['ok'] else ''}{finding['message']}")
+        for right in rights:
+            typer.echo(f"real time: {right['line']}")
+    wrong = [finding["what"] for finding in findings if not finding["ok"]]
+    if wrong:
+        fail(f"not ready to run: {', '.join(wrong)}")
+
+
+def probe_devices(bench: "Config") -> list[Finding]:
+    """Open each device, read it once, close it. A bench that is in use is left alone."""
+    from motord.runtime.rundir import RunDir, RunDirError
+
+    try:
+        with RunDir(bench.bench.name).hold():
+            return [
+                _probe("inverter and bridge", lambda: _probe_rig(bench)),
+                _probe("brake", lambda: _probe_slow("brake", bench)),
+                _probe("drive", lambda: _probe_slow("drive", bench)),
+            ]
+    except RunDirError as error:
+        return [{"what": "devices", "ok": False, "message": str(error)}]
+
+
+def _probe(what: str, probe: Callable[[], str]) -> Finding:
+    from motord.config import ConfigError
+    from motord.hal.base import DeviceError
+
+    try:
+        return {"what": what, "ok": True, "message": probe()}
+    except (DeviceError, ConfigError) as error:
+        return {"what": what, "ok": False, "message": str(error)}
+
+
+def _probe_rig(bench: "Config") -> str:
+    import time
+
+    from motord.control.types import FEEDBACK
+    from motord.hal.registry import make_rig
+    from motord.schema import BridgeStatus, InverterStatus
+
+    rig, feedback = make_rig(bench), np.zeros(1, FEEDBACK)
+    try:
+        rig.open()
+        rig.read(time.time_ns(), feedback)
+    finally:
+        rig.close()
+    inverter = InverterStatus(int(feedback["inverter_status"][0]))
+    bridge = BridgeStatus(int(feedback["bridge_status"][0]))
+    return (
+        f"{bench.inverter.driver} and {bench.bridge.driver}: bus {feedback['u_bus_V'][0]:.1f} V, "
+        f"inverter {_flags(inverter)}, bridge {_flags(bridge)}"
+    )
+
+
+def _flags(status: Any) -> str:
+    return "|".join(flag.name for flag in type(status) if flag & status) or "off"
+
+
+def _probe_slow(kind: Any, bench: "Config") -> str:
+    from motord.hal.registry import make_setpoint_device
+
+    section = bench.brake if kind == "brake" else bench.drive
+    if section.driver in ("none", "sim"):
+        return "none" if section.driver == "none" or not bench.simulated else "simulated"
+    device = make_setpoint_device(kind, bench)
+    try:
+        device.open()
+    finally:
+        device.close()
+    return f"{section.driver}: answers"
+
+
+def _rights(bench: "Config") -> list[dict[str, Any]]:
+    from motord.runtime.realtime import probe
+
+    status = probe(bench.loop)
+    return [{**item.model_dump(), "line": item.line()} for item in status.items]

@@ -1,0 +1,155 @@
+"""`motord status`, `watch`, `events`: what a bench does, now and as it goes on."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import datetime
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, daemon
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from motord.client import Client
+    from motord.service.messages import Event, State
+
+LOOK_S = 1.0
+
+ForS = Annotated[
+    float | None, typer.Option("--for-s", min=0, metavar="S", help="End after this time.")
+]
+
+
+def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+    """Show the state now."""
+    from rich.console import Console
+
+    with daemon(bench, connect) as client:
+        state = client.state()
+        if as_json:
+            typer.echo(state.model_dump_json(indent=2))
+        else:
+            Console().print(table(state))
+
+
+def watch(
+    bench: Bench = None, connect: Connect = ENDPOINT, for_s: ForS = None, as_json: AsJson = False
+) -> None:
+    """Show the state as it changes, until Ctrl-C; with --json one line each."""
+    from rich.live import Live
+
+    with daemon(bench, connect) as client, suppress(KeyboardInterrupt):
+        if as_json:
+            _each_state(client, for_s, lambda state: typer.echo(state.model_dump_json()))
+        else:
+            with Live(table(client.state()), refresh_per_second=10) as live:
+                _each_state(client, for_s, lambda state: live.update(table(state)))
+
+
+def _each_state(client: "Client", for_s: float | None, show: "Callable[[State], None]") -> None:
+    from motord.client import ClientError
+
+    end_s = None if for_s is None else time.monotonic() + for_s
+    with client.subscribe_state() as states:
+        while end_s is None or time.monotonic() < end_s:
+            state = states.get(LOOK_S)
+            if state is None:
+                raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
+            show(state)
+
+
+def events(
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    follow: Annotated[bool, typer.Option(help="Go on with new ones, until Ctrl-C.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Show the latest events, then new ones as they happen."""
+    with (
+        daemon(bench, connect) as client,
+        client.subscribe_events() as coming,
+        suppress(KeyboardInterrupt),
+    ):
+        shown_ns = 0
+        for event in client.events():
+            _show(event, as_json)
+            shown_ns = event.t_ns
+        while follow:
+            new = coming.get(LOOK_S)
+            if new is not None and new.t_ns > shown_ns:
+                _show(new, as_json)
+
+
+def _show(event: "Event", as_json: bool) -> None:
+    if as_json:
+        typer.echo(event.model_dump_json())
+        return
+    moment = datetime.fromtimestamp(event.t_ns / 1e9).astimezone()
+    typer.echo(f"{moment:%Y-%m-%d %H:%M:%S.%f}"[:-3] + f" {event.kind}: {event.message}")
+
+
+def table(state: "State") -> "Table":
+    """Return a state as two columns."""
+    from rich.table import Table
+
+    rows = Table(show_header=False, box=None, pad_edge=False)
+    rows.add_column(style="dim")
+    rows.add_column()
+    for name, value in _rows(state):
+        rows.add_row(name, value)
+    return rows
+
+
+def _rows(state: "State") -> list[tuple[str, str]]:
+    rows = [("bench", f"{state.bench}, {state.motor}" + (", simulated" * state.simulated))]
+    rows.append(("state", state.state))
+    if state.fault:
+        rows.append(("fault", state.fault))
+    rows += [("cause", f"{trip.name}: {trip.meaning}") for trip in state.trips]
+    rows += _measured(state)
+    holder = state.lease.holder
+    rows.append(("command", f"{holder}" if holder else "nobody"))
+    if state.plan is not None:
+        p = state.plan
+        rows.append(("plan", f"{p.plan} {p.state}, {p.points_done}/{p.points} points, {p.step}"))
+    c = state.calibration
+    rows.append(("calibration", f"{c.id}, {c.method}, {c.age} old" if c is not None else "none"))
+    path = state.recording.path
+    rows.append(("recording", path if state.recording.recording else "not recording"))
+    loop = state.loop
+    rows.append(
+        (
+            "loop",
+            f"{loop.rate_Hz:g} Hz, {loop.missed} missed of {loop.ticks}, "
+            f"late {_number(loop.wake_late_us_p50)} us (99 %: {_number(loop.wake_late_us_p99)}), "
+            f"work {_number(loop.work_us_p99)} us",
+        )
+    )
+    if state.realtime and not state.realtime.get("granted", True):
+        rows.append(("real time", "not all rights granted: `motord check --rt` says which"))
+    for name, device in (("brake", state.brake), ("drive", state.drive)):
+        rows.append((name, device.health + (f": {device.error}" if device.error else "")))
+    return rows
+
+
+def _measured(state: "State") -> list[tuple[str, str]]:
+    tick = state.tick
+    if tick is None:
+        return []
+    wanted = state.setpoint
+    speed = f"of {wanted.speed_Hz:g} Hz" if wanted.speed_Hz is not None else "Hz"
+    currents = ", ".join(_number(i) for i in tick.i_A)
+    return [
+        ("torque", f"{_number(tick.torque_set_Nm)} of {wanted.torque_Nm:g} Nm set, "
+                   f"{_number(tick.torque_Nm)} Nm measured"),
+        ("speed", f"{_number(tick.speed_Hz)} {speed}"),
+        ("currents", f"{currents} A"),
+        ("bus", f"{_number(tick.u_bus_V)} V, inverter {_number(tick.temperature_C)} degC"),
+    ]  # fmt: skip
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,198 @@
+"""`motord plan`: experiments on a running daemon."""
+
+import json
+from collections.abc import Mapping
+from contextlib import nullcontext, suppress
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from motord.cli.command import in_command
+from motord.cli.console import fail
+from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from motord.client import Client, Subscription
+    from motord.service.messages import PlanView
+
+LOOK_S = 0.5
+
+app = typer.Typer(no_args_is_help=True, help="Experiments: list, start, steer.")
+
+
+@app.command("list")
+def list_(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+    """Show the plans and the settings that they start with."""
+    with daemon(bench, connect) as client:
+        answer = client.rpc("plan/list")
+        say(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
+
+
+def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
+    lines = []
+    for plan in plans:
+        lines.append(f"{plan['name']}: {plan['summary']}")
+        lines += [f"    {key} = {json.dumps(value)}" for key, value in plan["settings"].items()]
+    return lines
+
+
+@app.command()
+def start(
+    name: Annotated[str, typer.Argument(help="The plan, as `motord plan list` names it.")],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check limits, show points and time; move nothing.")
+    ] = False,
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
+    ] = False,
+    notes: Annotated[str, typer.Option(help="For the recording.")] = "",
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
+    with daemon(bench, connect) as client:
+        asked = {"name": name, "settings": _settings(client, name, settings or [])}
+        if dry_run:
+            outline = client.rpc("plan/start", dry_run=True, **asked)
+            say(outline, "\n".join(_outline_lines(outline)), as_json)
+            return
+        with in_command(client, force=force) as command, client.subscribe_plan() as progress:
+            answer = client.rpc(
+                "plan/start", token=command.token, detach=detach, notes=notes, **asked
+            )
+            if detach:
+                say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
+                return
+            view = _follow(client, command.token, progress, quiet=as_json)
+        say(view.model_dump(mode="json"), _end_line(view), as_json)
+        if view.state != "done":
+            fail(f"{view.plan} {view.state}: {view.message}")
+
+
+def _settings(client: "Client", name: str, given: list[str]) -> dict[str, Any]:
+    """Return the settings as JSON values; one number for a list is a list of one."""
+    if not given:
+        return {}
+    plans = {p["name"]: p["settings"] for p in client.rpc("plan/list")["plans"]}
+    return parse_settings(given, plans.get(name, {}))
+
+
+def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair."""
+    settings = {}
+    for pair in given:
+        key, equals, text = pair.partition("=")
+        if not equals or not key:
+            raise typer.BadParameter(f"--set {pair}: expected KEY=VALUE")
+        value = _value(text)
+        if isinstance(defaults.get(key), list) and not isinstance(value, list):
+            value = [value]
+        settings[key] = value
+    return settings
+
+
+def _value(text: str) -> Any:
+    for candidate in (text, f"[{text}]"):
+        with suppress(ValueError):
+            return json.loads(candidate)
+    return text
+
+
+def _outline_lines(outline: dict[str, Any]) -> list[str]:
+    points = outline["points"]
+    lines = [
+        f"{p['index']:4d}  {p['torque_Nm']:g} Nm  {p['speed_Hz']:g} Hz  {p['turns']} turns"
+        for p in points
+    ]
+    minutes = outline["estimate_s"] / 60
+    lines.append(f"{len(points)} points, about {minutes:.1f} min; all within the bench's limits")
+    return lines
+
+
+def _end_line(view: "PlanView") -> str:
+    recording = f", recorded in {view.recording}" if view.recording else ""
+    return f"{view.plan}: {view.points_done} of {view.points} points{recording}"
+
+
+def _follow(
+    client: "Client", token: str, progress: "Subscription[PlanView]", *, quiet: bool
+) -> "PlanView":
+    """Show progress until the plan is over; the first Ctrl-C aborts it."""
+    with nullcontext(None) if quiet else _bar() as bar:
+        task = bar.add_task("", total=1.0) if bar is not None else None
+        while True:
+            try:
+                view = progress.get(LOOK_S) or client.plan()
+                if view is None:
+                    continue
+                if bar is not None and task is not None:
+                    bar.update(task, completed=view.fraction, description=_step(view))
+                if view.over:
+                    return view
+            except KeyboardInterrupt:
+                client.rpc("plan/abort", token=token)
+
+
+def _bar() -> "Progress":
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    return Progress(
+        BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )  # fmt: skip
+
+
+def _step(view: "PlanView") -> str:
+    eta = f"{view.eta_s / 60:.1f} min left" if view.eta_s >= 90 else f"{view.eta_s:.0f} s left"
+    return f"{eta}; {view.points_done}/{view.points}; {view.step or view.state}"
+
+
+@app.command()
+def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+    """Show the progress of the plan under way, or how the last one ended."""
+    with daemon(bench, connect) as client:
+        view = client.plan()
+        if view is None:
+            say(None, "no plan has run since the daemon started", as_json)
+            return
+        words = f"{view.plan} {view.state}, {100 * view.fraction:.0f} %, {_step(view)}"
+        message = f": {view.message}" if view.message else ""
+        say(view.model_dump(mode="json"), words + message, as_json)
+
+
+@app.command()
+def pause(
+    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+) -> None:
+    """Ramp to zero and wait; the point under way is taken again after `resume`."""
+    _steer("plan/pause", bench, connect, force=force, as_json=as_json)
+
+
+@app.command()
+def resume(
+    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+) -> None:
+    """Go on after a pause."""
+    _steer("plan/resume", bench, connect, force=force, as_json=as_json)
+
+
+@app.command()
+def abort(
+    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+) -> None:
+    """Ramp down, disable, end the plan."""
+    _steer("plan/abort", bench, connect, force=force, as_json=as_json)
+
+
+def _steer(rpc: str, bench: str | None, connect: str, *, force: bool, as_json: bool) -> None:
+    with daemon(bench, connect) as client, in_command(client, force=force) as command:
+        answer = client.rpc(rpc, token=command.token)
+        say(answer, f"{answer['plan']}: {answer['state']}", as_json)

@@ -1,0 +1,107 @@
+"""The supervisor's core on a virtual bench, served over Zenoh on loopback, in this process."""
+
+import socket
+import threading
+from contextlib import contextmanager
+
+from motord.service.api import Api
+from motord.service.calibrations import CalibrationStore
+from motord.service.calls import CallQueue
+from motord.service.desk import Desk
+from motord.service.experiments import Experiments
+from motord.service.installation import Installation
+from motord.service.messages import RecordingView
+from motord.service.operate import Operate
+from motord.service.publisher import Publisher
+from motord.service.state_view import StateView
+from motord.service.telemetry import Telemetry
+from tests.unit.service.virtual_service import STEP_NS, VirtualService
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def endpoint():
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+class LiveService(VirtualService):
+    """Steps in a thread, in real time, between requests that come over Zenoh."""
+
+    def __init__(self, tmp_path, listen, **changes):
+        super().__init__(**changes)
+        self.listen = listen
+        self.calls = CallQueue()
+        store = CalibrationStore(self.config, tmp_path)
+        self.telemetry = Telemetry(self._put, self.config.loop.rate_Hz, 100.0, 0.1)
+        self.state = StateView(
+            bench=self.bench,
+            calibrations=store,
+            processes=dict,
+            recording=lambda: RecordingView(recording=False, path=""),
+            realtime=dict,
+            dropped=lambda: self.telemetry.dropped,
+            started_ns=self.now_ns,
+            unix_ns=lambda: self.now_ns,
+        )
+        self.publisher = Publisher(self.bench, self.state, self.telemetry)
+        self.events.listeners.append(self.publisher.event)
+        documents = {
+            "state": self.publisher.state_document,
+            "event": self.publisher.event_document,
+            "plan": self.publisher.plan_document,
+        }
+        installation = Installation(self.bench, store, lambda *tables: None, "the text")
+        self.desk = Desk(
+            {
+                **Operate(self.bench, self._restart).handlers,
+                **Experiments(self.bench).handlers,
+                **installation.handlers,
+            }
+        )
+        slow = {"calibration/install": (installation.prepare, installation.keep)}
+        self.api = Api(self.config.bench.name, self.calls, slow, documents)
+        self.paused = threading.Event()
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+
+    def _put(self, name, payload):
+        self.api.put(name, payload)
+
+    def _serve(self):
+        while not self._done.wait(STEP_NS / 1e9):
+            if self.paused.is_set():
+                continue
+            for call in self.calls.take():
+                self.desk.handle(call, self.now_ns)
+            block = self.loop.run()
+            self.now_ns += STEP_NS
+            self.bench.step(block, 0, self.now_ns)
+            self.desk.step(self.now_ns)
+            self.publisher.step(block, self.now_ns)
+
+    def open(self):
+        self.publisher.step(self.loop.run(), self.now_ns)  # the state is there when asked for
+        self.api.open([self.listen])
+        self.telemetry.start()
+        self._thread.start()
+
+    def close(self):
+        self._done.set()
+        self._thread.join()
+        self.telemetry.stop()
+        self.api.close()
+
+
+@contextmanager
+def live_service(tmp_path, name="live", listen=None, **changes):
+    """Serve a virtual bench called `name` for as long as the block runs."""
+    service = LiveService(tmp_path, listen or endpoint(), bench={"name": name}, **changes)
+    service.open()
+    try:
+        yield service
+    finally:
+        service.close()

@@ -1,0 +1,202 @@
+"""The client against the daemon's own pieces, over Zenoh on loopback."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+import zenoh
+
+from motord.client import ClientError, connect, operator
+from motord.schema import TICK_DTYPE
+from motord.service.api import ApiError
+from motord.service.endpoints import client_config, router_config
+from motord.service.messages import REQUESTS
+from tests.unit.service.live_service import LiveService, endpoint, live_service
+
+WAIT_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with live_service(tmp_path_factory.mktemp("state")) as service:
+        yield service
+
+
+@pytest.fixture
+def client(live):
+    with connect("live", live.listen) as client:
+        yield client
+
+
+def wait_for(states, condition):
+    for _ in range(round(WAIT_S * 10)):
+        state = states.get(WAIT_S)
+        assert state is not None
+        if condition(state):
+            return state
+    raise AssertionError("it never came")
+
+
+def code_of(client, name, /, **arguments):
+    with pytest.raises(ClientError) as caught:
+        client.rpc(name, **arguments)
+    return caught.value.code
+
+
+def test_nobody_there_is_said_in_one_line():
+    where = endpoint()
+    with pytest.raises(ClientError) as caught:
+        connect("x", where)
+    assert (
+        str(caught.value) == f"no motord at {where} for bench 'x': is `motord run` running there?"
+    )
+    assert caught.value.code == "unreachable"
+
+
+def test_another_zenoh_router_is_no_daemon():
+    where = endpoint()
+    with zenoh.open(router_config([where])), pytest.raises(ClientError, match="no motord"):
+        connect(None, where)
+
+
+def test_a_wrong_name_is_told_which_there_are(live):
+    with pytest.raises(ClientError, match="bench 'other'; there is one for: live"):
+        connect("other", live.listen)
+
+
+def test_the_only_bench_needs_no_name(live):
+    with connect(None, live.listen) as client:
+        assert client.bench == "live"
+        client.close()
+
+
+def test_state_and_ticks_arrive(client):
+    with client.subscribe_state() as states:
+        assert wait_for(states, lambda s: s.tick is not None).bench == "live"
+    assert client.state().state == "OFF"
+    with client.subscribe_ticks() as blocks:
+        first, second = blocks.get(WAIT_S), blocks.get(WAIT_S)
+    assert first.dtype == TICK_DTYPE
+    numbers = np.concatenate([first, second])["tick"]
+    assert np.array_equal(np.diff(numbers), np.ones(len(numbers) - 1))
+
+
+def test_callbacks_get_what_subscriptions_get(client):
+    seen = threading.Event()
+    with client.subscribe_state(lambda state: seen.set()):
+        assert seen.wait(WAIT_S)
+
+
+def test_a_subscription_is_iterated(client):
+    with client.subscribe_ticks() as blocks:
+        for block in blocks:
+            assert len(block)
+            break
+
+
+def test_single_ticks_are_plain_protobuf(live):
+    arrived = threading.Event()
+    encodings = []
+
+    def receive(sample):
+        encodings.append((str(sample.encoding), len(sample.payload)))
+        arrived.set()
+
+    with zenoh.open(client_config(live.listen)) as session:
+        session.declare_subscriber("motord/live/tick", receive)
+        assert arrived.wait(WAIT_S)
+    assert encodings[0][0] == "application/protobuf;motord.Tick"
+
+
+def test_a_lease_commands_and_is_renewed(live, client):
+    with client.subscribe_state() as states, client.lease("anna") as lease:
+        assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
+        answer = client.rpc("set", token=lease.token, torque_Nm=1.0, speed_Hz=0.5)
+        assert answer["setpoint"]["torque_Nm"] in (0.0, 1.0)
+        state = wait_for(states, lambda s: s.uptime_s > client.state().uptime_s - 1.0)
+        end_s = state.uptime_s + 2.5 * live.bench.lease.duration_ns / 1e9
+        state = wait_for(states, lambda s: s.uptime_s > end_s)
+        assert (state.state, state.lease.holder) == ("ENABLED", "anna")
+        assert not lease.lost.is_set()
+    with client.subscribe_state() as states:
+        wait_for(states, lambda s: s.state == "READY" and s.lease.holder is None)
+    client.rpc("stop")
+
+
+def test_a_second_commander_is_refused_and_a_takeover_is_noticed(client):
+    with client.lease("anna") as lease:
+        with pytest.raises(ClientError, match="anna is in command"):
+            client.lease("ben").acquire()
+        with client.lease("ben", force=True) as other:
+            assert other.took_over_from == "anna"
+            assert lease.lost.wait(WAIT_S)
+            assert "ben took over" in lease.why
+        assert code_of(client, "enable", token=lease.token) == "no_lease"
+    assert operator()
+
+
+def test_a_lease_that_cannot_be_given_back_is_lost(client):
+    lease = client.lease("anna")
+    lease.acquire()
+    client.rpc("lease/release", token=lease.token)
+    lease.release()
+    assert lease.lost.is_set()
+
+
+def test_refusals_carry_code_and_message(client):
+    assert code_of(client, "set", token="x", torque_Nm=1) == "no_lease"
+    assert code_of(client, "set", token="x", torque=1) == "invalid"
+    assert code_of(client, "plan/start", name="dance", dry_run=True) == "invalid"
+    assert code_of(client, "dance") == "unknown"
+
+
+@pytest.mark.parametrize("name", sorted(REQUESTS))
+@pytest.mark.parametrize(
+    "payload", [b"", b"\xff\xfe", b"[]", b'{"token": 1}', b'{"a": NaN}', b"{" * 900]
+)
+def test_whatever_comes_in_is_answered_with_json(live, name, payload):
+    with zenoh.open(client_config(live.listen)) as session:
+        [reply] = session.get(f"motord/live/rpc/{name}", payload=payload, timeout=WAIT_S)
+    content = (reply.ok or reply.err).payload.to_bytes()
+    if reply.err is not None:
+        assert json.loads(content).keys() == {"code", "message"}
+    else:
+        assert (payload, name) in [(b"", n) for n in ("stop", "plan/list", "config")]
+
+
+def test_events_are_remembered_and_published(client):
+    with client.subscribe_events() as coming:
+        client.rpc("stop", by="a test")
+        assert coming.get(WAIT_S).message == "stop, from a test"
+    assert any(event.message == "stop, from a test" for event in client.events())
+
+
+def test_plan_progress_is_published(client):
+    assert client.plan() is None
+    settings = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2}
+    with client.lease("anna") as lease, client.subscribe_plan() as progress:
+        outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=settings)
+        assert len(outline["points"]) == 1
+        view = progress.get(WAIT_S)
+        assert (view.plan, view.state, view.started_by) == ("calibrate", "running", "anna")
+        assert client.plan().plan == "calibrate"
+        client.rpc("plan/abort", token=lease.token)
+        while not view.over:
+            view = progress.get(WAIT_S)
+        assert view.message == "aborted by anna"
+
+
+def test_two_daemons_at_one_place_cannot_be(live, tmp_path):
+    second = LiveService(tmp_path, live.listen, bench={"name": "second"})
+    with pytest.raises(ApiError, match="cannot listen there"):
+        second.api.open([live.listen])
+    second.api.close()
+
+
+def test_a_daemon_that_went_away_is_noticed(tmp_path):
+    with live_service(tmp_path, name="brief") as service:
+        client = connect("brief", service.listen)
+        client.state()
+    with client, pytest.raises(ClientError, match="gone"):
+        client.rpc("stop")
