@@ -170,8 +170,8 @@ def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
     assert feedback.bridge_status == wanted
     assert feedback.inverter_status == InverterStatus.READY | InverterStatus.ENABLE_LINE
     assert feedback.u_bus_V == pytest.approx(24.0, abs=0.5)
-    assert 0 <= feedback.now_ns - feedback.t_ns < 10**9
-    assert 0 <= feedback.now_ns - feedback.t_inverter_ns < 10**9
+    assert feedback.t_ns == pytest.approx(time.time_ns(), abs=PATIENCE_S * 1e9)
+    assert feedback.t_inverter_ns == pytest.approx(time.time_ns(), abs=PATIENCE_S * 1e9)
     daemon.rig.close()
     code, out, err = emulator.end()
     assert (code, err) == (0, "")
@@ -186,7 +186,7 @@ def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
 
 
 def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_path):
-    patient = {"heartbeat_timeout_s = 0.1": "heartbeat_timeout_s = 5.0"}
+    patient = {"heartbeat_timeout_s = 0.25": "heartbeat_timeout_s = 5.0"}
     bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
     emulator = start(bench, "--truth", str(truth))
     daemon = host(bench)
@@ -206,7 +206,7 @@ def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_
 
 
 def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
-    patient = {"\ntimeout_s = 0.1": "\ntimeout_s = 5.0"}
+    patient = {"\ntimeout_s = 0.25": "\ntimeout_s = 5.0"}
     bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
     emulator = start(bench, "--truth", str(truth))
     daemon = host(bench)
