@@ -6,13 +6,14 @@ be right; unknown keys are errors.
 """
 
 import difflib
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -288,6 +289,20 @@ class LimitsConfig(Section):
         return self
 
 
+def _loopback_only(endpoints: tuple[str, ...]) -> tuple[str, ...]:
+    pattern = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
+    if not endpoints or not all(re.fullmatch(pattern, endpoint) for endpoint in endpoints):
+        raise ValueError(
+            "whoever reaches the daemon may command it, so it listens on TCP ports of this "
+            f'machine alone, such as "tcp/127.0.0.1:7447"; got {", ".join(endpoints) or "none"}'
+        )
+    return endpoints
+
+
+Loopback = Annotated[tuple[str, ...], AfterValidator(_loopback_only)]
+"""Zenoh endpoints that only this machine can reach, at least one."""
+
+
 class RecordingConfig(Section):
     """`[recording]`: where runs go and how they are written."""
 
@@ -302,9 +317,9 @@ class RecordingConfig(Section):
 
 
 class ZenohConfig(Section):
-    """`[zenoh]`: endpoints and telemetry rate."""
+    """`[zenoh]`: endpoints and telemetry rate. Nothing beyond this machine may be listened on."""
 
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    listen: Loopback = ("tcp/127.0.0.1:7447",)
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
