@@ -86,8 +86,8 @@ def descriptor_set(record: Record) -> bytes:
 def read_record(descriptor: bytes, full_name: str) -> Record:
     """Return the record that a FileDescriptorSet defines; units and meanings are not in it.
 
-    `full_name` is as in `motord.Tick`. Raises ValueError if the message is not there or has a
-    field that is not a single one of fixed width.
+    `full_name` is as in `motord.Tick`. Raises ValueError if the message is not there, has a
+    field that is not a single one of fixed width, or fields that share a name or a number.
     """
     files = descriptor_pb2.FileDescriptorSet()
     try:
@@ -97,12 +97,21 @@ def read_record(descriptor: bytes, full_name: str) -> Record:
     for file in files.file:
         for message in file.message_type:
             if f"{file.package}.{message.name}" == full_name:
-                return Record(message.name, "", tuple(map(_read_field, message.field)))
+                return Record(message.name, "", _read_fields(message))
     raise ValueError(f"no message {full_name} in the FileDescriptorSet")
+
+
+def _read_fields(message: descriptor_pb2.DescriptorProto) -> tuple[Field, ...]:
+    fields = tuple(map(_read_field, message.field))
+    if not len(fields) == len({f.name for f in fields}) == len({f.number for f in fields}):
+        raise ValueError(f"two fields of {message.name} share a name or a number")
+    return fields
 
 
 def _read_field(field: descriptor_pb2.FieldDescriptorProto) -> Field:
     repeated = field.label == descriptor_pb2.FieldDescriptorProto.LABEL_REPEATED
     if field.type not in _KINDS or repeated:
-        raise ValueError(f"field {field.name} is not of fixed width")
+        raise ValueError(f"field {field.name!r} is not of fixed width")
+    if not (isinstance(field.name, str) and field.name.isidentifier() and field.number > 0):
+        raise ValueError(f"field {field.name!r} is not one that motord could have written")
     return Field(field.number, field.name, _KINDS[field.type], "", "")

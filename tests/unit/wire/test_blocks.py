@@ -12,7 +12,7 @@ from motord import proto
 from motord.schema import TICK, TICK_DTYPE, TRUTH, Field, Record
 from motord.wire.blocks import BlockCodec, varint
 from motord.wire.pattern import ROWS_AT_ONCE
-from motord.wire.proto_text import read_record
+from motord.wire.proto_text import descriptor_set, read_record
 
 WIDE_NUMBERS = Record(
     "Wide",
@@ -194,5 +194,15 @@ def test_descriptors_that_are_not_of_fixed_layout_are_refused():
         read_record(b"\xff\xff\xff", "motord.Tick")
     with pytest.raises(ValueError, match=r"no message motord\.Tock"):
         read_record(codec.descriptor_set(), "motord.Tock")
-    with pytest.raises(ValueError, match="field ticks is not of fixed width"):
+    with pytest.raises(ValueError, match="field 'ticks' is not of fixed width"):
         read_record(codec.descriptor_set(), "motord.Ticks")
+    number = Field(3, "x", "float", "", "")
+    for fields, reason in (
+        ((number, Field(4, "x", "float", "", "")), "share a name"),
+        ((number, Field(3, "y", "float", "", "")), "share a name or a number"),
+        ((Field(3, "x y", "float", "", ""),), "'x y' is not one that motord"),
+        ((Field(-3, "x", "float", "", ""),), "'x' is not one that motord"),
+    ):
+        other = descriptor_set(Record("Tick", "", fields))
+        with pytest.raises(ValueError, match=reason):
+            read_record(other, "motord.Tick")

@@ -1,0 +1,1 @@
+"""Recordings: MCAP files written and read in blocks of ticks, recovered, exported."""

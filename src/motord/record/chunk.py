@@ -1,0 +1,135 @@
+"""A chunk in the making: its records, and where each message is."""
+
+import struct
+import zlib
+from collections.abc import Iterable
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex
+from numpy.typing import NDArray
+
+from motord.record.compression import Compress
+from motord.record.rows import HEAD, RECORD_HEAD, MessageRows
+from motord.wire.blocks import Block
+from motord.wire.pattern import Bytes
+
+CAPACITY_BYTES = 4 << 20
+"""A chunk is closed before it holds more, whatever time it spans; one message may be larger."""
+
+CHUNK_HEAD = struct.Struct("<BQQQQII")
+"""Opcode, length, first and last time, size and CRC of the content, length of the compression."""
+
+_INDEX_HEAD = struct.Struct("<BQHI")
+
+Index = NDArray[np.uint64]
+"""Log time and offset in the chunk of messages, shape (n, 2)."""
+
+
+class ChunkBuilder:
+    """Takes messages until `finish` makes a chunk and its message indexes of them."""
+
+    def __init__(self) -> None:
+        self._buffer: Bytes = np.empty(CAPACITY_BYTES, np.uint8)
+        self._used = 0
+        self._index: dict[int, list[Index]] = {}
+
+    @property
+    def empty(self) -> bool:
+        """True if there are no messages."""
+        return self._used == 0
+
+    @property
+    def room(self) -> int:
+        """Bytes that still fit."""
+        return max(0, CAPACITY_BYTES - self._used)
+
+    def add_rows(self, rows: MessageRows, block: Block, times_ns: Block, sequence: Block) -> None:
+        """Add `block` (n,) as messages; times and sequence numbers are of shape (n,)."""
+        count = len(block)
+        start = self._used
+        rows.fill(self._reserve(count * rows.size), block, times_ns, sequence)
+        index = np.empty((count, 2), np.uint64)
+        index[:, 0] = times_ns
+        index[:, 1] = np.arange(start, start + count * rows.size, rows.size)
+        self._index.setdefault(rows.channel, []).append(index)
+
+    def add_message(self, channel: int, t_ns: int, sequence: int, payload: bytes) -> None:
+        """Add one message."""
+        index = np.array([[t_ns, self._used]], np.uint64)
+        length = HEAD.size - RECORD_HEAD.size + len(payload)
+        head = HEAD.pack(Opcode.MESSAGE, length, channel, sequence, t_ns, t_ns)
+        record = np.frombuffer(head + payload, np.uint8)
+        self._reserve(len(record))[:] = record
+        self._index.setdefault(channel, []).append(index)
+
+    def finish(self, name: str, compress: Compress) -> tuple[bytes, dict[int, Index]]:
+        """Return the chunk record and the index of every channel in it, and start anew.
+
+        `name` is MCAP's of the compression.
+        """
+        content = self._buffer[: self._used].data
+        index = {channel: np.concatenate(parts) for channel, parts in self._index.items()}
+        times = np.concatenate([entries[:, 0] for entries in index.values()])
+        record = chunk_record(content, name, compress(content), int(times.min()), int(times.max()))
+        self._used = 0
+        self._index = {}
+        if len(self._buffer) > CAPACITY_BYTES:
+            self._buffer = np.empty(CAPACITY_BYTES, np.uint8)
+        return record, index
+
+    def _reserve(self, size: int) -> Bytes:
+        end = self._used + size
+        if end > len(self._buffer):
+            larger = np.empty(end, np.uint8)
+            larger[: self._used] = self._buffer[: self._used]
+            self._buffer = larger
+        place = self._buffer[self._used : end]
+        self._used = end
+        return place
+
+
+def chunk_record(
+    content: memoryview, name: str, compressed: bytes, start_ns: int, end_ns: int
+) -> bytes:
+    """Return a whole Chunk record; `name` is MCAP's of the compression."""
+    label = name.encode()
+    length = CHUNK_HEAD.size - RECORD_HEAD.size + len(label) + 8 + len(compressed)
+    head = CHUNK_HEAD.pack(
+        Opcode.CHUNK, length, start_ns, end_ns, len(content), zlib.crc32(content), len(label)
+    )
+    return b"".join((head, label, struct.pack("<Q", len(compressed)), compressed))
+
+
+def index_records(
+    offset: int, chunk: bytes | memoryview, index: dict[int, Index]
+) -> tuple[bytes, ChunkIndex]:
+    """Return the message indexes of `chunk`, a record at `offset` of the file, and its entry."""
+    places: dict[int, int] = {}
+    records: list[bytes] = []
+    length = 0
+    for channel, entries in index.items():
+        places[channel] = offset + len(chunk) + length
+        size = entries.nbytes
+        records.append(_INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, channel, size))
+        records.append(entries.astype("<u8", copy=False).tobytes())
+        length += _INDEX_HEAD.size + size
+    _, _, start_ns, end_ns, content_size, _, label = CHUNK_HEAD.unpack_from(chunk)
+    name = bytes(chunk[CHUNK_HEAD.size : CHUNK_HEAD.size + label]).decode()
+    entry = ChunkIndex(
+        message_start_time=start_ns,
+        message_end_time=end_ns,
+        chunk_start_offset=offset,
+        chunk_length=len(chunk),
+        message_index_offsets=places,
+        message_index_length=length,
+        compression=name,
+        compressed_size=len(chunk) - CHUNK_HEAD.size - label - 8,
+        uncompressed_size=content_size,
+    )
+    return b"".join(records), entry
+
+
+def message_count(index: Iterable[Index]) -> int:
+    """Return how many messages the indexes list."""
+    return sum(len(entries) for entries in index)

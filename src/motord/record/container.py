@@ -1,0 +1,208 @@
+"""The MCAP file around the chunks: header, schemas, channels, metadata, summary, footer.
+
+A file is written as `NAME.part` and takes its name when it is whole, so a file that bears its
+name is complete, and what a killed writer leaves behind is seen to be unfinished. Nothing is
+buffered here: what has been written survives the death of the process.
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+from motord.record.chunk import Index, index_records
+from motord.record.errors import RecordError
+
+MAGIC = b"\x89MCAP0\r\n"
+PART = ".part"
+_FOOTER_WITHOUT_CRC = struct.Struct("<BQQQ")
+_FOOTER_BYTES = 8 + 8 + 4
+
+
+def part_of(path: Path) -> Path:
+    """Return the name that the file `path` has until it is whole."""
+    return path.with_name(path.name + PART)
+
+
+def serialise(records: Iterable[McapRecord]) -> bytes:
+    """Return the bytes of `records`, one after the other."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def library() -> str:
+    """Return how motord names itself in the files it writes."""
+    try:
+        return f"motord {version('motord')}"
+    except PackageNotFoundError:
+        return "motord"
+
+
+class Container:
+    """An MCAP file in the making. `size`: bytes written.
+
+    Raises RecordError if it cannot be made, exists already, or cannot be written; after a failed
+    write the file ends with the last record that was written whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._part = part_of(path)
+        self.size = 0
+        self._crc = 0
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._chunks: list[ChunkIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self._counts: dict[int, int] = {}
+        self._descriptor = self._create()
+        try:
+            self._write(MAGIC + serialise([Header(profile="", library=library())]))
+        except RecordError:
+            self.abandon()
+            self._part.unlink(missing_ok=True)
+            raise
+
+    @property
+    def open(self) -> bool:
+        """True until the file is finished or abandoned."""
+        return self._descriptor >= 0
+
+    def channel(self, schema: Schema, channel: Channel) -> None:
+        """Declare a channel and its schema."""
+        new = [] if schema.id in self._schemas else [schema]
+        self._write(serialise([*new, channel]))
+        self._schemas[schema.id] = schema
+        self._channels[channel.id] = channel
+        self._counts[channel.id] = 0
+
+    def metadata(self, name: str, strings: dict[str, str]) -> None:
+        """Write a metadata record."""
+        record = serialise([Metadata(name=name, metadata=strings)])
+        index = MetadataIndex(offset=self.size, length=len(record), name=name)
+        self._write(record)
+        self._metadata.append(index)
+
+    def chunk(self, record: bytes | memoryview, index: dict[int, Index]) -> None:
+        """Write a whole Chunk record and the message indexes of its channels."""
+        indexes, entry = index_records(self.size, record, index)
+        self._write(record, indexes)
+        self._chunks.append(entry)
+        for channel, entries in index.items():
+            self._counts[channel] += len(entries)
+
+    def sync(self) -> None:
+        """Have the disk hold everything written so far."""
+        try:
+            os.fsync(self._descriptor)
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def finish(self) -> None:
+        """Write summary and footer, sync, and give the file its name."""
+        self._write(serialise([DataEnd(self._crc)]))
+        self._write(self._summary())
+        self.sync()
+        self.abandon()
+        self._part.rename(self.path)
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+    def abandon(self) -> None:
+        """Let go of the file as it is, unfinished under its `.part` name. May be called twice."""
+        if self.open:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def _create(self) -> int:
+        for taken in (self.path, self._part):
+            if taken.exists():
+                raise RecordError(f"{taken}: exists already; choose another name or remove it")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            return os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def _write(self, *parts: bytes | memoryview) -> None:
+        start = self.size
+        try:
+            for part in parts:
+                self._write_all(part)
+        except OSError as error:
+            os.ftruncate(self._descriptor, start)
+            os.lseek(self._descriptor, start, os.SEEK_SET)
+            self.size = start
+            raise self._failure(error) from error
+        for part in parts:
+            self._crc = zlib.crc32(part, self._crc)
+
+    def _write_all(self, part: bytes | memoryview) -> None:
+        left = memoryview(part)
+        while left:
+            written = os.write(self._descriptor, left)
+            self.size += written
+            left = left[written:]
+
+    def _failure(self, error: OSError) -> RecordError:
+        return RecordError(f"{self._part}: cannot write it: {error.strerror}")
+
+    def _summary(self) -> bytes:
+        groups: list[tuple[Opcode, Iterable[McapRecord]]] = [
+            (Opcode.SCHEMA, self._schemas.values()),
+            (Opcode.CHANNEL, self._channels.values()),
+            (Opcode.STATISTICS, [self._statistics()]),
+            (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.METADATA_INDEX, self._metadata),
+        ]
+        start, summary, offsets = self.size, b"", []
+        for opcode, records in groups:
+            content = serialise(records)
+            if content:
+                offsets.append(
+                    SummaryOffset(
+                        group_opcode=opcode,
+                        group_start=start + len(summary),
+                        group_length=len(content),
+                    )
+                )
+            summary += content
+        offset_start = start + len(summary)
+        summary += serialise(offsets)
+        summary += _FOOTER_WITHOUT_CRC.pack(Opcode.FOOTER, _FOOTER_BYTES, start, offset_start)
+        return summary + struct.pack("<I", zlib.crc32(summary)) + MAGIC
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self._counts.values()),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )

@@ -1,0 +1,38 @@
+"""What a recording says of itself: the metadata record `motord`."""
+
+import os
+import platform
+from importlib.metadata import version
+from typing import Any
+
+from motord.config import Config
+
+PACKAGES = ("motord", "numpy", "numba", "python-can", "pyserial", "pymodbus", "eclipse-zenoh")
+"""Packages whose versions may matter to someone who reads the run later."""
+
+
+def describe(
+    config: Config,
+    config_text: str,
+    *,
+    plan: dict[str, Any] | None = None,
+    calibration_id: str = "",
+    realtime: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return the metadata of a run on the bench of `config`, whose file says `config_text`."""
+    return {
+        "bench": config.bench.name,
+        "motor": config.motor.model_dump(mode="json"),
+        "plan": plan or {},
+        "versions": {name: version(name) for name in PACKAGES},
+        "config": config_text,
+        "calibration": calibration_id,
+        "host": {
+            "name": platform.node(),
+            "system": platform.platform(),
+            "python": platform.python_version(),
+            "cpus": os.cpu_count(),
+        },
+        "realtime": realtime or {},
+        "notes": config.bench.notes,
+    }

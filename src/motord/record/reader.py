@@ -1,0 +1,150 @@
+"""Recordings read straight into arrays, in constant memory, whole or damaged."""
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from motord.record import topics
+from motord.record.content import Single
+from motord.record.damage import Damage
+from motord.record.errors import RecordError
+from motord.record.plain import from_strings
+from motord.record.source import Source, Span
+from motord.record.table import Table
+from motord.record.topics import Topic
+from motord.record.writer import FORMAT, METADATA, METADATA_END
+from motord.schema import TICK, TRUTH, Record
+from motord.wire.blocks import Block, BlockCodec
+
+
+def open_run(path: Path) -> "Run":
+    """Open the recording `path`, finished or not.
+
+    Raises RecordError if it cannot be read, is not an MCAP file, has no `/tick` channel, or is
+    of a format that this version does not know.
+    """
+    return Run(path)
+
+
+class Run:
+    """A recording. Nothing is held open between calls.
+
+    `metadata`: what was known at the beginning; `end`: what the writer noted when it closed the
+    file, empty if it did not. Columns are given in the order asked for; bounds `from_ns`, `to_ns`
+    are Unix ns, both included. All methods raise RecordError for what the file does not have.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.source = Source(path)
+        self.metadata = self._metadata(METADATA)
+        self.end = self._metadata(METADATA_END)
+        self._require_known_format()
+        self._ticks = self._table(topics.TICKS, TICK)
+        self._truth = self._table(topics.TRUTHS, TRUTH)
+        if not self._ticks.present:
+            raise RecordError(f"{path}: has no channel /tick with ticks of motord")
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of its ticks."""
+        return self._ticks.columns
+
+    @property
+    def damage(self) -> Damage | None:
+        """What is missing, as far as has been seen: all of it after `check()` or a full read."""
+        return self.source.damage
+
+    def check(self) -> Damage | None:
+        """Read everything once and return what is missing, None if nothing is."""
+        for _ in self.source.parts():
+            pass
+        self.source.check_outside_chunks()
+        return self.damage
+
+    def ticks(
+        self,
+        columns: Iterable[str] | None = None,
+        *,
+        from_ns: int | None = None,
+        to_ns: int | None = None,
+    ) -> Block:
+        """Return the ticks, shape (n,)."""
+        return self._ticks.whole(columns, Span(from_ns, to_ns))
+
+    def blocks(
+        self,
+        columns: Iterable[str] | None = None,
+        *,
+        from_ns: int | None = None,
+        to_ns: int | None = None,
+    ) -> Iterator[Block]:
+        """Yield the ticks chunk by chunk, shape (n,) with n > 0."""
+        return self._ticks.blocks(columns, Span(from_ns, to_ns))
+
+    def truth(
+        self,
+        columns: Iterable[str] | None = None,
+        *,
+        from_ns: int | None = None,
+        to_ns: int | None = None,
+    ) -> Block:
+        """Return what a simulated rig really did, shape (n,); none if the rig was real."""
+        return self._truth.whole(columns, Span(from_ns, to_ns))
+
+    def truth_blocks(
+        self,
+        columns: Iterable[str] | None = None,
+        *,
+        from_ns: int | None = None,
+        to_ns: int | None = None,
+    ) -> Iterator[Block]:
+        """Yield what a simulated rig really did, chunk by chunk, shape (n,) with n > 0."""
+        return self._truth.blocks(columns, Span(from_ns, to_ns))
+
+    def events(self) -> list[dict[str, Any]]:
+        """Return the events in the order in which they were written."""
+        return self._objects(topics.EVENTS)
+
+    def plan(self) -> list[dict[str, Any]]:
+        """Return the plan's messages in the order in which they were written."""
+        return self._objects(topics.PLANS)
+
+    def operating_points(self) -> list[dict[str, Any]]:
+        """Return the operating points in the order in which they were captured."""
+        return self._objects(topics.OPERATING_POINTS)
+
+    def _metadata(self, name: str) -> dict[str, Any]:
+        try:
+            return from_strings(self.source.structure.metadata.get(name, {}))
+        except ValueError as error:
+            raise RecordError(f"{self.path}: its metadata {name} is damaged: {error}") from error
+
+    def _require_known_format(self) -> None:
+        written = self.metadata.get("format", FORMAT)
+        if written != FORMAT:
+            raise RecordError(
+                f"{self.path}: is of format {written}, this motord reads format {FORMAT}; "
+                "update motord"
+            )
+
+    def _table(self, topic: Topic, record: Record) -> Table:
+        number = self.source.number(topic.name)
+        layout = None if number is None else self.source.layouts.get(number)
+        return Table(self.source, layout, BlockCodec(record))
+
+    def _objects(self, topic: Topic) -> list[dict[str, Any]]:
+        channel = self.source.number(topic.name)
+        if channel is None:
+            return []
+        payloads = (
+            bytes(part.payload)
+            for parts in self.source.parts(channel)
+            for part in parts
+            if isinstance(part, Single) and part.channel == channel
+        )
+        try:
+            return [json.loads(payload) for payload in payloads]
+        except ValueError as error:
+            raise RecordError(f"{self.path}: a message of {topic.name} is not JSON") from error

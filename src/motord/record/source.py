@@ -1,0 +1,206 @@
+"""A recording as a sequence of checked chunks, with an account of those that are not readable."""
+
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from motord.record import topics
+from motord.record.container import MAGIC, part_of
+from motord.record.content import ChunkError, Rows, Single, chunk_content, messages
+from motord.record.damage import Damage, Loss
+from motord.record.errors import RecordError
+from motord.record.rows import MessageRows
+from motord.record.structure import ChunkEntry, Structure
+from motord.record.summary import read_summary
+from motord.record.topics import Topic
+from motord.record.walk import Walk
+from motord.wire.blocks import BlockCodec
+from motord.wire.proto_text import read_record
+
+_READ_AT_ONCE_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Span:
+    """A span of time, Unix ns, both ends included; None is without bound."""
+
+    from_ns: int | None = None
+    to_ns: int | None = None
+
+    def meets(self, entry: ChunkEntry) -> bool:
+        """Tell whether a chunk has a part in it, by what its index says."""
+        early = self.from_ns is not None and entry.end_ns < self.from_ns
+        late = self.to_ns is not None and entry.start_ns > self.to_ns
+        return not (early or late)
+
+    def holds(self, times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Tell which times (n,) are within it, shape (n,)."""
+        held = np.ones(len(times_ns), np.bool_)
+        if self.from_ns is not None:
+            held &= times_ns >= self.from_ns
+        if self.to_ns is not None:
+            held &= times_ns <= self.to_ns
+        return held
+
+
+ALWAYS = Span()
+
+
+class Source:
+    """The file `path`: its structure, its chunks, its losses.
+
+    Raises RecordError if it cannot be read or is not an MCAP file with messages in chunks.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.structure = _structure(path)
+        self._losses = {loss.offset: loss for loss in self.structure.losses}
+        self._bad_chunks: set[int] = set()
+        if self.structure.loose_messages and not self.structure.chunks:
+            raise RecordError(f"{path}: its messages are not in chunks; rewrite it with chunks")
+        _complete(self.structure)
+        self.layouts = dict(self._layouts())
+
+    @property
+    def damage(self) -> Damage | None:
+        """What is known so far to be missing; None if nothing is."""
+        if not self._losses:
+            return None
+        ordered = sorted(self._losses.values(), key=lambda loss: loss.offset)
+        return Damage(tuple(map(self._between, ordered)))
+
+    def number(self, topic: str) -> int | None:
+        """Return the number of the channel of `topic`, None if the file has none."""
+        numbers = [n for n, channel in self.structure.channels.items() if channel.topic == topic]
+        return numbers[0] if numbers else None
+
+    def chunks(self, channel: int | None = None, span: Span = ALWAYS) -> Iterator[ChunkEntry]:
+        """Yield the chunks that may have messages of `channel` (None: any) within `span`."""
+        for entry in self.structure.chunks:
+            has_it = channel is None or entry.channels is None or channel in entry.channels
+            unchecked = not self.structure.indexed  # then a chunk's times may be wrong
+            if has_it and (unchecked or span.meets(entry)):
+                yield entry
+
+    def contents(
+        self, channel: int | None = None, span: Span = ALWAYS
+    ) -> Iterator[tuple[ChunkEntry, memoryview, memoryview]]:
+        """Yield place, record and content of the good ones among `chunks(...)`."""
+        with self.path.open("rb") as file:
+            for entry in self.chunks(channel, span):
+                file.seek(entry.offset)
+                record = memoryview(file.read(min(entry.size, self.structure.size)))
+                try:
+                    content = chunk_content(record)
+                except ChunkError as error:
+                    self.lose(entry, str(error))
+                else:
+                    yield entry, record, content
+
+    def parts(
+        self, channel: int | None = None, span: Span = ALWAYS
+    ) -> Iterator[list[Rows | Single]]:
+        """Yield the messages of each of the good ones among `chunks(...)`."""
+        for entry, _, content in self.contents(channel, span):
+            try:
+                parts = list(messages(content, self.layouts))
+            except ChunkError as error:
+                self.lose(entry, str(error))
+            else:
+                yield parts
+
+    def lose(self, entry: ChunkEntry, reason: str) -> None:
+        """Note that a chunk cannot be used."""
+        self._bad_chunks.add(entry.offset)
+        self._losses[entry.offset] = Loss(entry.offset, entry.size, reason)
+
+    def check_outside_chunks(self) -> None:
+        """Note a loss if bytes outside the chunks have changed, as far as a checksum tells."""
+        end, wanted = self.structure.data_end, self.structure.data_crc
+        if end is None or wanted == 0 or self._losses:
+            return
+        crc, left = 0, end
+        with self.path.open("rb") as file:
+            while left and (piece := file.read(min(left, _READ_AT_ONCE_BYTES))):
+                crc = zlib.crc32(piece, crc)
+                left -= len(piece)
+        if crc != wanted:
+            reason = "checksum wrong outside the chunks: metadata or indexes have changed"
+            self._losses[0] = Loss(0, 0, reason, messages=False)
+
+    def _between(self, loss: Loss) -> Loss:
+        """Return `loss` with the times of the good chunks around it."""
+        good = [c for c in self.structure.chunks if c.offset not in self._bad_chunks]
+        before = [c.end_ns for c in good if c.offset < loss.offset]
+        after = [c.start_ns for c in good if c.offset >= loss.offset + loss.size]
+        return replace(loss, from_ns=max(before, default=None), to_ns=min(after, default=None))
+
+    def _layouts(self) -> Iterator[tuple[int, MessageRows]]:
+        """Yield the channels that have messages of fixed layout."""
+        for number, channel in self.structure.channels.items():
+            schema = self.structure.schemas.get(channel.schema_id)
+            if schema is None or channel.message_encoding != topics.PROTOBUF:
+                continue
+            try:
+                record = read_record(schema.data, schema.name)
+            except ValueError:
+                continue
+            if record.fields:
+                yield number, MessageRows(number, BlockCodec(record))
+
+
+def _structure(path: Path) -> Structure:
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, 2)
+            file.seek(0)
+            if size == 0:
+                raise RecordError(f"{path}: is empty")
+            if file.read(len(MAGIC)) != MAGIC:
+                raise RecordError(f"{path}: is not an MCAP file")
+            return read_summary(file, size) or Walk(file, size).structure()
+    except OSError as error:
+        part = part_of(path)
+        hint = f"; {part} is there, not closed, and can be read" if part.exists() else ""
+        raise RecordError(f"{path}: cannot read it: {error.strerror}{hint}") from error
+
+
+def _complete(structure: Structure) -> None:
+    """Put back what the damaged beginning of an unindexed file of motord does not tell."""
+    library = structure.library  # empty if the header is not readable
+    by_motord = library == "" or library.startswith("motord")
+    if structure.indexed or not structure.chunks or not by_motord:
+        return
+    for topic in topics.ALL:
+        known = structure.channels.get(topic.number)
+        if library == "" and known is not None:
+            continue
+        if not _usable(structure.schemas.get(topic.number), known, topic):
+            structure.schemas[topic.number] = topic.schema()
+        for number, channel in list(structure.channels.items()):
+            if channel.topic == topic.name:
+                del structure.channels[number]
+        structure.channels[topic.number] = topic.channel()
+
+
+def _usable(schema: Schema | None, channel: Channel | None, topic: Topic) -> bool:
+    """Tell whether a schema that no checksum covers is one that a version of motord wrote."""
+    if schema is None or schema.name != topic.schema_name:
+        return False
+    if topic.record is None or schema.data == topic.schema_data:
+        return True
+    try:
+        found = read_record(schema.data, schema.name)
+        told = int(channel.metadata[topics.MESSAGE_BYTES]) if channel else 0
+    except (ValueError, KeyError):
+        return False
+    pairs = zip(found.fields, topic.record.fields, strict=False)  # fields are only ever appended
+    return told == BlockCodec(found).size and all(
+        (a.number, a.name, a.kind) == (b.number, b.name, b.kind) for a, b in pairs
+    )

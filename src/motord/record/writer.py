@@ -1,0 +1,197 @@
+"""A run written as MCAP: blocks of ticks become messages and chunks by array operations."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+
+from motord.record import topics
+from motord.record.chunk import ChunkBuilder
+from motord.record.compression import compressor
+from motord.record.container import Container
+from motord.record.errors import RecordError
+from motord.record.plain import to_json, to_strings
+from motord.record.rows import MessageRows
+from motord.record.topics import Topic
+from motord.schema import TICK, TRUTH
+from motord.wire.blocks import Block, BlockCodec
+
+FORMAT = "1"
+"""Version of what the metadata records and topics mean; readers refuse one they do not know."""
+
+METADATA = "motord"
+METADATA_END = "motord.end"
+
+
+class RunWriter:
+    """Writes one recording, `path`; until `close` it is `path` with `.part` after it.
+
+    `metadata` is what must be known of the run from its beginning; text stays text, other values
+    become JSON. `compression` is zstd, lz4 or none; a chunk spans at most `chunk_s`. Used as a
+    context manager it closes the file, or leaves it unfinished if the body raised.
+    Every method raises RecordError when the file cannot be made or written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        metadata: Mapping[str, object],
+        *,
+        compression: str = "zstd",
+        chunk_s: float = 0.25,
+    ) -> None:
+        self._compression = compressor(compression)
+        self._chunk_ns = max(1, round(chunk_s * 1e9))
+        self._file = Container(path)
+        self._chunk = ChunkBuilder()
+        self._chunk_number: int | None = None
+        self._counts: dict[int, int] = {}
+        self._span: dict[str, object] = {}
+        self._tick_rows = MessageRows(topics.TICKS.number, BlockCodec(TICK))
+        self._truth_rows = MessageRows(topics.TRUTHS.number, BlockCodec(TRUTH))
+        try:
+            self.metadata(METADATA, {"format": FORMAT, **metadata})
+            self._declare(topics.TICKS)
+        except RecordError:
+            self._file.abandon()
+            raise
+
+    @property
+    def path(self) -> Path:
+        """The name of the file once it is closed."""
+        return self._file.path
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of the file so far."""
+        return self._file.size
+
+    @property
+    def tick_count(self) -> int:
+        """Ticks given to this writer."""
+        return self._counts[topics.TICKS.number]
+
+    def ticks(self, block: Block) -> None:
+        """Write ticks, shape (n,), of `TICK_DTYPE`."""
+        if len(block):
+            self._span.setdefault("tick_first", int(block["tick"][0]))
+            self._span.setdefault("t_start_ns", int(block["t_ns"][0]))
+            self._span["tick_last"] = int(block["tick"][-1])
+            self._span["t_end_ns"] = int(block["t_ns"][-1])
+        self._block(topics.TICKS, self._tick_rows, block, block["tick"])
+
+    def truth(self, block: Block) -> None:
+        """Write what a simulated rig really did, shape (n,), of `TRUTH_DTYPE`."""
+        start = self._counts.get(topics.TRUTHS.number, 0)
+        sequence = np.arange(start, start + len(block))
+        self._block(topics.TRUTHS, self._truth_rows, block, sequence)
+
+    def event(
+        self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
+    ) -> None:
+        """Write an event: what happened at `t_ns` (Unix ns), of which kind, with particulars."""
+        content = {"kind": kind, "message": message, "data": data or {}}
+        self._message(topics.EVENTS, t_ns, content)
+
+    def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
+        """Write a plan's progress at `t_ns` (Unix ns)."""
+        self._message(topics.PLANS, t_ns, progress)
+
+    def operating_point(self, t_ns: int, point: Mapping[str, object]) -> None:
+        """Write an operating point that was captured; `t_ns` is Unix ns."""
+        self._message(topics.OPERATING_POINTS, t_ns, point)
+
+    def metadata(self, name: str, values: Mapping[str, object]) -> None:
+        """Write a metadata record at once."""
+        self._file.metadata(name, to_strings(values))
+
+    def flush(self) -> None:
+        """Write everything given so far to the file."""
+        if not self._chunk.empty:
+            self._file.chunk(*self._chunk.finish(*self._compression))
+        self._chunk_number = None
+
+    def sync(self) -> None:
+        """Write everything given so far to the file and have the disk hold it."""
+        self.flush()
+        self._file.sync()
+
+    def close(self, end: Mapping[str, object] | None = None) -> None:
+        """Finish the file and give it its name; `end` is kept as metadata. May be called twice."""
+        if not self._file.open:
+            return
+        try:
+            self.flush()
+            self.metadata(METADATA_END, {"ticks": self.tick_count, **self._span, **(end or {})})
+            self._file.finish()
+        finally:
+            self._file.abandon()
+
+    def abandon(self) -> None:
+        """Leave the file unfinished, with everything given so far if the disk takes it."""
+        try:
+            if self._file.open:
+                self.flush()
+        except RecordError:
+            pass  # it is being given up, and what is in it stays readable
+        finally:
+            self._file.abandon()
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abandon()
+
+    def _declare(self, topic: Topic) -> None:
+        if topic.number not in self._counts:
+            self._file.channel(topic.schema(), topic.channel())
+            self._counts[topic.number] = 0
+
+    def _message(self, topic: Topic, t_ns: int, content: Mapping[str, object]) -> None:
+        self._declare(topic)
+        sequence = self._counts[topic.number]
+        payload = to_json({"t_ns": t_ns, **content}).encode()
+        if len(payload) > self._chunk.room:
+            self.flush()
+        self._chunk.add_message(topic.number, max(0, t_ns), sequence, payload)
+        self._counts[topic.number] += 1
+
+    def _block(self, topic: Topic, rows: MessageRows, block: Block, sequence: Block) -> None:
+        self._declare(topic)
+        times_ns = np.maximum(block["t_ns"], 0)
+        numbers = np.maximum.accumulate(times_ns // self._chunk_ns)
+        edges = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
+        for start, end in zip([0, *edges], [*edges, len(block)], strict=True):
+            if start < end:
+                self._enter_chunk(int(numbers[start]))
+                self._fill_chunk(rows, block[start:end], times_ns[start:end], sequence[start:end])
+        self._counts[topic.number] += len(block)
+
+    def _enter_chunk(self, number: int) -> None:
+        if self._chunk_number not in (None, number):
+            self.flush()
+        self._chunk_number = number
+
+    def _fill_chunk(
+        self, rows: MessageRows, block: Block, times_ns: Block, sequence: Block
+    ) -> None:
+        start = 0
+        while start < len(block):
+            fits = self._chunk.room // rows.size
+            part = slice(start, start + fits)
+            rows_added = len(block[part])
+            if rows_added:
+                self._chunk.add_rows(rows, block[part], times_ns[part], sequence[part])
+            start += rows_added
+            if start < len(block):
+                self.flush()
