@@ -278,8 +278,8 @@ class Board(Peer):
             self._send(self._hello())
         elif isinstance(frame, frames.Configure):
             self.configured = frame
-            if not self.identity.rates_Hz or frame.rate_Hz in self.identity.rates_Hz:
-                self._rate_Hz = frame.rate_Hz
+            possible = self.identity.rates_Hz or [frame.rate_Hz]
+            self._rate_Hz = frame.rate_Hz if frame.rate_Hz in possible else possible[0]
             self._send(self._account())
         else:
             self.streaming = isinstance(frame, frames.Start)

@@ -59,6 +59,7 @@ class SerialBridge:
                     f"the board cannot sample at {self._rate_Hz} Hz, it stays at "
                     f"{status.rate_Hz} Hz; set rate_Hz in [bridge]"
                 )
+            self._learn(status)
             self._sample = self._ask(frames.Start(), frames.Sample)
         except BaseException:
             self._port.close()

@@ -20,6 +20,7 @@ from tests.contract.peers import SIGNALS
 
 SCALES = [1, 2, 0.002, 0.5, -0.25, 1e-6, 3.7]
 OFFSETS = [0, 0.5, -40, 1000]
+DATABASE = dbc.read_database(packaged("inverter.dbc"))
 
 
 @dataclass
@@ -144,7 +145,7 @@ def test_saturates_and_never_wraps(layout: Layout, draw: st.DataObject, wild: fl
 @pytest.fixture(scope="module")
 def inverter() -> InverterCodec:
     path = packaged("inverter.dbc")
-    return dbc.compile_codec(dbc.read_database(path), path, CanSignalMap(**SIGNALS))
+    return dbc.compile_codec(DATABASE, path, CanSignalMap(**SIGNALS))
 
 
 CURRENT = st.floats(-65.0, 65.0)
@@ -160,7 +161,7 @@ def test_command_there_and_back(
     assert decoded[0] == pytest.approx(i_A, abs=0.001 + 1e-9)
     assert decoded[1] is enable
     assert inverter.command.counter(payload) == counter % 16
-    theirs: Any = dbc.read_database(packaged("inverter.dbc")).decode_message(0x100, payload)
+    theirs: Any = DATABASE.decode_message(0x100, payload)
     assert theirs["CurrentA"] == pytest.approx(decoded[0][0])
     assert theirs["Checksum"] == crc8(payload[:-1]) == payload[-1]
 

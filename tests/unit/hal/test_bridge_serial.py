@@ -1,0 +1,201 @@
+import os
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from motord.hal.base import DeviceError
+from motord.hal.bridge_serial import SerialBridge
+from motord.schema import BridgeStatus
+from motord.wire import frames
+from tests.contract.benches import new_command, new_feedback
+from tests.contract.peers import Board, Identity, bench, until
+
+
+def read(driver: SerialBridge) -> np.ndarray:
+    feedback = new_feedback()
+    driver.read(time.time_ns(), feedback)
+    return feedback[0]
+
+
+@pytest.fixture
+def board() -> Iterator[Board]:
+    board = Board()
+    yield board
+    board.close()
+
+
+@pytest.fixture
+def pair(board: Board) -> Iterator[tuple[SerialBridge, Board]]:
+    driver = SerialBridge(bench(port=board.port, rate_Hz=2000, heartbeat_timeout_s=0.03))
+    driver.open()
+    yield driver, board
+    driver.close()
+
+
+def error_of(**settings: Any) -> str:
+    driver = SerialBridge(bench(**settings))
+    with pytest.raises(DeviceError) as caught:
+        driver.open()
+    message = str(caught.value)
+    assert message.startswith("bridge")
+    assert "\n" not in message
+    driver.close()
+    return message
+
+
+def test_the_board_is_asked_configured_and_started(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    assert driver.hello is not None
+    assert driver.hello.board_name == "fake"
+    assert board.configured == frames.Configure(2000, 30_000)
+    assert board.streaming
+
+
+def test_torque_from_counts(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    board.torque_counts = -750  # 1 mV a count, 2 Nm a volt
+    until(lambda: read(driver).torque_Nm == pytest.approx(-1.5))
+
+
+def test_encoder_and_status_as_told(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    board.encoder_gray = 0xFFF
+    board.status = int(BridgeStatus.TORQUE_INVALID)
+    until(lambda: read(driver).encoder_gray == 0xFFF)
+    assert read(driver).bridge_status & BridgeStatus.TORQUE_INVALID
+
+
+def test_the_enable_line_follows_the_command(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    for enable in (1, 0, 1):
+        driver.write(new_command(enable=enable))
+        until(lambda enable=enable: board.line_closed == enable)
+    until(lambda: read(driver).bridge_status & BridgeStatus.ENABLE_LINE)
+
+
+def test_closing_opens_the_line_and_stops_the_samples(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    driver.write(new_command(enable=1))
+    until(lambda: board.line_closed)
+    driver.close()
+    until(lambda: not board.line_closed and not board.streaming)
+
+
+def test_what_the_board_lost_counts_too(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    assert read(driver).link_errors == 0
+    board.errors += 3
+    board.dropped += 4
+    until(lambda: read(driver).link_errors == 7)
+
+
+def test_noise_is_passed_over(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    assert read(driver).link_errors == 0
+    board.raw = b"\0noise\0more noise\0"
+    until(lambda: read(driver).link_errors == 2)
+    board.encoder_gray = 1
+    until(lambda: read(driver).encoder_gray == 1)
+
+
+def test_a_board_that_starts_anew_is_set_up_again(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    before = read(driver).link_errors
+    board.configured = None
+    board.reboot = True
+    until(lambda: read(driver) is not None and driver.restarts == 1)
+    until(lambda: board.streaming and board.configured == frames.Configure(2000, 30_000))
+    driver.write(new_command(enable=1))
+    until(lambda: abs(time.time_ns() - read(driver).t_ns) < 100e6)
+    until(lambda: board.line_closed)
+    assert read(driver).link_errors == before
+
+
+def test_a_port_that_is_not_there(tmp_path: Path) -> None:
+    message = error_of(port=str(tmp_path / "nothing"))
+    assert "there is no such port" in message
+    assert str(tmp_path / "nothing") in message
+
+
+def test_a_file_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert "cannot open" in error_of(port=str(tmp_path / "file"))
+
+
+def test_a_port_in_use(pair: tuple[SerialBridge, Board]) -> None:
+    _, board = pair
+    assert "in use by another program" in error_of(port=board.port)
+
+
+def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch, board: Board) -> None:
+    def refuse(*_: Any, **__: Any) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.open", refuse)
+    assert "dialout" in error_of(port=board.port)
+
+
+def test_a_board_that_says_nothing() -> None:
+    device_fd, host_fd = os.openpty()
+    try:
+        tty.setraw(host_fd)
+        message = error_of(port=os.ttyname(host_fd), connect_timeout_s=0.15)
+        assert "no Hello within 0.15 s, nothing at all; is the board powered" in message
+    finally:
+        os.close(device_fd)
+        os.close(host_fd)
+
+
+def test_something_else_on_the_port(board: Board) -> None:
+    board.identity = None  # type: ignore[assignment]
+    board._obey = lambda *_: setattr(board, "raw", b"login: ")  # type: ignore[method-assign]
+    message = error_of(port=board.port, connect_timeout_s=0.15)
+    assert "bytes of something else" in message
+
+
+@pytest.mark.parametrize(
+    ("identity", "words"),
+    [
+        (Identity(protocol=2), ["fake (firmware 1.2.3) speaks protocol 2, motord speaks 1"]),
+        (Identity(layout=0xABCD), ["0000abcd", f"{frames.LAYOUT_HASH:08x}"]),
+        (Identity(counts=1024), ["encoder of 1024 counts", "[motor] counts = 4096"]),
+        (Identity(rates_Hz=[500]), ["cannot sample at 1000 Hz", "set rate_Hz in [bridge]"]),
+    ],
+)
+def test_a_board_that_does_not_fit(board: Board, identity: Identity, words: list[str]) -> None:
+    board.identity = identity
+    message = error_of(port=board.port)
+    for word in words:
+        assert word in message
+
+
+def test_a_board_that_does_not_know_its_encoder(board: Board) -> None:
+    board.identity = Identity(counts=0)
+    driver = SerialBridge(bench(port=board.port))
+    driver.open()
+    driver.close()
+
+
+def test_samples_that_never_come(board: Board) -> None:
+    board.silent = True
+    message = error_of(port=board.port, connect_timeout_s=0.2)
+    assert "no Sample within 0.2 s" in message
+
+
+def test_a_plug_that_is_pulled() -> None:
+    """Reads and writes go on without an exception, as errors; the time stands still."""
+    board = Board()
+    driver = SerialBridge(bench(port=board.port))
+    driver.open()
+    before = read(driver)
+    board.close()
+    until(lambda: driver.write(new_command()) or read(driver).link_errors > before.link_errors)
+    last = read(driver)
+    assert read(driver).t_ns == last.t_ns
+    driver.safe_stop()
+    driver.close()

@@ -1,0 +1,255 @@
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import can
+import numpy as np
+import pytest
+
+from motord.config import ConfigError, packaged
+from motord.hal.base import DeviceError
+from motord.hal.can_feedback import SILENT_AFTER_NS, CanFeedback
+from motord.hal.inverter_can import SEND_FAILURES_MAX, CanInverter
+from motord.schema import InverterStatus
+from motord.wire import dbc
+from tests.contract.benches import new_command, new_feedback
+from tests.contract.peers import SIGNALS, Drive, bench, can_config, until
+
+NOW_NS = 1_800_000_000_000_000_000
+BUS_OFF = InverterStatus.BUS_OFF
+
+
+def read(driver: CanInverter, now_ns: int = NOW_NS) -> np.ndarray:
+    feedback = new_feedback()
+    driver.read(now_ns, feedback)
+    return feedback[0]
+
+
+def error_of(driver: CanInverter) -> str:
+    with pytest.raises(DeviceError) as caught:
+        driver.open()
+    message = str(caught.value)
+    assert message.startswith("inverter on ")
+    assert "\n" not in message
+    return message
+
+
+class SilentBus:
+    """A bus on which nothing comes; sends and receives fail while `broken`."""
+
+    def __init__(self) -> None:
+        self.broken = False
+        self.pending: list[can.Message] = []
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        if self.broken:
+            raise can.CanOperationError("no buffer space")
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        if self.broken:
+            raise can.CanOperationError("network is down")
+        return self.pending.pop(0) if self.pending else None
+
+    def shutdown(self) -> None:
+        pass
+
+
+@pytest.fixture
+def pair() -> Iterator[tuple[CanInverter, SilentBus]]:
+    driver, bus = CanInverter(bench()), SilentBus()
+    driver._bus = bus  # type: ignore[assignment]
+    yield driver, bus
+    driver.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"interface": "socketcan", "channel": "nocan7"},
+            ["cannot open the bus", "ip link set nocan7"],
+        ),
+        ({"interface": "quantum", "channel": "0"}, ["quantum", "interface, channel and options"]),
+        ({"channel": "not an address"}, ["a multicast group needs a route"]),
+    ],
+)
+def test_a_bus_that_cannot_be_opened(changes: dict[str, Any], words: list[str]) -> None:
+    message = error_of(CanInverter(bench(can_config(**changes))))
+    for word in words:
+        assert word in message
+
+
+def test_bit_rates_reach_the_interface() -> None:
+    config = can_config("virtual", bitrate=500_000, data_bitrate=2_000_000, connect_timeout_s=0.01)
+    assert "nothing at all" in error_of(CanInverter(bench(config)))
+
+
+def test_a_drive_that_says_nothing() -> None:
+    message = error_of(CanInverter(bench(can_config(connect_timeout_s=0.05))))
+    assert "no PhaseFeedback (0x180) and InverterStatus (0x181)" in message
+    assert "nothing at all; is the drive on" in message
+
+
+def _with_stranger(identifier: int, data: bytes) -> str:
+    """Return the error of a driver that hears only this frame, again and again."""
+    config = can_config("virtual", connect_timeout_s=0.1)
+    with can.Bus(config.channel, config.interface) as stranger:
+        driver = CanInverter(bench(config))
+        send = stranger.send_periodic(
+            can.Message(arbitration_id=identifier, data=data, is_fd=True, is_extended_id=False),
+            0.005,
+        )
+        try:
+            return error_of(driver)
+        finally:
+            send.stop()
+
+
+def test_another_device_on_the_bus() -> None:
+    message = _with_stranger(0x123, b"hello")
+    assert "only 0x123" in message
+    assert "the DBC of this drive" in message or "this drive's DBC" in message
+
+
+def test_a_drive_with_another_layout() -> None:
+    assert "PhaseFeedback came with a wrong length or CRC" in _with_stranger(0x180, bytes(16))
+
+
+def test_a_bus_that_fails_while_opening(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = SilentBus()
+    broken.broken = True
+    monkeypatch.setattr("motord.hal.inverter_can.open_bus", lambda *_: broken)
+    assert "the bus failed: network is down" in error_of(CanInverter(bench()))
+
+
+def test_no_table_no_driver() -> None:
+    config = bench().model_copy(deep=True)
+    without = config.inverter.model_copy(update={"can": None})
+    with pytest.raises(DeviceError, match=r"\[inverter.can\]"):
+        CanInverter(config.model_copy(update={"inverter": without}))
+
+
+def test_a_wrong_dbc_is_found_before_anything_is_opened() -> None:
+    signals = SIGNALS | {"command_enable": "CurrentCommand.Enabled"}
+    with pytest.raises(ConfigError, match="did you mean Enable"):
+        CanInverter(bench(can_config(signals=signals)))
+
+
+def test_refused_sends_become_bus_off_and_recover(pair: tuple[CanInverter, SilentBus]) -> None:
+    driver, bus = pair
+    read(driver)
+    bus.broken = True
+    for _ in range(SEND_FAILURES_MAX):
+        assert not read(driver).inverter_status & BUS_OFF
+        driver.write(new_command())
+    feedback = read(driver)
+    assert feedback.inverter_status & BUS_OFF
+    assert feedback.link_errors == 2 * SEND_FAILURES_MAX + 1
+    bus.broken = False
+    driver.write(new_command())
+    assert not read(driver).inverter_status & BUS_OFF
+
+
+def test_error_frames_tell_of_bus_off(pair: tuple[CanInverter, SilentBus]) -> None:
+    driver, bus = pair
+    before = read(driver).link_errors
+    bus.pending = [can.Message(is_error_frame=True, arbitration_id=0x40)]
+    assert read(driver).inverter_status & BUS_OFF
+    bus.pending = [can.Message(is_error_frame=True, arbitration_id=0x100)]
+    assert not read(driver).inverter_status & BUS_OFF
+    assert read(driver).link_errors == before + 2
+
+
+def test_times_of_another_clock_are_not_used(pair: tuple[CanInverter, SilentBus]) -> None:
+    """An interface that stamps with a clock of its own: the time of reading counts instead."""
+    driver, bus = pair
+    codec = dbc.load(can_config())
+    values = dict.fromkeys((slot for m in codec.feedback for slot in m.slots), 0.0)
+    bus.pending = [
+        can.Message(
+            arbitration_id=m.identifier, is_extended_id=False, is_fd=True, data=data, timestamp=12.5
+        )
+        for m, data in codec.encode_feedback(values, 0)
+    ]
+    assert read(driver, NOW_NS).t_inverter_ns == NOW_NS
+
+
+def test_feedback_age_is_taken_off() -> None:
+    config = can_config()
+    drive = Drive(config)
+    setup = bench(config)
+    older = setup.inverter.model_copy(update={"feedback_age_s": 100.0})
+    driver = CanInverter(setup.model_copy(update={"inverter": older}))
+    driver.open()
+    try:
+        now_ns = time.time_ns()
+        assert 99e9 < now_ns - read(driver, now_ns).t_inverter_ns < 110e9
+    finally:
+        driver.close()
+        drive.close()
+
+
+def feedback_of(values: dict[str, float], counter: int, only: int) -> can.Message:
+    codec = dbc.load(can_config())
+    message, data = codec.encode_feedback(values, counter)[only]
+    return can.Message(
+        arbitration_id=message.identifier, is_extended_id=False, is_fd=True, data=data
+    )
+
+
+VALUES = dict.fromkeys(
+    ("i_a_A", "i_b_A", "i_c_A", "u_a_V", "u_b_V", "u_c_V", "u_bus_V", "temperature_C", "status"),
+    0.0,
+)
+
+
+def test_a_slow_message_that_stays_away_makes_all_stale() -> None:
+    state = CanFeedback(dbc.load(can_config()), 0)
+    assert len(state.missing()) == 2
+    state.take(feedback_of(VALUES, 0, only=1), NOW_NS)
+    record = new_feedback()
+    for tick in range(3):
+        t_ns = NOW_NS + tick * (SILENT_AFTER_NS // 2)
+        state.take(feedback_of(VALUES, tick, only=0), t_ns)
+        state.fill(record)
+        assert record["t_inverter_ns"][0] == (t_ns if tick < 2 else NOW_NS)
+    assert state.missing() == []
+
+
+def test_values_that_the_map_lacks_are_not_numbers() -> None:
+    signals = SIGNALS | {"feedback_u_V": (), "feedback_temperature_C": ""}
+    state = CanFeedback(dbc.load(can_config(signals=signals)), 0)
+    record = new_feedback()
+    state.fill(record)
+    assert np.isnan(record["u_V"]).all()
+    assert np.isnan(record["temperature_C"]).all()
+
+
+def test_classical_can() -> None:
+    """With messages of at most 8 bytes (here the command's own) no CAN FD is needed."""
+    signals = SIGNALS | {
+        "feedback_i_A": ("CurrentCommand.CurrentA",) * 3,
+        "feedback_u_V": (),
+        "feedback_counter": (),
+        "feedback_crc": (),
+    }
+    config = can_config("virtual", fd=False, signals=signals, connect_timeout_s=0.02)
+    assert config.dbc == packaged("inverter.dbc")
+    assert "no CurrentCommand" in error_of(CanInverter(bench(config)))
+
+
+def test_a_flood_is_taken_in_bounded_bites() -> None:
+    config = can_config("virtual")
+    drive = Drive(config)
+    driver = CanInverter(bench(config))
+    driver.open()
+    try:
+        drive.silent = True
+        for _ in range(1000):
+            drive.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
+        drive.silent = False
+        first = read(driver).t_inverter_ns
+        until(lambda: read(driver).t_inverter_ns > first)
+    finally:
+        driver.close()
+        drive.close()

@@ -1,0 +1,89 @@
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from motord import config
+from motord.config import BrakeConfig, Config, InverterConfig, ModbusConfig
+from motord.hal import registry
+from motord.hal.base import DeviceError
+from motord.hal.bridge_serial import SerialBridge
+from motord.hal.inverter_can import CanInverter
+from motord.hal.modbus import ModbusDevice
+from motord.hal.sim import SimRig
+from motord.hal.wire_rig import WireRig
+from tests.contract.peers import MOTOR, bench
+
+
+class Foreign:
+    """A driver as another package would bring it."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+
+
+FOREIGN = EntryPoint("inverter.foreign", f"{__name__}:Foreign", registry.GROUP)
+BROKEN = EntryPoint("inverter.broken", "no.such.module:Driver", registry.GROUP)
+NAMELESS = EntryPoint("inverter.nameless", f"{__name__}:Missing", registry.GROUP)
+
+
+@pytest.fixture(autouse=True)
+def others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def found(group: str, name: str | None = None) -> list[EntryPoint]:
+        assert group == "motord.drivers"
+        return [e for e in (FOREIGN, BROKEN, NAMELESS) if name in (None, e.name)]
+
+    monkeypatch.setattr(registry, "entry_points", found)
+
+
+def with_driver(name: str) -> Config:
+    setup = bench()
+    inverter = InverterConfig(driver=name, can=setup.inverter.can)
+    return setup.model_copy(update={"inverter": inverter})
+
+
+def test_the_simulated_rig() -> None:
+    assert isinstance(registry.make_rig(config.load()), SimRig)
+
+
+def test_the_wires() -> None:
+    rig = registry.make_rig(bench())
+    assert isinstance(rig, WireRig)
+    assert isinstance(rig._inverter, CanInverter)
+    assert isinstance(rig._bridge, SerialBridge)
+
+
+def test_a_driver_of_another_package() -> None:
+    rig = registry.make_rig(with_driver("foreign"))
+    assert isinstance(rig, WireRig)
+    assert isinstance(rig._inverter, Foreign)
+    assert rig._inverter.config.inverter.driver == "foreign"
+
+
+@pytest.mark.parametrize("kind", ["brake", "drive"])
+def test_slow_devices(kind: str) -> None:
+    modbus = {"driver": "modbus", "modbus": ModbusConfig()}
+    setup = Config(motor=MOTOR, **{kind: modbus})
+    device = registry.make_setpoint_device(kind, setup)  # type: ignore[arg-type]
+    assert isinstance(device, ModbusDevice)
+
+
+def test_an_unknown_driver_is_told_the_known_ones() -> None:
+    with pytest.raises(DeviceError) as caught:
+        registry.make_rig(with_driver("telepathy"))
+    assert str(caught.value) == (
+        '[inverter] driver = "telepathy" is not known; known: broken, can, foreign, nameless, sim'
+    )
+    setup = Config(motor=MOTOR, brake=BrakeConfig(driver="anvil"))
+    with pytest.raises(DeviceError, match="known: modbus, none, sim"):
+        registry.make_setpoint_device("brake", setup)
+
+
+@pytest.mark.parametrize("name", ["broken", "nameless"])
+def test_a_driver_that_cannot_be_loaded(name: str) -> None:
+    with pytest.raises(DeviceError, match="installed completely"):
+        registry.make_rig(with_driver(name))
+
+
+def test_every_built_in_driver_can_be_loaded() -> None:
+    for target in (*registry.BUILT_IN.values(), registry.SIMULATED_RIG):
+        assert callable(registry._load(target))

@@ -1,0 +1,97 @@
+import os
+import tty
+from collections.abc import Iterator
+
+import pytest
+
+from motord.hal.serial_port import SerialPort
+from motord.wire import frames
+from motord.wire.stream import StreamDecoder
+from tests.contract.peers import until
+
+Ends = tuple[SerialPort, int]
+
+
+@pytest.fixture
+def ends() -> Iterator[Ends]:
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    os.set_blocking(device_fd, False)
+    port = SerialPort(os.ttyname(host_fd), 2_000_000, "test")
+    yield port, device_fd
+    port.close()
+    port.close()
+    os.close(device_fd)
+    os.close(host_fd)
+
+
+def test_bytes_come_through_unchanged_both_ways(ends: Ends) -> None:
+    port, device_fd = ends
+    everything = bytes(range(256))
+    os.write(device_fd, everything)
+    received = b""
+    while len(received) < len(everything):
+        port.wait(1.0)
+        received += port.read()
+    assert received == everything
+    assert port.write(everything)
+    assert until(lambda: os.read(device_fd, 4096)) == everything
+
+
+def test_reading_nothing_is_no_failure(ends: Ends) -> None:
+    port, _ = ends
+    assert port.read() == b""
+    assert port.failures == 0
+
+
+def test_a_large_backlog_is_read_whole(ends: Ends) -> None:
+    port, device_fd = ends
+    sent = received = 0
+    try:
+        while sent < 1 << 20:
+            sent += os.write(device_fd, b"x" * 4096)
+    except BlockingIOError:
+        pass
+    while received < sent:
+        port.wait(1.0)
+        received += len(port.read())
+    assert received == sent
+
+
+def test_a_frame_cut_off_by_a_full_port_costs_no_other(ends: Ends) -> None:
+    port, device_fd = ends
+    number = 0
+    while port.write(frames.encode(frames.Heartbeat(1), number)):
+        number += 1
+    assert port.failures == 1
+    decoder, received = StreamDecoder(), []
+    received += decoder.feed(until(lambda: os.read(device_fd, 1 << 20)))
+
+    def drained() -> bool:
+        try:
+            received.extend(decoder.feed(os.read(device_fd, 1 << 20)))
+        except BlockingIOError:
+            return port.write(frames.encode(frames.Start(), number + 1))
+        return False
+
+    until(drained)
+    until(
+        lambda: received.extend(decoder.feed(os.read(device_fd, 4096))) or received[-1][0] > number
+    )
+    assert received[-1] == (number + 1, frames.Start())
+    assert [n for n, _ in received[:-1]] == list(range(number))
+    assert decoder.errors == 1
+
+
+def test_a_port_that_fails_counts(monkeypatch: pytest.MonkeyPatch, ends: Ends) -> None:
+    port, _ = ends
+
+    def fail(*_: object) -> int:
+        raise OSError(5, "Input/output error")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("motord.hal.serial_port.os.read", fail)
+        patched.setattr("motord.hal.serial_port.os.write", fail)
+        assert port.read() == b""
+        assert not port.write(b"x\0")
+    assert port.failures == 2
