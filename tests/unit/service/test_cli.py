@@ -1,0 +1,270 @@
+"""The commands that operate a bench, against the daemon's own pieces over loopback."""
+
+import json
+import threading
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.cli.command import token_file
+from motord.cli.plan import parse_settings
+from motord.client import Subscription, connect
+from motord.schema import State, Trip
+from tests.unit.service.live_service import endpoint, live_service
+
+WAIT_S = 20.0
+EMULATED = Path(__file__).parents[3] / "config" / "emulated.toml"
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with live_service(tmp_path_factory.mktemp("state"), name="cli") as service:
+        yield service
+
+
+@pytest.fixture(autouse=True)
+def off(live):
+    """Start every test with a bench that is OFF and that nobody commands."""
+    yield
+    with connect("cli", live.listen) as client, client.lease("teardown", force=True) as lease:
+        client.rpc("stop")
+        client.rpc("reset", token=lease.token)
+        client.rpc("stop")
+
+
+@pytest.fixture
+def motord(live, monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+    def run(*arguments):
+        return CliRunner().invoke(app, [*arguments, "--bench", "cli", "--connect", live.listen])
+
+    return run
+
+
+def printed(result):
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+def failed(result):
+    assert result.exit_code == 1, result.output
+    assert len(result.stderr.strip().splitlines()) == 1
+    return result.stderr
+
+
+def test_nobody_there_is_one_line_and_exit_1():
+    where = endpoint()
+    result = CliRunner().invoke(app, ["status", "--connect", where])
+    assert failed(result) == f"motord: no motord at {where}: is `motord run` running there?\n"
+
+
+def test_status_as_table_and_as_json(motord):
+    text = motord("status").stdout
+    for words in ("axial-flux 48/16", "OFF", "nobody", "not recording", "simulated", "2000 Hz"):
+        assert words in text
+    assert printed(motord("status", "--json"))["state"] == "OFF"
+
+
+def test_watch_shows_states_for_a_while(motord):
+    lines = motord("watch", "--json", "--for-s", "0.3").stdout.splitlines()
+    assert all(json.loads(line)["bench"] == "cli" for line in lines)
+    assert lines
+    assert "OFF" in motord("watch", "--for-s", "0.2").stdout
+
+
+def test_enable_holds_the_lease_and_then_lets_the_bench_ramp_down(live, motord):
+    result = motord("enable", "--for-s", "0.5")
+    assert result.exit_code == 0
+    assert result.stdout == "ENABLED\n"
+    assert "in command for 0.5 s" in result.stderr
+    with connect("cli", live.listen) as client, client.subscribe_state() as states:
+        while states.get(WAIT_S).state != "READY":
+            pass
+    assert not token_file("cli").exists()
+
+
+def test_set_uses_the_lease_that_another_terminal_holds(live, motord):
+    enabled = threading.Event()
+    outcome = []
+
+    def first_terminal():
+        with connect("cli", live.listen) as client, client.lease("anna") as lease:
+            token_file("cli").parent.mkdir(parents=True)
+            token_file("cli").write_text(json.dumps({"token": lease.token}))
+            client.rpc("enable", token=lease.token)
+            enabled.set()
+            done.wait(WAIT_S)
+            outcome.append(lease.lost.is_set())
+
+    done = threading.Event()
+    thread = threading.Thread(target=first_terminal)
+    thread.start()
+    assert enabled.wait(WAIT_S)
+    answer = printed(motord("set", "--torque-Nm", "1", "--speed-Hz", "0.5", "--json"))
+    assert answer["setpoint"]["speed_Hz"] == 0.5
+    assert "torque 0.5 Nm, speed 0.5 Hz" in motord("set", "--torque-Nm", "0.5").stdout
+    assert printed(motord("disable", "--json")) == {"state": "READY"}
+    done.set()
+    thread.join()
+    assert outcome == [False]
+
+
+def test_set_can_enable_and_hold_by_itself(live, motord):
+    result = motord("set", "--enable", "--torque-Nm", "1", "--speed-Hz", "0.5", "--for-s", "0.3")
+    assert result.exit_code == 0
+    assert "request: enable" in "\n".join(live.messages())
+
+
+def test_set_without_enable_says_what_to_do(motord):
+    assert "enable it first" in failed(motord("set", "--torque-Nm", "1"))
+
+
+def test_set_of_nothing_is_wrong_usage(motord):
+    assert motord("set").exit_code == 2
+
+
+def test_a_trip_ends_the_hold_with_its_cause(live, motord):
+    seen = threading.Event()
+
+    def trip_when_enabled():
+        with connect("cli", live.listen) as client, client.subscribe_state() as states:
+            while states.get(WAIT_S).state != "ENABLED":
+                pass
+        memory = live.loop.virtual._memory
+        memory["trip_bits"] = memory["first_trip"] = Trip.OVER_SPEED
+        memory["state"] = State.TRIPPED
+        seen.set()
+
+    thread = threading.Thread(target=trip_when_enabled)
+    thread.start()
+    result = motord("enable", "--json")
+    thread.join()
+    assert seen.is_set()
+    assert result.exit_code == 1
+    assert "the bench is TRIPPED: OVER_SPEED" in result.stderr
+    assert "OVER_SPEED" in failed(motord("enable"))
+    assert printed(motord("reset", "--json")) == {"state": "READY"}
+
+
+def test_a_takeover_ends_the_hold(live, motord):
+    def take_over():
+        with connect("cli", live.listen) as client, client.subscribe_state() as states:
+            while states.get(WAIT_S).state != "ENABLED":
+                pass
+            with client.lease("ben", force=True):
+                done.wait(WAIT_S)
+
+    done = threading.Event()
+    thread = threading.Thread(target=take_over)
+    thread.start()
+    result = motord("enable")
+    done.set()
+    thread.join()
+    assert result.exit_code == 1
+    assert "ben took over command" in result.stderr
+
+
+def test_stop_needs_no_lease(live, motord):
+    with connect("cli", live.listen) as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        assert motord("stop").stdout == "OFF\n"
+        assert "anna is in command" in failed(motord("disable"))
+        assert motord("disable", "--force").exit_code == 0
+
+
+def test_events_are_shown(motord):
+    motord("stop")
+    assert "request: stop" in motord("events", "--no-follow").stdout
+    lines = motord("events", "--no-follow", "--json").stdout.splitlines()
+    assert "request" in {json.loads(line)["kind"] for line in lines}
+
+
+def test_plans_are_listed_with_their_settings(motord):
+    text = motord("plan", "list").stdout
+    assert "calibrate: " in text
+    assert "    turns = 24" in text
+    assert {p["name"] for p in printed(motord("plan", "list", "--json"))["plans"]} >= {"verify"}
+
+
+def test_a_dry_run_shows_points_and_time(motord):
+    arguments = ("plan", "start", "calibrate", "--set", "torques_Nm=1,2", "--set", "speeds_Hz=0.5")
+    text = motord(*arguments, "--dry-run").stdout
+    assert "2 points, about" in text
+    assert printed(motord(*arguments, "--dry-run", "--json"))["settings"]["speeds_Hz"] == [0.5]
+
+
+def test_settings_that_are_wrong_are_told(motord):
+    result = motord("plan", "start", "calibrate", "--set", "torques_Nm=9", "--dry-run")
+    assert "[limits] torque_Nm" in failed(result)
+    assert motord("plan", "start", "calibrate", "--set", "torques").exit_code == 2
+    assert "no plan 'dance'" in failed(motord("plan", "start", "dance", "--dry-run"))
+
+
+@pytest.mark.slow
+def test_a_plan_is_followed_to_its_end(motord):
+    settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0")
+    given = [word for setting in settings for word in ("--set", setting)]
+    result = motord("plan", "start", "calibrate", *given)
+    assert result.exit_code == 0, result.output
+    assert "calibrate: 1 of 1 points" in result.stdout
+    assert "calibrate done, 100 %" in motord("plan", "status").stdout
+
+
+def test_ctrl_c_aborts_the_plan_that_is_followed(motord, monkeypatch):
+    interrupts = [KeyboardInterrupt]
+    get = Subscription.get
+
+    def interrupted(self, timeout_s):
+        if interrupts:
+            raise interrupts.pop()
+        return get(self, timeout_s)
+
+    monkeypatch.setattr(Subscription, "get", interrupted)
+    result = motord("plan", "start", "calibrate", "--json")
+    assert result.exit_code == 1
+    assert "calibrate aborted: aborted by" in result.stderr
+    assert json.loads(result.stdout)["state"] == "aborted"
+
+
+def test_a_detached_plan_goes_on_and_is_steered(motord):
+    assert "calibrate started" in motord("plan", "start", "calibrate", "--detach").stdout
+    assert motord("plan", "pause").stdout.startswith("calibrate: paus")
+    assert printed(motord("plan", "status", "--json"))["detached"] is True
+    assert motord("plan", "resume").stdout == "calibrate: running\n"
+    assert motord("plan", "abort").stdout == "calibrate: ending\n"
+
+
+def test_settings_become_json_values():
+    defaults = {"torques_Nm": [1.0], "turns": 24, "compensate": "off"}
+    given = ["torques_Nm=3", "turns=2", "compensate=currents", "speeds_Hz=0.5,0.7", "x=[1]"]
+    assert parse_settings(given, defaults) == {
+        "torques_Nm": [3], "turns": 2, "compensate": "currents", "speeds_Hz": [0.5, 0.7], "x": [1],
+    }  # fmt: skip
+    with pytest.raises(typer.BadParameter):
+        parse_settings(["=3"], {})
+
+
+def test_check_names_what_is_wrong(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    result = CliRunner().invoke(app, ["check", "--rt", "--json"])
+    assert result.exit_code == 0, result.output
+    report = json.loads(result.stdout)
+    assert [f["what"] for f in report["findings"]] == [
+        "config", "inverter and bridge", "brake", "drive",
+    ]  # fmt: skip
+    assert {"scheduler", "memory lock"} <= {item["name"] for item in report["realtime"]}
+    text = CliRunner().invoke(app, ["check", "--rt"]).stdout
+    assert "config: ok, bench sim" in text
+    assert "real time: scheduler" in text
+
+
+def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    result = CliRunner().invoke(app, ["check", "-c", str(EMULATED)])
+    assert "not ready to run: inverter and bridge, brake, drive" in failed(result)
+    missing = CliRunner().invoke(app, ["check", "-c", str(tmp_path / "no.toml")])
+    assert "no.toml: cannot read it" in failed(missing)
