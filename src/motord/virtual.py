@@ -79,6 +79,11 @@ class VirtualBench:
         instant.
         """
         tick_block, truth_block = np.zeros(ticks, TICK_DTYPE), np.zeros(ticks, TRUTH_DTYPE)
+        self.fill(setpoint, tick_block, truth_block)
+        return tick_block, truth_block
+
+    def fill(self, setpoint: np.ndarray, tick_block: np.ndarray, truth_block: np.ndarray) -> None:
+        """Run one period for each row of two blocks of equal length; they must be zero before."""
         _run(
             *self._rig,
             self._input,
@@ -94,8 +99,7 @@ class VirtualBench:
             tick_block,
             truth_block,
         )
-        self.tick += ticks
-        return tick_block, truth_block
+        self.tick += tick_block.size
 
     def _fitting_substep_s(self) -> float:
         """Return the longest step that the rig allows and that fits the period evenly."""

@@ -7,11 +7,14 @@ import numpy as np
 
 from motord.control.types import SETPOINT
 from motord.plans import Demand, Executor, Plan, TickWatcher
-from motord.schema import Request, State
+from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Request
 from motord.virtual import VirtualBench
 
-LOOK_S = 0.02
-"""Virtual time between two looks of the executor, as the supervisor's on a real bench."""
+LOOK_S = 0.05
+"""Virtual time between two looks of the executor."""
+
+HAND_ON_S = 1.0
+"""Virtual time that is handed on at once: large blocks are written and read fastest."""
 
 BlockSink = Callable[[np.ndarray, np.ndarray], None]
 PointSink = Callable[[dict[str, Any]], None]
@@ -29,32 +32,62 @@ def run_plan(
     on_point: PointSink = lambda point: None,
     on_progress: ProgressSink = lambda progress: None,
 ) -> list[dict[str, Any]]:
-    """Run `plan` to its end, handing on each block (ticks, truth). Returns the points taken.
+    """Run `plan` to its end, handing on blocks (ticks, truth). Returns the points taken.
 
     Raises PlanFailed if the bench trips or the plan fails.
     """
     executor, watcher = Executor(plan), TickWatcher()
     setpoint = np.zeros(1, SETPOINT)
     setpoint["plan_point"] = -1
-    ticks_a_look = max(round(LOOK_S * bench.config.loop.rate_Hz), 1)
-    demand, handed_on = Demand(), 0
+    demand, told = Demand(), 0
+    blocks = _Blocks(on_block, bench.config.loop.rate_Hz)
     while not executor.finished:
-        ticks, truth = bench.run(setpoint, ticks_a_look)
-        on_block(ticks, truth)
-        seen = watcher.take(ticks)
+        seen = watcher.take(blocks.run(bench, setpoint))
         before, demand = demand, executor.advance(seen)
-        _put(setpoint, before, demand, seen.state)
-        for point in executor.points[handed_on:]:
-            on_point(point)
-        if len(executor.points) > handed_on:
+        _put(setpoint, before, demand)
+        if len(executor.points) > told:
+            blocks.hand_on()
+            for point in executor.points[told:]:
+                on_point(point)
+            told = len(executor.points)
             on_progress(executor.progress())
-        handed_on = len(executor.points)
+    blocks.hand_on()
     if executor.message:
         raise PlanFailed(f"{plan.name}: {executor.message}")
     return executor.points
 
 
-def _put(setpoint: np.ndarray, before: Demand, demand: Demand, state: State) -> None:
+class _Blocks:
+    """Blocks of HAND_ON_S, filled look by look and handed on when full."""
+
+    def __init__(self, sink: BlockSink, rate_Hz: int) -> None:
+        self._sink = sink
+        self._look = max(round(LOOK_S * rate_Hz), 1)
+        self._size = max(round(HAND_ON_S / LOOK_S), 1) * self._look
+        self._start()
+
+    def run(self, bench: VirtualBench, setpoint: np.ndarray) -> np.ndarray:
+        """Run the bench for one look and return its ticks."""
+        if self._filled == self._size:
+            self.hand_on()
+        rows = slice(self._filled, self._filled + self._look)
+        bench.fill(setpoint, self._ticks[rows], self._truth[rows])
+        self._filled += self._look
+        return self._ticks[rows]
+
+    def hand_on(self) -> None:
+        """Give what there is to the sink."""
+        if self._filled:
+            self._sink(self._ticks[: self._filled], self._truth[: self._filled])
+            self._start()
+
+    def _start(self) -> None:
+        self._filled = 0
+        self._ticks = np.zeros(self._size, TICK_DTYPE)
+        self._truth = np.zeros(self._size, TRUTH_DTYPE)
+
+
+def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:
     """Write a demand into the set-point record, as the supervisor does into its mailbox."""
     s = setpoint[0]
     s.seq += 1

@@ -1,0 +1,99 @@
+"""`motord demo`: the whole story on the simulated rig, with progress, a table and a report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from motord.demo import Demo
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for runs, calibration and report.")] = Path(
+        "demo-out"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's noise and drift.")] = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="Four operating points, 8 turns.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
+    from motord.identify import IdentifyError
+    from motord.record.errors import RecordError
+    from motord.virtual_plan import PlanFailed
+
+    try:
+        found = _run(out, seed, quick, silent=json)
+    except (IdentifyError, PlanFailed, RecordError) as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
+    if json:
+        print_json(found.summary)
+    else:
+        _print(found)
+
+
+def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from motord.demo import STAGES, run_demo, write_report
+
+    columns = TextColumn("{task.description:<28}"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, disable=silent) as bars:
+        tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
+
+        def progress(stage: str, fraction: float) -> None:
+            bars.start_task(tasks[stage])
+            bars.update(tasks[stage], completed=fraction)
+
+        found = run_demo(out, seed, quick, progress)
+        write_report(found)
+    return found
+
+
+def _print(found: "Demo") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console, summary = Console(), found.summary
+    speeds_Hz = sorted({point["speed_Hz"] for point in summary["points"]})
+    table = Table(title="RMS error of the true torque, % of rated: before > after")
+    table.add_column("", justify="right")
+    for speed_Hz in speeds_Hz:
+        table.add_column(f"{speed_Hz:g} Hz", justify="right")
+    for torque_Nm in sorted({point["torque_Nm"] for point in summary["points"]}):
+        cells = {p["speed_Hz"]: p for p in summary["points"] if p["torque_Nm"] == torque_Nm}
+        row = [f"{cells[s]['before']:.1f} > {cells[s]['after']:.2f}" for s in speeds_Hz]
+        table.add_row(f"{torque_Nm:g} Nm", *row)
+    console.print(table)
+    before, after = summary["before"], summary["after"]
+    console.print(
+        f"mean {before['mean']:.2f} % before, {after['mean']:.2f} % after "
+        f"(worst point {after['max']:.2f} %)"
+    )
+    console.print(_gain_table(summary))
+    console.print(
+        f"{summary['bench_s']:.0f} s on the bench took {summary['wall_s']:.0f} s; "
+        f"report: {found.files.report}, calibration: {found.files.calibration}"
+    )
+
+
+def _gain_table(summary: dict[str, Any]) -> Any:
+    from rich.table import Table
+
+    table = Table(title="what was found, beside what is true")
+    for heading in ("", "truth", "joint estimator", "residual estimator (report)"):
+        table.add_column(heading, justify="right")
+    truth, joint, residual = summary["truth"], summary["joint"], summary["residual"]
+    for key, digits, unit in (("alpha", 4, ""), ("beta_A", 3, " A")):
+        for phase in range(3):
+            table.add_row(
+                f"{key.removesuffix('_A')} {'abc'[phase]}",
+                f"{truth[key][phase]:.{digits}f}{unit}",
+                f"{joint[key][phase]:.{digits}f}{unit}",
+                f"{residual[key][phase]:.{digits}f}{unit}",
+            )
+    return table
