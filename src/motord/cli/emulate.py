@@ -3,7 +3,7 @@
 import json
 import signal
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +14,8 @@ from motord.cli.console import fail
 if TYPE_CHECKING:
     from types import FrameType
 
-    from motord.config import Config
     from motord.emulate.process import Emulator
+    from motord.emulate.truth_log import TruthSink
 
 
 def emulate(
@@ -36,31 +36,32 @@ def emulate(
     """Be the devices of a bench on the wire: inverter, bridge, brake and external drive."""
     from motord.config import ConfigError, load
     from motord.emulate import EmulatorError
+    from motord.emulate.process import Emulator
     from motord.record.errors import RecordError
+    from motord.rig.truth import load as load_rig
 
     try:
         bench = load(config)
-        with _emulator(bench, truth) as emulator, _signals_stop(emulator):
-            _say(emulator.ready(), _ready_line(emulator.ready()), as_json)
-            emulator.run(duration_s)
+        with _sink(truth, bench.bench.name) as sink:
+            emulator = Emulator(bench, load_rig(bench.bench.rig), sink)
+            with _signals_stop(emulator), emulator:
+                _say(emulator.ready(), _ready_line(emulator.ready()), as_json)
+                emulator.run(duration_s)
         _say(emulator.summary(), _summary_line(emulator.summary()), as_json)
     except (ConfigError, EmulatorError, RecordError) as error:
         fail(str(error))
 
 
 @contextmanager
-def _emulator(bench: "Config", truth: Path | None) -> "Iterator[Emulator]":
-    from motord.emulate.process import Emulator
+def _sink(truth: Path | None, bench: str) -> "Iterator[TruthSink | None]":
+    """Yield what takes blocks of truth, if a file for them is wanted. Raises RecordError."""
     from motord.record.writer import RunWriter
-    from motord.rig.truth import load as load_rig
 
-    rig = load_rig(bench.bench.rig)
-    with ExitStack() as stack:
-        sink = None
-        if truth is not None:
-            metadata = {"bench": bench.bench.name, "source": "motord emulate"}
-            sink = stack.enter_context(RunWriter(truth, metadata)).truth
-        yield stack.enter_context(Emulator(bench, rig, sink))
+    if truth is None:
+        yield None
+        return
+    with RunWriter(truth, {"bench": bench, "source": "motord emulate"}) as writer:
+        yield writer.truth
 
 
 @contextmanager
