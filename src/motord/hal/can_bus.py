@@ -1,6 +1,9 @@
 """Opening a CAN bus with any interface of python-can."""
 
 import logging
+import os
+import socket
+from contextlib import suppress
 
 import can
 
@@ -9,6 +12,10 @@ from motord.hal.base import DeviceError
 
 # python-can tells its own log of errors that it also raises
 logging.getLogger("can").addHandler(logging.NullHandler())
+
+RECEIVE_BUFFER_BYTES = 1 << 20
+"""Asked of the kernel, so that a loop that was kept waiting loses no frames; it grants at most
+net.core.rmem_max."""
 
 
 def open_bus(config: CanConfig, device: str) -> can.BusABC:
@@ -19,7 +26,7 @@ def open_bus(config: CanConfig, device: str) -> can.BusABC:
     if config.data_bitrate is not None:
         settings["data_bitrate"] = config.data_bitrate
     try:
-        return can.Bus(
+        bus = can.Bus(
             config.channel,
             config.interface,
             ignore_config=True,
@@ -36,6 +43,23 @@ def open_bus(config: CanConfig, device: str) -> can.BusABC:
         cause = error.__cause__ or error
         reason = getattr(cause, "strerror", None) or str(cause)
         raise DeviceError(f"{device}: cannot open the bus: {reason}; {_hint(config)}") from error
+    _widen(bus)
+    return bus
+
+
+def _widen(bus: can.BusABC) -> None:
+    """Ask for a large receive buffer, if the bus is a socket."""
+    try:
+        fd = os.dup(bus.fileno())
+    except (NotImplementedError, OSError):
+        return
+    try:
+        end = socket.socket(fileno=fd)
+    except OSError:  # a descriptor, but no socket: a serial adapter
+        os.close(fd)
+        return
+    with end, suppress(OSError):
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
 
 def _hint(config: CanConfig) -> str:

@@ -19,6 +19,8 @@ DRIFT_WINDOWS = 4
 HEARTBEAT_LATENCY_NS = 100_000
 """Half the round trip is taken for the heartbeat's way, but never more than this: what else is in
 the round trip is the time until the loop comes round to read."""
+INCONSISTENT_NS = 50_000
+"""A heartbeat heard before it can have been sent by more than this was stamped wrongly."""
 JUMP_NS = 50_000_000
 LATE_NS = 1_000_000_000
 """A clock further off than JUMP_NS (behind: for LATE_NS on end) has jumped: start anew."""
@@ -157,19 +159,22 @@ class BoardClock:
     def heartbeat(self, ticks: int, sent_ns: int) -> None:
         """Take that the board heard at `ticks` what was sent at `sent_ns`.
 
-        Ignored before the first sample: times are counted from there.
+        Ignored before the first sample, from where times are counted, and if it contradicts what
+        the samples tell: one wrong stamp would hold for as long as the bound remembers.
         """
-        if self._ticks is None:
+        if self._ticks is None or self._upper is None:
             return
         half = self._modulus // 2
         step = (ticks - self._ticks + half) % self._modulus - half
         board_ns = self._board_ns + step * self._unit_ns
+        value_ns = board_ns - sent_ns
+        if value_ns + self._upper.at(board_ns) < -INCONSISTENT_NS:
+            return
         if self._lower is None:
-            self._lower = Bound(board_ns, board_ns - sent_ns)
-        elif self._lower.add(board_ns, board_ns - sent_ns):
+            self._lower = Bound(board_ns, value_ns)
+        elif self._lower.add(board_ns, value_ns):
             self._lower.lean(self._lower.fitted_drift())
-            if self._upper is not None:
-                self._upper.lean(-self._lower.drift)
+            self._upper.lean(-self._lower.drift)
 
     def _difference_ns(self) -> int:
         """Return loop's time minus board's time, at the board's newest sample."""

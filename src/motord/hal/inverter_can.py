@@ -19,7 +19,7 @@ from motord.hal.clock import LoopClock
 from motord.schema import InverterStatus
 from motord.wire import dbc
 
-FRAMES_AT_ONCE = 256
+FRAMES_AT_ONCE = 1024
 """Frames taken in one read at most; what is left waits for the next tick."""
 SEND_FAILURES_MAX = 5
 """Sends refused on end after which the bus counts as off."""

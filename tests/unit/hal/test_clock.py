@@ -135,6 +135,16 @@ def test_a_board_that_lost_time_is_noticed_after_a_second() -> None:
     assert max(abs(error) for error in errors) < 150_000
 
 
+def test_a_heartbeat_stamped_wrongly_is_passed_over() -> None:
+    """Heard 3 ms before it was sent: it contradicts the samples."""
+    clock, wire = BoardClock(), Wire()
+    errors = settled(wire.run(clock, 3.5))
+    sent_ns = START_NS + 3500 * MS
+    clock.heartbeat(wire.board_us(sent_ns - 3 * MS), sent_ns)
+    errors += wire.run(clock, 1.0, from_s=3.5)
+    assert max(abs(error) for error in errors) < 150_000
+
+
 def test_told_of_a_reset() -> None:
     clock = BoardClock()
     clock.received(500, START_NS)

@@ -1,5 +1,8 @@
+import os
+import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import can
@@ -7,7 +10,9 @@ import numpy as np
 import pytest
 
 from motord.config import ConfigError, packaged
+from motord.hal import can_bus
 from motord.hal.base import DeviceError
+from motord.hal.can_bus import open_bus
 from motord.hal.can_feedback import SILENT_AFTER_NS, CanFeedback
 from motord.hal.inverter_can import SEND_FAILURES_MAX, CanInverter
 from motord.schema import InverterStatus
@@ -82,6 +87,21 @@ def test_a_bus_that_cannot_be_opened(changes: dict[str, Any], words: list[str]) 
 def test_bit_rates_reach_the_interface() -> None:
     config = can_config("virtual", bitrate=500_000, data_bitrate=2_000_000, connect_timeout_s=0.01)
     assert "nothing at all" in error_of(CanInverter(bench(config)))
+
+
+def test_the_receive_buffer_is_widened_where_there_is_one() -> None:
+    with open_bus(can_config(), "test") as bus, socket.socket(fileno=os.dup(bus.fileno())) as end:
+        widened = end.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
+            assert widened >= plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+@pytest.mark.parametrize("kind", ["a file", "closed"])
+def test_a_bus_that_is_no_socket_is_left_alone(kind: str, tmp_path: Path) -> None:
+    with (tmp_path / "file").open("w") as file:
+        descriptor = file.fileno() if kind == "a file" else -1
+        can_bus._widen(type("Bus", (), {"fileno": lambda _self: descriptor})())
+        file.write("still open")
 
 
 def test_a_drive_that_says_nothing() -> None:
