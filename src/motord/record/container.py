@@ -87,11 +87,12 @@ class Container:
         """True until the file is finished or abandoned."""
         return self._descriptor >= 0
 
-    def channel(self, schema: Schema, channel: Channel) -> None:
-        """Declare a channel and its schema."""
-        new = [] if schema.id in self._schemas else [schema]
-        self._write(serialise([*new, channel]))
-        self._schemas[schema.id] = schema
+    def channel(self, schema: Schema | None, channel: Channel) -> None:
+        """Declare a channel and its schema, if it has one."""
+        if schema is not None and schema.id not in self._schemas:
+            self._write(serialise([schema]))
+            self._schemas[schema.id] = schema
+        self._write(serialise([channel]))
         self._channels[channel.id] = channel
         self._counts[channel.id] = 0
 
@@ -108,7 +109,7 @@ class Container:
         self._write(record, indexes)
         self._chunks.append(entry)
         for channel, entries in index.items():
-            self._counts[channel] += len(entries)
+            self._counts[channel] = self._counts.get(channel, 0) + len(entries)
 
     def sync(self) -> None:
         """Have the disk hold everything written so far."""

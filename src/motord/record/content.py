@@ -77,6 +77,11 @@ class Rows:
     rows: Bytes
     offset: int
 
+    @property
+    def channel(self) -> int:
+        """Number of their channel."""
+        return self.layout.channel
+
     def index(self) -> Index:
         """Return log time and offset in the chunk of every message, shape (n, 2)."""
         index = np.empty((len(self.rows), 2), np.uint64)
@@ -93,6 +98,10 @@ class Single:
     log_time_ns: int
     payload: memoryview
     offset: int
+
+    def index(self) -> Index:
+        """Return its log time and offset in the chunk, shape (1, 2)."""
+        return np.array([[self.log_time_ns, self.offset]], np.uint64)
 
 
 def messages(content: memoryview, layouts: Mapping[int, MessageRows]) -> Iterator[Rows | Single]:

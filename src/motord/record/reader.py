@@ -31,8 +31,9 @@ class Run:
     """A recording. Nothing is held open between calls.
 
     `metadata`: what was known at the beginning; `end`: what the writer noted when it closed the
-    file, empty if it did not. Columns are given in the order asked for; bounds `from_ns`, `to_ns`
-    are Unix ns, both included. All methods raise RecordError for what the file does not have.
+    file, empty if it did not; `tick_table`, `truth_table`: ticks and truth. Columns come in the
+    order asked for; bounds `from_ns`, `to_ns` are Unix ns, both included. All methods raise
+    RecordError for what the file does not have.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,15 +42,15 @@ class Run:
         self.metadata = self._metadata(METADATA)
         self.end = self._metadata(METADATA_END)
         self._require_known_format()
-        self._ticks = self._table(topics.TICKS, TICK)
-        self._truth = self._table(topics.TRUTHS, TRUTH)
-        if not self._ticks.present:
+        self.tick_table = self._table(topics.TICKS, TICK)
+        self.truth_table = self._table(topics.TRUTHS, TRUTH)
+        if not self.tick_table.present:
             raise RecordError(f"{path}: has no channel /tick with ticks of motord")
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of its ticks."""
-        return self._ticks.columns
+        return self.tick_table.columns
 
     @property
     def damage(self) -> Damage | None:
@@ -58,7 +59,7 @@ class Run:
 
     def check(self) -> Damage | None:
         """Read everything once and return what is missing, None if nothing is."""
-        for _ in self.source.parts():
+        for _ in self.source.parts(self.source.chunks()):
             pass
         self.source.check_outside_chunks()
         return self.damage
@@ -71,7 +72,7 @@ class Run:
         to_ns: int | None = None,
     ) -> Block:
         """Return the ticks, shape (n,)."""
-        return self._ticks.whole(columns, Span(from_ns, to_ns))
+        return self.tick_table.whole(columns, Span(from_ns, to_ns))
 
     def blocks(
         self,
@@ -81,7 +82,7 @@ class Run:
         to_ns: int | None = None,
     ) -> Iterator[Block]:
         """Yield the ticks chunk by chunk, shape (n,) with n > 0."""
-        return self._ticks.blocks(columns, Span(from_ns, to_ns))
+        return self.tick_table.blocks(columns, Span(from_ns, to_ns))
 
     def truth(
         self,
@@ -91,7 +92,7 @@ class Run:
         to_ns: int | None = None,
     ) -> Block:
         """Return what a simulated rig really did, shape (n,); none if the rig was real."""
-        return self._truth.whole(columns, Span(from_ns, to_ns))
+        return self.truth_table.whole(columns, Span(from_ns, to_ns))
 
     def truth_blocks(
         self,
@@ -101,7 +102,7 @@ class Run:
         to_ns: int | None = None,
     ) -> Iterator[Block]:
         """Yield what a simulated rig really did, chunk by chunk, shape (n,) with n > 0."""
-        return self._truth.blocks(columns, Span(from_ns, to_ns))
+        return self.truth_table.blocks(columns, Span(from_ns, to_ns))
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events in the order in which they were written."""
@@ -140,7 +141,7 @@ class Run:
             return []
         payloads = (
             bytes(part.payload)
-            for parts in self.source.parts(channel)
+            for parts in self.source.parts(self.source.chunks(channel))
             for part in parts
             if isinstance(part, Single) and part.channel == channel
         )

@@ -1,7 +1,7 @@
 """A recording as a sequence of checked chunks, with an account of those that are not readable."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -89,11 +89,11 @@ class Source:
                 yield entry
 
     def contents(
-        self, channel: int | None = None, span: Span = ALWAYS
+        self, chunks: Iterable[ChunkEntry]
     ) -> Iterator[tuple[ChunkEntry, memoryview, memoryview]]:
-        """Yield place, record and content of the good ones among `chunks(...)`."""
+        """Yield place, record and content of those of `chunks` that are good; note the others."""
         with self.path.open("rb") as file:
-            for entry in self.chunks(channel, span):
+            for entry in chunks:
                 file.seek(entry.offset)
                 record = memoryview(file.read(min(entry.size, self.structure.size)))
                 try:
@@ -103,11 +103,9 @@ class Source:
                 else:
                     yield entry, record, content
 
-    def parts(
-        self, channel: int | None = None, span: Span = ALWAYS
-    ) -> Iterator[list[Rows | Single]]:
-        """Yield the messages of each of the good ones among `chunks(...)`."""
-        for entry, _, content in self.contents(channel, span):
+    def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[Rows | Single]]:
+        """Yield the messages of each of `chunks` that is good; note the others."""
+        for entry, _, content in self.contents(chunks):
             try:
                 parts = list(messages(content, self.layouts))
             except ChunkError as error:

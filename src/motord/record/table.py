@@ -9,6 +9,7 @@ from motord.record.content import Rows
 from motord.record.errors import RecordError
 from motord.record.rows import MessageRows
 from motord.record.source import ALWAYS, Source, Span
+from motord.record.structure import ChunkEntry
 from motord.wire.blocks import Block, BlockCodec
 from motord.wire.pattern import Bytes
 
@@ -36,38 +37,54 @@ class Table:
 
         Raises RecordError for a column that there is not.
         """
-        dtype, layout = self._dtype(columns), self._layout
-        if layout is None:
-            return
-        for parts in self._source.parts(layout.channel, span):
-            runs = [p.rows for p in parts if isinstance(p, Rows) and p.layout is layout]
-            block = _extract(layout, [_within(layout, rows, span) for rows in runs], dtype)
-            if len(block):
-                yield block
+        return self._read(self._chunks(span), self.dtype(columns), span)
+
+    def last(self, columns: Iterable[str] | None = None) -> Block:
+        """Return the last message, shape (1,), or none, shape (0,), reading as little as need be.
+
+        Raises as `blocks` does.
+        """
+        dtype = self.dtype(columns)
+        for block in self._read(reversed(self._chunks(ALWAYS)), dtype, ALWAYS):
+            return block[-1:]
+        return np.empty(0, dtype)
 
     def whole(self, columns: Iterable[str] | None = None, span: Span = ALWAYS) -> Block:
         """Return all messages within `span`, shape (n,). Raises as `blocks` does."""
-        columns = None if columns is None else tuple(columns)
-        out = np.empty(self._most(span), self._dtype(columns))  # what is not used costs nothing
+        dtype, chunks = self.dtype(columns), self._chunks(span)
+        sizes = [chunk.content_size for chunk in chunks]
+        row_size = self._layout.size if self._layout else 1
+        most = sum(size // row_size for size in sizes if size <= CONTENT_MAX_BYTES)
+        out = np.empty(most, dtype)  # what is not used costs nothing
         count = 0
-        for block in self.blocks(columns, span):
+        for block in self._read(chunks, dtype, span):
             out[count : count + len(block)] = block
             count += len(block)
         return out[:count]
 
-    def _dtype(self, columns: Iterable[str] | None) -> np.dtype[np.void]:
+    def dtype(self, columns: Iterable[str] | None = None) -> np.dtype[np.void]:
+        """Return the dtype of blocks with these columns. Raises RecordError for an unknown one."""
         try:
             return self._codec.dtype(columns)
         except ValueError as error:
             raise RecordError(f"{self._source.path}: {error}") from error
 
-    def _most(self, span: Span) -> int:
-        """Return how many messages there can be at most."""
+    def _chunks(self, span: Span) -> list[ChunkEntry]:
         if self._layout is None:
-            return 0
-        chunks = self._source.chunks(self._layout.channel, span)
-        sizes = (chunk.content_size for chunk in chunks)
-        return sum(size // self._layout.size for size in sizes if size <= CONTENT_MAX_BYTES)
+            return []
+        return list(self._source.chunks(self._layout.channel, span))
+
+    def _read(
+        self, chunks: Iterable[ChunkEntry], dtype: np.dtype[np.void], span: Span
+    ) -> Iterator[Block]:
+        layout = self._layout
+        if layout is None:
+            return
+        for parts in self._source.parts(chunks):
+            runs = [p.rows for p in parts if isinstance(p, Rows) and p.layout is layout]
+            block = _extract(layout, [_within(layout, rows, span) for rows in runs], dtype)
+            if len(block):
+                yield block
 
 
 def _extract(layout: MessageRows, runs: list[Bytes], dtype: np.dtype[np.void]) -> Block:

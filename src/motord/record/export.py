@@ -1,0 +1,120 @@
+"""Ticks of a recording as CSV or Parquet, written block by block."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motord.record.container import part_of
+from motord.record.errors import RecordError
+from motord.record.plain import to_json
+from motord.record.reader import Run
+from motord.schema import TICK, TRUTH, Record
+from motord.wire.blocks import Block
+
+ROW_GROUP_ROWS = 1 << 17
+"""Rows of a row group of a Parquet file."""
+
+
+@dataclass(frozen=True)
+class _Content:
+    """What is exported: `blocks` of `dtype`, columns as `record` describes them, of which run."""
+
+    dtype: np.dtype[np.void]
+    blocks: Iterator[Block]
+    record: Record
+    metadata: dict[str, Any]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.dtype.names or ()
+
+
+def export(
+    run: Run, output: Path, columns: Iterable[str] | None = None, *, truth: bool = False
+) -> int:
+    """Write the ticks of `run` (or the truth of a simulated rig) and return how many.
+
+    The name of `output` ends with .csv or .parquet and chooses the format. Raises RecordError if
+    it exists or cannot be written, and for columns that the recording does not have.
+    """
+    table, record = (run.truth_table, TRUTH) if truth else (run.tick_table, TICK)
+    formats = {".csv": _write_csv, ".parquet": _write_parquet}
+    if output.suffix not in formats:
+        raise RecordError(f"{output}: its name must end with .csv or .parquet")
+    wanted = None if columns is None else tuple(columns)
+    content = _Content(table.dtype(wanted), table.blocks(wanted), record, run.metadata)
+    with _complete_or_absent(output) as part:
+        return formats[output.suffix](part, content)
+
+
+@contextmanager
+def _complete_or_absent(output: Path) -> Iterator[Path]:
+    """Give another name to write to, which becomes `output` when the body has succeeded."""
+    if output.exists():
+        raise RecordError(f"{output}: exists already; choose another name or remove it")
+    part = part_of(output)
+    try:
+        yield part
+        part.rename(output)
+    except OSError as error:
+        raise RecordError(f"{output}: cannot write it: {error.strerror}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _write_csv(path: Path, content: _Content) -> int:
+    count = 0
+    with path.open("w", encoding="ascii", newline="") as file:
+        file.write(",".join(content.names) + "\n")
+        for block in content.blocks:
+            cells = [_text(block[name]) for name in content.names]
+            file.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
+            count += len(block)
+    return count
+
+
+def _text(column: np.ndarray) -> list[str]:
+    """Return the shortest text of each number that reads back as the same number."""
+    if column.dtype.kind == "f":
+        return list(column.astype(str))
+    return [str(number) for number in column.tolist()]
+
+
+def _write_parquet(path: Path, content: _Content) -> int:
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError as error:
+        raise RecordError(
+            "Parquet needs the package pyarrow: pip install 'motord[parquet]'; "
+            "or choose a name that ends with .csv"
+        ) from error
+    known = {f.name: {"unit": f.unit, "meaning": f.meaning} for f in content.record.fields}
+    fields = [
+        pa.field(name, pa.from_numpy_dtype(content.dtype[name]), metadata=known.get(name))
+        for name in content.names
+    ]
+    schema = pa.schema(fields, metadata={"motord": to_json(content.metadata)})
+    count = 0
+    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
+        for group in _gathered(content.blocks, ROW_GROUP_ROWS):
+            columns = [np.ascontiguousarray(group[name]) for name in content.names]
+            writer.write_table(pa.table(columns, schema=schema))
+            count += len(group)
+    return count
+
+
+def _gathered(blocks: Iterator[Block], size: int) -> Iterator[Block]:
+    """Yield blocks of at least `size` rows, but for the last."""
+    waiting: list[Block] = []
+    for block in blocks:
+        waiting.append(block)
+        if sum(map(len, waiting)) >= size:
+            yield np.concatenate(waiting)
+            waiting = []
+    if waiting:
+        yield np.concatenate(waiting)

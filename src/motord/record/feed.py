@@ -1,0 +1,123 @@
+"""Ticks out of the ring, each once: from now on, or from where an earlier recorder ended."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from motord.record.container import part_of
+from motord.record.errors import RecordError
+from motord.record.files import file_name, numbers
+from motord.record.reader import open_run
+from motord.runtime.ring import RingReader
+from motord.runtime.shared import SharedFileError
+from motord.schema import TICK_DTYPE
+from motord.wire.blocks import Block
+
+
+@dataclass(frozen=True)
+class Mark:
+    """The last tick that is in a file."""
+
+    tick: int
+    t_ns: int
+    missed: int
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Ticks in order, shape (n,); before them `lost` were lost.
+
+    `resumed` is the mark after which they go on, if they are the first after a restart of the
+    recorder; `new_ring` tells that they are the first of a loop that started anew.
+    """
+
+    block: Block
+    lost: int = 0
+    resumed: Mark | None = None
+    new_ring: bool = False
+
+
+def last_mark(stem: Path) -> Mark | None:
+    """Return the last tick in the newest file of the recording `stem`, None if there is none."""
+    for number in reversed(numbers(stem)):
+        path = file_name(stem, number)
+        try:
+            run = open_run(path if path.exists() else part_of(path))
+            last = run.tick_table.last(["tick", "t_ns", "missed"])
+        except RecordError:
+            continue  # nothing in it can be read
+        if len(last):
+            return Mark(*(int(last[name][0]) for name in ("tick", "t_ns", "missed")))
+    return None
+
+
+class Feed:
+    """Reads the ring at `path`, which may not be there yet, and follows it to its successors.
+
+    Ticks come from the moment of construction on; with `mark`, all that the ring holds after it.
+    `problem` says why there is no ring, if it is not only that the loop has not started.
+    """
+
+    def __init__(self, path: Path, mark: Mark | None = None) -> None:
+        self._path = path
+        self._mark = mark
+        self._new_ring = False
+        self.problem = ""
+        self._reader = self._attach("oldest" if mark else "now")
+
+    @property
+    def over(self) -> bool:
+        """True if the loop has said that no more ticks will come, and all have been read."""
+        return self._reader is not None and self._reader.closed and self._reader.backlog == 0
+
+    def read(self) -> Piece:
+        """Return the ticks that have come since the last call, perhaps none."""
+        if self._reader is None:
+            self._reader = self._attach("oldest")  # younger than this feed: all of it is wanted
+        if self._reader is None:
+            return Piece(np.empty(0, TICK_DTYPE))
+        superseded = self._reader.superseded()  # asked first, so that no last tick is left behind
+        block, lost = self._reader.read()
+        if superseded and not len(block):
+            successor = self._attach("oldest")
+            if successor is not None:
+                self._reader, self._new_ring = successor, True
+                block, lost = successor.read()
+        return self._piece(block, lost)
+
+    def _attach(self, start: Literal["now", "oldest"]) -> RingReader | None:
+        try:
+            reader = RingReader(self._path, start)
+        except SharedFileError as error:
+            self.problem = str(error) if self._path.exists() else ""
+            return None
+        self.problem = ""
+        return reader
+
+    def _piece(self, block: Block, lost: int) -> Piece:
+        if not len(block):
+            return Piece(block, lost)
+        new_ring, mark = self._new_ring, self._mark
+        self._new_ring, self._mark = False, None
+        if mark is None:
+            return Piece(block, lost, new_ring=new_ring)
+        fresh, lost = _after(block, mark)
+        if not len(fresh):
+            self._mark = mark  # nothing new yet
+            return Piece(fresh)
+        return Piece(fresh, lost, resumed=mark, new_ring=new_ring)
+
+
+def _after(block: Block, mark: Mark) -> tuple[Block, int]:
+    """Return the ticks of `block` that come after `mark`, and how many between are lost."""
+    same = (block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns)
+    if same.any():
+        return block[int(np.argmax(same)) + 1 :], 0
+    fresh = block[block["t_ns"] > mark.t_ns]
+    if not len(fresh):
+        return fresh, 0
+    periods = int(fresh["tick"][0]) - mark.tick - 1
+    skipped = int(fresh["missed"][0]) - mark.missed
+    return fresh, max(0, periods - skipped)

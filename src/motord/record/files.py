@@ -1,0 +1,31 @@
+"""Names of the files of a recording: NAME-000.mcap, NAME-001.mcap and so on."""
+
+from pathlib import Path
+
+from motord.record.container import PART
+
+_SUFFIX = ".mcap"
+
+
+def file_name(stem: Path, number: int) -> Path:
+    """Return the name of file `number` of the recording `stem`."""
+    return stem.with_name(f"{stem.name}-{number:03d}{_SUFFIX}")
+
+
+def numbers(stem: Path) -> list[int]:
+    """Return the numbers that files of `stem` have, finished or not, in ascending order."""
+    found = set()
+    if stem.parent.is_dir():
+        for path in stem.parent.iterdir():
+            name = path.name.removesuffix(PART)
+            if name.startswith(f"{stem.name}-") and name.endswith(_SUFFIX):
+                number = name[len(stem.name) + 1 : -len(_SUFFIX)]
+                if number.isdecimal():
+                    found.add(int(number))
+    return sorted(found)
+
+
+def next_file(stem: Path) -> Path:
+    """Return the name after the highest that is taken."""
+    taken = numbers(stem)
+    return file_name(stem, taken[-1] + 1 if taken else 0)

@@ -1,0 +1,84 @@
+"""What there is to know of a recording, at a glance."""
+
+from typing import Any
+
+from motord.record import topics
+from motord.record.damage import utc
+from motord.record.reader import Run
+
+_FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes")
+
+
+def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
+    """Return what `record info` tells, ready for JSON; times are Unix ns and UTC text.
+
+    Of a file that was closed only the index is read, unless `check` asks for all of it.
+    """
+    if check:
+        run.check()
+    span = _noted_span(run) or _counted_span(run)
+    operating_points = run.operating_points()
+    structure = run.source.structure
+    facts: dict[str, Any] = {
+        "file": str(run.path),
+        "bytes": structure.size,
+        "chunks": len(structure.chunks),
+        **{key: run.metadata[key] for key in _FROM_METADATA if key in run.metadata},
+        **span,
+        "events": _count(run, topics.EVENTS.name),
+        "plan_messages": _count(run, topics.PLANS.name),
+        "operating_points": operating_points,
+        "columns": list(run.columns),
+    }
+    damage = run.damage
+    facts["damage"] = str(damage) if damage else None
+    return facts
+
+
+def _noted_span(run: Run) -> dict[str, Any] | None:
+    """Return what the writer noted when it closed the file, None if it did not."""
+    if not run.source.structure.indexed or "ticks" not in run.end:
+        return None
+    if run.end["ticks"] == 0:
+        return _span(0, None, None)
+    first = (run.end["tick_first"], run.end["t_start_ns"])
+    return _span(run.end["ticks"], first, (run.end["tick_last"], run.end["t_end_ns"]))
+
+
+def _counted_span(run: Run) -> dict[str, Any]:
+    count, first, last = 0, None, None
+    for block in run.blocks(["tick", "t_ns"]):
+        count += len(block)
+        first = first or (int(block["tick"][0]), int(block["t_ns"][0]))
+        last = (int(block["tick"][-1]), int(block["t_ns"][-1]))
+    return _span(count, first, last)
+
+
+def _span(
+    count: int, first: tuple[int, int] | None, last: tuple[int, int] | None
+) -> dict[str, Any]:
+    """Return the facts of `count` ticks from `first` to `last`, each (tick, t_ns)."""
+    if first is None or last is None:
+        return {"ticks": 0}
+    duration_s = (last[1] - first[1]) / 1e9
+    return {
+        "ticks": count,
+        "tick_first": first[0],
+        "tick_last": last[0],
+        "ticks_missing": last[0] - first[0] + 1 - count,
+        "start": utc(first[1]),
+        "t_start_ns": first[1],
+        "t_end_ns": last[1],
+        "duration_s": duration_s,
+        "rate_Hz": (count - 1) / duration_s if duration_s > 0 else None,
+    }
+
+
+def _count(run: Run, topic: str) -> int:
+    channel = run.source.number(topic)
+    if channel is None:
+        return 0
+    if run.source.structure.indexed:
+        return run.source.structure.counts.get(channel, 0)
+    every = run.source.parts(run.source.chunks(channel))
+    return sum(part.channel == channel for parts in every for part in parts)

@@ -1,0 +1,109 @@
+"""How the supervisor starts the recorder process and talks to it."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+from motord.record.lines import LineReader
+from motord.record.plain import to_json
+from motord.runtime.rundir import RunDir
+
+BACKLOG_MAX_BYTES = 4 << 20
+
+
+def recorder_command(config_path: Path, run_dir: RunDir) -> list[str]:
+    """Return the command line of the recorder process."""
+    return [
+        *(sys.executable, "-m", "motord.record.recorder"),
+        *("--config", str(config_path)),
+        *("--dir", str(run_dir.path)),
+    ]
+
+
+def spawn_recorder(command: Sequence[str]) -> "subprocess.Popen[bytes]":
+    """Start a recorder process with the pipes that `RecorderLink` needs."""
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+
+
+class RecorderLink:
+    """The supervisor's end of the pipes to a recorder. No call waits.
+
+    What the recorder does not take at once is kept and sent by later calls; more than
+    `BACKLOG_MAX_BYTES` of it is dropped, oldest first, and counted in `dropped`. When the process
+    has ended, calls do nothing.
+    """
+
+    def __init__(self, process: "subprocess.Popen[bytes]") -> None:
+        self._stdin = _pipe(process.stdin)
+        self._stdout = _pipe(process.stdout)
+        self._lines = LineReader(self._stdout.fileno())
+        self._waiting: list[bytes] = []
+        self.dropped = 0
+
+    def start(self, stem: Path, metadata: Mapping[str, object], *, resume: bool = False) -> None:
+        """Begin the recording `stem`-000.mcap and so on; end the one that is going on.
+
+        With `resume`, go on where the newest file of `stem` ends, as far as the ring reaches.
+        """
+        self._send({"do": "start", "out": str(stem), "metadata": metadata, "resume": resume})
+
+    def stop(self, reason: str) -> None:
+        """End the recording."""
+        self._send({"do": "stop", "reason": reason})
+
+    def event(
+        self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
+    ) -> None:
+        """Record an event; `t_ns` is Unix ns."""
+        content = {"kind": kind, "message": message, "data": data or {}}
+        self._send({"do": "event", "t_ns": t_ns, "content": content})
+
+    def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
+        """Record a plan's progress."""
+        self._send({"do": "plan", "t_ns": t_ns, "content": progress})
+
+    def operating_point(self, t_ns: int, point: Mapping[str, object]) -> None:
+        """Record an operating point that was captured."""
+        self._send({"do": "operating_point", "t_ns": t_ns, "content": point})
+
+    def metadata(self, name: str, values: Mapping[str, object]) -> None:
+        """Record a metadata record, as in `motord.latency`."""
+        self._send({"do": "metadata", "name": name, "content": values})
+
+    def reports(self) -> list[dict[str, Any]]:
+        """Return what the recorder has said since the last call, and send what waits."""
+        self._flush()
+        return [json.loads(line) for line in self._lines.read()]
+
+    def close(self) -> None:
+        """Let go of the pipes: the recorder records what is left and ends."""
+        self._stdin.close()
+        self._stdout.close()
+
+    def _send(self, command: Mapping[str, object]) -> None:
+        self._waiting.append(to_json(command).encode() + b"\n")
+        while sum(map(len, self._waiting)) > BACKLOG_MAX_BYTES:
+            self._waiting.pop(0)
+            self.dropped += 1
+        self._flush()
+
+    def _flush(self) -> None:
+        while self._waiting:
+            try:
+                written = os.write(self._stdin.fileno(), self._waiting[0])
+            except (BlockingIOError, BrokenPipeError):
+                return
+            self._waiting[0] = self._waiting[0][written:]
+            if not self._waiting[0]:
+                self._waiting.pop(0)
+
+
+def _pipe(stream: IO[bytes] | None) -> IO[bytes]:
+    if stream is None:
+        raise ValueError("the recorder was started without pipes")
+    os.set_blocking(stream.fileno(), False)
+    return stream

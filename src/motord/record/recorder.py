@@ -1,0 +1,125 @@
+"""The recorder process: drains the tick ring into MCAP files, apart from the loop.
+
+`python -m motord.record.recorder --config FILE --dir RUNDIR`: commands come as lines of JSON on
+stdin (`Session.handle`), reports go as lines of JSON to stdout (`Session.report`). When stdin ends
+or SIGTERM comes, it takes what the loop still writes, closes the file and ends.
+"""
+
+import argparse
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from motord.config import Config, ConfigError, load
+from motord.record.errors import RecordError
+from motord.record.lines import LineReader
+from motord.record.metadata import describe
+from motord.record.plain import to_json
+from motord.record.session import Session
+from motord.runtime.rundir import RunDir
+
+DRAIN_S = 0.05
+"""Time between two looks at the ring."""
+
+REPORT_S = 0.5
+"""Time between two reports, if nothing happens."""
+
+LAST_TICKS_S = 1.0
+"""How long to wait, when asked to end, for the loop to end first."""
+
+
+class Reporter:
+    """Writes reports to a descriptor that does not block; what does not fit in it is dropped."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._last: tuple[object, ...] = ()
+        self._due_s = 0.0
+
+    def tell(self, report: dict[str, object], now_s: float) -> None:
+        """Write `report` if it is time for one, or something other than its numbers changed."""
+        essence = (report["recording"], report.get("file"), report.get("lost"), report["error"])
+        if essence == self._last and now_s < self._due_s:
+            return
+        self._last, self._due_s = essence, now_s + REPORT_S
+        with suppress(BlockingIOError, BrokenPipeError):  # nobody reads: recording goes on
+            os.write(self._descriptor, to_json(report).encode() + b"\n")
+
+
+def run(
+    session: Session,
+    commands: LineReader,
+    reporter: Reporter,
+    stopping: Callable[[], bool],
+    wait: Callable[[float], None],
+    clock_s: Callable[[], float] = time.monotonic,
+) -> None:
+    """Record until `stopping()` or the end of the commands; `wait(s)` returns early for those."""
+    end_s: float | None = None
+    while True:
+        now_s = clock_s()
+        for line in commands.read():
+            session.handle(line, now_s)
+        session.step(now_s)
+        reporter.tell(session.report(), now_s)
+        if end_s is None and (stopping() or commands.ended):
+            end_s = now_s + LAST_TICKS_S
+        if end_s is not None and (session.over or now_s >= end_s):
+            break
+        wait(DRAIN_S)
+    session.close("asked to stop" if stopping() else "the supervisor ended", clock_s())
+    reporter.tell(session.report(), clock_s())
+
+
+def main() -> int:
+    """Run the recorder process; return its exit code."""
+    options = _options()
+    try:
+        config = load(options.config)
+        session = Session(RunDir.at(options.dir).ring, config.recording)
+        if options.out is not None:
+            session.start(options.out, _metadata(config, options.config), time.monotonic())
+    except (ConfigError, RecordError) as error:
+        sys.stderr.write(f"motord recorder: {error}\n")
+        return 1
+    stopped: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
+    commands = sys.stdin.fileno()
+    for descriptor in (commands, sys.stdout.fileno()):
+        os.set_blocking(descriptor, False)
+    lines = LineReader(commands)
+    run(
+        session,
+        lines,
+        Reporter(sys.stdout.fileno()),
+        lambda: bool(stopped),
+        lambda wait_s: _wait(commands, lines, wait_s),
+    )
+    return 0
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="motord.record.recorder", description=__doc__)
+    parser.add_argument("--config", type=Path, required=True, help="the bench")
+    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
+    parser.add_argument("--out", type=Path, help="record at once, to OUT-000.mcap and so on")
+    return parser.parse_args()
+
+
+def _metadata(config: Config, path: Path) -> dict[str, object]:
+    return describe(config, path.read_text(encoding="utf-8"))
+
+
+def _wait(commands: int, lines: LineReader, wait_s: float) -> None:
+    """Wait for a command, but at most `wait_s`; no commands come after their end."""
+    select.select([] if lines.ended else [commands], [], [], wait_s)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

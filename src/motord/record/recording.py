@@ -1,0 +1,178 @@
+"""A recording that goes on: one file after the other, synced, limited, ended in good order."""
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from motord.config import RecordingConfig
+from motord.record.errors import RecordError
+from motord.record.files import next_file
+from motord.record.writer import RunWriter
+from motord.wire.blocks import Block
+
+MB = 1e6
+
+
+def free_bytes(folder: Path) -> int:
+    """Return the bytes that a user may still write in `folder`. Raises OSError."""
+    return shutil.disk_usage(folder).free
+
+
+@dataclass
+class Tally:
+    """What a recording has come to: its newest file, ticks and bytes in all files, ticks lost."""
+
+    file: str = ""
+    files: int = 0
+    ticks: int = 0
+    bytes: int = 0
+    lost: int = 0
+
+
+class Recording:
+    """The recording `stem`: files NAME-000.mcap, NAME-001.mcap, ... in the folder of `stem`.
+
+    `open` is true until it ends, by `close`, for want of space, or because a file could not be
+    written; `error` says why it ended if nobody asked for it. Raises RecordError if it cannot
+    begin. Times `now_s` are monotonic seconds.
+    """
+
+    def __init__(
+        self,
+        stem: Path,
+        metadata: Mapping[str, object],
+        settings: RecordingConfig,
+        now_s: float,
+        free: Callable[[Path], int] = free_bytes,
+    ) -> None:
+        self.stem = stem
+        self.tally = Tally()
+        self.error = ""
+        self._metadata = metadata
+        self._settings = settings
+        self._free = free
+        self._synced_s = now_s
+        self._first_ns: int | None = None  # of the ticks in the newest file
+        self._last_ns = 0
+        self._closed_bytes = 0
+        self._make_folder()
+        if self._short_of_space():
+            raise RecordError(f"{stem.parent}: {self._space_in_words()}; nothing is recorded")
+        self._writer = self._next_writer()
+        self.open = True
+
+    def ticks(self, block: Block, lost: int = 0) -> None:
+        """Write ticks, shape (n,), before which `lost` ticks were lost."""
+        if lost:
+            self.tally.lost += lost
+            first_ns = int(block["t_ns"][0]) if len(block) else self._last_ns
+            first = int(block["tick"][0]) if len(block) else None
+            message = f"{lost} ticks were overwritten before they could be recorded"
+            self.event(first_ns, "ring_lost", message, {"lost": lost, "tick_after": first})
+        if not self.open or not len(block):
+            return
+        if self._first_ns is None:
+            self._first_ns = int(block["t_ns"][0])
+        self._last_ns = int(block["t_ns"][-1])
+        if self._write(lambda: self._writer.ticks(block)):
+            self.tally.ticks += len(block)
+
+    def event(
+        self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
+    ) -> None:
+        """Write an event; `t_ns` is Unix ns."""
+        self._write(lambda: self._writer.event(t_ns, kind, message, data))
+
+    def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
+        """Write a plan's progress."""
+        self._write(lambda: self._writer.plan(t_ns, progress))
+
+    def operating_point(self, t_ns: int, point: Mapping[str, object]) -> None:
+        """Write an operating point."""
+        self._write(lambda: self._writer.operating_point(t_ns, point))
+
+    def add_metadata(self, name: str, values: Mapping[str, object]) -> None:
+        """Write a metadata record."""
+        self._write(lambda: self._writer.metadata(name, values))
+
+    def step(self, now_s: float) -> None:
+        """Do what is due: sync, look after free space, go on in a new file."""
+        if self.open and now_s - self._synced_s >= self._settings.sync_s:
+            self._synced_s = now_s
+            self._write(self._writer.sync)
+            if self._short_of_space():
+                self._end_for_space()
+        if self.open and (why := self._why_next_file()):
+            self._write(lambda: self._change_file(why))
+        self._count_bytes()
+
+    def close(self, reason: str) -> None:
+        """End the recording and give its last file its name."""
+        if self._write(lambda: self._writer.close({"reason": reason})):
+            self.open = False
+        self._count_bytes()
+
+    def _make_folder(self) -> None:
+        try:
+            self.stem.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RecordError(f"{self.stem.parent}: cannot make it: {error.strerror}") from error
+
+    def _next_writer(self) -> RunWriter:
+        path = next_file(self.stem)
+        writer = RunWriter(
+            path,
+            {**self._metadata, "recording": self.stem.name, "file": self.tally.files},
+            compression=self._settings.compression,
+            chunk_s=self._settings.chunk_s,
+        )
+        self._first_ns = None
+        self.tally.file = str(path)
+        self.tally.files += 1
+        return writer
+
+    def _change_file(self, why: str) -> None:
+        self._writer.close({"reason": why})
+        self._closed_bytes += self._writer.bytes_written
+        self._writer = self._next_writer()
+
+    def _why_next_file(self) -> str:
+        settings = self._settings
+        if self._writer.bytes_written >= settings.file_max_MB * MB:
+            return f"goes on in the next file after {settings.file_max_MB:g} MB"
+        span_s = (self._last_ns - (self._first_ns or self._last_ns)) / 1e9
+        if span_s >= settings.file_max_s:
+            return f"goes on in the next file after {settings.file_max_s:g} s"
+        return ""
+
+    def _write(self, action: Callable[[], None]) -> bool:
+        """Do `action` on the file; a failure ends the recording. Return whether it was done."""
+        if not self.open:
+            return False
+        try:
+            action()
+        except RecordError as error:
+            self.error = str(error)
+            self.open = False
+            self._writer.abandon()
+            return False
+        return True
+
+    def _short_of_space(self) -> bool:
+        try:
+            return self._free(self.stem.parent) < self._settings.free_min_MB * MB
+        except OSError:
+            return False  # writing will tell
+
+    def _space_in_words(self) -> str:
+        return f"less than recording.free_min_MB = {self._settings.free_min_MB:g} is free"
+
+    def _end_for_space(self) -> None:
+        reason = f"{self.stem.parent}: {self._space_in_words()}; the recording was ended"
+        self.event(self._last_ns, "recording_ended", reason)
+        self.close(reason)
+        self.error = self.error or reason
+
+    def _count_bytes(self) -> None:
+        self.tally.bytes = self._closed_bytes + self._writer.bytes_written
