@@ -1,9 +1,12 @@
 """The columns of the torque model at each sample, as the torque sensor sees them.
 
-Columns: [ i*_p k_p (3) | k_p (3) | cos, sin of each cogging order (2 n) | i_cmd,p k_p (3) | y ].
-The first are those of Poels 2008, eq. (4.6), and of the cogging torque that all operating points
-share; the commanded currents serve as instruments, because the noise of the sensed currents, used
-as regressors, would pull alpha towards zero; y is the measured torque.
+Columns: [ i*_p k_p (3) | k_p (3) | di*_p/dt k_p (3) | cos, sin of each cogging order (2 n) |
+i_cmd,p k_p (3) | di_cmd,p/dt k_p (3) | y ].
+
+The first six are those of Poels 2008, eq. (4.6). The rates tell how much older or younger the
+currents are than the recording says. The cogging torque is one for all operating points. The
+commanded currents serve as instruments: the noise of the sensed currents, used as regressors,
+would pull alpha towards zero. y is the measured torque.
 """
 
 from dataclasses import dataclass
@@ -13,9 +16,10 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.jit import jit
 
-ALPHA = slice(0, 3)
-BETA = slice(3, 6)
-FIRST_COGGING = 6
+CURRENT = slice(0, 3)
+BACK_EMF = slice(3, 6)
+RATE = slice(6, 9)
+FIRST_WAVE = 9
 
 
 @dataclass(frozen=True)
@@ -40,24 +44,20 @@ class Basis:
         return cls(orders, cell_means(motor.back_emf_table()), cogging)
 
     @property
-    def parameters(self) -> int:
-        """Number of parameters: three alpha, three beta, cos and sin of each order."""
-        return FIRST_COGGING + 2 * len(self.orders)
-
-    @property
-    def instruments(self) -> slice:
+    def command(self) -> slice:
         """Columns of the commanded currents times back-EMF."""
-        return slice(self.parameters, self.parameters + 3)
+        first = FIRST_WAVE + 2 * len(self.orders)
+        return slice(first, first + 3)
 
     @property
-    def torque(self) -> int:
-        """Column of the measured torque."""
-        return self.parameters + 3
+    def command_rate(self) -> slice:
+        """Columns of the commanded currents' rates times back-EMF."""
+        return slice(self.command.stop, self.command.stop + 3)
 
     @property
     def width(self) -> int:
-        """Number of columns."""
-        return self.parameters + 4
+        """Number of columns; the last is the measured torque."""
+        return int(self.command_rate.stop) + 1
 
 
 def cell_gain(orders: np.ndarray, counts: int) -> np.ndarray:
@@ -77,23 +77,35 @@ def cell_means(table: np.ndarray) -> np.ndarray:
 @jit
 def fill_columns(
     count: np.ndarray,
-    i_A: np.ndarray,
-    command_A: np.ndarray,
+    t_s: np.ndarray,
+    currents_A: np.ndarray,
+    first: int,
     back_emf: np.ndarray,
     cogging: np.ndarray,
     columns: np.ndarray,
 ) -> None:
-    """Fill all but the last of `columns` (n, width) for n samples: the torque of each parameter."""
-    first_instrument = 6 + cogging.shape[1]
-    for row in range(count.size):
-        n = count[row]
+    """Fill all but the last of `columns` (m, width) for the samples from `first` on.
+
+    count, t_s (n,) and currents_A (n, 6), sensed and commanded, are of all samples: the rates of
+    the currents are taken from the neighbours on either side.
+    """
+    waves = cogging.shape[1]
+    for row in range(columns.shape[0]):
+        here = first + row
+        before, after = max(here - 1, 0), min(here + 1, count.size - 1)
+        span_s = t_s[after] - t_s[before]
+        n = count[here]
         for p in range(3):
             k = back_emf[n, p]
-            columns[row, p] = i_A[row, p] * k
+            columns[row, p] = currents_A[here, p] * k
             columns[row, 3 + p] = k
-            columns[row, first_instrument + p] = command_A[row, p] * k
-        for j in range(cogging.shape[1]):
-            columns[row, 6 + j] = cogging[n, j]
+            columns[row, 6 + p] = (currents_A[after, p] - currents_A[before, p]) / span_s * k
+            columns[row, 9 + waves + p] = currents_A[here, 3 + p] * k
+            columns[row, 12 + waves + p] = (
+                (currents_A[after, 3 + p] - currents_A[before, 3 + p]) / span_s * k
+            )
+        for j in range(waves):
+            columns[row, 9 + j] = cogging[n, j]
 
 
 @jit

@@ -7,7 +7,7 @@ import numpy as np
 from motord.calibration import Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identify import star
-from motord.identify.basis import ALPHA, FIRST_COGGING, Basis
+from motord.identify.basis import Basis
 from motord.identify.checks import check_fit, check_points
 from motord.identify.joint import Fit, fit
 from motord.identify.moments import PointMoments, accumulate
@@ -16,7 +16,7 @@ from motord.identify.points import PointData, prepare
 from motord.identify.residual import ResidualEstimator
 from motord.identify.result import CalibrationResult, Method
 from motord.identify.ripple import harmonics_table
-from motord.identify.turns import Turns
+from motord.identify.turns import ALPHA, BETA, FIRST_COGGING, Gatherer
 from motord.identify.verify import PointRipple, point_ripple
 
 COUNTS_PER_PERIOD = 4
@@ -56,24 +56,25 @@ class Calibrator:
     def joint(self) -> CalibrationResult:
         """Return the result of the joint estimator. Raises IdentifyError."""
         check_points(self._points)
-        basis, dropped = self._sampled_basis()
+        orders = self._sampled_orders()
         is_star = self._motor.connection == "star"
-        turns = Turns.of(self._points, self._basis, is_star).keep(basis)
+        gatherer = Gatherer(self._points, self._basis, len(orders), is_star)
         rated_A = rated_current_A(self._motor)
-        fitted = fit(turns, rated_A)
+        fitted = fit(gatherer, rated_A)
         check_fit(fitted)
         words = _what_was_seen(fitted)
         if is_star:
-            words.append(star.compare(turns, rated_A))
-        if dropped:
+            words.append(star.compare(gatherer, rated_A))
+        if len(orders) < len(self._orders):
+            dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
             words.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
-        harmonics = _harmonics(fitted, basis.orders)
+        harmonics = _harmonics(fitted, orders)
         return CalibrationResult(
             method="joint",
             alpha=fitted.solution.alpha,
             alpha_stderr=fitted.stderr[ALPHA],
-            beta_A=fitted.solution.theta[3:FIRST_COGGING],
-            beta_stderr_A=fitted.stderr[3:FIRST_COGGING],
+            beta_A=fitted.solution.theta[BETA],
+            beta_stderr_A=fitted.stderr[BETA],
             delta_epsilon=fitted.solution.delta_epsilon,
             delta_epsilon_stderr=(
                 float(fitted.stderr[-1]) if fitted.gauge.gain_direction is None else None
@@ -82,6 +83,7 @@ class Calibrator:
             harmonics=harmonics,
             observable=tuple(words),
             condition_number=fitted.condition_number,
+            current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
         )
 
@@ -118,13 +120,10 @@ class Calibrator:
             ripples=tuple(self._ripples),
         )
 
-    def _sampled_basis(self) -> tuple[Basis, str]:
-        """Return the basis of the orders that every point samples, and the others in words."""
+    def _sampled_orders(self) -> tuple[int, ...]:
+        """Return the cogging orders that every operating point samples."""
         fewest = min(point.ticks_per_turn for point in self._points)
-        highest = fewest / SAMPLES_PER_PERIOD
-        kept = tuple(order for order in self._orders if order <= highest)
-        dropped = [str(order) for order in self._orders if order > highest]
-        return Basis.of(self._motor, kept), ", ".join(dropped)
+        return tuple(o for o in self._orders if o * SAMPLES_PER_PERIOD <= fewest)
 
 
 def calibrate(

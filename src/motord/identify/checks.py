@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from motord.identify import IdentifyError
-from motord.identify.basis import ALPHA
 from motord.identify.joint import Fit
 from motord.identify.moments import PointMoments
+from motord.identify.turns import ALPHA
 
 MIN_TURNS = 2
 """Whole turns that each operating point needs."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.identify.basis import ALPHA, BETA
+from motord.identify.turns import ALPHA, BETA
 
 COMMON = np.ones(3) / 3**0.5
 """The same change of all three phases."""

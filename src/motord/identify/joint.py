@@ -10,17 +10,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.identify import IdentifyError
-from motord.identify.basis import ALPHA, FIRST_COGGING
 from motord.identify.gauge import COMMON, Gauge, decide, unit_product
-from motord.identify.turns import Normals, Turns
+from motord.identify.turns import ALPHA, DELAY, Gatherer, Normals
 
 ITERATIONS = 4
 """Rounds of weighting: the weights follow from what the last round left unexplained."""
 
+MIN_POINTS = 6
+"""Operating points from which on the differences between points tell of standard errors."""
+
 
 @dataclass(frozen=True)
 class Solution:
-    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, delta cogging cos, sin."""
+    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, delta cogging."""
 
     theta: np.ndarray
     alpha: np.ndarray
@@ -28,8 +30,8 @@ class Solution:
 
     @property
     def vector(self) -> np.ndarray:
-        """Return alpha, beta, cogging and delta epsilon in one vector (p + 1,)."""
-        return np.concatenate([self.alpha, self.theta[FIRST_COGGING - 3 :], [self.delta_epsilon]])
+        """Return theta with alpha in place of its first, and delta epsilon, in one (p + 1,)."""
+        return np.concatenate([self.alpha, self.theta[ALPHA.stop :], [self.delta_epsilon]])
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Fit:
     """A solution with what it rests on.
 
     covariance (p + 1, p + 1) of solution.vector; noise_Nm (points,): standard deviation that is
-    left in each operating point; condition_number of what was solved, columns scaled alike.
+    left in each operating point; condition_number of what was solved, columns scaled alike;
+    delay_unit_s: unit of the age of the currents.
     """
 
     solution: Solution
@@ -45,6 +48,13 @@ class Fit:
     gauge: Gauge
     noise_Nm: np.ndarray
     condition_number: float
+    delay_unit_s: float
+
+    @property
+    def current_delay_s(self) -> tuple[float, float]:
+        """By how much the currents are older than the recording says, and its standard error."""
+        unit_s = self.delay_unit_s
+        return float(self.solution.theta[DELAY]) * unit_s, float(self.stderr[DELAY]) * unit_s
 
     @property
     def stderr(self) -> np.ndarray:
@@ -53,27 +63,30 @@ class Fit:
         return errors
 
 
-def fit(turns: Turns, rated_A: float, *, use_law: bool = True) -> Fit:
+def fit(gatherer: Gatherer, rated_A: float, *, use_law: bool = True) -> Fit:
     """Fit all turns. rated_A: peak of the rated current; use_law: use Kirchhoff's law, if it holds.
 
     Raises IdentifyError where the turns cannot tell the parameters apart.
     """
+    turns = gatherer.turns(np.ones(3))
     weight, law_weight = 1 / turns.mean_by_point(turns.yy), 0.0
     gauge = Gauge(COMMON, offset_seen=False)
     for _ in range(ITERATIONS):
         normals = turns.normals(weight, law_weight)
-        solution = solve(normals.torque.sum(0) + normals.law.sum(0), normals.right.sum(0), gauge)
+        solution = solve(normals.left, normals.right.sum(axis=0), gauge)
+        turns = gatherer.turns(solution.theta[ALPHA])
         variance = turns.mean_by_point(turns.unexplained(solution.theta))
         weight = 1 / variance
         law_weight = turns.law_weight(solution.theta) if use_law else 0.0
         normals = turns.normals(weight, law_weight)
         gauge = decide(normals.information, normals.torque_information, rated_A)
     return Fit(
-        solution=solve(normals.torque.sum(0) + normals.law.sum(0), normals.right.sum(0), gauge),
-        covariance=_jackknife(normals, gauge),
+        solution=solve(normals.left, normals.right.sum(axis=0), gauge),
+        covariance=_covariance(normals, turns.point, gauge),
         gauge=gauge,
         noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
         condition_number=_condition_number(normals.information, gauge),
+        delay_unit_s=turns.delay_unit_s,
     )
 
 
@@ -98,20 +111,34 @@ def solve(normal: np.ndarray, right: np.ndarray, gauge: Gauge) -> Solution:
     return Solution(theta, theta[ALPHA], 1.0)
 
 
-def _jackknife(normals: Normals, gauge: Gauge) -> np.ndarray:
-    """Return the covariance of the solution's vector from leaving out one turn at a time.
+def _covariance(normals: Normals, point: np.ndarray, gauge: Gauge) -> np.ndarray:
+    """Return the covariance of the solution's vector, from leaving out one turn at a time.
 
-    Turns are the blocks: whatever colour the noise has within a turn is accounted for.
+    Turns are the blocks: whatever colour the noise has within a turn is accounted for. What is
+    alike in all turns of an operating point and different in the next (encoder counts in step
+    with the samples, gains that drift) shows when whole points are left out; where that gives
+    larger errors, these are taken.
     """
+    turns = _jackknife(normals, np.arange(point.size), gauge)
+    if len(np.unique(point)) < MIN_POINTS:
+        return turns
+    points = _jackknife(normals, point, gauge)
+    ratio = np.diag(points) / np.maximum(np.diag(turns), 1e-300)
+    growth = np.sqrt(np.maximum(ratio, 1.0))
+    covariance: np.ndarray = turns * np.outer(growth, growth)
+    return covariance
+
+
+def _jackknife(normals: Normals, group: np.ndarray, gauge: Gauge) -> np.ndarray:
+    """Return the covariance from leaving out one group of turns (group (b,)) at a time."""
     lefts, rights = normals.torque + normals.law, normals.right
-    left, right = lefts.sum(axis=0), rights.sum(axis=0)
-    without = np.array(
-        [
-            solve(left - one, right - its, gauge).vector
-            for one, its in zip(lefts, rights, strict=True)
-        ]
-    )
-    spread = without - without.mean(axis=0)
+    left, right = normals.left, rights.sum(axis=0)
+    without = []
+    for one in np.unique(group):
+        out = group == one
+        part = left - lefts[out].sum(axis=0), right - rights[out].sum(axis=0)
+        without.append(solve(*part, gauge).vector)
+    spread = np.array(without) - np.mean(without, axis=0)
     covariance: np.ndarray = (len(without) - 1) / len(without) * spread.T @ spread
     return covariance
 

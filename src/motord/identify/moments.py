@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.identify.basis import Basis, fill_columns, highpass
+from motord.identify.basis import CURRENT, Basis, fill_columns, highpass
 from motord.identify.points import Samples
 from motord.identify.sensor import MountInverse
 
@@ -24,12 +24,12 @@ class PointMoments:
     torque (turns, width, width): sums over each turn of products of the basis' columns, each
     column freed of its mean and slope over the turn (the sensor is AC coupled and drifts).
     currents (turns, 7, 7): the same of [i*_a, i*_b, i*_c, 1, i_cmd_a, i_cmd_b, i_cmd_c], as they
-    are. samples (turns,). ticks_per_turn: samples in the turn that has fewest.
+    are. samples (turns,).
     """
 
     label: str
     torque_set_Nm: float
-    speed_Hz: float
+    period_s: float
     torque: np.ndarray
     currents: np.ndarray
     samples: np.ndarray
@@ -42,7 +42,10 @@ class PointMoments:
 
 def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> PointMoments:
     """Sum up the whole turns of an operating point."""
-    y_Nm = measured_torque(samples, max(basis.orders, default=1), sensor)
+    band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
+    mount = MountInverse.of(sensor, samples.period_s, band_Hz)
+    y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
+    currents_A = np.column_stack([samples.i_A, _in_band(samples, band_Hz)])
     dt_s = np.diff(samples.t_s, prepend=samples.t_s[0])
     state = _settled(samples, basis)
     turns = len(samples.turns)
@@ -51,38 +54,33 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Po
     for row, (first, end) in enumerate(((0, samples.turns[0][0]), *samples.turns)):
         columns = np.empty((end - first, basis.width))
         part = slice(first, end)
-        fill_columns(
-            samples.count[part],
-            samples.i_A[part],
-            samples.command_A[part],
-            basis.back_emf,
-            basis.cogging,
-            columns,
-        )
+        tables = basis.back_emf, basis.cogging
+        fill_columns(samples.count, samples.t_s, currents_A, first, *tables, columns)
         if sensor.highpass_time_constant_s > 0:
             highpass(columns, dt_s[part], sensor.highpass_time_constant_s, state)
         if row > 0:  # what comes before the first zero point only settles the high-pass
             columns[:, -1] = y_Nm[part]
             torque[row - 1] = _products_without_trend(columns, samples.t_s[part])
-            currents[row - 1] = _current_products(samples, part)
+            currents[row - 1] = _current_products(currents_A[part])
     return PointMoments(
         label=samples.label,
         torque_set_Nm=samples.torque_set_Nm,
-        speed_Hz=samples.speed_Hz,
+        period_s=samples.period_s,
         torque=torque,
         currents=currents,
         samples=np.array([end - first for first, end in samples.turns]),
     )
 
 
-def measured_torque(samples: Samples, highest_order: int, sensor: TorqueSensorConfig) -> np.ndarray:
-    """Return the measured torque freed of its mean and of the mount's resonance (Nm)."""
-    torque_Nm: np.ndarray = samples.torque_Nm - samples.torque_Nm.mean()
-    if sensor.resonance_Hz == 0:
-        return torque_Nm
-    band_Hz = BAND_MARGIN * highest_order * samples.speed_Hz
-    inverse = MountInverse.of(sensor, samples.period_s, band_Hz)
-    return inverse.apply(samples.t_s, torque_Nm)
+def _in_band(samples: Samples, band_Hz: float) -> np.ndarray:
+    """Return the commanded currents without what the filtered torque cannot follow.
+
+    The commands jump from sample to sample, and jitter with the encoder's counts; instruments
+    that held it would compare it with a torque that does not.
+    """
+    low_pass = MountInverse.of(TorqueSensorConfig(), samples.period_s, band_Hz)
+    columns = [low_pass.apply(samples.t_s, column) for column in samples.command_A.T]
+    return np.column_stack(columns)
 
 
 def _settled(samples: Samples, basis: Basis) -> np.ndarray:
@@ -90,8 +88,8 @@ def _settled(samples: Samples, basis: Basis) -> np.ndarray:
     first, end = samples.turns[0]
     k = basis.back_emf[samples.count[first:end]]
     state = np.zeros((2, basis.width))
-    state[:, :3] = (samples.i_A[first:end] * k).mean(axis=0)
-    state[:, basis.instruments] = (samples.command_A[first:end] * k).mean(axis=0)
+    state[:, CURRENT] = (samples.i_A[first:end] * k).mean(axis=0)
+    state[:, basis.command] = (samples.command_A[first:end] * k).mean(axis=0)
     return state
 
 
@@ -106,8 +104,7 @@ def _products_without_trend(columns: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     return products
 
 
-def _current_products(samples: Samples, part: slice) -> np.ndarray:
-    i_A, command_A = samples.i_A[part], samples.command_A[part]
-    rows = np.column_stack([i_A, np.ones(i_A.shape[0]), command_A])
+def _current_products(currents_A: np.ndarray) -> np.ndarray:
+    rows = np.column_stack([currents_A[:, :3], np.ones(len(currents_A)), currents_A[:, 3:]])
     products: np.ndarray = rows.T @ rows
     return products

@@ -24,8 +24,9 @@ Method = Literal["joint", "residual"]
 class CalibrationResult:
     """alpha, beta and cogging torque with standard errors; see motord.calibration.Calibration.
 
-    alpha, beta_A and their standard errors (3,); tau_cog_Nm (counts,); ripples: of the operating
-    points that were identified from, `noise_Nm` what the model leaves in each (joint only).
+    alpha, beta_A and their standard errors (3,); tau_cog_Nm (counts,); current_delay_s: by how
+    much the currents are older than the recording says, and its standard error (joint only);
+    ripples: of the operating points that were identified from.
     """
 
     method: Method
@@ -39,6 +40,7 @@ class CalibrationResult:
     harmonics: tuple[Harmonic, ...]
     observable: tuple[str, ...]
     condition_number: float
+    current_delay_s: tuple[float, float] | None = None
     ripples: tuple[PointRipple, ...] = ()
 
     def to_calibration(

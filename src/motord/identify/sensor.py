@@ -11,10 +11,10 @@ import numpy as np
 
 from motord.config import TorqueSensorConfig
 
-HALF_LENGTH = 12
+HALF_LENGTH = 8
 """Samples on either side that the inverse of the mount uses."""
 
-OUT_OF_BAND_WEIGHT = 1e-5
+OUT_OF_BAND_WEIGHT = 1e-9
 """How much gain above the band counts against accuracy in the band."""
 
 
@@ -40,7 +40,7 @@ class MountInverse:
     """Takes the mount's resonance out of samples `period_s` apart; right up to `band_Hz`.
 
     A filter of 2 HALF_LENGTH + 1 taps around each sample, least squares in the band. Above it the
-    gain is kept small: there is nothing but noise.
+    gain is kept small: there is nothing but noise. For a rigid mount that is all it does.
     """
 
     taps: np.ndarray
@@ -62,13 +62,13 @@ class MountInverse:
         taps = np.concatenate([(a[1:] - b)[::-1], a[:1], a[1:] + b])
         return cls(taps, period_s)
 
-    def apply(self, t_s: np.ndarray, torque_Nm: np.ndarray) -> np.ndarray:
-        """Return the torque with the mount's resonance taken out, at the same times.
+    def apply(self, t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return samples with the mount's resonance taken out, at the same times.
 
         Samples that are missing are filled straight from their neighbours.
         """
         index = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
-        grid = np.interp(np.arange(index[-1] + 1), index, torque_Nm)
+        grid = np.interp(np.arange(index[-1] + 1), index, values)
         padded = np.pad(grid, HALF_LENGTH, mode="edge")
         filtered: np.ndarray = np.convolve(padded, self.taps, mode="valid")[index]
         return filtered

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from motord.identify.basis import ALPHA, BETA
 from motord.identify.joint import Fit, fit
-from motord.identify.turns import Turns
+from motord.identify.turns import ALPHA, BETA, Gatherer, Turns
 
 AGREEING_ERRORS = 3.0
 """Standard errors within which the two count as agreeing."""
@@ -25,10 +24,10 @@ def law_alpha(turns: Turns) -> np.ndarray:
     return alpha
 
 
-def compare(turns: Turns, rated_A: float) -> str:
+def compare(gatherer: Gatherer, rated_A: float) -> str:
     """Return in words whether the torque and Kirchhoff's law give the same alpha."""
-    torque = fit(turns, rated_A, use_law=False)
-    difference = torque.solution.alpha - law_alpha(turns)
+    torque = fit(gatherer, rated_A, use_law=False)
+    difference = torque.solution.alpha - law_alpha(gatherer.turns(torque.solution.alpha))
     worst = int(np.argmax(np.abs(difference) / _errors(torque)))
     size = f"{100 * difference[worst]:+.2f} % in phase {'abc'[worst]}"
     errors = abs(difference[worst]) / _errors(torque)[worst]

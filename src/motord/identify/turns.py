@@ -1,13 +1,22 @@
 """The turns of all operating points as the sums that the joint estimator solves."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from motord.identify.basis import ALPHA, BETA, FIRST_COGGING, Basis
+from motord.identify.basis import BACK_EMF, CURRENT, FIRST_WAVE, RATE, Basis
 from motord.identify.moments import PointMoments
 
-_COMMANDS_AND_ONE = [4, 5, 6, 3]
+ALPHA = slice(0, 3)
+BETA = slice(3, 6)
+DELAY = 6
+FIRST_COGGING = 7
+"""Where the parameters are: gains, offsets, age of the currents, cogging cos and sin."""
+
+DELAY_SHARE = 0.25
+"""Share of the sampling period that the age of the currents is uncertain by (a prior)."""
+
+_COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
 
 
 @dataclass(frozen=True)
@@ -17,6 +26,7 @@ class Turns:
     x are the regressors of the torque y, z the instruments (as many): xx (b, p, p), xy (b, p),
     yy (b,), zx, zz (b, p, p), zy (b, p). law_xx (b, p, p), law_zx (b, 4, p), law_zz (b, 4, 4): the
     same for Kirchhoff's law, zeros for independent phases. samples (b,); point (b,): its index.
+    delay_unit_s: unit of parameter DELAY.
     """
 
     xx: np.ndarray
@@ -30,45 +40,7 @@ class Turns:
     law_zz: np.ndarray
     samples: np.ndarray
     point: np.ndarray
-
-    @classmethod
-    def of(cls, points: list[PointMoments], basis: Basis, star: bool) -> "Turns":
-        """Gather the turns of all points."""
-        m = np.concatenate([point.torque for point in points])
-        n = basis.parameters
-        x, y = slice(0, n), basis.torque
-        z = np.r_[basis.instruments, BETA, FIRST_COGGING:n]
-        currents = np.concatenate([point.currents for point in points]) * star
-        place = np.zeros((4, n))
-        place[:3, ALPHA] = np.eye(3)
-        place[3, BETA] = 1
-        return cls(
-            xx=m[:, x, x],
-            xy=m[:, x, y],
-            yy=m[:, y, y],
-            zx=m[:, z, x],
-            zz=m[:, z[:, None], z],
-            zy=m[:, z, y],
-            law_xx=place.T @ currents[:, :4, :4] @ place,
-            law_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
-            law_zz=currents[:, np.array(_COMMANDS_AND_ONE)[:, None], _COMMANDS_AND_ONE],
-            samples=np.concatenate([point.samples for point in points]),
-            point=np.repeat(np.arange(len(points)), [point.samples.size for point in points]),
-        )
-
-    def keep(self, basis: Basis) -> "Turns":
-        """Return the turns with the parameters of `basis` alone, whose orders are the first."""
-        n = basis.parameters
-        return replace(
-            self,
-            xx=self.xx[:, :n, :n],
-            xy=self.xy[:, :n],
-            zx=self.zx[:, :n, :n],
-            zz=self.zz[:, :n, :n],
-            zy=self.zy[:, :n],
-            law_xx=self.law_xx[:, :n, :n],
-            law_zx=self.law_zx[:, :, :n],
-        )
+    delay_unit_s: float
 
     def mean_by_point(self, sums: np.ndarray) -> np.ndarray:
         """Return, for each turn, the mean over its operating point's samples (b,)."""
@@ -102,6 +74,56 @@ class Turns:
         return Normals(torque, law, weight[:, None] * (self.zy @ first))
 
 
+@dataclass(frozen=True)
+class Gatherer:
+    """Makes `Turns` of the points: the age of the currents needs the gains, so several times.
+
+    orders: number of cogging orders to use, the first of the basis.
+    """
+
+    points: list[PointMoments]
+    basis: Basis
+    orders: int
+    star: bool
+
+    def turns(self, gains: np.ndarray) -> Turns:
+        """Return the turns; currents that are younger by d make -d sum_p gains_p di_p/dt k_p."""
+        m = np.concatenate([point.torque for point in self.points])
+        period_s = float(np.mean([point.period_s for point in self.points]))
+        unit_s = DELAY_SHARE * period_s
+        x = self._choose(CURRENT, RATE, -unit_s * gains)
+        z = self._choose(self.basis.command, self.basis.command_rate, -unit_s * gains)
+        currents = np.concatenate([point.currents for point in self.points]) * self.star
+        place = np.zeros((4, x.shape[1]))
+        place[:3, ALPHA] = np.eye(3)
+        place[3, BETA] = 1
+        mx = m[:, :-1, :-1] @ x
+        return Turns(
+            xx=x.T @ mx,
+            xy=m[:, -1, :-1] @ x,
+            yy=m[:, -1, -1],
+            zx=z.T @ mx,
+            zz=z.T @ m[:, :-1, :-1] @ z,
+            zy=m[:, -1, :-1] @ z,
+            law_xx=place.T @ currents[:, :4, :4] @ place,
+            law_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
+            law_zz=currents[:, _COMMANDS_AND_ONE[:, None], _COMMANDS_AND_ONE],
+            samples=np.concatenate([point.samples for point in self.points]),
+            point=np.repeat(range(len(self.points)), [p.samples.size for p in self.points]),
+            delay_unit_s=unit_s,
+        )
+
+    def _choose(self, current: slice, rate: slice, delays: np.ndarray) -> np.ndarray:
+        """Return the matrix that makes regressors, or instruments, of the columns."""
+        waves = 2 * self.orders
+        matrix = np.zeros((self.basis.width - 1, FIRST_COGGING + waves))
+        matrix[current, ALPHA] = np.eye(3)
+        matrix[BACK_EMF, BETA] = np.eye(3)
+        matrix[rate, DELAY] = delays
+        matrix[FIRST_WAVE : FIRST_WAVE + waves, FIRST_COGGING:] = np.eye(waves)
+        return matrix
+
+
 def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
     """Return the coefficients (q, p) of the regressors on the instruments."""
     instruments = np.einsum("b,bij->ij", weight, zz)
@@ -114,22 +136,37 @@ def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarr
 
 @dataclass(frozen=True)
 class Normals:
-    """Normal equations of each turn: torque, law (b, p, p) on the left, right (b, p)."""
+    """Normal equations of each turn: torque, law (b, p, p) on the left, right (b, p).
+
+    The prior on the age of the currents, 0 +- 1 in its unit, counts with the torque.
+    """
 
     torque: np.ndarray
     law: np.ndarray
     right: np.ndarray
 
     @property
+    def prior(self) -> np.ndarray:
+        """Information that is there before any data (p, p)."""
+        prior = np.zeros(self.torque.shape[1:])
+        prior[DELAY, DELAY] = 1.0
+        return prior
+
+    @property
+    def left(self) -> np.ndarray:
+        """Left-hand side over all turns (p, p)."""
+        left: np.ndarray = self.torque.sum(axis=0) + self.law.sum(axis=0) + self.prior
+        return left
+
+    @property
     def torque_information(self) -> np.ndarray:
         """Fisher information that the torque gives (p, p)."""
-        return _symmetric(self.torque.sum(axis=0))
+        return _symmetric(self.torque.sum(axis=0) + self.prior)
 
     @property
     def information(self) -> np.ndarray:
         """Fisher information of torque and Kirchhoff's law (p, p)."""
-        information: np.ndarray = self.torque_information + _symmetric(self.law.sum(axis=0))
-        return information
+        return _symmetric(self.left)
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:
