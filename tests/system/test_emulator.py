@@ -255,6 +255,17 @@ def test_brake_and_drive_answer_and_move_the_rig(start, host, tmp_path):
     drive.close()
 
 
+def test_the_bridge_samples_at_the_rate_that_the_host_asks_for(start, host, tmp_path):
+    bench = write_bench(tmp_path)
+    start(bench)
+    faster = tmp_path / "faster.toml"
+    faster.write_text(bench.read_text().replace("[bridge]\n", "[bridge]\nrate_Hz = 2000\n"))
+    daemon = host(faster)  # opening checks the rate that the board reports
+    daemon.switch_on()
+    times_ns = {int(daemon.tick().t_ns) for _ in range(50)}
+    assert len(times_ns) > 1
+
+
 def test_it_survives_a_stall_of_the_host(start, host, tmp_path):
     bench = write_bench(tmp_path)
     emulator = start(bench, "--json")
