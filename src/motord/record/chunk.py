@@ -2,7 +2,6 @@
 
 import struct
 import zlib
-from collections.abc import Iterable
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -128,8 +127,3 @@ def index_records(
         uncompressed_size=content_size,
     )
     return b"".join(records), entry
-
-
-def message_count(index: Iterable[Index]) -> int:
-    """Return how many messages the indexes list."""
-    return sum(len(entries) for entries in index)

@@ -56,16 +56,19 @@ def last_mark(stem: Path) -> Mark | None:
 class Feed:
     """Reads the ring at `path`, which may not be there yet, and follows it to its successors.
 
-    Ticks come from the moment of construction on; with `mark`, all that the ring holds after it.
-    `problem` says why there is no ring, if it is not only that the loop has not started.
+    Ticks come from the moment of construction on ("now"), or from the oldest that the ring holds,
+    without those up to `mark`. `problem` says why there is no ring, if it is not only that the
+    loop has not started.
     """
 
-    def __init__(self, path: Path, mark: Mark | None = None) -> None:
+    def __init__(
+        self, path: Path, start: Literal["now", "oldest"] = "now", mark: Mark | None = None
+    ) -> None:
         self._path = path
         self._mark = mark
         self._new_ring = False
         self.problem = ""
-        self._reader = self._attach("oldest" if mark else "now")
+        self._reader = self._attach(start)
 
     @property
     def over(self) -> bool:

@@ -4,7 +4,9 @@ from typing import Any
 
 from motord.record import topics
 from motord.record.damage import utc
+from motord.record.plain import from_strings
 from motord.record.reader import Run
+from motord.record.recover import METADATA_RECOVERED
 
 _FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes")
 
@@ -30,6 +32,9 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         "operating_points": operating_points,
         "columns": list(run.columns),
     }
+    recovered = structure.metadata.get(METADATA_RECOVERED)
+    if recovered is not None:
+        facts["recovered"] = from_strings(recovered)
     damage = run.damage
     facts["damage"] = str(damage) if damage else None
     return facts

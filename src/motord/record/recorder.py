@@ -11,7 +11,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -76,9 +76,9 @@ def run(
     reporter.tell(session.report(), clock_s())
 
 
-def main() -> int:
-    """Run the recorder process; return its exit code."""
-    options = _options()
+def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int = 1) -> int:
+    """Run the recorder process on two descriptors, stdin and stdout; return its exit code."""
+    options = _options(arguments)
     try:
         config = load(options.config)
         session = Session(RunDir.at(options.dir).ring, config.recording)
@@ -90,26 +90,27 @@ def main() -> int:
     stopped: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
-    commands = sys.stdin.fileno()
-    for descriptor in (commands, sys.stdout.fileno()):
+    for descriptor in (commands, reports):
         os.set_blocking(descriptor, False)
     lines = LineReader(commands)
     run(
         session,
         lines,
-        Reporter(sys.stdout.fileno()),
+        Reporter(reports),
         lambda: bool(stopped),
         lambda wait_s: _wait(commands, lines, wait_s),
     )
     return 0
 
 
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="motord.record.recorder", description=__doc__)
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m motord.record.recorder", description="Record the ticks of a running bench."
+    )
     parser.add_argument("--config", type=Path, required=True, help="the bench")
     parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
     parser.add_argument("--out", type=Path, help="record at once, to OUT-000.mcap and so on")
-    return parser.parse_args()
+    return parser.parse_args(arguments)
 
 
 def _metadata(config: Config, path: Path) -> dict[str, object]:

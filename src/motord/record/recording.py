@@ -63,15 +63,17 @@ class Recording:
         self.open = True
 
     def ticks(self, block: Block, lost: int = 0) -> None:
-        """Write ticks, shape (n,), before which `lost` ticks were lost."""
+        """Write ticks, shape (n,), before which `lost` were lost; in a new file if one is due."""
         if lost:
             self.tally.lost += lost
             first_ns = int(block["t_ns"][0]) if len(block) else self._last_ns
             first = int(block["tick"][0]) if len(block) else None
             message = f"{lost} ticks were overwritten before they could be recorded"
             self.event(first_ns, "ring_lost", message, {"lost": lost, "tick_after": first})
-        if not self.open or not len(block):
+        if not len(block):
             return
+        if why := self._why_next_file():
+            self._write(lambda: self._change_file(why))
         if self._first_ns is None:
             self._first_ns = int(block["t_ns"][0])
         self._last_ns = int(block["t_ns"][-1])
@@ -97,14 +99,12 @@ class Recording:
         self._write(lambda: self._writer.metadata(name, values))
 
     def step(self, now_s: float) -> None:
-        """Do what is due: sync, look after free space, go on in a new file."""
+        """Do what is due: sync, look after free space."""
         if self.open and now_s - self._synced_s >= self._settings.sync_s:
             self._synced_s = now_s
             self._write(self._writer.sync)
             if self._short_of_space():
                 self._end_for_space()
-        if self.open and (why := self._why_next_file()):
-            self._write(lambda: self._change_file(why))
         self._count_bytes()
 
     def close(self, reason: str) -> None:

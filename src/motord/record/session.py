@@ -75,7 +75,7 @@ class Session:
         self._recording = Recording(stem, metadata, self._settings, now_s, self._free)
         self._error = ""
         if self._feed is None:
-            self._feed = Feed(self._ring, mark)
+            self._feed = Feed(self._ring, "oldest" if resume else "now", mark)
 
     def step(self, now_s: float) -> None:
         """Write the ticks that have come, and do what is due."""

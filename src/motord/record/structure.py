@@ -82,9 +82,19 @@ class Structure:
             self.library = record.library
 
 
+class _Strict(ReadDataStream):
+    """A stream whose reads give all that was asked for. Raises EndOfFile if it ends before."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) != length:
+            raise EndOfFile
+        return data
+
+
 def parse(opcode: int, body: bytes) -> McapRecord:
     """Return the record of an opcode in `PARSED`. Raises ValueError if `body` is not one."""
-    stream = ReadDataStream(BytesIO(body))
+    stream = _Strict(BytesIO(body))
     try:
         record: McapRecord = PARSED[opcode].read(stream)
     except (struct.error, EndOfFile) as error:

@@ -140,7 +140,7 @@ wrong = st.integers(1, 255)
 
 
 @given(somewhere)
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_a_file_cut_off_anywhere_gives_its_whole_chunks(whole, tmp_path_factory, place):
     content = whole.read_bytes()
     size = int(place * len(content))
@@ -164,7 +164,7 @@ def test_a_file_cut_off_anywhere_gives_its_whole_chunks(whole, tmp_path_factory,
 
 
 @given(somewhere, wrong)
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_one_wrong_byte_costs_at_most_a_chunk(whole, tmp_path_factory, place, bits):
     content = bytearray(whole.read_bytes())
     content[int(place * len(content))] ^= bits
@@ -182,7 +182,7 @@ def test_one_wrong_byte_costs_at_most_a_chunk(whole, tmp_path_factory, place, bi
 
 
 @given(somewhere, wrong)
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_one_wrong_byte_in_an_unfinished_file_costs_at_most_a_chunk(
     unfinished, tmp_path_factory, place, bits
 ):

@@ -1,0 +1,161 @@
+"""`motord record`: what is in a recording, a clean one out of a damaged one, tables out of one."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+app = typer.Typer(
+    no_args_is_help=True, pretty_exceptions_enable=False, help="Look into recordings, export them."
+)
+
+RunFile = Annotated[
+    Path, typer.Argument(metavar="RUN", help="A recording: .mcap, or .mcap.part if unfinished.")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.command()
+def info(
+    run: RunFile,
+    check: Annotated[
+        bool, typer.Option("--check", help="Read all of it, not only its index.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Tell what a recording holds, and what is missing of it."""
+    from motord.record.info import describe
+    from motord.record.reader import open_run
+
+    with _explained():
+        facts = describe(open_run(run), check=check)
+    if as_json:
+        print_json(facts)
+    else:
+        typer.echo("\n".join(_lines(facts)))
+
+
+@app.command()
+def recover(
+    run: RunFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Default: RUN.recovered.mcap."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a clean recording from a damaged or unfinished one."""
+    from motord.record import recover as recovery
+    from motord.record.reader import open_run
+
+    with _explained():
+        if open_run(run).check() is None:
+            result: dict[str, Any] = {"file": str(run), "damage": None}
+            text = f"{run} is whole: nothing to recover"
+        else:
+            done = recovery.recover(run, output or recovery.default_output(run))
+            result = {
+                "file": str(done.path),
+                "ticks": done.ticks,
+                "chunks": done.chunks,
+                "damage": str(done.damage),
+            }
+            text = f"{done.path}: {done.ticks} ticks in {done.chunks} chunks\n{done.damage}"
+    if as_json:
+        print_json(result)
+    else:
+        typer.echo(text)
+
+
+@app.command()
+def export(
+    run: RunFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Ends with .csv or .parquet."),
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option("--columns", metavar="A,B,...", help="Only these, in this order."),
+    ] = None,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="What a simulated rig really did, not its ticks.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write the ticks of a recording as a table: CSV, or Parquet."""
+    from motord.record.export import export as write
+    from motord.record.reader import open_run
+
+    path = output or run.with_suffix(".csv")
+    wanted = None if columns is None else [name.strip() for name in columns.split(",")]
+    with _explained():
+        source = open_run(run)
+        rows = write(source, path, wanted, truth=truth)
+    damage = str(source.damage) if source.damage else None
+    if as_json:
+        print_json({"file": str(path), "rows": rows, "damage": damage})
+    else:
+        typer.echo(f"{path}: {rows} rows")
+        if damage:
+            typer.echo(f"missing in {run}: {damage}", err=True)
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    from motord.record.errors import RecordError
+
+    try:
+        yield
+    except RecordError as error:
+        fail(str(error))
+
+
+def _lines(facts: dict[str, Any]) -> Iterator[str]:
+    """Yield the facts as text, one a line."""
+    points = facts["operating_points"]
+    motor = facts.get("motor")
+    shown = {
+        "file": f"{facts['file']}, {facts['bytes'] / 1e6:.1f} MB in {facts['chunks']} chunks",
+        "bench": facts.get("bench"),
+        "motor": motor.get("name") if isinstance(motor, dict) else motor,
+        "plan": _plan_name(facts.get("plan")),
+        "calibration": facts.get("calibration"),
+        "notes": facts.get("notes"),
+        "start": facts.get("start"),
+        "ticks": _ticks(facts),
+        "events": facts["events"],
+        "operating points": f"{len(points)}" if points else None,
+        "recovered": _recovered(facts.get("recovered")),
+        "missing": facts["damage"] or "nothing",
+    }
+    for name, value in shown.items():
+        if value not in (None, "", {}):
+            yield f"{name + ':':18}{value}"
+    for p in points:
+        yield (
+            f"  {p.get('index', '?'):>3}  {p.get('torque_Nm', 0):6.2f} Nm "
+            f"{p.get('speed_Hz', 0):6.3f} Hz  {p.get('turns', 0):5.1f} turns  {p.get('quality')}"
+        )
+
+
+def _plan_name(plan: object) -> object:
+    return plan.get("name", "") if isinstance(plan, dict) else plan
+
+
+def _recovered(account: dict[str, Any] | None) -> str | None:
+    return None if account is None else f"from {account['from']}, without {account['missing']}"
+
+
+def _ticks(facts: dict[str, Any]) -> str:
+    if not facts["ticks"]:
+        return "none"
+    text = f"{facts['ticks']} in {facts['duration_s']:.3f} s"
+    if facts["rate_Hz"]:
+        text += f" ({facts['rate_Hz']:.1f} Hz)"
+    missing = facts["ticks_missing"]
+    return text + (f", {missing} periods without a tick" if missing else "")
