@@ -7,8 +7,10 @@ ticks is used for the verdict alone: the root-mean-square error of the true torq
 import json
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +23,14 @@ from motord.identify.points import prepare
 from motord.identify.result import CalibrationResult, rms_errors
 from motord.identify.ripple import rms_error_percent
 from motord.identify.verify import PointRipple, point_ripple
-from motord.plans import build
+from motord.plans import Plan, build
 from motord.record.captures import captures, true_torque
 from motord.record.metadata import describe
 from motord.record.reader import open_run
 from motord.record.writer import RunWriter
 from motord.rig.truth import RigTruth
-from motord.virtual import VirtualBench
-from motord.virtual_plan import run_plan
+from motord.rig.truth import load as load_truth
+from motord.virtual_mesh import Piece, processors, run_points
 
 QUICK = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
 """The mesh of `--quick`: enough to see the effect, not to quote it."""
@@ -114,53 +116,65 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: Progress) -> Demo:
     folder.mkdir(parents=True, exist_ok=True)
     files.remove()
     config = load()
-    bench = VirtualBench(config, seed=seed)
+    seeds = iter(np.random.SeedSequence(seed).generate_state(3).tolist())
     mesh = QUICK if quick else {}
-    _record(bench, "verify", {**mesh, "compensate": "off"}, files.before, BEFORE, progress)
-    _record(bench, "calibrate", mesh, files.calibrate, CALIBRATE, progress)
-    joint, residual = _identify(config, files.calibrate, progress)
-    calibration = joint.to_calibration(config.motor, datetime.now(UTC), [files.calibrate.name])
-    bench.install(calibration)
-    settings = {**mesh, "compensate": "on"}
-    _record(bench, "verify", settings, files.after, AFTER, progress, calibration.id)
-    ripples = [*_ripples(config, files.before), *_ripples(config, files.after)]
-    calibration = calibration.with_rms_error(rms_errors(ripples))
+    off, on = {**mesh, "compensate": "off"}, {**mesh, "compensate": "on"}
+    bench_s = 0.0
+    with processors() as pool:
+        takes = partial(_record, config, pool, progress)
+        bench_s += takes(BEFORE, build("verify", config, off), files.before, next(seeds))
+        before = pool.submit(judge, config, files.before)
+        plan = build("calibrate", config, mesh)
+        bench_s += takes(CALIBRATE, plan, files.calibrate, next(seeds))
+        joint, residual = _identify(config, files.calibrate, progress)
+        calibration = joint.to_calibration(config.motor, datetime.now(UTC), [files.calibrate.name])
+        plan = build("verify", config, on)
+        bench_s += takes(AFTER, plan, files.after, next(seeds), calibration)
+        verdicts = before.result(), judge(config, files.after)
+    measured = rms_errors([*verdicts[0].ripples, *verdicts[1].ripples])
+    calibration = calibration.with_rms_error(measured)
     calibration.save(files.calibration)
-    summary = _summary(bench, files, joint, residual)
-    summary |= {"wall_s": round(time.monotonic() - began, 2), "bench_s": round(bench.t_s, 1)}
+    truth = load_truth(config.bench.rig)
+    summary = _summary(truth, files, verdicts[0].true_percent, verdicts[1].true_percent)
+    summary |= {"joint": _gains(joint), "residual": _gains(residual)}
+    summary |= {"wall_s": round(time.monotonic() - began, 2), "bench_s": round(bench_s, 1)}
     files.result.write_text(json.dumps(summary, indent=2) + "\n")
-    return Demo(files, config, bench.truth, joint, residual, calibration, summary)
+    return Demo(files, config, truth, joint, residual, calibration, summary)
 
 
 def _record(
-    bench: VirtualBench,
-    name: str,
-    settings: dict[str, Any],
-    path: Path,
-    stage: str,
+    config: Config,
+    pool: ProcessPoolExecutor,
     progress: Progress,
-    calibration_id: str = "",
-) -> None:
-    """Run a plan on the bench and write ticks, truth, points and plan into `path`."""
-    plan = build(name, bench.config, settings)
-    described = {"name": name, "settings": plan.settings}
-    text = packaged("sim.toml").read_text()
-    metadata = describe(bench.config, text, plan=described, calibration_id=calibration_id)
+    stage: str,
+    plan: Plan,
+    path: Path,
+    seed: int,
+    calibration: Calibration | None = None,
+) -> float:
+    """Run `plan`, write ticks, truth, points and plan into `path`; return seconds of the bench."""
+    metadata = describe(
+        config,
+        packaged("sim.toml").read_text(),
+        plan={"name": plan.name, "settings": plan.settings},
+        calibration_id=calibration.id if calibration else "",
+    )
+    ticks = 0
+    progress(stage, 0.0)
     with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
+        for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
+            _write(writer, piece, config.loop.rate_Hz)
+            ticks += piece.ticks.size
+            progress(stage, number / len(plan.points))
+    return ticks / config.loop.rate_Hz
 
-        def on_block(ticks: np.ndarray, truth: np.ndarray) -> None:
-            writer.ticks(ticks)
-            writer.truth(truth)
 
-        def on_progress(state: dict[str, Any]) -> None:
-            writer.plan(bench.t_ns, state)
-            progress(stage, state["fraction"])
-
-        def on_point(point: dict[str, Any]) -> None:
-            writer.operating_point(int(point["t_end_ns"]), point)
-
-        run_plan(bench, plan, on_block, on_point, on_progress)
-    progress(stage, 1.0)
+def _write(writer: RunWriter, piece: Piece, rate_Hz: int) -> None:
+    """Write a piece by the second, as a recorder would, so that no chunk is large."""
+    for first in range(0, piece.ticks.size, rate_Hz):
+        writer.ticks(piece.ticks[first : first + rate_Hz])
+        writer.truth(piece.truth[first : first + rate_Hz])
+    writer.operating_point(int(piece.point["t_end_ns"]), piece.point)
 
 
 def _identify(
@@ -178,31 +192,35 @@ def _identify(
     return results
 
 
-def _ripples(config: Config, path: Path) -> list[PointRipple]:
-    """Return the ripple that the torque sensor shows at each point of the run at `path`."""
+@dataclass(frozen=True)
+class Verdict:
+    """How a run was: ripple as the sensor shows it, and true error by (torque_Nm, speed_Hz)."""
+
+    ripples: tuple[PointRipple, ...]
+    true_percent: dict[tuple[float, float], float]
+
+
+def judge(config: Config, path: Path) -> Verdict:
+    """Return the ripple of every point of the simulated run at `path`, measured and true."""
     motor, sensor = config.motor, config.torque_sensor
-    return [
-        point_ripple(prepare(point, motor.counts), motor, sensor)
-        for point in captures(open_run(path))
-    ]
+    run = open_run(path)
+    ripples = tuple(
+        point_ripple(prepare(point, motor.counts), motor, sensor) for point in captures(run)
+    )
+    return Verdict(
+        ripples,
+        {
+            (torque_set_Nm, speed_Hz): rms_error_percent(torque_Nm, motor.rated_torque_Nm, weights)
+            for torque_set_Nm, speed_Hz, torque_Nm, weights in true_torque(run)
+        },
+    )
 
 
-def true_errors(path: Path, rated_torque_Nm: float) -> dict[tuple[float, float], float]:
-    """Return eq. (4.16) of the true torque, in percent, by (torque_Nm, speed_Hz)."""
-    return {
-        (torque_set_Nm, speed_Hz): rms_error_percent(torque_Nm, rated_torque_Nm, weights)
-        for torque_set_Nm, speed_Hz, torque_Nm, weights in true_torque(open_run(path))
-    }
+Errors = dict[tuple[float, float], float]
 
 
-def _summary(
-    bench: VirtualBench, files: Files, joint: CalibrationResult, residual: CalibrationResult
-) -> dict[str, Any]:
-    """Return what `motord demo --json` prints."""
-    rated_torque_Nm = bench.config.motor.rated_torque_Nm
-    before = true_errors(files.before, rated_torque_Nm)
-    after = true_errors(files.after, rated_torque_Nm)
-    truth = bench.truth
+def _summary(truth: RigTruth, files: Files, before: Errors, after: Errors) -> dict[str, Any]:
+    """Return what `motord demo --json` prints, but for the estimates and times."""
     return {
         "before": _mean_and_max(before),
         "after": _mean_and_max(after),
@@ -215,8 +233,6 @@ def _summary(
             }
             for torque_Nm, speed_Hz in sorted(before.keys() & after.keys())
         ],
-        "joint": _gains(joint),
-        "residual": _gains(residual),
         "truth": {
             "alpha": list(truth.inverter.alpha),
             "beta_A": list(truth.inverter.beta_A),
@@ -229,7 +245,7 @@ def _summary(
     }
 
 
-def _mean_and_max(errors: dict[tuple[float, float], float]) -> dict[str, float]:
+def _mean_and_max(errors: Errors) -> dict[str, float]:
     values = list(errors.values())
     return {"mean": round(sum(values) / len(values), 4), "max": round(max(values), 4)}
 

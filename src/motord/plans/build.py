@@ -37,7 +37,8 @@ def build(name: str, config: Config, settings: Mapping[str, Any] | None = None) 
 def _mesh_plan(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
     own: MeshConfig = getattr(config.plans, name)
     given = dict(settings)
-    compensate = _compensate(given.pop("compensate", "off" if name == "calibrate" else "on"))
+    word = given.pop("compensate", "off" if name == "calibrate" else "on")
+    compensate = _compensate(word)
     try:
         chosen = MeshConfig.model_validate({**own.model_dump(), **given})
     except ValidationError as error:
@@ -49,9 +50,9 @@ def _mesh_plan(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=name,
         points=mesh.points(chosen),
-        steps=partial(mesh.steps, chosen, config.brake, int(compensate)),
-        settings={**chosen.model_dump(mode="json"), "compensate": compensate.name or "off"},
-        seconds=mesh.seconds(chosen, config.brake),
+        make_steps=partial(mesh.steps, chosen, config.brake, int(compensate)),
+        estimate_s=partial(mesh.seconds, chosen, config.brake),
+        settings={**chosen.model_dump(mode="json"), "compensate": word},
     )
 
 

@@ -18,16 +18,18 @@ def points(mesh: MeshConfig) -> tuple[OperatingPoint, ...]:
     )
 
 
-def steps(mesh: MeshConfig, brake: BrakeConfig, compensate: int) -> Steps:
-    """Yield the steps of a mesh: enable, every point, rest."""
+def steps(
+    mesh: MeshConfig, brake: BrakeConfig, compensate: int, points: tuple[OperatingPoint, ...]
+) -> Steps:
+    """Yield the steps: enable, every point, rest."""
     servo = BrakeServo(brake)
     yield Enable(compensate=compensate)
-    for point in points(mesh):
+    for point in points:
         yield TakePoint(point, mesh, servo)
     yield Rest()
 
 
-def seconds(mesh: MeshConfig, brake: BrakeConfig) -> float:
+def seconds(mesh: MeshConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]) -> float:
     """Return an estimate of the whole time (s)."""
     servo = BrakeServo(brake)
-    return 1.5 + sum(TakePoint(point, mesh, servo).seconds() for point in points(mesh))
+    return 1.5 + sum(TakePoint(point, mesh, servo).seconds() for point in points)

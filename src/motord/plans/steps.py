@@ -72,13 +72,26 @@ Steps = Generator[Step, dict[str, Any] | None, None]
 
 @dataclass(frozen=True)
 class Plan:
-    """An experiment: its points, its estimated time, and a maker of its steps."""
+    """An experiment: its points, and makers of the steps and the time (s) for some of them."""
 
     name: str
     points: tuple[OperatingPoint, ...]
-    steps: Callable[[], Steps]
+    make_steps: Callable[[tuple[OperatingPoint, ...]], Steps]
+    estimate_s: Callable[[tuple[OperatingPoint, ...]], float]
     settings: dict[str, Any]
-    seconds: float
+
+    @property
+    def seconds(self) -> float:
+        """Return an estimate of the whole time (s)."""
+        return self.estimate_s(self.points)
+
+    def steps(self) -> Steps:
+        """Return the steps, from the beginning."""
+        return self.make_steps(self.points)
+
+    def part(self, points: tuple[OperatingPoint, ...]) -> "Plan":
+        """Return the same experiment for `points` alone; they keep their numbers."""
+        return replace(self, points=points)
 
 
 @dataclass

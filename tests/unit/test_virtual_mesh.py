@@ -1,0 +1,45 @@
+"""Operating points on benches of their own: the same bits however many processes compute them."""
+
+import numpy as np
+
+from motord.config import load
+from motord.plans import build
+from motord.virtual_mesh import Piece, processors, run_points
+
+MESH = {"torques_Nm": [2.0, 3.0], "speeds_Hz": [0.9, 1.0], "turns": 2, "settle_s": 0.2}
+
+
+def test_many_processes_give_the_bits_of_one() -> None:
+    config = load()
+    plan = build("calibrate", config, MESH)
+    alone = list(run_points(config, plan, seed=5))
+    with processors() as pool:
+        together = list(run_points(config, plan, seed=5, pool=pool))
+    assert len(alone) == len(together) == 4
+    for one, other in zip(alone, together, strict=True):
+        assert one.point == other.point
+        for block in ("ticks", "truth"):
+            mine, theirs = getattr(one, block), getattr(other, block)
+            for name in mine.dtype.names:
+                assert mine[name].tobytes() == theirs[name].tobytes(), name
+
+
+def test_pieces_run_on_in_time_and_number() -> None:
+    config = load()
+    pieces: list[Piece] = list(run_points(config, build("calibrate", config, MESH), seed=5))
+    ticks = np.concatenate([piece.ticks["tick"] for piece in pieces]).astype(np.int64)
+    assert (np.diff(ticks) == 1).all()
+    t_ns = np.concatenate([piece.ticks["t_ns"] for piece in pieces])
+    assert (np.diff(t_ns) == 500_000).all()
+    for piece in pieces:
+        marked = piece.ticks["tick"][piece.ticks["plan_point"] == piece.point["index"]]
+        assert marked[0] == piece.point["tick_start"]
+        assert (piece.ticks["t_ns"] == piece.truth["t_ns"]).all()
+
+
+def test_points_do_not_share_their_noise() -> None:
+    config = load()
+    mesh = {**MESH, "torques_Nm": [2.0], "speeds_Hz": [1.0, 1.0]}
+    first, second = run_points(config, build("calibrate", config, mesh), seed=5)
+    n = min(first.ticks.size, second.ticks.size)
+    assert (first.ticks["torque_Nm"][:n] != second.ticks["torque_Nm"][:n]).mean() > 0.5
