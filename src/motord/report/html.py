@@ -1,0 +1,114 @@
+"""One self-contained HTML page: headings, text, tables and pictures; nothing from elsewhere."""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from motord.report.style import PALETTE
+from motord.report.svg import inline
+
+_CSS = """
+*{box-sizing:border-box}
+body{margin:0;background:var(--paper);color:var(--ink);
+ font:16px/1.5 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif}
+main{max-width:62rem;margin:0 auto;padding:2rem 1.25rem 4rem}
+h1{font-size:1.7rem;line-height:1.2;margin:0 0 .25rem}
+h2{font-size:1.2rem;margin:2.5rem 0 .5rem;padding-top:.5rem;border-top:1px solid var(--grid)}
+p{margin:.5rem 0;max-width:46rem}
+.lead{color:var(--soft);margin-bottom:1rem}
+figure{margin:1rem 0 1.5rem;break-inside:avoid}
+figure svg{display:block;width:100%;height:auto}
+figcaption{color:var(--soft);font-size:.9rem;max-width:46rem;margin-top:.25rem}
+.wide{overflow-x:auto}
+table{border-collapse:collapse;margin:1rem 0;font-size:.92rem;break-inside:avoid}
+th,td{padding:.3rem .9rem .3rem 0;text-align:left;border-bottom:1px solid var(--grid);
+ vertical-align:top}
+th{font-weight:600}
+.numbers td:not(:first-child),.numbers th:not(:first-child){text-align:right;
+ font-variant-numeric:tabular-nums;padding-left:.9rem;padding-right:0}
+.cards{display:flex;flex-wrap:wrap;gap:1rem;margin:1.25rem 0}
+.card{border:1px solid var(--grid);border-radius:.5rem;padding:.75rem 1rem;min-width:11rem}
+.card b{display:block;font-size:1.5rem;line-height:1.2;font-variant-numeric:tabular-nums}
+.card span{color:var(--soft);font-size:.88rem}
+ul{margin:.5rem 0;padding-left:1.2rem;max-width:46rem}
+@media print{body{font-size:11px}main{max-width:none;padding:0}h2{break-after:avoid}}
+"""
+
+
+def _variables(dark: bool) -> str:
+    colours = (f"--{name}:{c.dark if dark else c.light}" for name, c in PALETTE.items())
+    return ":root{" + ";".join(colours) + f";color-scheme:{'dark' if dark else 'light'}" + "}"
+
+
+class Page:
+    """A page that is put together from top to bottom, then written.
+
+    All text is escaped; `lead` is a sentence under the title.
+    """
+
+    def __init__(self, title: str, lead: str = "") -> None:
+        self._title = title
+        self._parts = [f"<h1>{escape(title)}</h1>"]
+        self._pictures = 0
+        if lead:
+            self._parts.append(f'<p class="lead">{escape(lead)}</p>')
+
+    def heading(self, text: str) -> None:
+        """Begin a section."""
+        self._parts.append(f"<h2>{escape(text)}</h2>")
+
+    def paragraph(self, text: str) -> None:
+        """Add a paragraph."""
+        self._parts.append(f"<p>{escape(text)}</p>")
+
+    def points(self, items: Sequence[str]) -> None:
+        """Add a list of sentences."""
+        lines = "".join(f"<li>{escape(item)}</li>" for item in items)
+        self._parts.append(f"<ul>{lines}</ul>")
+
+    def cards(self, figures: Sequence[tuple[str, str]]) -> None:
+        """Add key figures: (value with unit, what it is) each."""
+        cards = "".join(
+            f'<div class="card"><b>{escape(value)}</b><span>{escape(what)}</span></div>'
+            for value, what in figures
+        )
+        self._parts.append(f'<div class="cards">{cards}</div>')
+
+    def table(
+        self, header: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = False
+    ) -> None:
+        """Add a table; with `numbers`, all columns but the first are set right."""
+        head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        )
+        head = f"<thead><tr>{head}</tr></thead>" if header else ""
+        kind = ' class="numbers"' if numbers else ""
+        self._parts.append(
+            f'<div class="wide"><table{kind}>{head}<tbody>{body}</tbody></table></div>'
+        )
+
+    def picture(self, figure: Figure, caption: str) -> None:
+        """Add a picture with its caption."""
+        self._pictures += 1
+        svg = inline(figure, f"p{self._pictures}", caption)
+        text = f"<figcaption>{escape(caption)}</figcaption>"
+        self._parts.append(f'<figure><div class="wide">{svg}</div>{text}</figure>')
+
+    def html(self) -> str:
+        """Return the whole page."""
+        light, dark = _variables(dark=False), _variables(dark=True)
+        style = f"{light}@media screen and (prefers-color-scheme:dark){{{dark}}}{_CSS}"
+        return (
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width,initial-scale=1">'
+            f"<title>{escape(self._title)}</title><style>{style}</style></head>\n<body><main>\n"
+            + "\n".join(self._parts)
+            + "\n</main></body></html>\n"
+        )
+
+    def write(self, path: Path) -> None:
+        """Write the page. Raises OSError."""
+        path.write_text(self.html(), encoding="utf-8")

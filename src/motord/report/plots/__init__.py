@@ -1,0 +1,1 @@
+"""The pictures: each module takes arrays and returns a figure."""

@@ -1,0 +1,89 @@
+"""Torque over one turn and its spectrum over the orders, before and after."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from motord.report.style import AFTER, BEFORE, SOFT, drawing, figure
+
+COLOURS = {"before": BEFORE, "after": AFTER}
+
+FLOOR_Nm = 1e-5
+"""Lower end of the spectrum."""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """Torque without its mean at one operating point.
+
+    angle_rad, torque_Nm (n,): over one turn; order, amplitude_Nm (m,): its spectrum; noise_Nm
+    (m,): standard error of the amplitudes, if it is known.
+    """
+
+    angle_rad: np.ndarray
+    torque_Nm: np.ndarray
+    order: np.ndarray
+    amplitude_Nm: np.ndarray
+    noise_Nm: np.ndarray | None = None
+
+
+def over_angle_and_order(
+    before: Ripple | None, after: Ripple | None, marked_orders: Sequence[int]
+) -> Figure:
+    """Return torque over the turn above its spectrum; `marked_orders` get a tick with a number."""
+    ripples = {"before": before, "after": after}
+    present = {name: ripple for name, ripple in ripples.items() if ripple is not None}
+    with drawing():
+        picture = figure(6.0)
+        upper, lower = picture.subplots(2, 1, height_ratios=[1.0, 1.1])
+        for name, ripple in present.items():
+            degrees = np.rad2deg(ripple.angle_rad)
+            width = 1.6 if name == "after" else 0.9
+            upper.plot(degrees, ripple.torque_Nm, color=COLOURS[name], lw=width, label=name)
+        upper.set_xlim(0, 360)
+        upper.set_xticks(range(0, 361, 45))
+        upper.set_xlabel("mechanical angle (degrees)")
+        upper.set_ylabel("torque less mean (Nm)")
+        upper.set_title("Torque over one turn")
+        upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+        _spectrum(lower, present, marked_orders)
+        return picture
+
+
+def _spectrum(axes: Axes, ripples: dict[str, Ripple], marked_orders: Sequence[int]) -> None:
+    highest = _highest(list(ripples.values()), marked_orders)
+    for name, ripple in ripples.items():
+        shown = ripple.order <= highest
+        offset = 0.0 if len(ripples) == 1 else (-0.3 if name == "before" else 0.3)
+        size = np.maximum(ripple.amplitude_Nm[shown], FLOOR_Nm)
+        axes.vlines(ripple.order[shown] + offset, FLOOR_Nm, size, color=COLOURS[name], lw=1.6)
+        if ripple.noise_Nm is not None and name == list(ripples)[-1]:
+            axes.plot(
+                ripple.order[shown], ripple.noise_Nm[shown], color=SOFT, lw=1.2, ls=(0, (4, 3)),
+                label="noise",
+            )  # fmt: skip
+            axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    axes.set_yscale("log")
+    axes.set_xlim(0, highest + 1)
+    axes.set_ylim(bottom=FLOOR_Nm)
+    axes.set_xticks([order for order in marked_orders if order <= highest])
+    axes.grid(visible=False, axis="x")
+    axes.set_xlabel("order (per turn)")
+    axes.set_ylabel("amplitude (Nm)")
+    axes.set_title("Spectrum over the orders of a turn")
+
+
+def _highest(ripples: list[Ripple], marked_orders: Sequence[int]) -> int:
+    """Return the last order worth showing: the last marked one with anything in it, and a bit."""
+    last = min(int(ripple.order[-1]) for ripple in ripples)
+    strongest = max(float(ripple.amplitude_Nm.max()) for ripple in ripples)
+    busy = [
+        order
+        for order in marked_orders
+        if order <= last
+        and any(ripple.amplitude_Nm[order - 1] > 0.003 * strongest for ripple in ripples)
+    ]
+    return min(last, int(1.15 * max(busy, default=last)))
