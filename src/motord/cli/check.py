@@ -1,4 +1,4 @@
-"""`motord check`: is this bench file right, do its devices answer, what rights would the loop get."""
+"""`motord check`: is this bench file right, do its devices answer, is there real time."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -34,7 +34,9 @@ def check(
         bench = load(config)
     except ConfigError as error:
         fail(str(error))
-    findings = [{"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}]
+    findings: list[Finding] = [
+        {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
+    ]
     findings += probe_devices(bench)
     rights = _rights(bench) if rt else []
     if as_json:

@@ -46,9 +46,12 @@ class CallQueue:
 
     def __init__(self) -> None:
         self._queue: queue.Queue[Call] = queue.Queue(self.CAPACITY)
+        self._closed = ""
 
     def put(self, call: Call) -> None:
-        """Hand over a call without waiting. Raises Refusal "busy" if there are too many."""
+        """Hand over a call without waiting. Raises Refusal if there are too many, or no more."""
+        if self._closed:
+            raise Refusal("refused", self._closed)
         try:
             self._queue.put_nowait(call)
         except queue.Full:
@@ -62,3 +65,9 @@ class CallQueue:
                 calls.append(self._queue.get_nowait())
             except queue.Empty:
                 return calls
+
+    def close(self, why: str) -> None:
+        """Refuse those that wait, and all that come later."""
+        self._closed = why
+        for call in self.take():
+            call.answer(Refusal("refused", why))

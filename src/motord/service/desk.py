@@ -51,7 +51,7 @@ class Desk:
     def handle(self, call: Call, now_ns: int) -> None:
         """Carry out a call, or begin to."""
         if call.name == "stop":
-            self._give_up("it was stopped")
+            self.give_up("it was stopped")
         try:
             answer = self._handlers[call.name](call, now_ns)
         except Refusal as refusal:
@@ -73,7 +73,8 @@ class Desk:
                 call.answer(answer)
         self._waiting = still
 
-    def _give_up(self, why: str) -> None:
+    def give_up(self, why: str) -> None:
+        """Refuse the calls that wait."""
         for call, _, _ in self._waiting:
             call.answer(Refusal("refused", f"{call.name}: {why}"))
         self._waiting = []

@@ -270,6 +270,7 @@ class RecordingView(Reply):
 
     recording: bool
     path: str
+    error: str = ""
     detail: dict[str, Any] = {}
 
 

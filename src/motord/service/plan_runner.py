@@ -16,8 +16,8 @@ from motord.service.setpoint import RAD_PER_TURN, Setpoint
 class PlanSink(Protocol):
     """Who hears of a plan's progress."""
 
-    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> None:
-        """A plan begins."""
+    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
+        """A plan begins; returns where it is recorded, "" if it is not."""
 
     def plan_point(self, point: dict[str, Any]) -> None:
         """An operating point was captured."""
@@ -64,7 +64,8 @@ class PlanRunner:
         self.active = True
         self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
-        self._sink.plan_started(plan, self._view, notes)
+        recording = self._sink.plan_started(plan, self._view, notes)
+        self._view = self._view.model_copy(update={"recording": recording})
         return self._view
 
     def look(self, seen: Observation) -> None:
@@ -104,11 +105,6 @@ class PlanRunner:
             return
         self._show({**self._executor.progress(), "state": state, "message": why, "eta_s": 0.0})
         self._finish()
-
-    def name_recording(self, path: str) -> None:
-        """Note where the plan's ticks go."""
-        if self._view is not None:
-            self._view = self._view.model_copy(update={"recording": path})
 
     def _apply(self, demand: Demand) -> None:
         s, before = self._setpoint, self._demand

@@ -7,7 +7,7 @@ import signal
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from motord.service.messages import ProcessView
 
@@ -15,21 +15,6 @@ BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 5.0
 SETTLED_S = 10.0
 """A child that ran this long is started again at once when it ends."""
-
-
-@dataclass(frozen=True)
-class ChildSpec:
-    """A child process.
-
-    `restart`: "always" starts it again by itself, "on reset" waits for an operator. `consequence`
-    is what its end means, for the event.
-    """
-
-    name: str
-    command: tuple[str, ...]
-    restart: Literal["always", "on reset"]
-    stop_timeout_s: float
-    consequence: str
 
 
 class Process(Protocol):
@@ -47,9 +32,29 @@ class Process(Protocol):
         """Send a signal, if it still runs."""
 
 
+Spawn = Callable[[Sequence[str]], Any]
+"""Starts a process, returns a `Process`."""
+
+
 def spawn(command: Sequence[str]) -> Process:
     """Start a child; it writes to the same stderr as the daemon."""
     return subprocess.Popen(command, stdin=subprocess.DEVNULL)
+
+
+@dataclass(frozen=True)
+class ChildSpec:
+    """A child process.
+
+    `restart`: "always" starts it again by itself, "on reset" waits for an operator. `consequence`
+    is what its end means, for the event; `spawn` starts it.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    restart: Literal["always", "on reset"]
+    stop_timeout_s: float
+    consequence: str
+    spawn: Spawn
 
 
 @dataclass(frozen=True)
@@ -76,25 +81,22 @@ class _Child:
 class Children:
     """Starts, watches and stops the processes of a table. Times are monotonic ns."""
 
-    def __init__(
-        self, specs: Sequence[ChildSpec], spawn: Callable[[Sequence[str]], Process] = spawn
-    ) -> None:
+    def __init__(self, specs: Sequence[ChildSpec]) -> None:
         self._children = {spec.name: _Child(spec) for spec in specs}
-        self._spawn = spawn
 
     def start(self, name: str, now_ns: int) -> None:
         """Start a child, unless it runs."""
         child = self._children[name]
         if child.process is not None:
             return
-        child.process = self._spawn(child.spec.command)
+        child.process = child.spec.spawn(child.spec.command)
         child.started_ns, child.start_at_ns = now_ns, None
         child.restarts += 1
         child.stopping = False
 
-    def running(self, name: str) -> bool:
-        """Return whether a child runs, as far as `poll` knows."""
-        return self._children[name].process is not None
+    def process(self, name: str) -> Any:
+        """Return the process of a child as its `spawn` made it, None if it does not run."""
+        return self._children[name].process
 
     def poll(self, now_ns: int) -> list[Ended]:
         """Return the children that have ended since the last call; start those that are due."""

@@ -20,6 +20,7 @@ from motord.service.recording import Recording
 PERIOD_NS = 10_000_000
 RAMP_MARGIN_S = 1.0
 STOP_NS = 300_000_000
+RECORDER_START_NS = 20_000_000_000
 
 
 @dataclass
@@ -51,7 +52,7 @@ class Supervisor:
             self.desk.handle(call, now_ns)
         self.bench.step(block, lost, now_ns)
         self.desk.step(now_ns)
-        self.recording.step(now_ns)
+        self.recording.step()
         self.publisher.step(block, now_ns)
 
     def run(self, stopping: Callable[[], object]) -> None:
@@ -59,14 +60,17 @@ class Supervisor:
         self._until(stopping, None)
 
     def wait_for_loop(self, stopping: Callable[[], object]) -> bool:
-        """Step until the loop is up (True), or has failed or is to stop (False)."""
+        """Step until the loop is up and recorded (True), or has failed or is to stop (False)."""
         self._until(lambda: stopping() or self.loop.phase != "starting", None)
-        return self.loop.phase == "up"
+        if self.loop.phase != "up":
+            return False
+        self._until(lambda: stopping() or self.recording.settled, RECORDER_START_NS)
+        return not stopping()
 
-    def ramp_down(self) -> None:
+    def ramp_down(self, why: str) -> None:
         """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short."""
         bench, limits = self.bench, self.bench.config.limits
-        bench.events.emit("state", "shutting down")
+        bench.events.emit("daemon", f"shutting down: {why}")
         bench.plans.abort("the daemon shuts down")
         bench.disable()
         ramp_s = limits.torque_Nm / limits.torque_rate_Nm_per_s + RAMP_MARGIN_S
@@ -74,6 +78,14 @@ class Supervisor:
         bench.stop("the daemon shut down")
         over = (DriveState.OFF, DriveState.TRIPPED)
         self._until(lambda: bench.state in over, STOP_NS)
+
+    def take_down(self) -> None:
+        """Take no more requests, end the loop, then the recorder, which by then has everything."""
+        self.calls.close("the daemon is shutting down")
+        self.desk.give_up("the daemon is shutting down")
+        self.children.stop(LOOP)
+        self.publisher.step(self.loop.read()[0], self.clock_ns())
+        self.recording.stop()
 
     def _until(self, done: Callable[[], object], limit_ns: int | None) -> None:
         begun_ns = due_ns = self.clock_ns()

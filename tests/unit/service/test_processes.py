@@ -18,8 +18,8 @@ from motord.service.processes import (
 SECOND_NS = 1_000_000_000
 
 
-def spec(name, restart, *command):
-    return ChildSpec(name, command or ("x",), restart, stop_timeout_s=5.0, consequence="a gap")
+def spec(name, restart, start, command=("x",)):
+    return ChildSpec(name, command, restart, 5.0, consequence="a gap", spawn=start)
 
 
 class FakeProcess:
@@ -56,12 +56,12 @@ def children(started):
         started.append(FakeProcess(command))
         return started[-1]
 
-    return Children([spec("loop", "on reset"), spec("recorder", "always")], start)
+    return Children([spec("loop", "on reset", start), spec("recorder", "always", start)])
 
 
 def test_the_loop_stays_down_until_it_is_started_again(children, started):
     children.start("loop", 0)
-    assert children.running("loop")
+    assert children.process("loop") is started[0]
     started[0].code = -9
     [end] = children.poll(SECOND_NS)
     assert (end.spec.name, end.how, end.again_s) == ("loop", "killed by SIGKILL", None)
@@ -108,7 +108,7 @@ def test_a_stopped_child_stays_down(children, started):
     children.start("recorder", 0)
     assert children.stop("recorder") == "killed by SIGTERM"
     assert children.poll(100 * SECOND_NS) == []
-    assert not children.running("recorder")
+    assert children.process("recorder") is None
     assert children.stop("recorder") == "killed by SIGTERM"
 
 
@@ -140,7 +140,7 @@ def test_ends_in_words(code, words):
 
 def test_real_processes_end_when_they_are_told():
     command = (sys.executable, "-c", "import time; time.sleep(60)")
-    children = Children([spec("recorder", "always", *command)])
+    children = Children([spec("recorder", "always", spawn, command)])
     children.start("recorder", 0)
     assert children.stop("recorder") == "killed by SIGTERM"
     process = spawn((sys.executable, "-c", "raise SystemExit(3)"))

@@ -28,6 +28,7 @@ class PlanLog:
 
     def plan_started(self, plan, view, notes):
         self.started.append((plan, view, notes))
+        return f"/runs/{plan.name}.mcap"
 
     def plan_point(self, point):
         self.points.append(point)

@@ -1,0 +1,171 @@
+"""Puts the parts of the daemon together; nothing here starts or opens anything."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from motord.calibration import Calibration, CalibrationError
+from motord.config import Config
+from motord.control import parameters
+from motord.hal import registry
+from motord.record.launch import recorder_command, spawn_recorder
+from motord.runtime.clock import Clock
+from motord.runtime.launch import loop_command
+from motord.runtime.mailbox import MailboxWriter
+from motord.runtime.rundir import RunDir
+from motord.runtime.tables import TablesWriter
+from motord.service import priority
+from motord.service.api import Api
+from motord.service.bench import Bench
+from motord.service.calibrations import CalibrationStore
+from motord.service.calls import CallQueue
+from motord.service.desk import Desk
+from motord.service.devices import DeviceThread, SlowDevice
+from motord.service.events import EventLog
+from motord.service.experiments import Experiments
+from motord.service.installation import Installation
+from motord.service.loop_link import LOOP, LoopLink
+from motord.service.operate import Operate
+from motord.service.processes import Children, ChildSpec, spawn
+from motord.service.publisher import Publisher
+from motord.service.recording import RECORDER, Recording
+from motord.service.state_view import StateView
+from motord.service.supervisor import Supervisor
+from motord.service.telemetry import Telemetry
+
+LOOP_STOP_S = 3.0
+RECORDER_STOP_S = 10.0
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """The parts of the daemon that are opened, started and stopped."""
+
+    supervisor: Supervisor
+    api: Api
+    telemetry: Telemetry
+    devices: Mapping[str, SlowDevice]
+    device_thread: DeviceThread
+
+
+def process_table(config_path: Path, run_dir: RunDir) -> tuple[ChildSpec, ...]:
+    """Return the daemon's child processes."""
+    return (
+        ChildSpec(
+            name=LOOP,
+            command=tuple(loop_command(config_path, run_dir)),
+            restart="on reset",
+            stop_timeout_s=LOOP_STOP_S,
+            consequence="inverter and bridge take the current away by their own timeouts",
+            spawn=spawn,
+        ),
+        ChildSpec(
+            name=RECORDER,
+            command=tuple(recorder_command(config_path, run_dir)),
+            restart="always",
+            stop_timeout_s=RECORDER_STOP_S,
+            consequence="the next one goes on where its files end, as far as the ring reaches",
+            spawn=spawn_recorder,
+        ),
+    )
+
+
+def slow_devices(config: Config) -> dict[str, SlowDevice]:
+    """Return the brake and the drive that are on a wire, not yet open. Raises DeviceError."""
+    kinds: tuple[Literal["brake", "drive"], ...] = ("brake", "drive")
+    devices: dict[str, SlowDevice] = {}
+    for kind in kinds:
+        section = config.brake if kind == "brake" else config.drive
+        if section.driver not in ("sim", "none"):
+            device = registry.make_setpoint_device(kind, config)
+            devices[kind] = SlowDevice(kind, device, section.poll_s, section.stale_after_s)
+    return devices
+
+
+def assemble(
+    config: Config, toml: str, config_path: Path, run_dir: RunDir, state_dir: Path, clock: Clock
+) -> Assembly:
+    """Return the daemon of a bench, with its shared files made. Raises DeviceError."""
+    events = EventLog(clock.now_ns)
+    devices = slow_devices(config)
+    children = Children(process_table(config_path, run_dir))
+    recording = Recording(config, toml, children, events, clock.now_ns)
+    mailbox = MailboxWriter(run_dir.setpoint, clock)
+    tables = TablesWriter(run_dir.tables, config.motor.counts)
+    bench = Bench(config, mailbox, devices, events, recording)
+    store = CalibrationStore(config, state_dir)
+    tables.write(*parameters.build(config, _installed(store, bench)))
+
+    def loop_came_up() -> None:
+        bench.loop_up()
+        recording.loop_up()
+
+    def loop_is_gone(why: str) -> None:
+        recording.loop_down()
+        tables.forget_loop()
+        bench.loop_down(why)
+        recording.end(why)
+
+    loop = LoopLink(children, run_dir, loop_came_up, loop_is_gone)
+    recording.calibration_id = lambda: store.current.id if store.current is not None else ""
+    recording.realtime = loop.realtime
+    installation = Installation(bench, store, tables.write, toml)
+    handlers = {
+        **Operate(bench, lambda: loop.start(time.monotonic_ns())).handlers,
+        **Experiments(bench).handlers,
+        **installation.handlers,
+    }
+    calls, zenoh = CallQueue(), config.zenoh
+    telemetry = Telemetry(
+        lambda name, payload: api.put(name, payload),
+        config.loop.rate_Hz,
+        zenoh.tick_rate_Hz,
+        zenoh.block_s,
+    )
+    state = StateView(
+        bench=bench,
+        calibrations=store,
+        processes=children.views,
+        recording=recording.view,
+        realtime=lambda: {**loop.realtime(), "supervisor": priority.current()},
+        dropped=lambda: telemetry.dropped,
+        started_ns=time.monotonic_ns(),
+        unix_ns=clock.now_ns,
+    )
+    publisher = Publisher(bench, state, telemetry)
+    events.listeners += [publisher.event, recording.event]
+    api = Api(
+        config.bench.name,
+        calls,
+        slow={"calibration/install": (installation.prepare, installation.keep)},
+        documents={
+            "state": publisher.state_document,
+            "event": publisher.event_document,
+            "plan": publisher.plan_document,
+        },
+    )
+    return Assembly(
+        supervisor=Supervisor(bench, Desk(handlers), calls, children, loop, recording, publisher),
+        api=api,
+        telemetry=telemetry,
+        devices=devices,
+        device_thread=DeviceThread(list(devices.values())),
+    )
+
+
+def _installed(store: CalibrationStore, bench: Bench) -> Calibration | None:
+    """Return the calibration that was installed before, if it fits; compensation is then on."""
+    try:
+        calibration = store.load_installed()
+    except CalibrationError as error:
+        bench.events.emit("calibration", f"the installed calibration is not used: {error}")
+        return None
+    if calibration is not None:
+        bench.calibration_installed()
+        bench.events.emit(
+            "calibration", f"{calibration.id} is in force, {calibration.age()} old",
+            id=calibration.id,
+        )  # fmt: skip
+    return calibration

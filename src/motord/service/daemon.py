@@ -1,0 +1,107 @@
+"""`motord run`: builds all parts of the daemon, runs them, takes them down in order."""
+
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+from motord import config as config_file
+from motord.config import Config, ConfigError
+from motord.hal.base import DeviceError
+from motord.runtime.clock import Clock
+from motord.runtime.rundir import RunDir, RunDirError
+from motord.runtime.shared import SharedFileError
+from motord.service import priority
+from motord.service.api import ApiError
+from motord.service.assembly import Assembly, assemble
+from motord.service.calibrations import state_directory
+from motord.service.log import log_to_stderr
+
+
+class LoopFailedError(Exception):
+    """The loop did not come up; the message says why."""
+
+
+EXPLAINED = (ApiError, ConfigError, DeviceError, LoopFailedError, RunDirError, SharedFileError)
+"""What may go wrong through no fault of the program: one clear line, exit 1."""
+
+
+@dataclass
+class Stopping:
+    """Set by a signal: the daemon ramps down and ends."""
+
+    reason: str = ""
+
+    def __call__(self) -> bool:
+        """Return whether a signal came."""
+        return bool(self.reason)
+
+
+@contextmanager
+def stop_signals() -> Iterator[Stopping]:
+    """Note SIGTERM and SIGINT instead of dying of them."""
+    stopping = Stopping()
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        stopping.reason = signal.Signals(number).name
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def run(
+    config_path: Path,
+    on_ready: Callable[[Config], None] = lambda config: None,
+    state_dir: Path | None = None,
+) -> None:
+    """Run the bench of `config_path` until SIGTERM or SIGINT; `on_ready` is called once it is up.
+
+    Installed calibrations are kept under `state_dir`. Raises one of EXPLAINED.
+    """
+    config = config_file.load(config_path)
+    text = config_path.read_text(encoding="utf-8")
+    with ExitStack() as stack:
+        stack.enter_context(log_to_stderr())
+        stopping = stack.enter_context(stop_signals())
+        run_dir = stack.enter_context(RunDir(config.bench.name).hold())
+        daemon = assemble(
+            config, text, config_path.resolve(), run_dir, state_dir or state_directory(),
+            Clock.measure(),
+        )  # fmt: skip
+        _run(daemon, stack, stopping, lambda: on_ready(config))
+
+
+def _run(
+    daemon: Assembly, stack: ExitStack, stopping: Stopping, on_ready: Callable[[], None]
+) -> None:
+    """Bring everything up in order, run, take it down in the opposite order."""
+    supervisor, config = daemon.supervisor, daemon.supervisor.bench.config
+    stack.callback(priority.fall)
+    priority.rise(config.loop.priority)
+    for device in daemon.devices.values():
+        stack.callback(device.close)
+        device.open(time.monotonic_ns())
+    supervisor.step()  # so that there is a state for whoever asks at once
+    stack.callback(daemon.api.close)
+    daemon.api.open(config.zenoh.listen)
+    stack.callback(daemon.telemetry.stop)
+    daemon.telemetry.start()
+    stack.callback(daemon.device_thread.stop)
+    daemon.device_thread.start()
+    stack.callback(supervisor.take_down)
+    supervisor.recording.start_recorder(time.monotonic_ns())
+    supervisor.loop.start(time.monotonic_ns())
+    if not supervisor.wait_for_loop(stopping):
+        if stopping():
+            return
+        raise LoopFailedError(supervisor.bench.loop_fault)
+    on_ready()
+    supervisor.run(stopping)
+    supervisor.ramp_down(stopping.reason)

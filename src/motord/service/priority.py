@@ -1,0 +1,36 @@
+"""Priority of the supervisor's own thread: above other programs, below the loop.
+
+The loop takes the torque away when the heartbeat is late, so a busy computer must not hold it up.
+Threads and processes that are started later get normal priority again.
+"""
+
+import os
+from contextlib import suppress
+
+PRIORITY = 10
+NICE = -10
+
+
+def rise(loop_priority: int) -> None:
+    """Give the calling thread real-time priority; if that is refused, a better nice value."""
+    priority = max(1, min(PRIORITY, loop_priority - 1))
+    try:
+        policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except PermissionError:
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, NICE)
+
+
+def fall() -> None:
+    """Go back to normal priority."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def current() -> str:
+    """Return the priority of the main thread, in words."""
+    policy = os.sched_getscheduler(os.getpid()) & ~os.SCHED_RESET_ON_FORK
+    if policy == os.SCHED_RR:
+        return f"SCHED_RR {os.sched_getparam(os.getpid()).sched_priority}"
+    nice = os.getpriority(os.PRIO_PROCESS, os.getpid())
+    return f"nice {nice}" if nice else "normal priority"

@@ -1,0 +1,192 @@
+"""What is recorded and under which name: the supervisor's side of the recorder process.
+
+With `[recording] auto` everything is recorded from when the loop is up until it ends. A plan gets
+a recording of its own; the one of hand operation ends before it and a new one begins after it, so
+that every tick is in exactly one file. A recorder that was started again goes on where the files
+of its predecessor end, as far back as the ring reaches.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from motord.config import Config
+from motord.plans import Plan
+from motord.record.files import file_name
+from motord.record.launch import RecorderLink
+from motord.record.metadata import describe
+from motord.service.events import EventLog
+from motord.service.messages import Event, PlanView, RecordingView
+from motord.service.processes import Children
+
+RECORDER = "recorder"
+KEPT_EVENTS = 1000
+"""Events that are kept for a recorder that is not up yet."""
+
+
+class Recording:
+    """Tells the recorder what to record. No call waits for it.
+
+    `calibration_id` and `realtime` say what goes into the metadata of the next recording.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        toml: str,
+        children: Children,
+        events: EventLog,
+        unix_ns: Callable[[], int],
+    ) -> None:
+        self._config = config
+        self._toml = toml
+        self._children = children
+        self._events = events
+        self._unix_ns = unix_ns
+        self._link: RecorderLink | None = None
+        self._pid: int | None = None
+        self._stem: Path | None = None
+        self._metadata: dict[str, Any] = {}
+        self._report: dict[str, Any] = {}
+        self._unsent: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self._plan_told: tuple[object, ...] = ()
+        self._error = ""
+        self._loop_up = False
+        self.calibration_id: Callable[[], str] = str
+        self.realtime: Callable[[], dict[str, Any]] = dict
+
+    def start_recorder(self, now_ns: int) -> None:
+        """Start the recorder process, which waits for what to record. `now_ns` is monotonic."""
+        self._children.start(RECORDER, now_ns)
+        self._follow_process()
+
+    def loop_up(self) -> None:
+        """Record, with `[recording] auto`, now that there are ticks."""
+        self._loop_up = True
+        if self._config.recording.auto:
+            self._begin("", {})
+
+    def loop_down(self) -> None:
+        """Begin nothing new; what is still to be said of the loop's end goes into the old file."""
+        self._loop_up = False
+
+    def end(self, why: str) -> None:
+        """End what is recorded now."""
+        if self._link is not None and self._stem is not None:
+            self._link.stop(why)
+        self._stem = None
+
+    @property
+    def settled(self) -> bool:
+        """True if what should be recorded is, or the recorder has said why not."""
+        return self._stem is None or bool(self._report.get("recording")) or bool(self._error)
+
+    def step(self) -> None:
+        """Follow the recorder: greet a new one, take in what it reports."""
+        self._follow_process()
+        if self._link is None:
+            return
+        for report in self._link.reports():
+            self._report = report
+            error = str(report.get("error", ""))
+            if error and error != self._error:
+                self._events.emit("recording", f"the recorder says: {error}")
+            self._error = error
+
+    def stop(self) -> None:
+        """End the recorder; it takes what the loop has still written and closes its file."""
+        if self._link is not None:
+            self._link.reports()  # sends what waits
+        self._children.stop(RECORDER)
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def view(self) -> RecordingView:
+        """Return what is recorded now."""
+        report = self._report
+        return RecordingView(
+            recording=bool(report.get("recording", False)),
+            path=str(report.get("file", "")),
+            error=self._error,
+            detail={key: report[key] for key in ("ticks", "bytes", "lost") if key in report},
+        )
+
+    def event(self, event: Event) -> None:
+        """Record an event."""
+        if self._link is None or self._stem is None:
+            self._unsent.append(event)
+        else:
+            self._link.event(event.t_ns, event.kind, event.message, event.data)
+
+    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
+        """Begin the recording of a plan; returns its path."""
+        described = {
+            "name": plan.name,
+            "settings": plan.settings,
+            "points": len(plan.points),
+            "started_by": view.started_by,
+        }
+        self._plan_told = ()
+        return self._begin(f"-{plan.name}", described, notes)
+
+    def plan_point(self, point: dict[str, Any]) -> None:
+        """Record an operating point."""
+        if self._link is not None:
+            self._link.operating_point(int(point["t_end_ns"]), point)
+
+    def plan_progress(self, view: PlanView) -> None:
+        """Record a plan's progress when it comes to another step."""
+        told = (view.state, view.step, view.points_done)
+        if told != self._plan_told and self._link is not None:
+            self._plan_told = told
+            self._link.plan(self._unix_ns(), view.model_dump(mode="json"))
+
+    def plan_over(self, view: PlanView) -> None:
+        """End the recording of a plan; that of hand operation begins anew."""
+        if self._config.recording.auto and self._loop_up:
+            self._begin("", {})
+        else:
+            self.end(f"plan {view.plan} {view.state}")
+
+    def _begin(self, suffix: str, plan: dict[str, Any], notes: str = "") -> str:
+        config, now = self._config, datetime.fromtimestamp(self._unix_ns() / 1e9, UTC)
+        moment = f"{now:%Y%m%dT%H%M%S}{now.microsecond // 1000:03d}Z"
+        folder = config.recording.directory.absolute()
+        self._stem = folder / f"{config.bench.name}-{moment}{suffix}"
+        self._metadata = describe(
+            config,
+            self._toml,
+            plan=plan,
+            calibration_id=self.calibration_id(),
+            realtime=self.realtime(),
+        )
+        if notes:
+            self._metadata["notes"] = f"{self._metadata['notes']}\n{notes}".strip()
+        self._send_start(self._stem, resume=False)
+        return str(file_name(self._stem, 0))
+
+    def _send_start(self, stem: Path, *, resume: bool) -> None:
+        if self._link is None:
+            return
+        self._link.start(stem, self._metadata, resume=resume)
+        while self._unsent:
+            event = self._unsent.popleft()
+            self._link.event(event.t_ns, event.kind, event.message, event.data)
+
+    def _follow_process(self) -> None:
+        process = self._children.process(RECORDER)
+        pid = process.pid if process is not None else None
+        if pid == self._pid:
+            return
+        self._pid = pid
+        if self._link is not None:
+            self._link.close()
+        self._link = None
+        self._report = {}
+        if process is not None:
+            self._link = RecorderLink(process)
+            if self._stem is not None:
+                self._send_start(self._stem, resume=True)

@@ -1,0 +1,165 @@
+"""Running `motord run` and `motord emulate` for the system tests."""
+
+import json
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+from motord import config
+from motord.client import connect
+from motord.record.reader import open_run
+
+PATIENCE_S = 60.0
+START_S = 150.0
+"""The first start after a change of the kernels compiles them."""
+
+
+def free_port(kind=socket.SOCK_STREAM):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def patient(text, name, rate_Hz=500, inverter_timeout_s=5.0):
+    """Make a bench patient with a computer that stalls, and give it a name and a port."""
+    text = re.sub(r'^name = "\w+"', f'name = "{name}"', text, count=1, flags=re.MULTILINE)
+    text = re.sub(r"^(rate_Hz|overrun_ticks|supervisor_timeout_s) = .*\n", "", text, flags=re.M)
+    loop = f"rate_Hz = {rate_Hz}\noverrun_ticks = 100000\nsupervisor_timeout_s = 1.0\n"
+    text = text.replace("[loop]\n", f"[loop]\n{loop}")
+    text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 3.0\n")
+    for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 5.0)):
+        key = "timeout_s" if table == "inverter" else "heartbeat_timeout_s"
+        start = text.index(f"[{table}]\n")
+        end = text.index("\n[", start)
+        section = re.sub(rf"^({key}|stale_after_s) = .*\n", "", text[start:end], flags=re.M)
+        section = section.replace(
+            f"[{table}]\n", f"[{table}]\n{key} = {timeout}\nstale_after_s = 1.0\n"
+        )
+        text = text[:start] + section + text[end:]
+    return f'{text}\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\nlease_s = 3.0\n'
+
+
+def write_sim(folder, name="system"):
+    """Write the packaged simulated bench for a test into `folder`."""
+    text = config.packaged("sim.toml").read_text()
+    text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
+    path = folder / f"{name}.toml"
+    path.write_text(patient(text, name))
+    return path
+
+
+class Program:
+    """A `motord` command that says on stdout when it is ready."""
+
+    def __init__(self, folder, *arguments, ready=True):
+        self.folder = folder
+        environment = dict(
+            os.environ, XDG_RUNTIME_DIR=str(folder), XDG_STATE_HOME=str(folder / "state")
+        )
+        self.stderr_path = folder / f"{arguments[0]}.err"
+        self.stderr = self.stderr_path.open("w")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "motord", *map(str, arguments)],
+            cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=self.stderr,
+        )  # fmt: skip
+        self.first_line = self._read_line() if ready else ""
+
+    def _read_line(self):
+        line, deadline_s = b"", time.monotonic() + START_S
+        while not line.endswith(b"\n"):
+            left_s = max(deadline_s - time.monotonic(), 0)
+            readable, _, _ = select.select([self.process.stdout], [], [], left_s)
+            assert readable, f"not ready within {START_S} s: {self.said()}"
+            piece = os.read(self.process.stdout.fileno(), 1)
+            assert piece, f"ended before it was ready: {self.said()}"
+            line += piece
+        return line.decode()
+
+    def said(self):
+        """Return what came on stderr."""
+        return self.stderr_path.read_text()
+
+    def end(self, number=signal.SIGTERM):
+        """Send a signal and return the exit code."""
+        self.process.send_signal(number)
+        return self.wait()
+
+    def wait(self):
+        """Wait for the end and return the exit code."""
+        self.process.wait(PATIENCE_S)
+        self.process.stdout.close()
+        self.stderr.close()
+        return self.process.returncode
+
+    def close(self):
+        """Make sure that it is gone, with the processes that it started."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.wait()
+
+
+class Daemon(Program):
+    """A running `motord run`."""
+
+    def __init__(self, folder, bench_path):
+        super().__init__(folder, "run", "-c", bench_path, "--json")
+        self.config = config.load(bench_path)
+        self.ready = json.loads(self.first_line)
+
+    @property
+    def endpoint(self):
+        return self.config.zenoh.listen[0]
+
+    def connect(self):
+        return connect(self.config.bench.name, self.endpoint)
+
+    def runs(self):
+        """Return the recordings, also those that were cut off, the oldest first."""
+        files = sorted((self.folder / "runs").glob("*.mcap*"), key=lambda p: p.name)
+        return [open_run(path) for path in files]
+
+
+@contextmanager
+def daemon(folder, bench_path):
+    """Run a daemon for as long as the block runs."""
+    running = Daemon(folder, bench_path)
+    try:
+        yield running
+    finally:
+        running.close()
+
+
+@contextmanager
+def emulator(folder, bench_path, truth: Path):
+    """Run the devices of a bench, recording what the rig truly does."""
+    running = Program(folder, "emulate", "-c", bench_path, "--truth", truth, "--json")
+    try:
+        yield running
+    finally:
+        running.close()
+
+
+def wait_for(client, condition, what):
+    """Return the first state that fulfils `condition`."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    with client.subscribe_state() as states:
+        while time.monotonic() < deadline_s:
+            state = states.get(1.0)
+            if state is not None and condition(state):
+                return state
+    raise AssertionError(f"waited in vain for: {what}; now {client.state()}")
+
+
+def wait_until(condition, what):
+    """Wait until `condition()` is true."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s, f"waited in vain for: {what}"
+        time.sleep(0.02)

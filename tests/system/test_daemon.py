@@ -1,0 +1,240 @@
+"""`motord run` with the simulated bench: processes, sockets and files as a user has them."""
+
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from motord.client import ClientError
+from motord.schema import Flag, State
+from tests.system.daemons import (
+    PATIENCE_S,
+    Program,
+    daemon,
+    wait_for,
+    wait_until,
+    write_sim,
+)
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+SHORT_PLAN = {"torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2}
+
+
+@pytest.fixture
+def running(tmp_path):
+    with daemon(tmp_path, write_sim(tmp_path)) as program:
+        yield program
+
+
+def at_speed(speed_Hz, tolerance=0.1):
+    return lambda s: s.tick is not None and abs((s.tick.speed_Hz or 0) - speed_Hz) < tolerance
+
+
+def check_ticks(ticks):
+    """Every tick once, in order, and as many gaps as the loop says that it missed."""
+    numbers, missed = ticks["tick"].astype(int), ticks["missed"].astype(int)
+    steps = np.diff(numbers)
+    assert (steps >= 1).all()
+    assert np.array_equal(steps - 1, np.diff(missed))
+    late = ticks["flags"][1:] & Flag.AFTER_GAP > 0
+    assert np.array_equal(late, steps > 1)
+
+
+def test_a_run_by_hand_from_enable_to_sigterm(running):
+    streamed = []
+    with running.connect() as client, client.subscribe_ticks(streamed.append):
+        assert client.state().state == "OFF"
+        with client.lease("anna") as lease:
+            assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
+            client.rpc("set", token=lease.token, torque_Nm=2.0, speed_Hz=0.7)
+            wait_for(client, at_speed(0.7), "0.7 Hz")
+            assert client.rpc("disable", token=lease.token) == {"state": "READY"}
+            assert client.rpc("stop") == {"state": "OFF"}
+        assert running.end() == 0
+    [run] = running.runs()
+    assert run.damage is None
+    ticks = run.ticks()
+    check_ticks(ticks)
+    assert {State.OFF, State.READY, State.ENABLED} <= set(ticks["state"])
+    assert ticks["torque_set_Nm"].max() == pytest.approx(2.0)
+    assert State(int(ticks["state"][-1])) is State.OFF
+    assert ticks["state"][0] == State.OFF
+    live = np.concatenate(streamed)
+    live = live[live["tick"] >= ticks["tick"][0]]  # the first ticks come before the recording
+    assert len(live) > 0.9 * len(ticks)
+    assert np.isin(live["tick"], ticks["tick"]).all()
+    assert (np.diff(live["tick"].astype(int)) >= 1).all()
+    kinds = [event["kind"] for event in run.events()]
+    assert {"lease", "request", "state", "daemon"} <= set(kinds)
+    assert run.metadata["bench"] == "system"
+    assert "[motor]" in run.metadata["config"]
+
+
+def test_sigterm_while_enabled_ramps_down_first(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        client.rpc("set", token=lease.token, torque_Nm=2.0, speed_Hz=0.7)
+        wait_for(client, at_speed(0.7), "0.7 Hz")
+        assert running.end() == 0
+        assert lease.lost.wait(PATIENCE_S)
+    [run] = running.runs()
+    ticks = run.ticks(("torque_set_Nm", "state"))
+    enabled = ticks[ticks["state"] == State.ENABLED]
+    assert abs(enabled["torque_set_Nm"][-1]) < 0.05
+    assert ticks["state"][-1] == State.OFF
+
+
+def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
+    with running.connect() as client, client.subscribe_plan() as progress:
+        with client.lease("anna") as lease:
+            client.rpc(
+                "plan/start", token=lease.token, name="calibrate", settings=SHORT_PLAN,
+                detach=True, notes="a short one",
+            )  # fmt: skip
+        view = progress.get(PATIENCE_S)
+        while not view.over:
+            view = progress.get(PATIENCE_S)
+        assert (view.state, view.points_done) == ("done", 2)
+        wait_for(client, lambda s: s.recording.path != view.recording, "the next recording")
+    assert running.end() == 0
+    [plan_run] = [run for run in running.runs() if run.metadata["plan"]]
+    assert str(plan_run.path) == view.recording
+    assert plan_run.metadata["plan"]["name"] == "calibrate"
+    assert "a short one" in plan_run.metadata["notes"]
+    points = plan_run.operating_points()
+    assert [p["index"] for p in points] == [0, 1]
+    ticks = plan_run.ticks(("tick", "plan_point", "missed", "flags"))
+    check_ticks(ticks)
+    for point in points:
+        inside = (ticks["tick"] >= point["tick_start"]) & (ticks["tick"] <= point["tick_end"])
+        assert (ticks["plan_point"][inside] == point["index"]).all()
+    numbers = np.concatenate([run.ticks(("tick",))["tick"] for run in running.runs()])
+    assert (np.diff(numbers.astype(int)) >= 1).all()
+
+
+def test_a_second_daemon_of_the_same_bench_is_refused(running, tmp_path):
+    second = Program(tmp_path, "run", "-c", tmp_path / "system.toml", ready=False)
+    assert second.wait() == 1
+    assert "is in use" in second.said()
+    assert str(running.process.pid) in second.said()
+
+
+def test_malformed_benches_are_one_line_and_exit_1(tmp_path):
+    path = write_sim(tmp_path)
+    path.write_text(path.read_text().replace("pole_pairs = 8", "pole_pair = 8"))
+    program = Program(tmp_path, "run", "-c", path, ready=False)
+    assert program.wait() == 1
+    [line] = program.said().splitlines()
+    assert "pole_pair" in line
+    assert "did you mean pole_pairs?" in line
+
+
+def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        subprocess.run(["kill", "-9", str(client.state().processes["loop"].pid)], check=True)
+        state = wait_for(client, lambda s: s.fault, "the fault")
+        assert (state.state, "SIGKILL" in state.fault) == ("OFF", True)
+        with pytest.raises(ClientError, match="SIGKILL"):
+            client.rpc("enable", token=lease.token)
+        assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
+        assert wait_for(client, lambda s: s.tick is not None, "ticks").state == "OFF"
+        assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
+    assert running.end() == 0
+    for run in running.runs():
+        check_ticks(run.ticks(("tick", "missed", "flags")))
+
+
+def test_a_dead_recorder_is_restarted_and_the_gap_is_told(running):
+    with running.connect() as client:
+        before = wait_for(client, lambda s: s.recording.recording, "a recording")
+        subprocess.run(["kill", "-9", str(before.processes["recorder"].pid)], check=True)
+        after = wait_for(
+            client,
+            lambda s: s.recording.recording and s.recording.path != before.recording.path,
+            "a new recording",
+        )
+        assert after.processes["recorder"].restarts == 1
+        assert after.state == "OFF"
+        assert any("recorder ended" in event.message for event in client.events())
+    assert running.end() == 0
+    ticks = [run.ticks(("tick", "missed", "flags")) for run in running.runs()]
+    assert len(ticks) == 2
+    check_ticks(np.concatenate(ticks))
+
+
+def test_a_stopped_subscriber_does_not_hold_up_the_heartbeat(running):
+    subscriber = subprocess.Popen(
+        [sys.executable, "-c", SUBSCRIBER, running.config.bench.name, running.endpoint],
+        stdout=subprocess.PIPE,
+    )
+    try:
+        assert subscriber.stdout.readline() == b"up\n"
+        with running.connect() as client, client.lease("anna") as lease:
+            client.rpc("enable", token=lease.token)
+            subscriber.send_signal(signal.SIGSTOP)
+            begun = client.state()
+            passed = wait_for(
+                client, lambda s: s.uptime_s > begun.uptime_s + 5.0 or s.state != "ENABLED", "5 s"
+            )
+            assert passed.state == "ENABLED", passed.trips
+    finally:
+        subscriber.kill()
+        subscriber.communicate()
+
+
+SUBSCRIBER = """
+import sys, time
+from motord.client import connect
+client = connect(sys.argv[1], sys.argv[2])
+subscription = client.subscribe_ticks()
+assert subscription.get(60) is not None
+print("up", flush=True)
+time.sleep(600)
+"""
+
+HOLDER = """
+import sys, time
+from motord.client import connect
+client = connect(sys.argv[1], sys.argv[2])
+lease = client.lease("holder")
+lease.acquire()
+client.rpc("enable", token=lease.token)
+print("up", flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_stopped_commander_loses_the_bench(running):
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, running.config.bench.name, running.endpoint],
+        stdout=subprocess.PIPE,
+    )
+    try:
+        assert holder.stdout.readline() == b"up\n"
+        with running.connect() as client:
+            assert client.state().lease.holder == "holder"
+            holder.send_signal(signal.SIGSTOP)
+            wait_for(client, lambda s: s.state == "READY", "the bench to be disabled")
+            assert client.state().lease.holder is None
+    finally:
+        holder.kill()
+        holder.communicate()
+
+
+def test_after_kill_9_of_the_supervisor_the_bench_can_be_run_again(running, tmp_path):
+    with running.connect() as client:
+        pids = [view.pid for view in client.state().processes.values()]
+    assert running.end(signal.SIGKILL) == -signal.SIGKILL
+    with daemon(tmp_path, tmp_path / "system.toml") as again:
+        with again.connect() as client:
+            assert client.state().state == "OFF"
+        wait_until(lambda: not any(alive(pid) for pid in pids), "the old processes to end")
+        assert again.end() == 0
+
+
+def alive(pid):
+    return subprocess.run(["kill", "-0", str(pid)], capture_output=True).returncode == 0
