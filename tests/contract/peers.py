@@ -111,9 +111,13 @@ class Peer:
     def release(self) -> None:
         raise NotImplementedError
 
-    def close(self) -> None:
+    def stop(self) -> None:
+        """End the thread; from then on the peer does what it is told."""
         self._stopping = True
         self._thread.join()
+
+    def close(self) -> None:
+        self.stop()
         self.release()
 
     def left_s(self) -> float:
@@ -161,11 +165,16 @@ class Drive(Peer):
         super().__init__()
 
     def step(self) -> None:
-        message = self._bus.recv(self.left_s())
-        if message is not None and message.arbitration_id == self.codec.command.identifier:
-            self._obey(bytes(message.data))
+        self.hear(self.left_s())
         if self.due() and not self.silent:
-            self._speak()
+            self.speak()
+
+    def hear(self, timeout_s: float = 0.0) -> None:
+        message = self._bus.recv(timeout_s)
+        while message is not None:
+            if message.arbitration_id == self.codec.command.identifier:
+                self._obey(bytes(message.data))
+            message = self._bus.recv(0)
 
     def send(self, message: can.Message) -> None:
         self._bus.send(message)
@@ -181,7 +190,7 @@ class Drive(Peer):
         self.i_A, self.enable = command
         self.commands += 1
 
-    def _speak(self) -> None:
+    def speak(self) -> None:
         self._counter += 1
         if self.lose:
             self.lose -= 1
@@ -252,18 +261,22 @@ class Board(Peer):
             self._sequence = 0
             self.clock_offset_us = -(time.monotonic_ns() // 1000)
             self._send(self._hello())
-        if select.select([self._fd], [], [], self.left_s())[0]:
-            for number, frame in self._decoder.feed(os.read(self._fd, 65536)):
-                self._obey(number, frame)
+        self.hear(self.left_s())
         if self.raw:
             os.write(self._fd, self.raw)
             self.raw = b""
         if self.due() and self.streaming and not self.silent:
-            status = self.status | (BridgeStatus.ENABLE_LINE if self.line_closed else 0)
-            self._send(
-                frames.Sample(self.clock_us(), self.encoder_gray, self.torque_counts, status)
-            )
-            self._send(self._account())
+            self.speak()
+
+    def hear(self, timeout_s: float = 0.0) -> None:
+        if select.select([self._fd], [], [], timeout_s)[0]:
+            for number, frame in self._decoder.feed(os.read(self._fd, 65536)):
+                self._obey(number, frame)
+
+    def speak(self) -> None:
+        status = self.status | (BridgeStatus.ENABLE_LINE if self.line_closed else 0)
+        self._send(frames.Sample(self.clock_us(), self.encoder_gray, self.torque_counts, status))
+        self._send(self._account())
 
     def release(self) -> None:
         os.close(self._fd)

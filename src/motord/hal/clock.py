@@ -1,29 +1,25 @@
 """Whose clock says what: the loop's, the system's, a board's.
 
 `LoopClock` reads, at any moment, the clock in which the loop gives its `now_ns`. `BoardClock` maps
-a board's counter to it. What is known of a board's clock are bounds: a sample arrives after it was
-taken, a heartbeat is heard after it was sent. Delays vary, their least values hardly: so each
-bound is kept as a line below all that was seen in the last seconds, and a late reading, however
-late, does not move it. The drift comes from the heartbeats alone: their delay is the link's, while
-that of the samples includes the wait until the loop reads, which slides through a whole period as
-the two rates slip past each other.
+a board's counter to it, from two bounds: a sample is read after it was taken, a heartbeat is heard
+after it was sent. Delays vary, their least values hardly. The delay of samples includes the wait
+until the loop reads, which slides through a whole period as the two rates slip past each other; so
+the drift comes from the heartbeats alone.
 """
 
 import time
 
-WINDOW_NS = 250_000_000
-WINDOWS = 16
-DRIFT_MAX = 250e-6
-DRIFT_WINDOWS = 4
-"""Windows needed before a drift is believed."""
+from motord.hal.clock_lines import HeartbeatLine, SampleBound
+
 HEARTBEAT_LATENCY_NS = 100_000
 """Half the round trip is taken for the heartbeat's way, but never more than this: what else is in
 the round trip is the time until the loop comes round to read."""
-INCONSISTENT_NS = 50_000
+INCONSISTENT_NS = 20_000
 """A heartbeat heard before it can have been sent by more than this was stamped wrongly."""
 JUMP_NS = 50_000_000
 LATE_NS = 1_000_000_000
-"""A clock further off than JUMP_NS (behind: for LATE_NS on end) has jumped: start anew."""
+"""A board's clock has jumped if its samples are ahead by more than JUMP_NS; or behind by more for
+LATE_NS on end, while no heartbeat says otherwise."""
 
 
 class LoopClock:
@@ -50,68 +46,6 @@ class LoopClock:
         return t_ns - time.time_ns() + time.monotonic_ns() + self._offset_ns
 
 
-class Bound:
-    """A straight line of slope `drift` below all values of the last WINDOWS windows."""
-
-    def __init__(self, t_ns: int, value_ns: int) -> None:
-        """Start with a first value at time `t_ns`."""
-        self.drift = 0.0
-        self._t0_ns, self._v0_ns = t_ns, value_ns
-        self._points: list[tuple[int, int]] = []  # the least of each window
-        self._window_end_ns = t_ns + WINDOW_NS
-        self._least = (0, 0)
-        self._level_ns = 0.0
-
-    def at(self, t_ns: int) -> int:
-        """Return the line at `t_ns`."""
-        return self._v0_ns + round(self._level_ns + self.drift * (t_ns - self._t0_ns))
-
-    def add(self, t_ns: int, value_ns: int) -> bool:
-        """Take a value; one below the line lowers it at once. True if a window has just ended."""
-        t, value = t_ns - self._t0_ns, value_ns - self._v0_ns
-        ended = t_ns >= self._window_end_ns
-        if ended:
-            self._window_end_ns = t_ns + WINDOW_NS
-            self._points.append(self._least)
-            del self._points[:-WINDOWS]
-            self.lean(self.drift)
-        if ended or value - self._least[1] < self.drift * (t - self._least[0]):
-            self._least = (t, value)
-        self._level_ns = min(self._level_ns, value - self.drift * t)
-        return ended
-
-    def lean(self, drift: float) -> None:
-        """Give the line the slope `drift` and raise it until it touches a point."""
-        self.drift = drift
-        points = [*self._points, self._least]
-        self._level_ns = min(value - drift * t for t, value in points)
-
-    def fitted_drift(self) -> float:
-        """Return the slope that lies closest below the points: that of their lower hull's edge at
-        their mean time. 0 while the points are few."""
-        if len(self._points) < DRIFT_WINDOWS:
-            return 0.0
-        left, right = _edge(self._points)
-        drift = (right[1] - left[1]) / (right[0] - left[0])
-        return min(max(drift, -DRIFT_MAX), DRIFT_MAX)
-
-
-def _edge(points: list[tuple[int, int]]) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the ends of the lower hull's edge at the mean time of `points` (in order of time)."""
-    hull: list[tuple[int, int]] = []
-    for point in points:
-        while len(hull) >= 2 and _turns_right(hull[-2], hull[-1], point):
-            hull.pop()
-        hull.append(point)
-    mean = sum(t for t, _ in points) / len(points)
-    right = next(n for n in range(1, len(hull)) if hull[n][0] >= mean or n == len(hull) - 1)
-    return hull[right - 1], hull[right]
-
-
-def _turns_right(a: tuple[int, int], b: tuple[int, int], c: tuple[int, int]) -> bool:
-    return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
-
-
 class BoardClock:
     """Maps a board's wrapping counter of `unit_ns` steps to the loop's clock.
 
@@ -126,8 +60,8 @@ class BoardClock:
         self._modulus = modulus
         self._ticks: int | None = None
         self._board_ns = 0
-        self._upper: Bound | None = None
-        self._lower: Bound | None = None
+        self._upper: SampleBound | None = None
+        self._lower: HeartbeatLine | None = None
         self._late_since_ns: int | None = None
 
     def reset(self) -> None:
@@ -151,7 +85,7 @@ class BoardClock:
         self._ticks = ticks
         difference_ns = arrival_ns - self._board_ns
         if self._upper is None:
-            self._upper = Bound(self._board_ns, difference_ns)
+            self._upper = SampleBound(self._board_ns, difference_ns)
         else:
             self._upper.add(self._board_ns, difference_ns)
         return min(self._board_ns + self._difference_ns(), arrival_ns)
@@ -168,12 +102,14 @@ class BoardClock:
         step = (ticks - self._ticks + half) % self._modulus - half
         board_ns = self._board_ns + step * self._unit_ns
         value_ns = board_ns - sent_ns
-        if value_ns + self._upper.at(board_ns) < -INCONSISTENT_NS:
+        contradiction_ns = -value_ns - self._upper.at(board_ns)
+        if contradiction_ns < JUMP_NS:
+            self._late_since_ns = None  # the samples are late, the clock is not
+        if contradiction_ns > INCONSISTENT_NS:
             return
         if self._lower is None:
-            self._lower = Bound(board_ns, value_ns)
+            self._lower = HeartbeatLine(board_ns, value_ns)
         elif self._lower.add(board_ns, value_ns):
-            self._lower.lean(self._lower.fitted_drift())
             self._upper.lean(-self._lower.drift)
 
     def _difference_ns(self) -> int:

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.hal.clock import HEARTBEAT_LATENCY_NS, BoardClock, Bound, LoopClock
+from motord.hal.clock import HEARTBEAT_LATENCY_NS, BoardClock, LoopClock
+from motord.hal.clock_lines import SampleBound
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -29,6 +30,9 @@ class Wire:
     poll_ns: int = MS
     sample_ns: int = MS
     heartbeats: bool = True
+    early: float = 0.0  # share of heartbeats that the board stamps too early
+    early_ns: int = 0  # by this at most
+    lag_ns: int = 0  # more delay for samples alone
     seed: int = 1
 
     def board_us(self, t_ns: float) -> int:
@@ -43,11 +47,13 @@ class Wire:
         begin_ns = START_NS + round(from_s * 1e9)
         for tick in range(1, round(seconds * 1e9 / self.poll_ns)):
             now_ns = begin_ns + tick * self.poll_ns
-            delay_ns = self.delay_ns + rng.expovariate(1) * self.jitter_ns
+            delay_ns = self.delay_ns + self.lag_ns + rng.expovariate(1) * self.jitter_ns
             number = math.floor((now_ns - delay_ns - begin_ns - phase_ns) / sample_ns)
             if self.heartbeats and tick % 50 == 0:
                 sent_ns = now_ns - 20 * MS
                 heard_ns = sent_ns + self.delay_ns + rng.expovariate(1) * self.jitter_ns
+                if rng.random() < self.early:
+                    heard_ns -= rng.random() * self.early_ns
                 clock.heartbeat(self.board_us(heard_ns), sent_ns)
             if number > newest:
                 newest = number
@@ -145,6 +151,26 @@ def test_a_heartbeat_stamped_wrongly_is_passed_over() -> None:
     assert max(abs(error) for error in errors) < 150_000
 
 
+@pytest.mark.parametrize("early_ns", [2 * MS, 100 * MS])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stamps_too_early_cost_at_most_the_wait_for_the_loop(early_ns: int, seed: int) -> None:
+    """A tenth of all heartbeats; those that do not contradict the samples are believed."""
+    wire = Wire(drift=50e-6, early=0.1, early_ns=early_ns, seed=seed)
+    errors = settled(wire.run(BoardClock(), 12.0))
+    assert max(errors) < MS
+    assert min(errors) > -150_000
+
+
+def test_samples_that_lag_for_long_are_late_and_not_another_clock() -> None:
+    """The board falls behind by 0.1 s for 3 s, but goes on hearing heartbeats at their times."""
+    clock = BoardClock()
+    for _ in Wire().run(clock, 3.0):
+        pass
+    errors = list(Wire(lag_ns=100 * MS).run(clock, 3.0, from_s=3.0))
+    assert clock.resets == 0
+    assert max(abs(error) for error in errors) < 150_000
+
+
 def test_told_of_a_reset() -> None:
     clock = BoardClock()
     clock.received(500, START_NS)
@@ -161,7 +187,7 @@ def test_told_of_a_reset() -> None:
 def test_bound_is_below_what_it_saw_last(steps: list[tuple[int, int]]) -> None:
     """The line passes below every value at the moment it is taken."""
     t_ns = START_NS
-    bound = Bound(t_ns, 5 * MS)
+    bound = SampleBound(t_ns, 5 * MS)
     for step_ns, value_ns in steps:
         t_ns += step_ns
         bound.add(t_ns, value_ns)
