@@ -160,7 +160,7 @@ def _tick_fields() -> tuple[Field, ...]:
         ("torque_set_Nm", "float", "Nm", "torque set-point in force after ramp and limits"),
         ("speed_set_rad_s", "float", "rad/s", "speed the plan or the operator asks for"),
         ("state", "fixed32", "", "0 OFF, 1 READY, 2 ENABLED, 3 TRIPPED"),
-        ("trip_bits", "fixed32", "", "latched causes, see Trip; in OFF: what now stands against enabling"),
+        ("trip_bits", "fixed32", "", "latched causes, see Trip; in OFF: what bars enabling"),
         ("flags", "fixed32", "", "see Flag"),
         ("missed", "fixed32", "", "periods skipped since the loop started"),
         ("wake_late_ns", "sfixed32", "ns", "wake-up after the deadline"),

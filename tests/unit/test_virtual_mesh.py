@@ -30,7 +30,7 @@ def test_pieces_run_on_in_time_and_number() -> None:
     ticks = np.concatenate([piece.ticks["tick"] for piece in pieces]).astype(np.int64)
     assert (np.diff(ticks) == 1).all()
     t_ns = np.concatenate([piece.ticks["t_ns"] for piece in pieces])
-    assert (np.diff(t_ns) == 500_000).all()
+    assert (np.diff(t_ns) == 1_000_000_000 // config.loop.rate_Hz).all()
     for piece in pieces:
         marked = piece.ticks["tick"][piece.ticks["plan_point"] == piece.point["index"]]
         assert marked[0] == piece.point["tick_start"]
