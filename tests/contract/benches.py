@@ -16,7 +16,7 @@ from tests.contract.peers import Board, Drive, Peer, bench, can_config
 
 @dataclass
 class Bench:
-    """A driver under test. `obeyed` tells whether the other end is at zero and switched off."""
+    """A driver under test, and its other end."""
 
     driver: Any
     times: tuple[str, ...]

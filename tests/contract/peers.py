@@ -2,12 +2,12 @@
 
 import os
 import select
+import socket
 import threading
 import time
 import tty
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import count
 from typing import Any
 
 import can
@@ -54,12 +54,16 @@ def until(condition: Callable[[], Any]) -> Any:
     return result
 
 
-_ports = count(43_200 + os.getpid() % 500 * 16)
+def free_port() -> int:
+    """Return a UDP port that nobody uses. Multicast groups on one port hear each other."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        end.bind(("", 0))
+        return int(end.getsockname()[1])
 
 
 def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
     """Return a bus of its own, so that tests that run at the same time do not hear each other."""
-    port = next(_ports)
+    port = free_port()
     own = (
         {"channel": CHANNEL, "options": {"port": port, "hop_limit": 0}}
         if interface == "udp_multicast"

@@ -128,7 +128,7 @@ def _with_stranger(identifier: int, data: bytes) -> str:
 def test_another_device_on_the_bus() -> None:
     message = _with_stranger(0x123, b"hello")
     assert "only 0x123" in message
-    assert "the DBC of this drive" in message or "this drive's DBC" in message
+    assert "this drive's DBC?" in message
 
 
 def test_a_drive_with_another_layout() -> None:
