@@ -14,6 +14,8 @@ from motord.hal.base import DeviceError
 
 _CHUNK_BYTES = 1 << 16
 _CHUNKS_AT_ONCE = 16
+_MORE_BYTES = 2048
+"""A read that gives less than this has emptied the port: terminals give 4 kB at a time."""
 
 
 class SerialPort:
@@ -43,7 +45,7 @@ class SerialPort:
                 if not chunk:
                     break
                 chunks.append(chunk)
-                if len(chunk) < 2048:
+                if len(chunk) < _MORE_BYTES:
                     break
         except BlockingIOError:
             pass
