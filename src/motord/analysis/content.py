@@ -1,48 +1,21 @@
-"""From recordings to results and to the content of a report: what `identify` and `report` share.
+"""The content of a report: results of estimators in the words of the page."""
 
-`identify` knows no files and `report` no estimators; here the operating points of recordings are
-handed to the one, and its results put into the words of the other.
-"""
-
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 
+from motord.analysis.subject import Subject
 from motord.calibration import Calibration, RmsErrors
-from motord.config import Config, MotorConfig
-from motord.identify.calibrate import Calibrator
-from motord.identify.points import prepare
-from motord.identify.result import CalibrationResult
+from motord.config import MotorConfig
+from motord.identify.result import CalibrationResult, rms_errors
 from motord.identify.ripple import harmonics_table
-from motord.identify.verify import PointRipple, point_ripple
-from motord.record.captures import captures
-from motord.record.reader import Run
+from motord.identify.verify import PointRipple
 from motord.report.calibration import CalibrationReport, Estimate, View
 from motord.report.plots.mesh import Point
 from motord.report.plots.torque import Ripple
 
 VIEW_ANGLES = 2048
 """Angles over one turn at which the torque is drawn."""
-
-
-def calibrator(runs: Iterable[Run], config: Config) -> Calibrator:
-    """Return a calibrator that has taken all good points of the runs. Raises IdentifyError."""
-    taken = Calibrator(config.motor, config.torque_sensor)
-    for run in runs:
-        for point in captures(run):
-            taken.add(point)
-    return taken
-
-
-def ripples(runs: Iterable[Run], config: Config) -> list[PointRipple]:
-    """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
-    motor, sensor = config.motor, config.torque_sensor
-    return [
-        point_ripple(prepare(point, motor.counts), motor, sensor)
-        for run in runs
-        for point in captures(run)
-    ]
 
 
 def estimate_of_result(result: CalibrationResult, label: str) -> Estimate:
@@ -139,63 +112,60 @@ def _drawn(point: PointRipple) -> Ripple:
 
 
 def facts(
-    calibration: Calibration | None, config: Config, runs: Sequence[Path]
+    calibration: Calibration | None, subject: Subject, runs: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
     """Return rows about bench, motor, runs and calibration."""
-    motor = config.motor
+    motor = subject.motor
     serial = f", serial {motor.serial}" if motor.serial else ""
     rows = [
-        ("bench", config.bench.name),
+        ("bench", subject.bench),
         (
             "motor",
             f"{motor.name}{serial}: {motor.slots} slots, {2 * motor.pole_pairs} poles, "
             f"{motor.counts} counts, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}",
         ),
-        ("recordings", ", ".join(run.name for run in runs)),
+        ("recordings", ", ".join(runs)),
     ]
     if calibration is not None:
+        c = calibration
         rows += [
-            ("calibration", f"{calibration.id}, {calibration.created:%Y-%m-%d %H:%M} UTC"),
-            (
-                "method",
-                f"{calibration.method}, condition number {calibration.condition_number:.3g}",
-            ),
-            (
-                "delta epsilon",
-                f"{calibration.delta_epsilon:.4f} ({calibration.delta_epsilon_source})",
-            ),
+            ("calibration", f"{c.id}, made {c.created:%Y-%m-%d %H:%M} UTC"),
+            ("method", f"{c.method}, condition number {c.condition_number:.3g}"),
+            ("delta epsilon", f"{c.delta_epsilon:.4f} ({c.delta_epsilon_source})"),
         ]
     return tuple(rows)
 
 
+MEASURED = "measured torque, freed of noise and of the sensor's response"
+"""Which torque the RMS errors of a report are of, unless it says otherwise."""
+
+
 def calibration_report(
-    config: Config,
-    runs: Sequence[Path],
+    subject: Subject,
+    runs: Sequence[str],
     calibration: Calibration | None,
     points: Sequence[PointRipple],
     estimates: Sequence[Estimate] = (),
     reference: Estimate | None = None,
     *,
     title: str = "Calibration of torque ripple",
-    torque_meaning: str = "measured torque, freed of noise and of the sensor's response",
+    torque_meaning: str = MEASURED,
     errors: RmsErrors | None = None,
 ) -> CalibrationReport:
     """Return the content of a report.
 
-    errors: RMS errors to show, by default those of the calibration; points: measured ripples, from
-    which the torque at one operating point is drawn.
+    runs: names of the recordings. points: measured ripples, of which the torque at one operating
+    point is drawn. errors: RMS errors to show, by default those of `points`.
     """
-    if errors is None:
-        errors = calibration.rms_error_percent if calibration is not None else RmsErrors()
-    before, after = split_errors(errors)
+    before, after = split_errors(rms_errors(points) if errors is None else errors)
     return CalibrationReport(
         title=title,
-        lead=f"{config.motor.name} on bench {config.bench.name}",
-        facts=facts(calibration, config, runs),
+        lead=f"{subject.motor.name} on bench {subject.bench}",
+        facts=facts(calibration, subject, runs),
         torque_meaning=torque_meaning,
         before=before,
         after=after,
-        view=view(points, config.motor),
+        view=view(points, subject.motor),
         estimates=tuple(estimates),
         reference=reference,
         observable=calibration.observable if calibration is not None else (),

@@ -1,0 +1,27 @@
+"""From recordings to results and to the content of a report.
+
+`identify` knows no files and `report` no estimators; here the operating points of recordings are
+handed to the one, and its results put into the words of the other.
+"""
+
+from motord.analysis.content import (
+    calibration_report,
+    estimate_of_calibration,
+    estimate_of_result,
+    estimate_of_truth,
+)
+from motord.analysis.recordings import calibrator, ripples
+from motord.analysis.subject import AnalysisError, Subject
+from motord.analysis.truth import recorded_truth
+
+__all__ = [
+    "AnalysisError",
+    "Subject",
+    "calibration_report",
+    "calibrator",
+    "estimate_of_calibration",
+    "estimate_of_result",
+    "estimate_of_truth",
+    "recorded_truth",
+    "ripples",
+]

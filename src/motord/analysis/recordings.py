@@ -1,0 +1,29 @@
+"""The operating points of recordings, handed to the estimators one by one."""
+
+from collections.abc import Iterable
+
+from motord.analysis.subject import Subject
+from motord.identify.calibrate import Calibrator
+from motord.identify.points import prepare
+from motord.identify.verify import PointRipple, point_ripple
+from motord.record.captures import captures
+from motord.record.reader import Run
+
+
+def calibrator(runs: Iterable[Run], subject: Subject) -> Calibrator:
+    """Return a calibrator that has taken all good points of the runs. Raises IdentifyError."""
+    taken = Calibrator(subject.motor, subject.sensor)
+    for run in runs:
+        for point in captures(run):
+            taken.add(point)
+    return taken
+
+
+def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
+    """Return the measured ripple of each good point of the runs. Raises IdentifyError."""
+    motor, sensor = subject.motor, subject.sensor
+    return [
+        point_ripple(prepare(point, motor.counts), motor, sensor)
+        for run in runs
+        for point in captures(run)
+    ]

@@ -1,0 +1,68 @@
+"""What was recorded: the bench, its motor and its torque sensor."""
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from motord.config import (
+    Config,
+    MotorConfig,
+    MotorFile,
+    TorqueSensorConfig,
+    load,
+    load_motor,
+    read_toml,
+)
+from motord.record.reader import Run
+
+
+class AnalysisError(Exception):
+    """Recordings that cannot be analysed together; the message says which and what to do."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What was recorded: bench, motor and torque sensor."""
+
+    bench: str
+    motor: MotorConfig
+    sensor: TorqueSensorConfig
+
+    @classmethod
+    def of_config(cls, config: Config) -> "Subject":
+        """Return the subject of a bench."""
+        return cls(config.bench.name, config.motor, config.torque_sensor)
+
+    @classmethod
+    def of_file(cls, path: Path) -> "Subject":
+        """Return the subject of a bench file or of a motor file. Raises ConfigError."""
+        if set(read_toml(path)[1]) <= set(MotorFile.model_fields):
+            file = load_motor(path)
+            return cls(path.stem, file.motor, file.torque_sensor)
+        return cls.of_config(load(path))
+
+    @classmethod
+    def of_runs(cls, runs: Sequence[Run]) -> "Subject":
+        """Return what the recordings say they are of. Raises AnalysisError if they differ."""
+        subjects = [_recorded(run) for run in runs]
+        for run, subject in zip(runs, subjects, strict=True):
+            if (subject.motor, subject.sensor) != (subjects[0].motor, subjects[0].sensor):
+                raise AnalysisError(
+                    f"{run.path}: is of another motor or torque sensor than {runs[0].path}; "
+                    "analyse them one by one, or name the bench file that holds for both with -c"
+                )
+        return subjects[0]
+
+
+def _recorded(run: Run) -> Subject:
+    try:
+        motor = MotorConfig.model_validate(run.metadata["motor"])
+        bench = tomllib.loads(run.metadata["config"])
+        sensor = TorqueSensorConfig.model_validate(bench.get("torque_sensor", {}))
+    except (KeyError, TypeError, ValueError) as error:
+        raise AnalysisError(
+            f"{run.path}: does not say which motor and torque sensor it is of "
+            f"({type(error).__name__}); name a bench file or motor file with -c"
+        ) from None
+    return Subject(str(run.metadata.get("bench", "")), motor, sensor)

@@ -1,0 +1,155 @@
+"""`motord calibration`: calibration files, and which of them the daemon applies."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from motord.cli.console import fail, print_json
+from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Show calibration files, list those kept, install one.",
+)
+
+
+@app.command()
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Check a calibration file and show what is in it."""
+    from motord.calibration import load
+
+    with _explained():
+        calibration = load(file)
+    if as_json:
+        print_json(calibration.to_json())
+    else:
+        typer.echo("\n".join(_lines(calibration)))
+
+
+@app.command("list")
+def list_(
+    directory: Annotated[
+        Path | None,
+        typer.Option("--dir", metavar="DIR", help="A folder with calibration files."),
+    ] = None,
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    as_json: AsJson = False,
+) -> None:
+    """List the calibrations that the daemon keeps, or those in a folder; * is in force."""
+    in_force = ""
+    if directory is None:
+        with daemon(bench, connect) as client:
+            view = client.state().calibration
+        if view is None:
+            say([], "no calibration is in force", as_json)
+            return
+        directory, in_force = Path(view.path).parent, view.id
+    rows = _rows(directory, in_force)
+    if as_json:
+        print_json(rows)
+        return
+    for row in rows:
+        mark = "*" if row["in_force"] else " "
+        typer.echo(f"{mark} {row['id']}  {row['age']} old  {row['motor']}  {row['file']}")
+    if not rows:
+        typer.echo(f"no calibration in {directory}")
+
+
+def _rows(directory: Path, in_force: str) -> list[dict[str, Any]]:
+    """Return the calibrations in a folder, the newest first; other files are passed over."""
+    from motord.calibration import CalibrationError, load
+
+    if not directory.is_dir():
+        fail(f"{directory}: no such folder on this machine")
+    found = []
+    for path in directory.glob("*.json"):
+        try:
+            found.append((load(path), path))
+        except CalibrationError:
+            continue
+    found.sort(key=lambda pair: pair[0].created, reverse=True)
+    return [
+        {
+            "id": calibration.id,
+            "created": calibration.created.isoformat(),
+            "age": calibration.age(),
+            "motor": calibration.motor.name,
+            "method": calibration.method,
+            "file": str(path),
+            "in_force": calibration.id == in_force,
+        }
+        for calibration, path in found
+    ]
+
+
+@app.command()
+def install(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Let the running daemon apply a calibration, now and after a restart."""
+    from motord.calibration import load
+    from motord.cli.command import in_command
+
+    with _explained():
+        calibration = load(file)
+    with daemon(bench, connect) as client, in_command(client, force=force) as command:
+        answer = client.rpc(
+            "calibration/install", token=command.token, calibration=calibration.to_json()
+        )
+    say(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    from motord.calibration import CalibrationError
+
+    try:
+        yield
+    except CalibrationError as error:
+        fail(str(error))
+
+
+def _lines(c: "Calibration") -> list[str]:
+    motor = c.motor
+    lines = [
+        f"calibration  {c.id}, {c.age()} old ({c.created:%Y-%m-%d %H:%M} UTC)",
+        f"motor        {motor.name} {motor.serial}: {motor.slots} slots, {2 * motor.pole_pairs} "
+        f"poles, {motor.counts} counts, {motor.rated_torque_Nm:g} Nm, {motor.connection}",
+        f"method       {c.method}, condition number {c.condition_number:.3g}",
+        f"recordings   {', '.join(c.runs)}",
+    ]
+    lines += [
+        f"phase {'abc'[phase]}      alpha {c.alpha[phase]:.4f} +- "
+        f"{1.96 * c.alpha_stderr[phase]:.4f}, beta {c.beta_A[phase]:+.4f} +- "
+        f"{1.96 * c.beta_stderr_A[phase]:.4f} A"
+        for phase in range(3)
+    ]
+    lines.append(f"delta eps    {c.delta_epsilon:.4f} ({c.delta_epsilon_source})")
+    lines += [
+        f"order {h.order:4d}   {1e3 * h.amplitude_Nm:.2f} +- {1.96e3 * h.stderr_Nm:.2f} mNm, "
+        f"phase {h.phase_rad:+.3f} rad"
+        for h in c.tau_cog_harmonics
+    ]
+    for name, summary in (
+        ("before", c.rms_error_percent.before),
+        ("after", c.rms_error_percent.after),
+    ):
+        if summary is not None:
+            lines.append(f"RMS {name:<8} {summary.mean:.2f} % mean, {summary.max:.2f} % worst")
+    lines += [f"- {words}" for words in c.observable]
+    return lines
