@@ -1,6 +1,7 @@
 """The operating points of a recording, one at a time: no more than one is held in memory."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,20 +19,32 @@ def captures(run: Run) -> Iterator[PointData]:
         yield from split(ticks, [point])
 
 
-def true_torque(run: Run) -> Iterator[tuple[float, float, np.ndarray, np.ndarray]]:
-    """Yield (torque_Nm, speed_Hz, true torque (n,) in Nm, weights (n,)) of each operating point.
+@dataclass(frozen=True)
+class TrueTorque:
+    """True torque of an operating point of a simulated rig, over whole turns; n samples.
 
-    Only a simulated rig records its truth. The samples are those of whole turns; the weights are
-    the angle that each of them covers, as eq. (4.16) is over angle, not over time.
+    angle_rad (n,): not wrapped; torque_Nm (n,); weights (n,): in proportion to the angle that
+    each sample covers, as eq. (4.16) is over angle, not over time.
     """
+
+    torque_set_Nm: float
+    speed_Hz: float
+    angle_rad: np.ndarray
+    torque_Nm: np.ndarray
+    weights: np.ndarray
+
+
+def true_torque(run: Run) -> Iterator[TrueTorque]:
+    """Yield the true torque of each operating point of good quality, in time order."""
     columns = ("angle_rad", "speed_rad_s", "torque_Nm")
     for point in good_points(run.operating_points()):
         truth = run.truth(columns, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
-        turned = (truth["angle_rad"] - truth["angle_rad"][0]) / (2 * np.pi)
+        turned = np.abs(truth["angle_rad"] - truth["angle_rad"][0]) / (2 * np.pi)
         whole = turned < np.floor(turned[-1])
-        yield (
-            float(point["torque_Nm"]),
-            float(point["speed_Hz"]),
-            truth["torque_Nm"][whole].astype(float),
-            np.abs(truth["speed_rad_s"][whole].astype(float)),
+        yield TrueTorque(
+            torque_set_Nm=float(point["torque_Nm"]),
+            speed_Hz=float(point["speed_Hz"]),
+            angle_rad=truth["angle_rad"][whole],
+            torque_Nm=truth["torque_Nm"][whole].astype(float),
+            weights=np.abs(truth["speed_rad_s"][whole].astype(float)),
         )

@@ -18,13 +18,12 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
+from motord.demo.files import Files
+from motord.demo.judge import Errors, Verdict, judge
 from motord.identify.calibrate import Calibrator
-from motord.identify.points import prepare
 from motord.identify.result import CalibrationResult, rms_errors
-from motord.identify.ripple import rms_error_percent
-from motord.identify.verify import PointRipple, point_ripple
 from motord.plans import Plan, build
-from motord.record.captures import captures, true_torque
+from motord.record.captures import captures
 from motord.record.metadata import describe
 from motord.record.reader import open_run
 from motord.record.writer import RunWriter
@@ -50,56 +49,14 @@ BEFORE, CALIBRATE, IDENTIFY, AFTER = STAGES = (
 
 
 @dataclass(frozen=True)
-class Files:
-    """What a demo leaves behind in its folder."""
-
-    folder: Path
-
-    @property
-    def before(self) -> Path:
-        """The mesh without compensation."""
-        return self.folder / "verify-off.mcap"
-
-    @property
-    def calibrate(self) -> Path:
-        """The run that the calibration came from."""
-        return self.folder / "calibrate.mcap"
-
-    @property
-    def after(self) -> Path:
-        """The mesh with compensation."""
-        return self.folder / "verify-on.mcap"
-
-    @property
-    def calibration(self) -> Path:
-        """The calibration file."""
-        return self.folder / "calibration.json"
-
-    @property
-    def result(self) -> Path:
-        """What `demo --json` prints."""
-        return self.folder / "demo.json"
-
-    @property
-    def report(self) -> Path:
-        """The report."""
-        return self.folder / "report.html"
-
-    def remove(self) -> None:
-        """Remove what an earlier demo left here."""
-        runs = (self.before, self.calibrate, self.after)
-        for file in (*runs, self.calibration, self.result, self.report):
-            file.unlink(missing_ok=True)
-            file.with_name(f"{file.name}.part").unlink(missing_ok=True)
-
-
-@dataclass(frozen=True)
 class Demo:
     """What a demo found."""
 
     files: Files
     config: Config
     truth: RigTruth
+    before: Verdict
+    after: Verdict
     joint: CalibrationResult
     residual: CalibrationResult
     calibration: Calibration
@@ -123,23 +80,23 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: Progress) -> Demo:
     with processors() as pool:
         takes = partial(_record, config, pool, progress)
         bench_s += takes(BEFORE, build("verify", config, off), files.before, next(seeds))
-        before = pool.submit(judge, config, files.before)
+        judged = pool.submit(judge, config, files.before)
         plan = build("calibrate", config, mesh)
         bench_s += takes(CALIBRATE, plan, files.calibrate, next(seeds))
         joint, residual = _identify(config, files.calibrate, progress)
         calibration = joint.to_calibration(config.motor, datetime.now(UTC), [files.calibrate.name])
         plan = build("verify", config, on)
         bench_s += takes(AFTER, plan, files.after, next(seeds), calibration)
-        verdicts = before.result(), judge(config, files.after)
-    measured = rms_errors([*verdicts[0].ripples, *verdicts[1].ripples])
-    calibration = calibration.with_rms_error(measured)
+        after = judge(config, files.after)
+        before = judged.result()
+    calibration = calibration.with_rms_error(rms_errors([*before.ripples, *after.ripples]))
     calibration.save(files.calibration)
     truth = load_truth(config.bench.rig)
-    summary = _summary(truth, files, verdicts[0].true_percent, verdicts[1].true_percent)
+    summary = _summary(truth, files, before.true_percent, after.true_percent)
     summary |= {"joint": _gains(joint), "residual": _gains(residual)}
     summary |= {"wall_s": round(time.monotonic() - began, 2), "bench_s": round(bench_s, 1)}
     files.result.write_text(json.dumps(summary, indent=2) + "\n")
-    return Demo(files, config, truth, joint, residual, calibration, summary)
+    return Demo(files, config, truth, before, after, joint, residual, calibration, summary)
 
 
 def _record(
@@ -190,33 +147,6 @@ def _identify(
     results = calibrator.joint(), calibrator.residual()
     progress(IDENTIFY, 1.0)
     return results
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """How a run was: ripple as the sensor shows it, and true error by (torque_Nm, speed_Hz)."""
-
-    ripples: tuple[PointRipple, ...]
-    true_percent: dict[tuple[float, float], float]
-
-
-def judge(config: Config, path: Path) -> Verdict:
-    """Return the ripple of every point of the simulated run at `path`, measured and true."""
-    motor, sensor = config.motor, config.torque_sensor
-    run = open_run(path)
-    ripples = tuple(
-        point_ripple(prepare(point, motor.counts), motor, sensor) for point in captures(run)
-    )
-    return Verdict(
-        ripples,
-        {
-            (torque_set_Nm, speed_Hz): rms_error_percent(torque_Nm, motor.rated_torque_Nm, weights)
-            for torque_set_Nm, speed_Hz, torque_Nm, weights in true_torque(run)
-        },
-    )
-
-
-Errors = dict[tuple[float, float], float]
 
 
 def _summary(truth: RigTruth, files: Files, before: Errors, after: Errors) -> dict[str, Any]:

@@ -1,0 +1,79 @@
+"""`motord demo` as a user runs it: the full mesh, bounds on both sides, files that can be used."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from motord import calibration
+from motord.config import load
+from motord.record.reader import open_run
+
+pytestmark = pytest.mark.system
+
+
+def motord(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "motord", *arguments], capture_output=True, text=True, check=False
+    )
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    done = motord("demo", "--out", str(folder), "--json", "--seed", "7")
+    assert done.returncode == 0, done.stderr
+    return folder, json.loads(done.stdout)
+
+
+def test_ripple_before_and_after(demo: tuple[Path, dict]) -> None:
+    _, found = demo
+    assert len(found["points"]) == 30
+    assert 5.0 < found["before"]["mean"] < 9.0
+    # a tenth of this would be too good to be true at 1 kHz: sampled currents alone leave more
+    assert 0.05 < found["after"]["max"] <= 0.5
+    for point in found["points"]:
+        assert point["before"] > 5.0
+        assert 0.02 < point["after"] <= 0.5
+
+
+def test_estimates_beside_the_truth(demo: tuple[Path, dict]) -> None:
+    _, found = demo
+    truth, joint, residual = found["truth"], found["joint"], found["residual"]
+    assert truth["alpha"] == [0.8, 1.118, 1.118]
+    assert truth["beta_A"] == [1.0, -0.5, -0.5]
+    assert joint["alpha"] == pytest.approx(truth["alpha"], rel=0.005)
+    assert joint["beta_A"] == pytest.approx(truth["beta_A"], abs=0.02)
+    worst = max(abs(a / b - 1) for a, b in zip(residual["alpha"], truth["alpha"], strict=True))
+    assert 0.02 < worst < 0.08  # the bias that the joint estimator is there to avoid
+    orders = {h["order"]: h["amplitude_Nm"] for h in joint["tau_cog_harmonics"]}
+    for harmonic in truth["tau_cog_harmonics"]:
+        assert orders[harmonic["order"]] == pytest.approx(harmonic["amplitude_Nm"], abs=1e-3)
+
+
+def test_files_can_be_used(demo: tuple[Path, dict]) -> None:
+    folder, found = demo
+    assert found["bench_s"] > 3000
+    for name in ("verify-off.mcap", "calibrate.mcap", "verify-on.mcap"):
+        run = open_run(folder / name)
+        assert run.check() is None
+        assert len(run.operating_points()) == 30
+    made = calibration.load(folder / "calibration.json")
+    made.check_motor(load().motor)
+    assert made.rms_error_percent.before is not None
+    assert made.rms_error_percent.before.mean > 5.0
+    report = (folder / "report.html").read_text()
+    assert "<img" in report or "<svg" in report
+    for outside in ("http://", "https://", 'src="/', "@import"):
+        assert outside not in report.replace("http://www.w3.org", ""), outside
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = motord("demo", "--quick", "--out", str(tmp_path / "file" / "out"))
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("motord: ")
+    assert "--out" in done.stderr
