@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 JOBS   ?= 2
 
-.PHONY: help demo test lint types layers unit bench lock clean
+.PHONY: help demo test lint types layers unit bench pictures lock clean
 .DEFAULT_GOAL := help
 
 help:           ## list the targets
@@ -19,6 +19,8 @@ $(VENV)/demo.stamp: requirements.lock pyproject.toml
 	@echo "setting up $(VENV) (once; a minute or two)"
 	@$(PIP) install --require-hashes -r requirements.lock
 	@$(PIP) install --no-build-isolation --no-deps -e .
+	@echo "compiling the kernels (once)"
+	@out=$$(mktemp -d) && $(BIN)/motord demo --quick --json --out $$out >/dev/null && rm -rf $$out
 	@touch $@
 
 $(VENV)/dev.stamp: requirements-dev.lock $(VENV)/demo.stamp
@@ -43,6 +45,10 @@ layers: $(VENV)/dev.stamp ## import-linter
 
 unit: $(VENV)/dev.stamp   ## tests with coverage
 	@$(BIN)/python tests/run.py --jobs $(JOBS)
+
+pictures: $(VENV)/demo.stamp ## draw the pictures of the README anew
+	@out=$$(mktemp -d) && $(BIN)/motord demo --json --out $$out >/dev/null && \
+	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
 
 lock:                     ## pin the newest versions that fit pyproject.toml
 	@tools/lock

@@ -115,7 +115,7 @@ class CanSignalMap(Section):
     command_crc: str = ""
     feedback_i_A: tuple[str, str, str]
     feedback_u_V: tuple[str, str, str] | tuple[()] = ()
-    feedback_u_bus_V: str = ""
+    feedback_u_bus_V: str
     feedback_temperature_C: str = ""
     feedback_status: str
     feedback_counter: tuple[str, ...] = ()

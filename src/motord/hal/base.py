@@ -30,7 +30,7 @@ class DeviceError(Exception):
 
 class Rig(Protocol):
     """All devices of the fast loop. Times are Unix ns; records are those of `control.types`; status
-words are in motord's own bits whatever the device's are."""
+    words are in motord's own bits whatever the device's are."""
 
     def open(self) -> None:
         """Open the devices and wait for their first samples. Raises DeviceError."""
