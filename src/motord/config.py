@@ -115,7 +115,7 @@ class CanSignalMap(Section):
     command_crc: str = ""
     feedback_i_A: tuple[str, str, str]
     feedback_u_V: tuple[str, str, str] | tuple[()] = ()
-    feedback_u_bus_V: str
+    feedback_u_bus_V: str = ""
     feedback_temperature_C: str = ""
     feedback_status: str
     feedback_counter: tuple[str, ...] = ()
@@ -366,6 +366,16 @@ class Config(Section):
             raise ValueError(
                 "inverter and bridge are simulated together or not at all; got "
                 + ", ".join(f'[{k}] driver = "{v}"' for k, v in drivers.items())
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _bus_voltage_is_watched(self) -> "Config":
+        can = self.inverter.can
+        if self.inverter.driver == "can" and can and not can.signals.feedback_u_bus_V:
+            raise ValueError(
+                "[inverter.can.signals] has no feedback_u_bus_V: the interlock of the bus voltage "
+                "needs it"
             )
         return self
 
