@@ -4,7 +4,6 @@ from typing import Any
 
 from motord.record import topics
 from motord.record.damage import utc
-from motord.record.plain import from_strings
 from motord.record.reader import Run
 from motord.record.recover import METADATA_RECOVERED
 
@@ -32,9 +31,8 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         "operating_points": operating_points,
         "columns": list(run.columns),
     }
-    recovered = structure.metadata.get(METADATA_RECOVERED)
-    if recovered is not None:
-        facts["recovered"] = from_strings(recovered)
+    if recovered := run.source.metadata(METADATA_RECOVERED):
+        facts["recovered"] = recovered
     damage = run.damage
     facts["damage"] = str(damage) if damage else None
     return facts
@@ -42,12 +40,16 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
 
 def _noted_span(run: Run) -> dict[str, Any] | None:
     """Return what the writer noted when it closed the file, None if it did not."""
-    if not run.source.structure.indexed or "ticks" not in run.end:
+    if not run.source.structure.indexed:
         return None
-    if run.end["ticks"] == 0:
+    if run.end.get("ticks") == 0:
         return _span(0, None, None)
-    first = (run.end["tick_first"], run.end["t_start_ns"])
-    return _span(run.end["ticks"], first, (run.end["tick_last"], run.end["t_end_ns"]))
+    keys = ("ticks", "tick_first", "t_start_ns", "tick_last", "t_end_ns")
+    noted = [value for key in keys if isinstance(value := run.end.get(key), int)]
+    if len(noted) != len(keys):
+        return None
+    count, tick_first, start_ns, tick_last, end_ns = noted
+    return _span(count, (tick_first, start_ns), (tick_last, end_ns))
 
 
 def _counted_span(run: Run) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from motord.record import topics
 from motord.record.content import Single
 from motord.record.damage import Damage
 from motord.record.errors import RecordError
-from motord.record.plain import from_strings
 from motord.record.source import Source, Span
 from motord.record.table import Table
 from motord.record.topics import Topic
@@ -39,8 +38,8 @@ class Run:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.source = Source(path)
-        self.metadata = self._metadata(METADATA)
-        self.end = self._metadata(METADATA_END)
+        self.metadata = self.source.metadata(METADATA)
+        self.end = self.source.metadata(METADATA_END)
         self._require_known_format()
         self.tick_table = self._table(topics.TICKS, TICK)
         self.truth_table = self._table(topics.TRUTHS, TRUTH)
@@ -115,12 +114,6 @@ class Run:
     def operating_points(self) -> list[dict[str, Any]]:
         """Return the operating points in the order in which they were captured."""
         return self._objects(topics.OPERATING_POINTS)
-
-    def _metadata(self, name: str) -> dict[str, Any]:
-        try:
-            return from_strings(self.source.structure.metadata.get(name, {}))
-        except ValueError as error:
-            raise RecordError(f"{self.path}: its metadata {name} is damaged: {error}") from error
 
     def _require_known_format(self) -> None:
         written = self.metadata.get("format", FORMAT)

@@ -46,7 +46,7 @@ class MessageRows:
         head["sequence"] = sequence
         head["log_time"] = times_ns
         head["publish_time"] = times_ns
-        self.codec.fill(rows[:, HEAD.size :], block)
+        self.codec.fill(self.payloads(rows), block)
 
     def run(self, content: Bytes) -> Bytes:
         """Return the records of this channel that `content` starts with, shape (n, size)."""
@@ -58,6 +58,6 @@ class MessageRows:
         """Return the log times of `rows` (n, size), shape (n,)."""
         return cast("NDArray[np.uint64]", rows.view(self._head)[:, 0]["log_time"])
 
-    def extract(self, rows: Bytes, out: Block) -> None:
-        """Read the fields that `out` (n,) has from `rows` (n, size)."""
-        self.codec.extract(rows[:, HEAD.size :], out)
+    def payloads(self, rows: Bytes) -> Bytes:
+        """Return the messages in `rows` (n, size) without their heads, shape (n, codec.size)."""
+        return rows[:, HEAD.size :]

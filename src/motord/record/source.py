@@ -4,6 +4,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.records import Channel, Schema
@@ -14,6 +15,7 @@ from motord.record.container import MAGIC, part_of
 from motord.record.content import ChunkError, Rows, Single, chunk_content, messages
 from motord.record.damage import Damage, Loss
 from motord.record.errors import RecordError
+from motord.record.plain import from_strings
 from motord.record.rows import MessageRows
 from motord.record.structure import ChunkEntry, Structure
 from motord.record.summary import read_summary
@@ -60,7 +62,7 @@ class Source:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.structure = _structure(path)
-        self._losses = {loss.offset: loss for loss in self.structure.losses}
+        self._losses = {(loss.offset, loss.reason): loss for loss in self.structure.losses}
         self._bad_chunks: set[int] = set()
         if self.structure.loose_messages and not self.structure.chunks:
             raise RecordError(f"{path}: its messages are not in chunks; rewrite it with chunks")
@@ -115,8 +117,22 @@ class Source:
 
     def lose(self, entry: ChunkEntry, reason: str) -> None:
         """Note that a chunk cannot be used."""
-        self._bad_chunks.add(entry.offset)
-        self._losses[entry.offset] = Loss(entry.offset, entry.size, reason)
+        if entry.offset not in self._bad_chunks:
+            self._bad_chunks.add(entry.offset)
+            self._note(Loss(entry.offset, entry.size, reason))
+
+    def metadata(self, name: str) -> dict[str, Any]:
+        """Return the values of a metadata record, empty if there is none.
+
+        What is not the JSON that it should be stays text, and is noted.
+        """
+        strings = self.structure.metadata.get(name, {})
+        try:
+            return from_strings(strings)
+        except ValueError:
+            reason = f"the metadata record {name} is damaged"
+            self._note(Loss(0, 0, reason, messages=False))
+            return dict(strings)
 
     def check_outside_chunks(self) -> None:
         """Note a loss if bytes outside the chunks have changed, as far as a checksum tells."""
@@ -130,7 +146,10 @@ class Source:
                 left -= len(piece)
         if crc != wanted:
             reason = "checksum wrong outside the chunks: metadata or indexes have changed"
-            self._losses[0] = Loss(0, 0, reason, messages=False)
+            self._note(Loss(0, 0, reason, messages=False))
+
+    def _note(self, loss: Loss) -> None:
+        self._losses[loss.offset, loss.reason] = loss
 
     def _between(self, loss: Loss) -> Loss:
         """Return `loss` with the times of the good chunks around it."""

@@ -11,6 +11,7 @@ from motord.record.rows import MessageRows
 from motord.record.source import ALWAYS, Source, Span
 from motord.record.structure import ChunkEntry
 from motord.wire.blocks import Block, BlockCodec
+from motord.wire.lanes import Lanes
 from motord.wire.pattern import Bytes
 
 
@@ -32,12 +33,19 @@ class Table:
         """True if the recording has this topic, with or without messages."""
         return self._layout is not None
 
+    def dtype(self, columns: Iterable[str] | None = None) -> np.dtype[np.void]:
+        """Return the dtype of blocks with these columns. Raises RecordError for an unknown one."""
+        try:
+            return self._codec.dtype(columns)
+        except ValueError as error:
+            raise RecordError(f"{self._source.path}: {error}") from error
+
     def blocks(self, columns: Iterable[str] | None = None, span: Span = ALWAYS) -> Iterator[Block]:
         """Yield the messages within `span` chunk by chunk, shape (n,) with n > 0.
 
         Raises RecordError for a column that there is not.
         """
-        return self._read(self._chunks(span), self.dtype(columns), span)
+        return self._blocks(self.dtype(columns), self._chunks(span), span)
 
     def last(self, columns: Iterable[str] | None = None) -> Block:
         """Return the last message, shape (1,), or none, shape (0,), reading as little as need be.
@@ -45,7 +53,7 @@ class Table:
         Raises as `blocks` does.
         """
         dtype = self.dtype(columns)
-        for block in self._read(reversed(self._chunks(ALWAYS)), dtype, ALWAYS):
+        for block in self._blocks(dtype, reversed(self._chunks(ALWAYS)), ALWAYS):
             return block[-1:]
         return np.empty(0, dtype)
 
@@ -56,44 +64,42 @@ class Table:
         row_size = self._layout.size if self._layout else 1
         most = sum(size // row_size for size in sizes if size <= CONTENT_MAX_BYTES)
         out = np.empty(most, dtype)  # what is not used costs nothing
-        count = 0
-        for block in self._read(chunks, dtype, span):
-            out[count : count + len(block)] = block
-            count += len(block)
+        lanes, count = self._codec.lanes(dtype), 0
+        for runs in self._runs(chunks, span):
+            count = _unpack(lanes, runs, out, count)
         return out[:count]
 
-    def dtype(self, columns: Iterable[str] | None = None) -> np.dtype[np.void]:
-        """Return the dtype of blocks with these columns. Raises RecordError for an unknown one."""
-        try:
-            return self._codec.dtype(columns)
-        except ValueError as error:
-            raise RecordError(f"{self._source.path}: {error}") from error
+    def _blocks(
+        self, dtype: np.dtype[np.void], chunks: Iterable[ChunkEntry], span: Span
+    ) -> Iterator[Block]:
+        lanes = self._codec.lanes(dtype)
+        for runs in self._runs(chunks, span):
+            out = np.empty(sum(map(len, runs)), dtype)
+            if _unpack(lanes, runs, out, 0):
+                yield out
 
     def _chunks(self, span: Span) -> list[ChunkEntry]:
         if self._layout is None:
             return []
         return list(self._source.chunks(self._layout.channel, span))
 
-    def _read(
-        self, chunks: Iterable[ChunkEntry], dtype: np.dtype[np.void], span: Span
-    ) -> Iterator[Block]:
+    def _runs(self, chunks: Iterable[ChunkEntry], span: Span) -> Iterator[list[Bytes]]:
+        """Yield the messages of every chunk within `span`, as they follow each other in it."""
         layout = self._layout
         if layout is None:
             return
         for parts in self._source.parts(chunks):
-            runs = [p.rows for p in parts if isinstance(p, Rows) and p.layout is layout]
-            block = _extract(layout, [_within(layout, rows, span) for rows in runs], dtype)
-            if len(block):
-                yield block
+            rows = (p.rows for p in parts if isinstance(p, Rows) and p.layout is layout)
+            yield [layout.payloads(_within(layout, run, span)) for run in rows]
 
 
-def _extract(layout: MessageRows, runs: list[Bytes], dtype: np.dtype[np.void]) -> Block:
-    out = np.empty(sum(map(len, runs)), dtype)
-    start = 0
-    for rows in runs:
-        layout.extract(rows, out[start : start + len(rows)])
-        start += len(rows)
-    return out
+def _unpack(lanes: Lanes, runs: list[Bytes], out: Block, start: int) -> int:
+    """Copy `runs` of messages into `out` from `start` on; return where they end."""
+    for messages in runs:
+        end = start + len(messages)
+        lanes.unpack(messages, out[start:end])
+        start = end
+    return start
 
 
 def _within(layout: MessageRows, rows: Bytes, span: Span) -> Bytes:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from motord.schema import PROTO_KINDS, Field, Record, record_dtype
 from motord.wire import proto_text
-from motord.wire.pattern import ROWS_AT_ONCE, Bytes, Pattern
+from motord.wire.lanes import Lanes, Place
+from motord.wire.pattern import Bytes, Pattern
 
 Block = NDArray[Any]
 """Structured array, one element a record, with fields of `Record.dtype`."""
@@ -43,28 +44,19 @@ def _tag(field: Field) -> bytes:
 class BlockCodec:
     """Encoder and decoder of the protobuf message of one `Record`.
 
-    `size`: bytes of a message. `pattern`: its constant bytes, the tags. `packed`: the dtype of a
-    message as it is in memory, fields at their places between the tags.
+    `size`: bytes of a message. `pattern`: its constant bytes, the tags.
     """
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        ordered = sorted(record.fields, key=lambda f: f.number)
-        self.names = tuple(f.name for f in ordered)
-        self.pattern, offsets = Pattern.free(0), []
-        for field in ordered:
-            self.pattern += Pattern.fixed(_tag(field))
-            offsets.append(self.pattern.size)
-            self.pattern += Pattern.free(_width(field))
+        self.pattern = Pattern.free(0)
+        self._places: list[Place] = []
+        for field in sorted(record.fields, key=lambda f: f.number):
+            tag, width = _tag(field), _width(field)
+            self._places.append(Place(field.name, self.pattern.size, len(tag), width))
+            self.pattern += Pattern.fixed(tag) + Pattern.free(width)
         self.size = self.pattern.size
-        self.packed = np.dtype(
-            {
-                "names": list(self.names),
-                "formats": [PROTO_KINDS[f.kind] for f in ordered],
-                "offsets": offsets,
-                "itemsize": self.size,
-            }
-        )
+        self._all_lanes = Lanes(self._places, record.dtype)
         self._list_head = varint(1 << 3 | _LEN) + varint(self.size)
         self._list_pattern = Pattern.fixed(self._list_head) + self.pattern
 
@@ -114,21 +106,13 @@ class BlockCodec:
 
     def fill(self, rows: Bytes, block: Block) -> None:
         """Write the values of `block` (n,) into messages `rows` (n, size) that have their tags."""
-        packed = rows.view(self.packed)[:, 0]
-        for start in range(0, len(block), ROWS_AT_ONCE):
-            part = slice(start, start + ROWS_AT_ONCE)
-            into, source = packed[part], block[part]
-            for name in self.names:
-                into[name] = source[name]
+        if block.dtype != self._all_lanes.dtype:
+            block = _by_name(block, self._all_lanes.dtype)
+        self._all_lanes.pack(block, rows)
 
-    def extract(self, rows: Bytes, out: Block) -> None:
-        """Read the fields that `out` (n,) has from messages `rows` (n, size); tags unchecked."""
-        packed, names = rows.view(self.packed)[:, 0], out.dtype.names or ()
-        for start in range(0, len(out), ROWS_AT_ONCE):
-            part = slice(start, start + ROWS_AT_ONCE)
-            into, source = out[part], packed[part]
-            for name in names:
-                into[name] = source[name]
+    def lanes(self, dtype: np.dtype[np.void]) -> Lanes:
+        """Return what reads messages into records of `dtype`, some of this record's fields."""
+        return Lanes(self._places, dtype)
 
     def proto_text(self) -> str:
         """Return the .proto file of the message, with comments."""
@@ -155,5 +139,13 @@ class BlockCodec:
                 "its field tags differ"
             )
         out = np.empty(len(rows), self.dtype(columns))
-        self.extract(rows[:, pattern.size - self.size :], out)
+        self.lanes(out.dtype).unpack(rows[:, pattern.size - self.size :], out)
         return out
+
+
+def _by_name(block: Block, dtype: np.dtype[np.void]) -> Block:
+    """Return the fields of `block` as `dtype` has them, whatever their order in `block`."""
+    out = np.empty(len(block), dtype)
+    for name in dtype.names or ():
+        out[name] = block[name]
+    return out

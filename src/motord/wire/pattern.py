@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Bytes = NDArray[np.uint8]
 
 ROWS_AT_ONCE = 512
-"""Rows that are worked on together, so that several passes over them stay in the cache."""
+"""Rows that are compared together, so that what is in between stays in the cache."""
 
 
 class Pattern:
@@ -47,8 +47,7 @@ class Pattern:
     def matching(self, rows: Bytes) -> int:
         """Return how many of `rows` (n, size), from the first on, have the constant bytes."""
         for start in range(0, len(rows), ROWS_AT_ONCE):
-            part = rows[start : start + ROWS_AT_ONCE]
-            wrong = ((part & self.mask) != self.template).any(axis=1)
+            wrong = (rows[start : start + ROWS_AT_ONCE] & self.mask) != self.template
             if wrong.any():
-                return start + int(np.argmax(wrong))
+                return start + int(np.argmax(wrong.any(axis=1)))
         return len(rows)

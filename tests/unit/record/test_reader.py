@@ -173,9 +173,7 @@ def test_one_wrong_byte_costs_at_most_a_chunk(whole, tmp_path_factory, place, bi
     try:
         run = open_run(path)
     except RecordError as error:
-        assert any(  # noqa: PT017
-            reason in str(error) for reason in ("not an MCAP", "is damaged", "format")
-        )
+        assert "not an MCAP" in str(error) or "is of format" in str(error)  # noqa: PT017
         return
     assert len(check_survivors(run)) >= COUNT - ROWS
     run.check()
@@ -193,7 +191,7 @@ def test_one_wrong_byte_in_an_unfinished_file_costs_at_most_a_chunk(
     try:
         run = open_run(path)
     except RecordError as error:
-        assert "is damaged" in str(error) or "format" in str(error)  # noqa: PT017
+        assert "is of format" in str(error)  # noqa: PT017
         return
     assert len(check_survivors(run)) >= COUNT - ROWS
     assert run.damage is not None
@@ -255,8 +253,11 @@ def test_metadata_that_is_no_json_is_told(tmp_path):
     path = tmp_path / "run.mcap"
     write_run(path, 100)
     path.write_bytes(path.read_bytes().replace(b'{"motord":"0"}', b'{"motord":"0"]', 1))
-    with pytest.raises(RecordError, match="metadata motord is damaged"):
-        open_run(path)
+    run = open_run(path)
+    assert run.metadata["bench"] == "sim"
+    assert run.metadata["versions"] == '{"motord":"0"]'
+    assert "the metadata record motord is damaged" in str(run.damage)
+    assert len(run.ticks()) == 100
 
 
 def test_a_file_whose_index_alone_is_cut_misses_no_messages(whole, tmp_path):
