@@ -1,0 +1,84 @@
+"""The bench file: TOML into validated, frozen models; every number carries its unit in its name.
+
+`load(path)` reads a bench, `load_motor(path)` a file with `[motor]` and perhaps `[torque_sensor]`.
+Whatever is wrong comes as one `ConfigError` naming file, line, key, what is wrong and what would
+be right; unknown keys are errors.
+"""
+
+from motord.config.base import (
+    ConfigError,
+    Finite,
+    Fraction,
+    NonNegative,
+    Positive,
+    Section,
+)
+from motord.config.bench import (
+    BenchConfig,
+    Config,
+    LimitsConfig,
+    LoopConfig,
+    MeshConfig,
+    PlansConfig,
+    RecordingConfig,
+    ZenohConfig,
+)
+from motord.config.devices import (
+    BrakeConfig,
+    BridgeConfig,
+    CanConfig,
+    CanSignalMap,
+    DriveConfig,
+    InverterConfig,
+    ModbusConfig,
+    RegisterKind,
+)
+from motord.config.motor import (
+    BackEmfHarmonic,
+    MotorConfig,
+    MotorFile,
+    TorqueSensorConfig,
+)
+from motord.config.reading import (
+    load,
+    load_motor,
+    packaged,
+    read_toml,
+    resolve,
+    validate,
+)
+
+__all__ = [
+    "BackEmfHarmonic",
+    "BenchConfig",
+    "BrakeConfig",
+    "BridgeConfig",
+    "CanConfig",
+    "CanSignalMap",
+    "Config",
+    "ConfigError",
+    "DriveConfig",
+    "Finite",
+    "Fraction",
+    "InverterConfig",
+    "LimitsConfig",
+    "LoopConfig",
+    "MeshConfig",
+    "ModbusConfig",
+    "MotorConfig",
+    "MotorFile",
+    "NonNegative",
+    "PlansConfig",
+    "Positive",
+    "RecordingConfig",
+    "RegisterKind",
+    "Section",
+    "TorqueSensorConfig",
+    "ZenohConfig",
+    "load",
+    "load_motor",
+    "packaged",
+    "read_toml",
+    "resolve",
+    "validate",
+]

@@ -1,0 +1,158 @@
+"""A whole bench: `[bench] [loop] [limits] [recording] [zenoh] [plans.*]` and the devices."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.devices import BrakeConfig, BridgeConfig, DriveConfig, InverterConfig
+from motord.config.motor import MotorConfig, TorqueSensorConfig
+
+
+class BenchConfig(Section):
+    """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
+    rig: Path | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    notes: str = ""
+
+
+class LoopConfig(Section):
+    """`[loop]`: the real-time loop and its observer."""
+
+    rate_Hz: Annotated[int, Field(ge=100, le=20_000)] = 1000
+    cpu: Annotated[int, Field(ge=0)] | None = None
+    priority: Annotated[int, Field(ge=1, le=98)] = 80
+    observer_bandwidth_Hz: Positive = 30.0
+    supervisor_timeout_s: Positive = 0.25
+    enable_timeout_s: Positive = 1.0
+    overrun_ticks: Annotated[int, Field(ge=1)] = 50
+    ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
+
+
+class LimitsConfig(Section):
+    """`[limits]`: what the loop never exceeds (references) and what it trips at."""
+
+    torque_Nm: Positive = 6.0
+    torque_rate_Nm_per_s: Positive = 10.0
+    current_A: Positive = 25.0
+    trip_current_A: Positive = 35.0
+    i2t_current_A: Positive = 20.0
+    i2t_time_s: Positive = 10.0
+    trip_speed_rad_s: Positive = 20.0
+    trip_torque_Nm: Positive = 12.0
+    trip_temperature_C: Finite = 100.0
+    bus_V_min: NonNegative = 18.0
+    bus_V_max: Positive = 32.0
+    link_errors_per_s: Positive = 50.0
+    encoder_jump_rad: Positive = 0.15
+
+    @model_validator(mode="after")
+    def _trip_above_limit(self) -> "LimitsConfig":
+        if self.trip_current_A <= self.current_A:
+            raise ValueError(
+                f"trip_current_A = {self.trip_current_A:g} must be above "
+                f"current_A = {self.current_A:g}, or every full command would trip"
+            )
+        if self.bus_V_max <= self.bus_V_min:
+            raise ValueError("bus_V_max must be above bus_V_min")
+        return self
+
+
+def _loopback_only(endpoints: tuple[str, ...]) -> tuple[str, ...]:
+    pattern = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
+    if not endpoints or not all(re.fullmatch(pattern, endpoint) for endpoint in endpoints):
+        raise ValueError(
+            "whoever reaches the daemon may command it, so it listens on TCP ports of this "
+            f'machine alone, such as "tcp/127.0.0.1:7447"; got {", ".join(endpoints) or "none"}'
+        )
+    return endpoints
+
+
+Loopback = Annotated[tuple[str, ...], AfterValidator(_loopback_only)]
+"""Zenoh endpoints that only this machine can reach, at least one."""
+
+
+class RecordingConfig(Section):
+    """`[recording]`: where runs go and how they are written."""
+
+    directory: Path = Path("runs")
+    auto: bool = True
+    chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    sync_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    file_max_s: Positive = 3600.0
+    file_max_MB: Positive = 4096.0
+    free_min_MB: NonNegative = 500.0
+
+
+class ZenohConfig(Section):
+    """`[zenoh]`: endpoints and telemetry rate. Nothing beyond this machine may be listened on."""
+
+    listen: Loopback = ("tcp/127.0.0.1:7447",)
+    tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
+    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
+    lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
+
+
+class MeshConfig(Section):
+    """`[plans.calibrate]`, `[plans.verify]`: the operating points and how each is taken."""
+
+    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0, 3.0, 4.0, 5.0)
+    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    turns: Annotated[int, Field(ge=2, le=1000)] = 24
+    settle_s: NonNegative = 2.0
+    settle_timeout_s: Positive = 30.0
+    speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
+
+
+class PlansConfig(Section):
+    """`[plans.*]`: defaults of each experiment."""
+
+    calibrate: MeshConfig = MeshConfig()
+    verify: MeshConfig = MeshConfig()
+
+
+class Config(Section):
+    """A whole bench."""
+
+    bench: BenchConfig = BenchConfig()
+    loop: LoopConfig = LoopConfig()
+    inverter: InverterConfig = InverterConfig()
+    bridge: BridgeConfig = BridgeConfig()
+    torque_sensor: TorqueSensorConfig = TorqueSensorConfig()
+    brake: BrakeConfig = BrakeConfig()
+    drive: DriveConfig = DriveConfig()
+    motor: MotorConfig
+    limits: LimitsConfig = LimitsConfig()
+    recording: RecordingConfig = RecordingConfig()
+    zenoh: ZenohConfig = ZenohConfig()
+    plans: PlansConfig = PlansConfig()
+
+    @model_validator(mode="after")
+    def _sim_is_all_or_nothing(self) -> "Config":
+        drivers = {"inverter": self.inverter.driver, "bridge": self.bridge.driver}
+        if len({driver == "sim" for driver in drivers.values()}) > 1:
+            raise ValueError(
+                "inverter and bridge are simulated together or not at all; got "
+                + ", ".join(f'[{k}] driver = "{v}"' for k, v in drivers.items())
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _bus_voltage_is_watched(self) -> "Config":
+        can = self.inverter.can
+        if self.inverter.driver == "can" and can and not can.signals.feedback_u_bus_V:
+            raise ValueError(
+                "[inverter.can.signals] has no feedback_u_bus_V: the interlock of the bus voltage "
+                "needs it"
+            )
+        return self
+
+    @property
+    def simulated(self) -> bool:
+        """True if the rig runs inside the loop process instead of on a wire."""
+        return self.inverter.driver == "sim"

@@ -1,0 +1,169 @@
+"""`[inverter] [bridge] [brake] [drive]`: drivers, wires and timing of the devices."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from motord.config.base import Finite, NonNegative, Positive, Section
+
+
+class CanSignalMap(Section):
+    """Names in the DBC of what motord sends and reads: `Message.Signal`.
+
+    The command is one message; the feedback may lie in several, each with a counter and a CRC of
+    its own, or none. `command_constants` sets other signals of the command. The masks tell which
+    bits of the drive's status word mean what (0 = the drive does not say).
+    """
+
+    command_i_A: tuple[str, str, str]
+    command_enable: str
+    command_enable_value: Annotated[int, Field(ge=1)] = 1
+    command_constants: dict[str, Finite] = Field(default_factory=dict)
+    command_counter: str = ""
+    command_crc: str = ""
+    feedback_i_A: tuple[str, str, str]
+    feedback_u_V: tuple[str, str, str] | tuple[()] = ()
+    feedback_u_bus_V: str = ""
+    feedback_temperature_C: str = ""
+    feedback_status: str
+    feedback_counter: tuple[str, ...] = ()
+    feedback_crc: tuple[str, ...] = ()
+    status_ready_mask: Annotated[int, Field(ge=0)] = 1
+    status_fault_mask: Annotated[int, Field(ge=0)] = 2
+    status_timeout_mask: Annotated[int, Field(ge=0)] = 4
+    status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
+
+
+class CanConfig(Section):
+    """`[inverter.can]`: any interface of python-can, and the DBC with its signal map."""
+
+    interface: str = "socketcan"
+    channel: str = "can0"
+    bitrate: Annotated[int, Field(gt=0)] | None = None
+    fd: bool = True
+    data_bitrate: Annotated[int, Field(gt=0)] | None = None
+    options: dict[str, str | int | float | bool] = Field(default_factory=dict)
+    connect_timeout_s: Positive = 2.0
+    dbc: Path
+    signals: CanSignalMap
+
+
+class InverterConfig(Section):
+    """`[inverter]`: the drive's driver and timing."""
+
+    driver: str = "sim"
+    can: CanConfig | None = None
+    stale_after_s: Positive = 0.02
+    timeout_s: Positive = 0.05
+    actuation_delay_s: NonNegative = 0.0008
+    feedback_age_s: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _needs_can(self) -> "InverterConfig":
+        if self.driver == "can" and self.can is None:
+            raise ValueError('driver = "can" needs a table [inverter.can]')
+        return self
+
+
+class BridgeConfig(Section):
+    """`[bridge]`: the board that samples encoder and torque sensor."""
+
+    driver: str = "sim"
+    port: str = ""
+    baud: Annotated[int, Field(gt=0)] = 2_000_000
+    rate_Hz: Annotated[int, Field(ge=100, le=20_000)] | None = None
+    stale_after_s: Positive = 0.02
+    heartbeat_timeout_s: Positive = 0.05
+    connect_timeout_s: Positive = 2.0
+    adc_V_per_count: Positive = 10.0 / 32768
+
+    @model_validator(mode="after")
+    def _needs_port(self) -> "BridgeConfig":
+        if self.driver == "serial" and not self.port:
+            raise ValueError('driver = "serial" needs port, for example port = "/dev/ttyACM0"')
+        return self
+
+
+RegisterKind = Literal["u16", "i16", "u32", "i32"]
+"""How a number lies in registers: unsigned or two's complement, one register or two."""
+
+
+class ModbusConfig(Section):
+    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device.
+
+    `timeout_s` is for one request. `watchdog_s` tells when the device itself drops its set-point
+    to zero if nobody writes it (0 = never): set in the device, and followed by the emulated one.
+    """
+
+    transport: Literal["tcp", "rtu"] = "tcp"
+    host: str = "127.0.0.1"
+    tcp_port: Annotated[int, Field(ge=1, le=65535)] = 502
+    serial_port: str = ""
+    baud: Annotated[int, Field(gt=0)] = 115_200
+    parity: Literal["N", "E", "O"] = "N"
+    stop_bits: Literal[1, 2] = 1
+    unit: Annotated[int, Field(ge=1, le=247)] = 1
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    watchdog_s: NonNegative = 0.0
+    word_order: Literal["big", "little"] = "big"
+    setpoint_register: Annotated[int, Field(ge=0, le=65535)] = 0
+    setpoint_kind: RegisterKind = "u16"
+    setpoint_scale: Positive = 0.0001
+    read_table: Literal["holding", "input"] = "holding"
+    status_register: Annotated[int, Field(ge=0, le=65535)] = 16
+    status_ready_mask: Annotated[int, Field(ge=0, le=65535)] = 1
+    status_fault_mask: Annotated[int, Field(ge=0, le=65535)] = 2
+    value_register: Annotated[int, Field(ge=0, le=65535)] = 17
+    value_kind: RegisterKind = "i16"
+    value_scale: Positive = 0.1
+
+    @model_validator(mode="after")
+    def _needs_serial_port(self) -> "ModbusConfig":
+        if self.transport == "rtu" and not self.serial_port:
+            raise ValueError('transport = "rtu" needs serial_port')
+        return self
+
+    @model_validator(mode="after")
+    def _registers_apart(self) -> "ModbusConfig":
+        taken: dict[int, str] = {}
+        blocks = [
+            ("status_register", self.status_register, "u16"),
+            ("value_register", self.value_register, self.value_kind),
+        ]
+        if self.read_table == "holding":
+            blocks.append(("setpoint_register", self.setpoint_register, self.setpoint_kind))
+        for name, first, kind in blocks:
+            for address in range(first, first + (2 if kind.endswith("32") else 1)):
+                if address in taken:
+                    raise ValueError(f"{name} and {taken[address]} both use register {address}")
+                taken[address] = name
+        return self
+
+
+class _ModbusDevice(Section):
+    driver: str = "sim"
+    modbus: ModbusConfig | None = None
+    poll_s: Positive = 0.05
+    stale_after_s: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _needs_modbus(self) -> "_ModbusDevice":
+        if self.driver == "modbus" and self.modbus is None:
+            raise ValueError('driver = "modbus" needs a table [brake.modbus] or [drive.modbus]')
+        return self
+
+
+class BrakeConfig(_ModbusDevice):
+    """`[brake]`: eddy-current brake, T = excitation^2 2 Tmax / (w/wc + wc/w)."""
+
+    torque_max_Nm: Positive = 20.0
+    critical_speed_rad_s: Positive = 20.0
+    excitation_time_constant_s: NonNegative = 0.2
+    temperature_max_C: Finite = 150.0
+
+
+class DriveConfig(_ModbusDevice):
+    """`[drive]`: the external motor that turns the rotor through a belt."""
+
+    speed_max_rad_s: Positive = 15.0

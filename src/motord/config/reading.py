@@ -1,0 +1,131 @@
+"""From TOML to a checked bench; whatever is wrong is named with file, line and key."""
+
+import difflib
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from motord.config.base import ConfigError, Section
+from motord.config.bench import Config
+from motord.config.motor import MotorFile
+
+
+def packaged(name: str) -> Path:
+    """Return the path of a data file that ships with motord."""
+    return Path(str(resources.files("motord") / "data" / name))
+
+
+def load(path: Path | None = None) -> Config:
+    """Read and check a bench file; None is the packaged simulated bench. Raises ConfigError."""
+    return _load(path or packaged("sim.toml"), Config)
+
+
+def load_motor(path: Path) -> MotorFile:
+    """Read and check a motor file. Raises ConfigError."""
+    return _load(path, MotorFile)
+
+
+def read_toml(path: Path) -> tuple[str, dict[str, Any]]:
+    """Return text and content of a TOML file. Raises ConfigError for one that cannot be read."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read it: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not a text file in UTF-8 (byte {error.start})") from error
+    try:
+        return text, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+
+
+def resolve(base: Path, file: Path) -> Path:
+    """Return `file` as seen from the folder of `base`; `package:NAME` is one that motord ships."""
+    name = str(file)
+    if name.startswith("package:"):
+        return packaged(name.removeprefix("package:"))
+    return file if file.is_absolute() else base.parent / file
+
+
+_Model = TypeVar("_Model", bound=Section)
+
+
+def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -> _Model:
+    """Build `model` from the content of a TOML file. Raises ConfigError naming file and line."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(_explain(error, model, path, text)) from None
+
+
+def _load(path: Path, model: type[_Model]) -> _Model:
+    text, data = read_toml(path)
+    _resolve_files(path, data)
+    return validate(model, path, text, data)
+
+
+def _resolve_files(path: Path, data: dict[str, Any]) -> None:
+    """Make the file names of a bench absolute: they are relative to the bench file."""
+    for keys in (("bench", "rig"), ("inverter", "can", "dbc"), ("motor", "back_emf")):
+        table: Any = data
+        for key in keys[:-1]:
+            table = table.get(key) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(table.get(keys[-1]), str):
+            table[keys[-1]] = resolve(path, Path(table[keys[-1]]))
+
+
+def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
+    lines = []
+    for item in error.errors(include_url=False):
+        keys = [str(k) for k in item["loc"] if not str(k)[:1].isupper()]
+        where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
+        what = item["msg"].removeprefix("Value error, ")
+        if item["type"] == "extra_forbidden":
+            what = "unknown key" + _suggestion(model, keys)
+        elif item["type"] == "missing":
+            what = "missing"
+        elif not isinstance(item.get("input"), dict | list):
+            what = f"{what[0].lower()}{what[1:]}, got {item['input']!r}"
+        lines.append(f"{where}: {_dotted(keys)}: {what}" if keys else f"{where}: {what}")
+    return "; ".join(dict.fromkeys(lines))
+
+
+def _dotted(keys: list[str]) -> str:
+    dotted = ""
+    for key in keys:
+        dotted += f"[{key}]" if key.isdigit() else f".{key}" if dotted else key
+    return dotted
+
+
+def _suggestion(model: type[BaseModel], keys: list[str]) -> str:
+    known: type[BaseModel] = model
+    for key in keys[:-1]:
+        field = known.model_fields.get(key)
+        if field is None or not isinstance(field.annotation, type):
+            return ""
+        if not issubclass(field.annotation, BaseModel):
+            return ""
+        known = field.annotation
+    near = difflib.get_close_matches(keys[-1], list(known.model_fields), 1, 0.5)
+    return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known.model_fields)}"
+
+
+def _line_of(text: str, keys: list[str]) -> int:
+    """Return the line that defines `keys`, or of the deepest part found, or 0."""
+    names = [k for k in keys if not k.isdigit()]
+    table: list[str] = []
+    best, best_depth = 0, 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        stripped = line.strip()
+        if stripped.startswith("["):
+            table = stripped.strip("[] ").split(".")
+            path = table
+        else:
+            path = [*table, *stripped.split("=")[0].strip().split(".")]
+        depth = len(path) if path == names[: len(path)] else 0
+        if depth > best_depth:
+            best, best_depth = number, depth
+    return best
