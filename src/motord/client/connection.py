@@ -152,13 +152,7 @@ class Client:
 
     def _get(self, name: str, arguments: dict[str, Any] | None, timeout_s: float) -> bytes:
         payload = None if arguments is None else json.dumps(arguments)
-        replies = self._session.get(
-            key(self.bench, name),
-            payload=payload,
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-            timeout=timeout_s,
-        )
-        for reply in replies:
+        for reply in self._ask(name, payload, timeout_s):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
             if reply.err is not None:
@@ -168,6 +162,18 @@ class Client:
         raise ClientError(
             "unreachable", f"the daemon of bench '{self.bench}' at {self.endpoint} is gone"
         )
+
+    def _ask(self, name: str, payload: str | None, timeout_s: float) -> list[zenoh.Reply]:
+        try:
+            replies = self._session.get(
+                key(self.bench, name),
+                payload=payload,
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                timeout=timeout_s,
+            )
+        except zenoh.ZError:
+            raise ClientError("unreachable", f"the connection to {self.endpoint} is over") from None
+        return list(replies)
 
     def _alive(self) -> bool:
         tokens = self._session.liveliness().get(key(self.bench, "alive"), timeout=LOOK_S)
