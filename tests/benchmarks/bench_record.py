@@ -2,11 +2,12 @@
 
     python -m tests.benchmarks.bench_record [--json FILE] [--ticks N] [--rate-Hz R]
 
-Both write the same messages, zstd, chunks of a quarter of a second; motord from blocks of 50 ms as
-the recorder gets them from the ring, and has the disk confirm the file, which the library does not. The library is timed with messages that are encoded already
-("messages"), with google.protobuf encoding and decoding them ("fields"), and with the fields put
-into arrays ("arrays"), which is what motord reads. The ways alternate in rounds, so that a
-disturbance of the machine hits all of them; a figure is the median.
+Both write the same messages, zstd, chunks of a quarter of a second. motord writes from blocks of
+50 ms, as the recorder gets them from the ring, and has the disk confirm the file, which the library
+does not. The library is timed with messages that are encoded already ("messages"), with
+google.protobuf encoding and decoding them ("fields"), and with the fields put into arrays
+("arrays"), which is what motord reads. The ways alternate in rounds, so that a disturbance of the
+machine hits all of them; a figure is the median.
 """
 
 import argparse
