@@ -1,0 +1,204 @@
+"""The bench file: what is right is read, what is wrong is named with file, line and key."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord import config
+from motord.config import ConfigError, load, load_motor
+
+ROOT = Path(__file__).resolve().parents[2]
+
+BENCH = """\
+[bench]
+name = "test"
+
+[loop]
+rate_Hz = 1000
+
+[motor]
+name = "m"
+pole_pairs = 8
+slots = 48
+counts = 4096
+rated_torque_Nm = 6.0
+connection = "star"
+back_emf = [{order = 1, amplitude_V_s_per_rad = 0.2}]
+
+[limits]
+current_A = 20.0
+"""
+
+
+def read(tmp_path: Path, text: str) -> config.Config:
+    path = tmp_path / "bench.toml"
+    path.write_text(text)
+    return load(path)
+
+
+def complaint(tmp_path: Path, text: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        read(tmp_path, text)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "bench.toml" in message
+    return message
+
+
+def test_a_small_bench_is_enough(tmp_path: Path) -> None:
+    bench = read(tmp_path, BENCH)
+    assert bench.simulated
+    assert bench.motor.connection == "star"
+    assert bench.limits.current_A == 20.0
+    assert bench.zenoh.listen == ("tcp/127.0.0.1:7447",)
+    with pytest.raises(ValueError, match="frozen"):
+        bench.bench.name = "other"  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "config").glob("*.toml")), ids=lambda p: p.name)
+def test_the_benches_that_ship_are_valid(path: Path) -> None:
+    assert load(path).bench.name
+
+
+def test_without_a_file_it_is_the_simulated_bench() -> None:
+    assert load().simulated
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        ("rate_Hz = 1000", "rate_hz = 1000", 5, "loop.rate_hz: unknown key; did you mean rate_Hz"),
+        ("[limits]", "[limit]", 16, "limit: unknown key; did you mean limits"),
+        ("rate_Hz = 1000", "rate_Hz = 50", 5, "greater than or equal to 100, got 50"),
+        ("rate_Hz = 1000", 'rate_Hz = "fast"', 5, "loop.rate_Hz: "),
+        ("current_A = 20.0", "current_A = -1.0", 17, "limits.current_A: "),
+        ("current_A = 20.0", "current_A = nan", 17, "limits.current_A: "),
+        ("current_A = 20.0", "current_A = 50.0", 16, "trip_current_A = 35 must be above"),
+        ('connection = "star"', 'connection = "delta"', 13, "'star' or 'independent'"),
+        ("slots = 48\n", "", 7, "motor.slots: missing"),
+        ("order = 1", "order = 0", 14, "motor.back_emf"),
+        ('name = "test"', 'name = "a b"', 2, "bench.name: "),
+        ("[limits]", '[inverter]\ndriver = "can"\n[limits]', 16, "[inverter.can]"),
+        ("[limits]", '[bridge]\ndriver = "serial"\n[limits]', 16, "needs port"),
+        ("[limits]", '[brake]\ndriver = "modbus"\n[limits]', 16, "needs a table"),
+        ("[limits]", "[limits]\nbus_V_min = 40.0", 16, "bus_V_max must be above"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:
+    assert old in BENCH
+    message = complaint(tmp_path, BENCH.replace(old, new))
+    assert f"bench.toml:{line}: " in message, message
+    assert words in message, message
+
+
+def test_two_mistakes_are_both_named(tmp_path: Path) -> None:
+    text = BENCH.replace("rate_Hz = 1000", "rate_Hz = 1").replace("slots = 48", "slots = 0")
+    message = complaint(tmp_path, text)
+    assert "loop.rate_Hz" in message
+    assert "motor.slots" in message
+
+
+def test_half_a_simulation_is_refused(tmp_path: Path) -> None:
+    bridge = '[bridge]\ndriver = "serial"\nport = "/dev/ttyACM0"\n'
+    assert "simulated together or not at all" in complaint(tmp_path, BENCH + bridge)
+
+
+def test_not_toml(tmp_path: Path) -> None:
+    assert "not valid TOML" in complaint(tmp_path, "[bench\nname=3")
+
+
+def test_not_text(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not a text file"):
+        load(path)
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot read it: No such file"):
+        load(tmp_path / "none.toml")
+
+
+@given(st.binary(max_size=200))
+def test_random_bytes_are_one_clear_line(data: bytes) -> None:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.toml"
+        path.write_bytes(data)
+        with pytest.raises(ConfigError) as caught:
+            load(path)
+        assert str(path) in str(caught.value)
+
+
+def test_files_are_relative_to_the_bench(tmp_path: Path) -> None:
+    rig = read(tmp_path, BENCH.replace('name = "test"', 'name = "test"\nrig = "a.toml"')).bench.rig
+    assert rig == tmp_path / "a.toml"
+    text = BENCH.replace('name = "test"', 'name = "test"\nrig = "package:report.rig.toml"')
+    rig = read(tmp_path, text).bench.rig
+    assert rig is not None
+    assert rig.exists()
+
+
+@given(
+    pole_pairs=st.integers(1, 20),
+    counts=st.integers(200, 5000),
+    third=st.floats(0, 0.05),
+)
+def test_phases_are_the_same_wave_a_third_of_a_period_apart(
+    pole_pairs: int, counts: int, third: float
+) -> None:
+    motor = config.MotorConfig.model_validate(
+        {
+            "name": "m",
+            "pole_pairs": pole_pairs,
+            "slots": 12,
+            "counts": 3 * pole_pairs * (counts // (3 * pole_pairs) + 1),
+            "rated_torque_Nm": 1.0,
+            "connection": "star",
+            "back_emf": [
+                {"order": 1, "amplitude_V_s_per_rad": 0.2},
+                {"order": 3, "amplitude_V_s_per_rad": third, "phase_rad": 0.4},
+            ],
+        }
+    )
+    k = motor.back_emf_table()
+    shift = motor.counts // (3 * pole_pairs)
+    assert np.roll(k[:, 0], shift) == pytest.approx(k[:, 1], abs=1e-9)
+    assert np.roll(k[:, 0], 2 * shift) == pytest.approx(k[:, 2], abs=1e-9)
+
+
+def test_encoder_offset_turns_the_table(tmp_path: Path) -> None:
+    plain = read(tmp_path, BENCH).motor.back_emf_table()
+    offset_rad = 2 * np.pi * 100 / 4096
+    text = BENCH.replace("slots = 48", f"slots = 48\nencoder_offset_rad = {offset_rad!r}")
+    turned = read(tmp_path, text).motor.back_emf_table()
+    assert np.roll(plain, -100, axis=0) == pytest.approx(turned, abs=1e-9)
+
+
+def test_back_emf_from_a_table_file(tmp_path: Path) -> None:
+    k = np.random.default_rng(1).normal(size=(4096, 3))
+    (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": k.tolist()}))
+    text = BENCH.replace("[{order = 1, amplitude_V_s_per_rad = 0.2}]", '"emf.json"')
+    assert read(tmp_path, text).motor.back_emf_table() == pytest.approx(k)
+    (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": k[:10].tolist()}))
+    with pytest.raises(ConfigError, match=r"is \(10, 3\), expected \(4096, 3\)"):
+        read(tmp_path, text).motor.back_emf_table()
+    (tmp_path / "emf.json").write_text("[]")
+    with pytest.raises(ConfigError, match="not a back-EMF table"):
+        read(tmp_path, text).motor.back_emf_table()
+
+
+def test_a_motor_file(tmp_path: Path) -> None:
+    path = tmp_path / "motor.toml"
+    start = BENCH.index("[motor]")
+    path.write_text(BENCH[start : BENCH.index("[limits]")])
+    assert load_motor(path).motor.counts == 4096
+    assert load_motor(path).torque_sensor.highpass_time_constant_s == 0.0
+    path.write_text(BENCH)
+    with pytest.raises(ConfigError, match="unknown key"):
+        load_motor(path)
