@@ -1,0 +1,347 @@
+"""The whole daemon but for its processes, which are played by the test, and for Zenoh."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord import config
+from motord.runtime.clock import Clock
+from motord.runtime.mailbox import MailboxReader
+from motord.runtime.realtime import RealtimeStatus
+from motord.runtime.ring import RingWriter, capacity_for
+from motord.runtime.rundir import RunDir
+from motord.runtime.status import LoopStatus, Phase
+from motord.runtime.tables import TablesReader
+from motord.schema import Compensate, State
+from motord.service import assembly
+from motord.service.calls import Call
+from motord.service.messages import REQUESTS, parse
+from motord.service.refusal import Refusal
+from tests.unit.service.test_installation import calibration
+
+
+class Played:
+    """A process that the test plays."""
+
+    pid = 4711
+
+    def __init__(self):
+        self.code = None
+        self.signals = []
+
+    def poll(self):
+        return self.code
+
+    def wait(self, timeout=None):
+        return self.code
+
+    def send_signal(self, sig):
+        self.signals.append(sig)
+        self.code = -sig
+
+
+class PlayedLoop(Played):
+    """Publishes ticks when told to."""
+
+    def __init__(self, run_dir, bench_config):
+        super().__init__()
+        self.run_dir = run_dir
+        self.ring = RingWriter(run_dir.ring, capacity_for(bench_config.loop))
+        self.mailbox = MailboxReader(run_dir.setpoint)
+        self.tables = TablesReader(run_dir.tables)
+        self.number = 0
+
+    def ready(self):
+        status = RealtimeStatus(
+            items=[], kernel="k", preemption="p", rt_runtime_us=0, rt_period_us=0, isolated_cpus=""
+        )
+        LoopStatus(phase=Phase.READY, pid=1, realtime=status).write(self.run_dir.loop_status)
+
+    def fail(self, error):
+        LoopStatus(phase=Phase.FAILED, pid=1, error=error).write(self.run_dir.loop_status)
+        self.code = 1
+
+    def tick(self, state=State.OFF, count=1):
+        self.tables.poll()
+        for _ in range(count):
+            slot = self.ring.slot()[0]
+            slot["tick"], slot["state"] = self.number, state
+            slot["plan_point"] = -1
+            self.number += 1
+            self.ring.publish()
+
+
+class PlayedRecorder(Played):
+    """Its pipes: what it was told is in `told`."""
+
+    def __init__(self, pid):
+        super().__init__()
+        self.pid = pid
+        commands, self._into = os.pipe()
+        self._out_of, reports = os.pipe()
+        self.stdin, self.stdout = os.fdopen(self._into, "wb", 0), os.fdopen(self._out_of, "rb", 0)
+        self._commands, self._reports = os.fdopen(commands, "rb", 0), os.fdopen(reports, "wb", 0)
+        os.set_blocking(commands, False)
+
+    def told(self, do=None):
+        lines = (self._commands.read() or b"").splitlines()
+        commands = [json.loads(line) for line in lines]
+        return [c for c in commands if do in (None, c["do"])]
+
+    def report(self, **report):
+        self._reports.write(json.dumps({"recording": True, "error": "", **report}).encode() + b"\n")
+
+    def close(self):
+        for pipe in (self._commands, self._reports, self.stdin, self.stdout):
+            pipe.close()
+
+
+class PlayedDaemon:
+    """An assembled daemon whose time the test steps."""
+
+    def __init__(self, folder, monkeypatch, **changes):
+        base = config.load().model_dump()
+        base["bench"].update(name="played")
+        for section, values in changes.items():
+            base[section].update(values)
+        self.config = config.Config.model_validate(base)
+        self.folder = folder
+        self.run_dir = RunDir("played", folder)
+        self.run_dir.create()
+        self.loops, self.recorders = [], []
+        monkeypatch.setattr(assembly, "spawn", self._spawn_loop)
+        monkeypatch.setattr(assembly, "spawn_recorder", self._spawn_recorder)
+        monkeypatch.chdir(folder)
+        self.parts = assembly.assemble(
+            self.config, "the text", Path("/bench.toml"), self.run_dir, folder, Clock(0)
+        )
+        self.supervisor = self.parts.supervisor
+        self.now_ns = 1_000_000_000_000
+        self.supervisor.clock_ns = lambda: self.now_ns
+
+    def _spawn_loop(self, command):
+        self.loops.append(PlayedLoop(self.run_dir, self.config))
+        return self.loops[-1]
+
+    def _spawn_recorder(self, command):
+        self.recorders.append(PlayedRecorder(100 + len(self.recorders)))
+        return self.recorders[-1]
+
+    def up(self):
+        self.supervisor.recording.start_recorder(self.now_ns)
+        self.supervisor.loop.start(self.now_ns)
+        self.loops[-1].ready()
+        self.step()
+
+    def step(self, steps=1, state=State.OFF):
+        for _ in range(steps):
+            self.now_ns += 10_000_000
+            if self.loops and self.loops[-1].code is None:
+                self.loops[-1].tick(state, 20)
+            self.supervisor.step()
+
+    def bring(self, name, /, **arguments):
+        call = Call(name, parse(name, json.dumps(arguments).encode()))
+        self.supervisor.calls.put(call)
+        return call
+
+    def ask(self, name, /, **arguments):
+        call = self.bring(name, **arguments)
+        self.step(2)
+        return call.wait(0)
+
+    def messages(self):
+        return [e.message for e in self.supervisor.bench.events.recent()]
+
+    def state(self):
+        return json.loads(self.supervisor.publisher.state_document())
+
+    def close(self):
+        for recorder in self.recorders:
+            recorder.close()
+
+
+@pytest.fixture
+def played(tmp_path, monkeypatch):
+    daemon = PlayedDaemon(tmp_path, monkeypatch)
+    yield daemon
+    daemon.close()
+
+
+def test_every_rpc_has_a_handler(played):
+    assert played.supervisor.desk._handlers.keys() == REQUESTS.keys()
+
+
+def test_the_loop_comes_up_and_is_recorded_from_then_on(played):
+    played.step()
+    assert played.state()["fault"] == "the loop is not up yet"
+    played.up()
+    assert played.state()["fault"] == ""
+    [start] = played.recorders[0].told("start")
+    assert Path(start["out"]).parent == played.folder / "runs"
+    assert Path(start["out"]).name.startswith("played-1970")
+    assert start["metadata"]["config"] == "the text"
+    assert start["metadata"]["realtime"]["kernel"] == "k"
+    assert start["resume"] is False
+    assert not played.supervisor.recording.settled
+    played.recorders[0].report(file="/runs/x.mcap", ticks=3)
+    played.step()
+    assert played.supervisor.recording.settled
+    assert played.supervisor.recording.view().path == "/runs/x.mcap"
+    assert played.supervisor.recording.view().detail == {"ticks": 3}
+
+
+def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
+    played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
+    played.up()
+    assert played.recorders[0].told() == []
+    assert played.supervisor.recording.settled
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    answer = played.ask("plan/start", token=token, name="calibrate", notes="by night")
+    told = played.recorders[0].told()
+    start = next(c for c in told if c["do"] == "start")
+    assert answer["recording"] == f"{start['out']}-000.mcap"
+    assert start["metadata"]["plan"]["started_by"] == "anna"
+    assert start["metadata"]["notes"].endswith("by night")
+    assert "lease" in {c["content"]["kind"] for c in told if c["do"] == "event"}
+    assert next(c["content"]["state"] for c in told if c["do"] == "plan") == "running"
+    played.ask("stop")
+    assert "stopped" in next(
+        c["content"]["message"] for c in played.recorders[0].told("plan")
+    )  # fmt: skip
+    played.close()
+
+
+def test_a_plan_has_a_recording_between_two_others(played):
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    played.step(5)
+    played.ask("stop")
+    stems = [Path(c["out"]).name for c in played.recorders[0].told("start")]
+    assert [("calibrate" in stem) for stem in stems] == [False, True, False]
+    assert len(set(stems)) == 3
+
+
+def test_a_recorder_that_ends_is_started_again_where_it_left_off(played):
+    played.up()
+    [first] = played.recorders[0].told("start")
+    played.recorders[0].code = -9
+    played.step()
+    assert any("recorder ended: killed by SIGKILL" in m for m in played.messages())
+    played.step(30)
+    [again] = played.recorders[1].told("start")
+    assert (again["out"], again["resume"]) == (first["out"], True)
+    assert played.state()["processes"]["recorder"]["restarts"] == 1
+
+
+def test_what_a_recorder_complains_of_is_an_event_once(played):
+    played.up()
+    for _ in range(3):
+        played.recorders[0].report(error="disk full", recording=False)
+        played.step()
+    assert [m for m in played.messages() if "disk full" in m] == ["the recorder says: disk full"]
+    assert played.supervisor.recording.settled
+
+
+def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
+    played.up()
+    played.step(20, State.ENABLED)
+    played.loops[0].code = -9
+    played.step()
+    state = played.state()
+    assert state["state"] == "OFF"
+    assert state["fault"] == "the loop ended: killed by SIGKILL"
+    assert played.recorders[0].told("stop")
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    resetting = played.bring("reset", token=token)
+    played.step(2)
+    assert len(played.loops) == 2
+    with pytest.raises(Refusal):
+        resetting.wait(0)
+    played.loops[1].ready()
+    played.step(3)
+    assert resetting.wait(0) == {"state": "OFF"}
+    assert played.recorders[0].told("start")
+    assert played.state()["fault"] == ""
+
+
+def test_a_loop_that_does_not_come_up_says_why(played):
+    played.supervisor.loop.start(played.now_ns)
+    played.loops[0].fail("[bridge] no such port")
+    assert not played.supervisor.wait_for_loop(lambda: False)
+    assert played.supervisor.bench.loop_fault == "the loop ended: [bridge] no such port"
+
+
+def test_waiting_for_the_loop_ends_with_a_signal(played):
+    played.supervisor.loop.start(played.now_ns)
+    assert not played.supervisor.wait_for_loop(lambda: True)
+
+
+def test_the_end_disables_and_answers_everybody(played):
+    played.up()
+    played.step(5, State.ENABLED)
+    requests = []
+    step = played.supervisor.step
+
+    def play_the_loop():
+        record = np.zeros(1, played.supervisor.bench.setpoint._record.dtype)
+        played.loops[0].mailbox.read(record)
+        requests.append(int(record["request"][0]))
+        played.now_ns += 10_000_000
+        played.loops[0].tick(State.ENABLED if 3 not in requests else State.OFF)
+        step()
+
+    played.supervisor.step = play_the_loop
+    played.supervisor.ramp_down("SIGTERM")
+    assert {2, 3} <= set(requests)
+    waiting = played.bring("enable", token="x")
+    played.supervisor.take_down()
+    with pytest.raises(Refusal, match="shutting down"):
+        waiting.wait(0)
+    with pytest.raises(Refusal, match="shutting down"):
+        played.bring("stop")
+    assert played.loops[0].signals == [signal.SIGTERM]
+    assert played.recorders[0].signals == [signal.SIGTERM]
+    assert "shutting down: SIGTERM" in played.messages()
+
+
+def test_an_installed_calibration_is_in_force_from_the_start(tmp_path, monkeypatch):
+    folder = tmp_path / "calibrations" / "played"
+    folder.mkdir(parents=True)
+    given = calibration()
+    given.save(folder / "x.json")
+    (folder / "installed").write_text("x.json\n")
+    played = PlayedDaemon(tmp_path, monkeypatch)
+    played.up()
+    assert played.state()["calibration"]["id"] == given.id
+    assert played.loops[0].tables.current.parameters["alpha"][0] == pytest.approx(given.alpha)
+    assert played.supervisor.bench.setpoint.compensate == Compensate.CURRENTS | Compensate.COGGING
+    assert played.recorders[0].told("start")[0]["metadata"]["calibration"] == given.id
+    played.close()
+
+
+def test_an_installed_calibration_that_is_broken_is_told_and_left_out(tmp_path, monkeypatch):
+    folder = tmp_path / "calibrations" / "played"
+    folder.mkdir(parents=True)
+    (folder / "installed").write_text("gone.json\n")
+    played = PlayedDaemon(tmp_path, monkeypatch)
+    played.up()
+    assert played.state()["calibration"] is None
+    assert any("gone.json" in m for m in played.messages())
+    played.close()
+
+
+def test_the_heartbeat_goes_on_whatever_happens(played):
+    played.up()
+    record = np.zeros(1, played.supervisor.bench.setpoint._record.dtype)
+    beats = []
+    for _ in range(5):
+        played.step()
+        assert played.loops[0].mailbox.read(record)
+        beats.append(int(record["seq"][0]))
+    assert np.diff(beats).tolist() == [1, 1, 1, 1]
