@@ -13,12 +13,14 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from motord.record import topics
-from motord.record.container import MAGIC, part_of, serialise
+from motord.record.chunk import ChunkBuilder, chunk_record
+from motord.record.container import MAGIC, Container, part_of, serialise
 from motord.record.damage import Damage, Loss, damage_of, utc
 from motord.record.errors import RecordError
 from motord.record.reader import Run, open_run
+from motord.record.rows import MessageRows
 from motord.record.writer import RunWriter
-from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Record
+from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.blocks import BlockCodec
 from tests.unit.record.runs import PERIOD_NS, START_NS, same, tick_block, truth_block, write_run
 
@@ -359,6 +361,48 @@ def test_ticks_of_an_older_version_have_fewer_columns(tmp_path):
         run.ticks(["torque_Nm"])
 
 
+def unfinished_by(path: Path, record: Record, count: int, told: int | None = None) -> np.ndarray:
+    """Leave an unfinished file of a motord whose ticks are `record`s, each `told` bytes long."""
+    codec = BlockCodec(record)
+    block = np.zeros(count, record.dtype)
+    block["tick"] = np.arange(count)
+    block["t_ns"] = START_NS + block["tick"].astype(np.int64)
+    schema, channel = topics.TICKS.schema(), topics.TICKS.channel()
+    schema.data = codec.descriptor_set()
+    channel.metadata = {"message_bytes": str(codec.size if told is None else told)}
+    rows, chunk = MessageRows(1, codec), ChunkBuilder()
+    chunk.add_rows(rows, block, block["t_ns"], block["tick"])
+    container = Container(path)
+    container.channel(schema, channel)
+    container.chunk(*chunk.finish("", bytes))
+    container.abandon()
+    return block
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        Record("Tick", "older", TICK.fields[:7]),
+        Record("Tick", "newer", (*TICK.fields, Field(40, "torque_2_Nm", "float", "", ""))),
+    ],
+    ids=lambda record: record.meaning,
+)
+def test_unfinished_files_of_other_versions_are_read(tmp_path, record):
+    path = tmp_path / "run.mcap"
+    block = unfinished_by(path, record, 30)
+    assert same(open_run(part_of(path)).ticks(), block)
+
+
+def test_an_unchecked_schema_that_contradicts_its_channel_is_not_believed(tmp_path):
+    path = tmp_path / "run.mcap"
+    shorter = Record("Tick", "as if its last field had been destroyed", TICK.fields[:-1])
+    unfinished_by(path, shorter, 30, told=BlockCodec(TICK).size)
+    assert open_run(part_of(path)).columns == TICK_DTYPE.names
+    renamed = Record("Tick", "", (*TICK.fields[:-1], Field(39, "last_trip", "fixed32", "", "")))
+    unfinished_by(tmp_path / "other.mcap", renamed, 30)
+    assert "first_trip" in open_run(part_of(tmp_path / "other.mcap")).columns
+
+
 def test_ticks_that_are_not_of_fixed_layout_are_a_loss(tmp_path):
     path = tmp_path / "run.mcap"
     write_with_library(path, TICK, tick_block(20), compression=CompressionType.NONE)
@@ -433,8 +477,6 @@ def test_channels_without_a_fixed_layout_do_not_disturb(tmp_path):
 
 
 def chunk_of(*pieces: bytes) -> bytes:
-    from motord.record.chunk import chunk_record
-
     content = b"".join(pieces)
     return chunk_record(memoryview(content), "", content, START_NS, START_NS)
 

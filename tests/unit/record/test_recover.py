@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import SeekingReader
+from mcap.records import Message
 
-from motord.record.container import part_of
+from motord.record import topics
+from motord.record.chunk import chunk_record
+from motord.record.container import Container, part_of, serialise
 from motord.record.errors import RecordError
 from motord.record.reader import open_run
 from motord.record.recover import default_output, recover
@@ -104,6 +107,19 @@ def test_nothing_is_overwritten_and_nothing_half_done_remains(whole, tmp_path):
     with pytest.raises(RecordError, match="is empty"):
         recover(empty, tmp_path / "clean.mcap")
     assert not (tmp_path / "clean.mcap").exists()
+
+
+def test_chunks_without_use_are_left_out(tmp_path):
+    path = tmp_path / "run.mcap"
+    container = Container(path)
+    container.channel(topics.TICKS.schema(), topics.TICKS.channel())
+    for record in (topics.TICKS.channel(), Message(1, 5, b"not a tick", 5, 0)):
+        content = serialise([record])
+        container.chunk(chunk_record(memoryview(content), "", content, 5, 5), {})
+    container.finish()
+    result = recover(path, tmp_path / "clean.mcap")
+    assert (result.ticks, result.chunks) == (0, 0)
+    assert "not a Tick" in str(result.damage)
 
 
 def test_default_names():

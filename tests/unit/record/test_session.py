@@ -332,6 +332,16 @@ def test_the_same_sample_in_two_ticks_is_no_reason_to_drop_one(bench):
     assert bench.recorded() == [0, 1, 2, 3]
 
 
+def test_a_mark_that_is_newer_than_the_ring_waits(bench):
+    with RunWriter(file_name(bench.stem, 0), {}) as writer:
+        writer.ticks(tick_block(1, 5000))
+    bench.loop(20)
+    bench.start(resume=True)
+    bench.step()
+    assert bench.report()["ticks"] == 0
+    bench.stop()
+
+
 def test_a_mark_of_another_loop_hides_nothing_that_is_newer(bench):
     with RunWriter(file_name(bench.stem, 0), {}) as writer:
         writer.ticks(tick_block(1, 5000)[:1])

@@ -341,6 +341,12 @@ def _fill(path: Path) -> None:
         writer.ticks(tick_block(1000))
 
 
+def test_a_disk_that_takes_only_the_beginning_leaves_no_open_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "write", Disk(100))
+    with pytest.raises(RecordError, match="No space left"):
+        RunWriter(tmp_path / "run.mcap", METADATA)
+
+
 def test_a_failed_sync_is_told(tmp_path, monkeypatch):
     def fail(descriptor: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))

@@ -120,6 +120,15 @@ def test_decoded_blocks_are_of_the_dtype_of_the_ring():
     assert codec.encode_list(np.zeros(0, TICK_DTYPE)) == b""
 
 
+def test_blocks_of_other_layouts_are_encoded_by_name():
+    codec, block = BlockCodec(TICK), block_of(TICK, 3, 9)
+    backwards = np.empty(9, [(name, TICK_DTYPE[name]) for name in reversed(TICK_DTYPE.names)])
+    for name in TICK_DTYPE.names:
+        backwards[name] = block[name]
+    assert codec.encode(backwards).tobytes() == codec.encode(block).tobytes()
+    assert codec.encode(block[::2]).tobytes() == codec.encode(block)[::2].tobytes()
+
+
 def test_an_unknown_column_is_named():
     with pytest.raises(ValueError, match="no column voltage; it has t_ns, tick"):
         BlockCodec(TICK).decode(b"", columns=["voltage"])
