@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from motord.record import topics
@@ -15,11 +14,11 @@ from motord.record.container import MAGIC, part_of
 from motord.record.content import ChunkError, Rows, Single, chunk_content, messages
 from motord.record.damage import Damage, Loss
 from motord.record.errors import RecordError
+from motord.record.mend import mend
 from motord.record.plain import from_strings
 from motord.record.rows import MessageRows
 from motord.record.structure import ChunkEntry, Structure
 from motord.record.summary import read_summary
-from motord.record.topics import Topic
 from motord.record.walk import Walk
 from motord.wire.blocks import BlockCodec
 from motord.wire.proto_text import read_record
@@ -66,7 +65,7 @@ class Source:
         self._bad_chunks: set[int] = set()
         if self.structure.loose_messages and not self.structure.chunks:
             raise RecordError(f"{path}: its messages are not in chunks; rewrite it with chunks")
-        _complete(self.structure)
+        mend(self.structure)
         self.layouts = dict(self._layouts())
 
     @property
@@ -186,38 +185,3 @@ def _structure(path: Path) -> Structure:
         part = part_of(path)
         hint = f"; {part} is there, not closed, and can be read" if part.exists() else ""
         raise RecordError(f"{path}: cannot read it: {error.strerror}{hint}") from error
-
-
-def _complete(structure: Structure) -> None:
-    """Put back what the damaged beginning of an unindexed file of motord does not tell."""
-    library = structure.library  # empty if the header is not readable
-    by_motord = library == "" or library.startswith("motord")
-    if structure.indexed or not structure.chunks or not by_motord:
-        return
-    for topic in topics.ALL:
-        known = structure.channels.get(topic.number)
-        if library == "" and known is not None:
-            continue
-        if not _usable(structure.schemas.get(topic.number), known, topic):
-            structure.schemas[topic.number] = topic.schema()
-        for number, channel in list(structure.channels.items()):
-            if channel.topic == topic.name:
-                del structure.channels[number]
-        structure.channels[topic.number] = topic.channel()
-
-
-def _usable(schema: Schema | None, channel: Channel | None, topic: Topic) -> bool:
-    """Tell whether a schema that no checksum covers is one that a version of motord wrote."""
-    if schema is None or schema.name != topic.schema_name:
-        return False
-    if topic.record is None or schema.data == topic.schema_data:
-        return True
-    try:
-        found = read_record(schema.data, schema.name)
-        told = int(channel.metadata[topics.MESSAGE_BYTES]) if channel else 0
-    except (ValueError, KeyError):
-        return False
-    pairs = zip(found.fields, topic.record.fields, strict=False)  # fields are only ever appended
-    return told == BlockCodec(found).size and all(
-        (a.number, a.name, a.kind) == (b.number, b.name, b.kind) for a, b in pairs
-    )
