@@ -16,7 +16,7 @@ from motord import config
 from motord.client import connect
 from motord.record.reader import open_run
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 START_S = 150.0
 """The first start after a change of the kernels compiles them."""
 
@@ -69,7 +69,11 @@ class Program:
             [sys.executable, "-m", "motord", *map(str, arguments)],
             cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=self.stderr,
         )  # fmt: skip
-        self.first_line = self._read_line() if ready else ""
+        try:
+            self.first_line = self._read_line() if ready else ""
+        except AssertionError:
+            self.close()
+            raise
 
     def _read_line(self):
         line, deadline_s = b"", time.monotonic() + START_S

