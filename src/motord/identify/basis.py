@@ -84,7 +84,7 @@ def fill_columns(
     cogging: np.ndarray,
     columns: np.ndarray,
 ) -> None:
-    """Fill all but the last of `columns` (m, width) for the samples from `first` on.
+    """Fill `columns` (m, width - 1), all but the torque's, for the samples from `first` on.
 
     count, t_s (n,) and currents_A (n, 6), sensed and commanded, are of all samples: the rates of
     the currents are taken from the neighbours on either side.
@@ -110,12 +110,12 @@ def fill_columns(
 
 @jit
 def highpass(columns: np.ndarray, dt_s: np.ndarray, tau_s: float, state: np.ndarray) -> None:
-    """High-pass all but the last of `columns` (n, width) in place: s tau / (1 + s tau).
+    """High-pass `columns` (n, m) in place: s tau / (1 + s tau).
 
-    dt_s (n,): time since the sample before; state (2, width): low-passed value and last input.
+    dt_s (n,): time since the sample before; state (2, m): low-passed value and last input.
     Trapezoidal in the slow part, so exact to (w dt)^2 / 12 of its small share.
     """
-    width = columns.shape[1] - 1
+    width = columns.shape[1]
     for row in range(columns.shape[0]):
         keep = np.exp(-dt_s[row] / tau_s)
         gain = 0.5 * (1.0 - keep)
@@ -125,3 +125,28 @@ def highpass(columns: np.ndarray, dt_s: np.ndarray, tau_s: float, state: np.ndar
             state[0, j] = low
             state[1, j] = x
             columns[row, j] = x - low
+
+
+@jit
+def add_products(columns: np.ndarray, products: np.ndarray) -> None:
+    """Add the upper triangle of columns' columns, columns (n, w), to `products` (w, w).
+
+    Four rows at a time; small matrices that BLAS would share among threads at a loss.
+    """
+    n, width = columns.shape
+    whole = n - n % 4
+    for row in range(0, whole, 4):
+        for i in range(width):
+            a, b = columns[row, i], columns[row + 1, i]
+            c, d = columns[row + 2, i], columns[row + 3, i]
+            for j in range(i, width):
+                products[i, j] += (
+                    a * columns[row, j]
+                    + b * columns[row + 1, j]
+                    + c * columns[row + 2, j]
+                    + d * columns[row + 3, j]
+                )
+    for row in range(whole, n):
+        for i in range(width):
+            for j in range(i, width):
+                products[i, j] += columns[row, i] * columns[row, j]

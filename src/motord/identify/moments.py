@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.identify.basis import CURRENT, Basis, fill_columns, highpass
+from motord.identify.basis import CURRENT, Basis, add_products, fill_columns, highpass
 from motord.identify.points import Samples
 from motord.identify.sensor import MountInverse
 
@@ -52,14 +52,15 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Po
     torque = np.empty((turns, basis.width, basis.width))
     currents = np.empty((turns, 7, 7))
     for row, (first, end) in enumerate(((0, samples.turns[0][0]), *samples.turns)):
-        columns = np.empty((end - first, basis.width))
+        columns = np.empty((end - first, basis.width + 2))
+        modelled = columns[:, : basis.width - 1]
         part = slice(first, end)
         tables = basis.back_emf, basis.cogging
-        fill_columns(samples.count, samples.t_s, currents_A, first, *tables, columns)
+        fill_columns(samples.count, samples.t_s, currents_A, first, *tables, modelled)
         if sensor.highpass_time_constant_s > 0:
-            highpass(columns, dt_s[part], sensor.highpass_time_constant_s, state)
+            highpass(modelled, dt_s[part], sensor.highpass_time_constant_s, state)
         if row > 0:  # what comes before the first zero point only settles the high-pass
-            columns[:, -1] = y_Nm[part]
+            columns[:, basis.width - 1] = y_Nm[part]
             torque[row - 1] = _products_without_trend(columns, samples.t_s[part])
             currents[row - 1] = _current_products(currents_A[part])
     return PointMoments(
@@ -87,21 +88,26 @@ def _settled(samples: Samples, basis: Basis) -> np.ndarray:
     """Return the high-pass' state after a long time in this operating point."""
     first, end = samples.turns[0]
     k = basis.back_emf[samples.count[first:end]]
-    state = np.zeros((2, basis.width))
+    state = np.zeros((2, basis.width - 1))
     state[:, CURRENT] = (samples.i_A[first:end] * k).mean(axis=0)
     state[:, basis.command] = (samples.command_A[first:end] * k).mean(axis=0)
     return state
 
 
 def _products_without_trend(columns: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return columns' columns after taking mean and slope out of each column."""
-    trend = np.empty((t_s.size, 2))
-    trend[:, 0] = 1 / np.sqrt(t_s.size)
-    centred_s = t_s - t_s.mean()
-    trend[:, 1] = centred_s / max(float(np.linalg.norm(centred_s)), 1e-300)
-    share = trend.T @ columns
-    products: np.ndarray = columns.T @ columns - share.T @ share
-    return products
+    """Return the products of all columns but the last two, freed of mean and slope over `t_s`.
+
+    The last two columns are overwritten with what is to be taken out.
+    """
+    columns[:, -2] = 1.0
+    columns[:, -1] = (t_s - t_s.mean()) / max(float(t_s[-1] - t_s[0]), 1e-300)
+    products = np.zeros((columns.shape[1], columns.shape[1]))
+    add_products(columns, products)
+    products = np.triu(products) + np.triu(products, 1).T
+    cross = products[:-2, -2:]
+    trend = cross @ np.linalg.pinv(products[-2:, -2:], hermitian=True) @ cross.T
+    free: np.ndarray = products[:-2, :-2] - trend
+    return free
 
 
 def _current_products(currents_A: np.ndarray) -> np.ndarray:

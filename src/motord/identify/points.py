@@ -9,10 +9,17 @@ import numpy as np
 
 from motord.identify import IdentifyError
 from motord.identify.align import interpolate
+from motord.identify.harmonics import lines_at, over_one_turn
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
 COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
 REQUIRED = ("t_ns", "encoder_count", *CURRENTS, "torque_Nm")
+
+SAMPLES_PER_ORDER = 2.5
+"""Samples a turn that the highest order needs."""
+
+MAX_CURRENT_ORDER = 200
+"""Highest order per turn that commanded currents are expected to have."""
 
 GOOD = "ok"
 """Quality of an operating point that was taken as it should be."""
@@ -37,7 +44,8 @@ class Samples:
     """An operating point ready to be identified from; n samples, time rising strictly.
 
     t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
-    command_A (n, 3), equal to i_A where none was recorded; turns: (first, end) of each whole turn.
+    command_A (n, 3): commands where they were recorded, else the sensed currents averaged over
+    angle; turns: (first, end) of each whole turn.
     """
 
     torque_set_Nm: float
@@ -111,13 +119,8 @@ def prepare(point: PointData, counts: int) -> Samples:
     ticks = _fresh(point.ticks)
     t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9 if ticks.size else np.zeros(0)
     i_A = _columns(ticks, CURRENTS)
-    command_A = _columns(ticks, COMMANDS) if set(COMMANDS) <= set(names) else i_A
     if "i_age_ns" in names and ticks["i_age_ns"].any():
         i_A = _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
-        if command_A is not i_A and not set(COMMANDS) <= set(names):
-            command_A = i_A
-    if not np.isfinite(command_A).all():
-        command_A = i_A
     torque_Nm = ticks["torque_Nm"].astype(float)
     good = np.isfinite(torque_Nm) & np.isfinite(i_A).all(axis=1)
     count = ticks["encoder_count"][good].astype(np.int64)
@@ -126,6 +129,11 @@ def prepare(point: PointData, counts: int) -> Samples:
             f"{label}: encoder counts from {count.min()} to {count.max()}, "
             f"but the motor has {counts} counts a turn; correct counts in [motor]"
         )
+    turns = _whole_turns(count, counts, label)
+    i_A = np.ascontiguousarray(i_A[good])
+    commands = _columns(ticks[good], COMMANDS) if set(COMMANDS) <= set(names) else None
+    if commands is None or not np.isfinite(commands).all():
+        commands = _over_angle(count, i_A, counts, min(end - first for first, end in turns))
     return Samples(
         torque_set_Nm=point.torque_Nm,
         speed_set_Hz=point.speed_Hz,
@@ -133,10 +141,19 @@ def prepare(point: PointData, counts: int) -> Samples:
         t_s=t_s[good],
         count=count,
         torque_Nm=torque_Nm[good],
-        i_A=np.ascontiguousarray(i_A[good]),
-        command_A=np.ascontiguousarray(command_A[good]),
-        turns=_whole_turns(count, counts, label),
+        i_A=i_A,
+        command_A=commands,
+        turns=turns,
     )
+
+
+def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) -> np.ndarray:
+    """Return currents averaged over the turns at each angle: nearly free of their noise."""
+    highest = max(min(int(per_turn / SAMPLES_PER_ORDER), (counts - 1) // 2, MAX_CURRENT_ORDER), 1)
+    columns = [
+        over_one_turn(lines_at(count, column, counts, highest), counts)[count] for column in i_A.T
+    ]
+    return np.column_stack(columns)
 
 
 def _fresh(ticks: np.ndarray) -> np.ndarray:

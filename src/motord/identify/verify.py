@@ -8,20 +8,17 @@ sensor's frequency response is divided out order by order.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
 
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identify.basis import cell_gain
 from motord.identify.encoder_points import EncoderSums, without_drift
-from motord.identify.points import Samples
+from motord.identify.harmonics import lines_at
+from motord.identify.points import SAMPLES_PER_ORDER, Samples
 from motord.identify.ripple import rms_error_percent
 from motord.identify.sensor import response
 
 MAX_ORDER = 512
 """Highest order that counts as ripple."""
-
-SAMPLES_PER_ORDER = 2.5
-"""Samples a turn that the highest order needs."""
 
 RESONANCE_SHARE = 0.7
 """Part of the mount's resonance frequency up to which its response is divided out."""
@@ -65,7 +62,7 @@ def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfi
         odd[begin - first : end - first] = True
     halves = [odd, ~odd] if len(samples.turns) > 1 else [~odd, ~odd]
     highest = highest_order(samples, motor.counts, sensor)
-    lines = [_lines(count[half], torque_Nm[half], motor.counts, highest) for half in halves]
+    lines = [lines_at(count[half], torque_Nm[half], motor.counts, highest)[1:] for half in halves]
     order = np.arange(1, highest + 1)
     seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
     even_odd = np.array(lines) / seen
@@ -94,20 +91,6 @@ def highest_order(samples: Samples, counts: int, sensor: TorqueSensorConfig) -> 
     if sensor.resonance_Hz > 0:
         highest = min(highest, int(RESONANCE_SHARE * sensor.resonance_Hz / samples.speed_Hz))
     return max(highest, 1)
-
-
-def _lines(count: np.ndarray, torque_Nm: np.ndarray, counts: int, highest: int) -> np.ndarray:
-    """Return complex amplitudes of orders 1 to `highest`: least squares over all samples.
-
-    With unevenly visited encoder points the normal matrix is Toeplitz: the spectrum of the visits.
-    """
-    sums = EncoderSums.of(count, torque_Nm[:, None], counts)
-    visits = np.fft.fft(sums.hits)
-    right = np.fft.fft(sums.sums[:, 0])
-    column = visits[np.arange(2 * highest + 1) % counts]
-    solution = solve_toeplitz(column, right[np.arange(-highest, highest + 1)])
-    lines: np.ndarray = 2 * solution[highest + 1 :]
-    return lines
 
 
 def _rms(lines: np.ndarray, noise: np.ndarray) -> tuple[float, float]:

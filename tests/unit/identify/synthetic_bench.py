@@ -1,7 +1,7 @@
 """An independent little test bench with exactly known truth: numpy and scipy only.
 
-Torque is integrated through the sensor on a grid eight or more times finer than the ticks, so
-that what the estimators see is sampled from continuous time.
+Torque passes the sensor on a grid several times finer than the ticks, so that what the estimators
+see is sampled from continuous time.
 """
 
 from dataclasses import dataclass, field
@@ -66,15 +66,16 @@ class Truth:
         )
 
 
+SENSOR = TorqueSensorConfig(highpass_time_constant_s=2.0, resonance_Hz=700.0, damping_ratio=0.02)
+
+
 @dataclass(frozen=True)
 class Bench:
     """Motor, sensor, truth, and how it is sampled."""
 
     motor: MotorConfig = field(default_factory=motor)
     truth: Truth = Truth()
-    sensor: TorqueSensorConfig = TorqueSensorConfig(
-        highpass_time_constant_s=2.0, resonance_Hz=700.0, damping_ratio=0.02
-    )
+    sensor: TorqueSensorConfig = SENSOR
     rate_Hz: int = 1000
     torque_noise_Nm: float = 0.05
     current_noise_A: float = 0.05
@@ -83,13 +84,14 @@ class Bench:
     ripple_order: int = 16
     lag_s: float = 0.0004
     i_age_s: float = 0.0
+    fine_Hz: int = 8_000
 
     def point(
         self, torque_Nm: float, speed_Hz: float, turns: float, seed: int, calibration: object = None
     ) -> PointData:
         """Turn `turns` turns at a set-point from an arbitrary angle."""
         rng = np.random.default_rng(seed)
-        fine = max(8, int(np.ceil(16_000 / self.rate_Hz)))
+        fine = max(4, int(np.ceil(self.fine_Hz / self.rate_Hz)))
         warm_s = 0.5 / speed_Hz
         n = int((turns / speed_Hz + warm_s) * self.rate_Hz) * fine
         t_s = np.arange(n) / (self.rate_Hz * fine)
@@ -134,7 +136,7 @@ class Bench:
     def _angle(self, t_s: np.ndarray, speed_Hz: float, rng: np.random.Generator) -> np.ndarray:
         """Return the angle with a speed that ripples with position."""
         start_rad, phase = rng.uniform(0, 2 * np.pi, 2)
-        uniform = np.linspace(-1, 2 * np.pi * speed_Hz * t_s[-1] * 1.5 + 10, 40 * t_s.size // 8)
+        uniform = np.linspace(-1, 2 * np.pi * speed_Hz * t_s[-1] * 1.5 + 10, 2 * t_s.size)
         pace = 1 / (1 + self.speed_ripple * np.cos(self.ripple_order * uniform + phase))
         time = np.concatenate([[0.0], np.cumsum((pace[1:] + pace[:-1]) / 2 * np.diff(uniform))])
         time = (time - np.interp(0.0, uniform, time)) / (2 * np.pi * speed_Hz)
