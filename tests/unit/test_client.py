@@ -165,6 +165,14 @@ def test_whatever_comes_in_is_answered_with_json(live, name, payload):
         assert (payload, name) in [(b"", n) for n in ("stop", "plan/list", "config")]
 
 
+def test_a_subscriber_that_does_not_read_keeps_the_newest(client, monkeypatch):
+    monkeypatch.setattr("motord.client.subscription.KEPT", 2)
+    with client.subscribe_state() as states, client.subscribe_state() as watched:
+        while states.lost < 2:
+            assert watched.get(WAIT_S) is not None
+        assert states.get(WAIT_S).t_ns > 0
+
+
 def test_events_are_remembered_and_published(client):
     with client.subscribe_events() as coming:
         client.rpc("stop", by="a test")
@@ -200,3 +208,15 @@ def test_a_daemon_that_went_away_is_noticed(tmp_path):
         client.state()
     with client, pytest.raises(ClientError, match="gone"):
         client.rpc("stop")
+    with pytest.raises(ClientError, match="over"):
+        client.rpc("stop")
+
+
+def test_a_supervisor_that_does_not_answer_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr("motord.service.api.ANSWER_S", 0.2)
+    with live_service(tmp_path, name="asleep") as service:
+        service.paused.set()
+        with connect("asleep", service.listen) as client:
+            assert code_of(client, "stop") == "busy"
+            monkeypatch.setattr("motord.client.connection.ANSWER_S", 0.05)
+            assert code_of(client, "stop") == "unreachable"

@@ -41,7 +41,7 @@ class Recording:
         unix_ns: Callable[[], int],
     ) -> None:
         self._config = config
-        self._toml = toml
+        self._described = describe(config, toml)  # looks up versions, which takes a while
         self._children = children
         self._events = events
         self._unix_ns = unix_ns
@@ -156,15 +156,13 @@ class Recording:
         moment = f"{now:%Y%m%dT%H%M%S}{now.microsecond // 1000:03d}Z"
         folder = config.recording.directory.absolute()
         self._stem = folder / f"{config.bench.name}-{moment}{suffix}"
-        self._metadata = describe(
-            config,
-            self._toml,
-            plan=plan,
-            calibration_id=self.calibration_id(),
-            realtime=self.realtime(),
-        )
-        if notes:
-            self._metadata["notes"] = f"{self._metadata['notes']}\n{notes}".strip()
+        self._metadata = {
+            **self._described,
+            "plan": plan,
+            "calibration": self.calibration_id(),
+            "realtime": self.realtime(),
+            "notes": f"{config.bench.notes}\n{notes}".strip(),
+        }
         self._send_start(self._stem, resume=False)
         return str(file_name(self._stem, 0))
 

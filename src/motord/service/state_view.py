@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -42,7 +43,7 @@ class StateView:
             bench=config.bench.name,
             motor=f"{config.motor.name} {config.motor.serial}".strip(),
             simulated=config.simulated,
-            version=version("motord"),
+            version=_version(),
             t_ns=self.unix_ns(),
             uptime_s=round((now_ns - self.started_ns) / 1e9, 1),
             state=bench.state.name,
@@ -91,3 +92,8 @@ def essence(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...
         bench.calibrated,
         recording_path,
     )
+
+
+@cache
+def _version() -> str:
+    return version("motord")

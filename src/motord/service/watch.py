@@ -17,8 +17,9 @@ from motord.service.words import TRIP_MEANING, flag_names, trip_names, trip_word
 
 TIMING_S = 1.0
 """Span over which the loop's lateness is summed up."""
-REPORT_MISSED_NS = 1_000_000_000
-"""Missed ticks are reported at most this often, with their number."""
+REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
+"""Missed ticks are reported with their number, after pauses that grow from the first to the last
+while there are new ones, so that they do not drown the other events."""
 
 _LIMITS: dict[Trip, tuple[str, Callable[[np.void], float], Callable[[LimitsConfig], float]]] = {
     Trip.OVER_CURRENT: (
@@ -62,6 +63,7 @@ class TickWatch:
         self.lost = 0
         self._missed_reported = 0
         self._missed_reported_ns = 0
+        self._missed_pause_ns = REPORT_FIRST_NS
 
     @property
     def state(self) -> State:
@@ -155,11 +157,13 @@ class TickWatch:
             kept -= len(self._timing.popleft())
 
     def _report_missed(self, now_ns: int) -> None:
-        missed = self.missed
-        if missed == self._missed_reported:
+        missed, since_ns = self.missed, now_ns - self._missed_reported_ns
+        if missed == self._missed_reported or since_ns < self._missed_pause_ns:
             return
-        if now_ns - self._missed_reported_ns < REPORT_MISSED_NS:
-            return
+        quiet = since_ns > 2 * REPORT_LAST_NS
+        self._missed_pause_ns = (
+            REPORT_FIRST_NS if quiet else min(2 * self._missed_pause_ns, REPORT_LAST_NS)
+        )
         new = missed - self._missed_reported
         self._missed_reported, self._missed_reported_ns = missed, now_ns
         self._events.emit(

@@ -1,0 +1,215 @@
+"""Small parts: words, priority, log, events, calls, set-point."""
+
+import io
+import logging
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from motord.control.types import SETPOINT
+from motord.schema import Compensate, Request, Trip
+from motord.service import priority
+from motord.service.calls import Call, CallQueue
+from motord.service.desk import Desk, Wait, expect
+from motord.service.events import KEPT, EventLog
+from motord.service.log import log_to_stderr
+from motord.service.messages import NoArguments, Set, Stop
+from motord.service.refusal import Refusal
+from motord.service.setpoint import UNSEEN_NS, Setpoint
+from motord.service.words import TRIP_MEANING, trip_names, trip_words
+
+
+def test_every_trip_has_a_meaning():
+    assert set(TRIP_MEANING) == set(Trip)
+    everything = sum(Trip)
+    assert trip_names(everything) == [trip.name for trip in Trip]
+    assert all(meaning in trip_words(everything) for meaning in TRIP_MEANING.values())
+    assert trip_words(0) == "no cause"
+
+
+def test_priority_rises_as_far_as_allowed(monkeypatch):
+    asked = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *a: asked.append((a[1], a[2])))
+    priority.rise(80)
+    priority.rise(5)
+    priority.rise(1)
+    assert [p.sched_priority for _, p in asked] == [10, 4, 1]
+    assert all(policy & os.SCHED_RESET_ON_FORK for policy, _ in asked)
+    priority.fall()
+    assert asked[-1][0] == os.SCHED_OTHER
+
+
+def test_without_the_right_it_is_nice_and_without_that_it_is_normal(monkeypatch):
+    def refuse(*arguments):
+        raise PermissionError
+
+    nice = []
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(os, "setpriority", lambda *arguments: nice.append(arguments[2]))
+    priority.rise(80)
+    assert nice == [priority.NICE]
+    monkeypatch.setattr(os, "setpriority", refuse)
+    priority.rise(80)
+
+
+@pytest.mark.parametrize(
+    ("policy", "nice", "words"),
+    [
+        (os.SCHED_RR | os.SCHED_RESET_ON_FORK, 0, "SCHED_RR 7"),
+        (os.SCHED_OTHER, -10, "nice -10"),
+        (os.SCHED_OTHER, 0, "normal priority"),
+    ],
+)
+def test_priority_in_words(monkeypatch, policy, nice, words):
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy)
+    monkeypatch.setattr(os, "sched_getparam", lambda pid: os.sched_param(7))
+    monkeypatch.setattr(os, "getpriority", lambda which, who: nice)
+    assert priority.current() == words
+
+
+def test_the_log_goes_to_stderr_and_is_put_back(monkeypatch):
+    stderr = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stderr)
+    logger = logging.getLogger("motord")
+    before = list(logger.handlers)
+    with log_to_stderr():
+        EventLog(lambda: 0).emit("trip", "something")
+    assert "ERROR trip: something" in stderr.getvalue()
+    assert logger.handlers == before
+
+
+def test_a_log_that_nobody_reads_is_dropped(monkeypatch):
+    monkeypatch.setattr("motord.service.log.CAPACITY", 1)
+    monkeypatch.setattr("logging.handlers.QueueListener.start", lambda self: None)
+    monkeypatch.setattr("logging.handlers.QueueListener.stop", lambda self: None)
+    with log_to_stderr():
+        for _ in range(5):
+            logging.getLogger("motord").warning("x")
+
+
+def test_only_the_newest_events_are_kept_but_all_are_passed_on():
+    log, heard = EventLog(lambda: 42), []
+    log.listeners.append(heard.append)
+    for number in range(KEPT + 3):
+        log.emit("k", str(number))
+    assert len(heard) == KEPT + 3
+    assert [e.message for e in log.recent()] == [str(n) for n in range(3, KEPT + 3)]
+    assert heard[0].t_ns == 42
+
+
+def test_calls_are_refused_when_too_many_wait():
+    calls = CallQueue()
+    for _ in range(CallQueue.CAPACITY):
+        calls.put(Call("stop", Stop()))
+    with pytest.raises(Refusal) as caught:
+        calls.put(Call("stop", Stop()))
+    assert caught.value.code == "busy"
+    assert len(calls.take()) == CallQueue.CAPACITY
+    assert calls.take() == []
+
+
+def test_only_the_first_answer_counts():
+    call = Call("stop", Stop())
+    with pytest.raises(Refusal, match="no answer"):
+        call.wait(0)
+    call.answer({"state": "OFF"})
+    call.answer(Refusal("busy", "too late"))
+    assert call.wait(0) == {"state": "OFF"}
+
+
+def test_a_wait_ends_with_its_condition_or_its_time():
+    seen = []
+    wait = Wait(lambda: {} if seen else None, 1.0, lambda: "too slow")
+    desk = Desk({"stop": lambda call, now_ns: wait})
+    late, right = Call("stop", Stop()), Call("stop", Stop())
+    desk.handle(late, 0)
+    desk.step(1_000_000_000)
+    with pytest.raises(Refusal, match="too slow"):
+        late.wait(0)
+    desk.handle(right, 0)
+    seen.append(1)
+    desk.step(1)
+    assert right.wait(0) == {}
+
+
+def test_a_request_at_the_wrong_handler_is_a_mistake_of_the_program():
+    with pytest.raises(TypeError, match="NoArguments where Set"):
+        expect(Set, Call("set", NoArguments()))
+
+
+class Mailbox:
+    def __init__(self):
+        self.written = []
+
+    def write(self, setpoint):
+        assert setpoint.dtype == SETPOINT
+        self.written.append(setpoint.copy()[0])
+
+
+def test_the_next_request_waits_until_the_one_before_was_seen():
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint.request(Request.ENABLE)
+    setpoint.request(Request.DISABLE)
+    setpoint.write(0, 0)
+    setpoint.write(1, 0)
+    assert mailbox.written[-1]["request"] == Request.ENABLE
+    setpoint.write(2, seen_seq=1)
+    assert mailbox.written[-1]["request"] == Request.DISABLE
+
+
+def test_a_request_that_nobody_sees_makes_room():
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint.request(Request.ENABLE)
+    setpoint.request(Request.DISABLE)
+    setpoint.write(0, 0)
+    setpoint.write(UNSEEN_NS, 0)
+    assert mailbox.written[-1]["request"] == Request.ENABLE
+    setpoint.write(UNSEEN_NS + 1, 0)
+    assert mailbox.written[-1]["request"] == Request.DISABLE
+
+
+def test_a_stop_goes_first_and_the_rest_is_forgotten():
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint.request(Request.ENABLE)
+    setpoint.write(0, 0)
+    setpoint.request(Request.DISABLE)
+    setpoint.request(Request.STOP)
+    setpoint.write(1, 0)
+    setpoint.write(2, 2)
+    setpoint.write(3, 3)
+    assert [int(w["request"]) for w in mailbox.written] == [1, 3, 3, 3]
+    assert [int(w["request_seq"]) for w in mailbox.written] == [1, 2, 2, 2]
+
+
+def test_the_numbers_of_set_points_run_over():
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint._record["seq"] = 0xFFFFFFFE
+    setpoint.request(Request.ENABLE)
+    for now_ns, seen in enumerate((0xFFFFFFFE, 0xFFFFFFFF, 0, 1)):
+        setpoint.write(now_ns, seen)
+    assert [int(w["seq"]) for w in mailbox.written] == [0xFFFFFFFF, 0, 1, 2]
+
+
+def test_what_the_mailbox_holds():
+    mailbox = Mailbox()
+    setpoint = Setpoint(mailbox)
+    setpoint.torque_Nm, setpoint.speed_Hz, setpoint.brake = 1.5, 0.5, 0.25
+    setpoint.drive_Hz, setpoint.plan_point = -1.0, 3
+    setpoint.compensate = Compensate.COGGING
+    setpoint.write(0, 0)
+    record = mailbox.written[-1]
+    assert (record["torque_Nm"], record["brake"], record["plan_point"]) == (1.5, 0.25, 3)
+    assert record["speed_rad_s"] == pytest.approx(np.pi)
+    assert record["drive_rad_s"] == pytest.approx(-2 * np.pi)
+    assert record["compensate"] == 2
+    assert setpoint.view().compensate == "cogging"
+    setpoint.rest()
+    setpoint.write(1, 1)
+    assert mailbox.written[-1]["torque_Nm"] == mailbox.written[-1]["drive_rad_s"] == 0.0
+    assert mailbox.written[-1]["plan_point"] == -1
