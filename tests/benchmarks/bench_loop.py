@@ -32,6 +32,7 @@ from motord.runtime.ring import RingReader, RingWriter
 from motord.runtime.rundir import RunDir
 from motord.runtime.status import LoopStatus, Phase
 from motord.runtime.tables import TablesReader, TablesWriter
+from motord.runtime.waker import Waker
 
 ROUNDS = 31
 CALLS = 2000
@@ -57,7 +58,7 @@ def parts_of_a_tick(bench: config.Config, folder: Path) -> Parts:
     setpoint, command = np.zeros(1, SETPOINT), np.zeros(1, COMMAND)
     writer.write(setpoint)
     clock = time.monotonic_ns
-    pacer = Pacer(1_000_000, clock, lambda _deadline_ns: clock())
+    pacer = Pacer(1, Waker(1_000_000))
     rig.read(clock(), feedback)
 
     def exchange() -> None:

@@ -26,6 +26,7 @@ class LoopConfig(Section):
     rate_Hz: Annotated[int, Field(ge=100, le=20_000)] = 1000
     cpu: Annotated[int, Field(ge=0)] | None = None
     priority: Annotated[int, Field(ge=1, le=98)] = 80
+    spin: bool = True
     observer_bandwidth_Hz: Positive = 30.0
     supervisor_timeout_s: Positive = 0.25
     enable_timeout_s: Positive = 1.0

@@ -1,14 +1,20 @@
 """Times counted in logarithmic bins: 32 to the octave, exact below 64 ns, up to 2.1 s.
 
-`add` works on integers and a fixed array, so the loop can call it in every tick.
+A histogram is an array of CELLS integers: the count of each bin, then the largest time. The loop's
+compiled tick counts into such arrays; they may lie in shared memory (`runtime.timing`).
 """
+
+import math
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from motord.jit import jit
+
 _BITS = 5
 BINS = (32 - _BITS) << _BITS
 """Number of bins for values below 2**31 ns."""
+CELLS = BINS + 1
 
 
 def _lower_edges_ns() -> np.ndarray:
@@ -35,24 +41,52 @@ class TimeSummary(BaseModel):
     bins: list[tuple[int, int]] = []
 
 
-class TimeHistogram:
-    """Counts of times in ns; negative times count as 0, those from 2**31 ns on in the last bin."""
+@jit
+def count(cells: np.ndarray, time_ns: int) -> None:
+    """Count a time in `cells`, shape (CELLS,): a negative one as 0, a long one in the last bin."""
+    time_ns = max(time_ns, 0)
+    octave = math.frexp(time_ns)[1] - 6  # frexp tells the number of bits
+    if octave > 0:
+        index = min((octave << _BITS) + (time_ns >> octave), BINS - 1)
+    else:
+        index = time_ns
+    cells[index] += 1
+    cells[BINS] = max(cells[BINS], time_ns)
 
-    def __init__(self) -> None:
-        self.counts = np.zeros(BINS, dtype=np.int64)
-        self._cells = self.counts.data
-        self.max_ns = 0
+
+class TimeHistogram:
+    """Counts of times in ns, kept in `cells` (int64, shape (CELLS,); by default its own)."""
+
+    def __init__(self, cells: np.ndarray | None = None) -> None:
+        self.cells = np.zeros(CELLS, np.int64) if cells is None else cells
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Number of times in each bin, shape (BINS,)."""
+        return self.cells[:BINS]
+
+    @property
+    def max_ns(self) -> int:
+        """The largest time."""
+        return int(self.cells[BINS])
 
     def add(self, time_ns: int) -> None:
         """Count one time."""
-        if time_ns > self.max_ns:
-            self.max_ns = time_ns
-        octave = time_ns.bit_length() - 6
-        if octave > 0:
-            index = (octave << 5) + (time_ns >> octave)
-            self._cells[index if index < BINS else BINS - 1] += 1
-        else:
-            self._cells[time_ns if time_ns > 0 else 0] += 1
+        count(self.cells, time_ns)
+
+    def merge(self, other: "TimeHistogram") -> None:
+        """Count all times of `other` too."""
+        self.counts[:] += other.counts
+        self.cells[BINS] = max(self.max_ns, other.max_ns)
+
+    def since(self, earlier: "TimeHistogram") -> "TimeHistogram":
+        """Return what was counted after the copy `earlier`; its largest time is good to 3 %."""
+        later = TimeHistogram(self.cells.copy())
+        later.counts[:] -= earlier.counts
+        used = np.flatnonzero(later.counts)
+        largest_ns = int(EDGES_ns[used[-1] + 1]) - 1 if used.size else 0
+        later.cells[BINS] = min(self.max_ns, largest_ns)
+        return later
 
     def quantile_ns(self, fraction: float) -> float:
         """Return the time that `fraction` of the samples do not exceed; nan without samples.

@@ -5,8 +5,7 @@ once and only within its own period: a loop that comes late skips the periods th
 counts them and goes on in phase, so a stall is never followed by a burst.
 """
 
-import time
-from collections.abc import Callable
+from typing import Protocol
 
 from motord.schema import Flag
 
@@ -15,26 +14,34 @@ _LATE = int(Flag.LATE)
 _AFTER_GAP = int(Flag.AFTER_GAP)
 
 
-def sleep_until(deadline_ns: int) -> int:
-    """Sleep until `deadline_ns` on the monotonic clock; return the time of waking up."""
-    now_ns = time.monotonic_ns()
-    while now_ns < deadline_ns:
-        time.sleep((deadline_ns - now_ns) * 1e-9)
-        now_ns = time.monotonic_ns()
-    return now_ns
+class Alarm(Protocol):
+    """What a pacer waits with (`runtime.waker.Waker`). Times are monotonic ns."""
+
+    @property
+    def overdrawn(self) -> bool:
+        """True if the loop has to skip a tick to give time back to the system."""
+
+    def clock_ns(self) -> int:
+        """Return the time."""
+
+    def start(self) -> None:
+        """Note that the loop starts now."""
+
+    def wait_until(self, deadline_ns: int) -> int:
+        """Return at `deadline_ns`, or at once if it is over; returns the time of returning."""
 
 
 class Pacer:
-    """Deadlines of a loop of period `period_ns`; `clock_ns` and `wait_until` tell and pass time.
+    """Deadlines of a loop of period `period_ns`; `alarm` tells and passes the time.
 
     After `wait()`: `tick` (counter of periods), `missed` (periods skipped so far), `late_ns`
     (wake-up after the deadline waited for) and `flags` (LATE, AFTER_GAP) describe the tick.
     """
 
     __slots__ = (
+        "_alarm",
         "_deadline_ns",
         "_half_ns",
-        "_wait_until",
         "clock_ns",
         "flags",
         "late_ns",
@@ -43,20 +50,16 @@ class Pacer:
         "tick",
     )
 
-    def __init__(
-        self,
-        period_ns: int,
-        clock_ns: Callable[[], int] = time.monotonic_ns,
-        wait_until: Callable[[int], int] = sleep_until,
-    ) -> None:
+    def __init__(self, period_ns: int, alarm: Alarm) -> None:
         self.period_ns = period_ns
         self._half_ns = period_ns // 2
-        self.clock_ns = clock_ns
-        self._wait_until = wait_until
+        self._alarm = alarm
+        self.clock_ns = alarm.clock_ns
         self.start()
 
     def start(self) -> None:
         """Start counting: tick 0 is due one period from now."""
+        self._alarm.start()
         self._deadline_ns = self.clock_ns()
         self.tick = -1
         self.missed = 0
@@ -67,8 +70,10 @@ class Pacer:
         """Wait for the next tick and return the time of waking up (monotonic ns).
 
         Work that ran more than half a period into the next tick skips that tick. A wake-up that
-        is later than whole periods skips these.
+        is later than whole periods skips these. A loop that is busy for too large a share of the
+        time skips one tick more.
         """
+        alarm = self._alarm
         period_ns = self.period_ns
         deadline_ns = self._deadline_ns + period_ns
         tick = self.tick + 1
@@ -77,7 +82,10 @@ class Pacer:
             over = -(-behind_ns // period_ns)
             deadline_ns += over * period_ns
             tick += over
-        woke_ns = self._wait_until(deadline_ns)
+        if alarm.overdrawn:
+            deadline_ns += period_ns
+            tick += 1
+        woke_ns = alarm.wait_until(deadline_ns)
         late_ns = woke_ns - deadline_ns
         if late_ns >= period_ns:
             over = late_ns // period_ns

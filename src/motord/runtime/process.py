@@ -21,6 +21,8 @@ from motord.runtime.rundir import RunDir, RunDirError
 from motord.runtime.shared import SharedFileError
 from motord.runtime.status import LoopStatus, Phase
 from motord.runtime.tables import TablesReader
+from motord.runtime.timing import Timing
+from motord.runtime.waker import Waker
 
 PREDECESSOR_WAIT_S = 10.0
 """How long to wait for an orphaned loop of this bench to let go of the devices."""
@@ -68,8 +70,10 @@ class LoopProcess:
             )
         ring = RingWriter(self._run_dir.ring, capacity_for(bench.loop))
         rig = registry.make_rig(bench)
-        work = cycle.Cycle(rig, ring, mailbox, tables, self._stop)
-        pacer = Pacer(round(1e9 / bench.loop.rate_Hz))
+        timing = Timing.create(self._run_dir.timing)
+        work = cycle.Cycle(rig, ring, mailbox, tables, self._stop, timing)
+        period_ns = round(1e9 / bench.loop.rate_Hz)
+        pacer = Pacer(period_ns, Waker(period_ns, spin=bench.loop.spin))
         work.warm_up_kernel()
         try:
             rig.open()
@@ -85,12 +89,13 @@ class LoopProcess:
         finally:
             _stop_safely(rig)
             ring.close()
+            kept = timing.summary()
             self._status = self._status.model_copy(
                 update={
                     "ticks": ring.head,
                     "missed": pacer.missed,
-                    "wake_late": work.wake_late.summary(),
-                    "work": work.work.summary(),
+                    "wake_late": kept.wake_late,
+                    "work": kept.work,
                 }
             )
 

@@ -54,6 +54,11 @@ class RunDir:
         return self.path / "tables"
 
     @property
+    def timing(self) -> Path:
+        """The loop's histograms (`runtime.timing.Timing`), written by the loop."""
+        return self.path / "timing"
+
+    @property
     def loop_status(self) -> Path:
         """The loop's account of itself (`runtime.status.LoopStatus`)."""
         return self.path / "loop.json"

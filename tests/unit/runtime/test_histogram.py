@@ -16,6 +16,7 @@ def test_bins_have_no_gap_and_are_fine() -> None:
     assert (widths[64:] / EDGES_ns[64:-1]).max() <= 1 / 32
 
 
+@pytest.mark.kernel
 @given(st.integers(0, 2**31 - 1))
 def test_every_time_falls_into_its_bin(time_ns: int) -> None:
     histogram = TimeHistogram()

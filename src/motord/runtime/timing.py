@@ -1,0 +1,78 @@
+"""How punctual the loop is: wake-up lateness and work time of every tick since it started.
+
+The loop counts in shared memory, so that anyone can look while it runs. For a recording, copy at
+its start and at its end: `end.since(start).summary()` is what belongs into the file.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from motord.runtime.histogram import CELLS, TimeHistogram, TimeSummary
+from motord.runtime.shared import SharedFile, layout_digest
+from motord.schema import record_dtype
+
+KIND = "timing"
+TIMING = record_dtype(
+    [("wake_late", "<i8", (CELLS,)), ("work", "<i8", (CELLS,)), ("missed", "<i8")]
+)
+
+
+class TimingSummary(BaseModel):
+    """Punctuality for people and files: periods missed, quantiles and bins of both times."""
+
+    model_config = ConfigDict(frozen=True)
+
+    missed: int = 0
+    wake_late: TimeSummary = TimeSummary()
+    work: TimeSummary = TimeSummary()
+
+
+class Timing:
+    """Both histograms, kept in `record` (TIMING, shape (1,); by default its own)."""
+
+    def __init__(self, record: np.ndarray | None = None) -> None:
+        self.record = np.zeros(1, TIMING) if record is None else record
+        self.wake_late = TimeHistogram(self.record["wake_late"][0])
+        self.work = TimeHistogram(self.record["work"][0])
+
+    @classmethod
+    def create(cls, path: Path) -> "Timing":
+        """Make the shared file that the loop counts in. Raises SharedFileError."""
+        file = SharedFile.create(path, KIND, layout_digest([TIMING]), [], TIMING.itemsize)
+        return cls(file.array(TIMING, 1, 0))
+
+    @classmethod
+    def attach(cls, path: Path) -> "Timing":
+        """Return the loop's own, as it counts. Raises SharedFileError if there is none."""
+        return cls(SharedFile.attach(path, KIND, layout_digest([TIMING])).array(TIMING, 1, 0))
+
+    @property
+    def missed(self) -> int:
+        """Periods skipped."""
+        return int(self.record["missed"][0])
+
+    def copy(self) -> "Timing":
+        """Return what is counted now."""
+        return Timing(self.record.copy())
+
+    def since(self, earlier: "Timing") -> "Timing":
+        """Return what was counted after the copy `earlier` of this."""
+        later = Timing()
+        later.wake_late.cells[:] = self.wake_late.since(earlier.wake_late).cells
+        later.work.cells[:] = self.work.since(earlier.work).cells
+        later.record["missed"] = self.missed - earlier.missed
+        return later
+
+    def merge(self, other: "Timing") -> None:
+        """Count all that `other` has counted too."""
+        self.wake_late.merge(other.wake_late)
+        self.work.merge(other.work)
+        self.record["missed"] += other.missed
+
+    def summary(self) -> TimingSummary:
+        """Return the figures."""
+        return TimingSummary(
+            missed=self.missed, wake_late=self.wake_late.summary(), work=self.work.summary()
+        )

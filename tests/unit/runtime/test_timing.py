@@ -1,0 +1,55 @@
+"""The loop's histograms in shared memory, and what a part of a run adds to them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.runtime.shared import SharedFileError
+from motord.runtime.timing import Timing
+
+TIMES = st.lists(st.integers(0, 10**7), max_size=50)
+
+
+def test_others_see_what_the_loop_counts(tmp_path: Path) -> None:
+    path = tmp_path / "timing"
+    own = Timing.create(path)
+    seen = Timing.attach(path)
+    before = seen.copy()
+    own.wake_late.add(1_000)
+    own.work.add(20_000)
+    own.record["missed"] = 3
+    assert seen.summary() == own.summary()
+    assert (seen.missed, seen.wake_late.max_ns) == (3, 1_000)
+    assert before.summary().work.samples == 0
+    with pytest.raises(SharedFileError, match="cannot open"):
+        Timing.attach(tmp_path / "none")
+
+
+@given(TIMES, TIMES)
+def test_a_part_of_a_run_is_the_difference(before_ns: list[int], after_ns: list[int]) -> None:
+    timing, only = Timing(), Timing()
+    for time_ns in before_ns:
+        timing.work.add(time_ns)
+    earlier = timing.copy()
+    for time_ns in after_ns:
+        timing.work.add(time_ns)
+        only.work.add(time_ns)
+    part = timing.since(earlier)
+    assert np.array_equal(part.work.counts, only.work.counts)
+    assert only.work.max_ns <= part.work.max_ns <= max(only.work.max_ns * 33 // 32 + 1, 0)
+    earlier.merge(part)
+    assert np.array_equal(earlier.work.counts, timing.work.counts)
+    assert earlier.work.max_ns <= timing.work.max_ns * 33 // 32 + 1
+
+
+def test_missed_periods_are_counted_for_the_part_too() -> None:
+    timing = Timing()
+    timing.record["missed"] = 5
+    earlier = timing.copy()
+    timing.record["missed"] = 7
+    assert timing.since(earlier).summary().missed == 2
+    earlier.merge(timing.since(earlier))
+    assert earlier.missed == 7
