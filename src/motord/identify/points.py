@@ -116,22 +116,16 @@ def prepare(point: PointData, counts: int) -> Samples:
     missing = [name for name in REQUIRED if name not in names]
     if missing:
         raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
-    ticks = _fresh(point.ticks)
-    t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9 if ticks.size else np.zeros(0)
-    i_A = _columns(ticks, CURRENTS)
-    if "i_age_ns" in names and ticks["i_age_ns"].any():
-        i_A = _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
+    ticks = point.ticks
+    t_ns = ticks["t_ns"]
+    t_s = (t_ns - t_ns[:1]) * 1e-9
+    i_A = _currents(ticks, t_s)
     torque_Nm = ticks["torque_Nm"].astype(float)
-    good = np.isfinite(torque_Nm) & np.isfinite(i_A).all(axis=1)
+    good = _rising(t_ns) & np.isfinite(torque_Nm) & np.isfinite(i_A).all(axis=1)
     count = ticks["encoder_count"][good].astype(np.int64)
-    if count.size and not 0 <= count.min() <= count.max() < counts:
-        raise IdentifyError(
-            f"{label}: encoder counts from {count.min()} to {count.max()}, "
-            f"but the motor has {counts} counts a turn; correct counts in [motor]"
-        )
     turns = _whole_turns(count, counts, label)
     i_A = np.ascontiguousarray(i_A[good])
-    commands = _columns(ticks[good], COMMANDS) if set(COMMANDS) <= set(names) else None
+    commands = _columns(ticks, COMMANDS)[good] if set(COMMANDS) <= set(names) else None
     if commands is None or not np.isfinite(commands).all():
         commands = _over_angle(count, i_A, counts, min(end - first for first, end in turns))
     return Samples(
@@ -156,30 +150,41 @@ def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) 
     return np.column_stack(columns)
 
 
-def _fresh(ticks: np.ndarray) -> np.ndarray:
-    """Drop ticks that repeat a sample (their time does not rise)."""
-    rising = np.ones(ticks.size, bool)
-    rising[1:] = ticks["t_ns"][1:] > np.maximum.accumulate(ticks["t_ns"])[:-1]
-    return ticks[rising]
+def _rising(t: np.ndarray) -> np.ndarray:
+    """Return which samples are newer than all before them; the others repeat one (n,)."""
+    rising = np.ones(t.size, bool)
+    rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
+    return rising
 
 
 def _columns(ticks: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
     return np.column_stack([ticks[name].astype(float) for name in names])
 
 
+def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Return the sensed currents at the instants of the torque samples (n, 3)."""
+    i_A = _columns(ticks, CURRENTS)
+    if "i_age_ns" not in (ticks.dtype.names or ()) or not ticks["i_age_ns"].any():
+        return i_A
+    return _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
+
+
 def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
     """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
     source_s = t_s - age_s
-    fresh = np.ones(source_s.size, bool)
-    fresh[1:] = source_s[1:] > np.maximum.accumulate(source_s)[:-1]
-    fresh &= np.isfinite(i_A).all(axis=1)
-    moved = np.empty_like(i_A)
+    fresh = _rising(source_s) & np.isfinite(i_A).all(axis=1)
+    moved = np.full_like(i_A, np.nan)
     interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)
     return moved
 
 
 def _whole_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int, int], ...]:
     """Return (first, end) of each turn from zero point to zero point, either way round."""
+    if count.size and not 0 <= count.min() <= count.max() < counts:
+        raise IdentifyError(
+            f"{label}: encoder counts from {count.min()} to {count.max()}, "
+            f"but the motor has {counts} counts a turn; correct counts in [motor]"
+        )
     steps = np.diff(count, prepend=count[:1])
     steps = (steps + counts // 2) % counts - counts // 2
     position = (count[0] if count.size else 0) + np.cumsum(steps)

@@ -68,7 +68,8 @@ class MountInverse:
         Samples that are missing are filled straight from their neighbours.
         """
         index = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
-        grid = np.interp(np.arange(index[-1] + 1), index, values)
+        whole = index[-1] + 1 == index.size
+        grid = values if whole else np.interp(np.arange(index[-1] + 1), index, values)
         padded = np.pad(grid, HALF_LENGTH, mode="edge")
         filtered: np.ndarray = np.convolve(padded, self.taps, mode="valid")[index]
         return filtered

@@ -87,12 +87,12 @@ class Gatherer:
     star: bool
 
     def turns(self, gains: np.ndarray) -> Turns:
-        """Return the turns; currents that are younger by d make -d sum_p gains_p di_p/dt k_p."""
+        """Return the turns; currents older than recorded by d miss d sum_p gains_p di_p/dt k_p."""
         m = np.concatenate([point.torque for point in self.points])
         period_s = float(np.mean([point.period_s for point in self.points]))
         unit_s = DELAY_SHARE * period_s
-        x = self._choose(CURRENT, RATE, -unit_s * gains)
-        z = self._choose(self.basis.command, self.basis.command_rate, -unit_s * gains)
+        x = self._choose(CURRENT, RATE, unit_s * gains)
+        z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains)
         currents = np.concatenate([point.currents for point in self.points]) * self.star
         place = np.zeros((4, x.shape[1]))
         place[:3, ALPHA] = np.eye(3)
