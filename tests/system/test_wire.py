@@ -11,7 +11,7 @@ import pytest
 from motord.client import ClientError
 from motord.record.reader import open_run
 from motord.schema import State
-from tests.system.daemons import daemon, emulator, patient, wait_for, wait_until
+from tests.system.daemons import Program, daemon, emulator, patient, wait_for, wait_until
 from tests.system.test_daemon import check_ticks
 from tests.unit.emulate.benches import write_bench
 
@@ -183,3 +183,17 @@ def test_sigterm_ramps_down_on_the_wire(wire):
     truth = wire.truth()
     assert currents(truth, ended_ns).max() < ZERO_A
     assert (truth["enable_line"][-100:] == 0).all()
+
+
+def test_a_daemon_without_its_devices_says_which(tmp_path):
+    bench = write_bench(tmp_path)
+    program = Program(tmp_path, "run", "-c", bench, ready=False)
+    assert program.wait() == 1
+    assert program.said().splitlines()[-1].startswith("motord: [brake.modbus] 127.0.0.1")
+    without_brake = bench.read_text().replace('driver = "modbus"', 'driver = "none"')
+    bench.write_text(without_brake)
+    program = Program(tmp_path, "run", "-c", bench, ready=False)
+    assert program.wait() == 1
+    last = program.said().splitlines()[-1]
+    assert "bridge: cannot open" in last
+    assert "is the board plugged in" in last

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from motord.cli.console import fail
-from motord.runtime.rundir import base_directory
+from motord.runtime.rundir import RunDir, RunDirError
 
 if TYPE_CHECKING:
     from motord.client import Client, Lease
@@ -37,7 +37,7 @@ class Command:
 
 def token_file(bench: str) -> Path:
     """Return where the commands of this user share the token for a bench."""
-    return base_directory().with_name(f"{base_directory().name}-cli") / f"{bench}.json"
+    return RunDir(f"{bench}@cli").path / "lease.json"
 
 
 @contextmanager
@@ -49,9 +49,11 @@ def in_command(client: "Client", *, force: bool = False) -> Iterator[Command]:
         yield Command(shared, None)
         return
     with client.lease(force=force) as lease:
-        _write_private(path, lease.token)
         try:
+            _write_private(path, lease.token)
             yield Command(lease.token, lease)
+        except RunDirError as error:
+            fail(str(error))
         finally:
             path.unlink(missing_ok=True)
 
@@ -69,7 +71,7 @@ def _shared_token(client: "Client", path: Path) -> str | None:
 
 
 def _write_private(path: Path, token: str) -> None:
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    RunDir.at(path.parent).create()  # for this user only
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     with os.fdopen(descriptor, "w") as file:
         json.dump({"token": token, "pid": os.getpid()}, file)

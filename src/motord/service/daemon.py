@@ -42,13 +42,14 @@ class Stopping:
 
 @contextmanager
 def stop_signals() -> Iterator[Stopping]:
-    """Note SIGTERM and SIGINT instead of dying of them."""
+    """Note SIGTERM, SIGINT and SIGHUP instead of dying of them."""
     stopping = Stopping()
 
     def note(number: int, _frame: FrameType | None) -> None:
         stopping.reason = signal.Signals(number).name
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGTERM, signal.SIGINT)}
+    noted = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in noted}
     try:
         yield stopping
     finally:

@@ -117,3 +117,11 @@ def need_ready(bench: Bench) -> None:
     need_no_trip(bench)
     if bench.state is State.OFF and bench.watch.trip_bits:
         raise Refusal("refused", f"it cannot be enabled: {trip_words(bench.watch.trip_bits)}")
+
+
+def need_zero_torque(bench: Bench, why: str) -> None:
+    """Refuse what must not happen under torque; `why` completes "set torque_Nm = 0 first: "."""
+    if bench.state is State.ENABLED and (
+        bench.watch.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
+    ):
+        raise Refusal("refused", f"set torque_Nm = 0 first: {why}")

@@ -6,7 +6,7 @@ from motord.plans import PLANS, Plan, PlanError
 from motord.plans import build as build_plan
 from motord.service.bench import Bench
 from motord.service.calls import Answer, Call
-from motord.service.desk import Handler, expect, need_ready
+from motord.service.desk import Handler, expect, need_ready, need_zero_torque
 from motord.service.messages import PlanStart, WithToken
 from motord.service.refusal import Refusal
 
@@ -32,6 +32,7 @@ class Experiments:
             return outline
         who = bench.lease.require(asked.token, now_ns).holder
         need_ready(bench)
+        need_zero_torque(bench, "a plan begins with an open brake")
         if bench.trouble:
             raise Refusal("refused", f"not started: {bench.trouble}")
         detached = ", detached" if asked.detach else ""

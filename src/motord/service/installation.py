@@ -14,11 +14,10 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
 from motord.runtime.tables import TablesBusyError
-from motord.schema import State
 from motord.service.bench import Bench
 from motord.service.calibrations import CalibrationStore
 from motord.service.calls import Answer, Call
-from motord.service.desk import Handler, Wait, expect, need_no_plan
+from motord.service.desk import Handler, Wait, expect, need_no_plan, need_zero_torque
 from motord.service.messages import CalibrationInstall, Request
 from motord.service.refusal import Refusal
 
@@ -75,14 +74,7 @@ class Installation:
         bench, prepared = self._bench, call.prepared
         who = bench.lease.require(expect(CalibrationInstall, call).token, now_ns).holder
         need_no_plan(bench)
-        if bench.state is State.ENABLED and (
-            bench.watch.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
-        ):
-            raise Refusal(
-                "refused",
-                "the torque would jump: a calibration is installed at zero torque; "
-                "set torque_Nm = 0 first",
-            )
+        need_zero_torque(bench, "the torque would jump with the calibration")
 
         def swapped() -> Answer | None:
             try:

@@ -133,6 +133,17 @@ def test_while_a_plan_runs_hand_operation_is_refused(service, name, arguments):
     assert "calibrate" in refused(service, "plan_running", name, token=token, **arguments)
 
 
+def test_a_plan_does_not_begin_under_torque(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
+    service.run_s(1.5, token)
+    message = refused(service, "refused", "plan/start", token=token, name="calibrate")
+    assert "torque_Nm = 0 first" in message
+    service.ask("set", token=token, torque_Nm=0.0)
+    service.run_s(0.5, token)
+    start(service, token)
+
+
 def test_a_plan_needs_the_lease(service):
     service.acquire()
     refused(service, "no_lease", "plan/start", token="guess", name="calibrate")

@@ -117,7 +117,7 @@ def test_it_waits_for_zero_torque_and_needs_the_lease(service, tables):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
     service.run_s(2.0, token)
-    with pytest.raises(Refusal, match="zero torque"):
+    with pytest.raises(Refusal, match="torque_Nm = 0 first"):
         install(service, token, calibration=calibration().to_json())
     with pytest.raises(Refusal) as caught:
         install(service, "guess", calibration=calibration().to_json())
