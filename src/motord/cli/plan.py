@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.5
 
-app = typer.Typer(no_args_is_help=True, help="Experiments: list, start, steer.")
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Experiments: list, start, steer.",
+)
 
 
 @app.command("list")
