@@ -1,8 +1,10 @@
 """`motord run` with the simulated bench: processes, sockets and files as a user has them."""
 
+import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,6 +115,21 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
         assert (ticks["plan_point"][inside] == point["index"]).all()
     numbers = np.concatenate([run.ticks(("tick",))["tick"] for run in running.runs()])
     assert (np.diff(numbers.astype(int)) >= 1).all()
+
+
+def test_the_examples_in_the_documentation_run(running):
+    text = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
+    examples = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert len(examples) == 2
+    for example in examples:
+        script = example.replace("tcp/127.0.0.1:7447", running.endpoint)
+        script = script.replace("motord/sim/", f"motord/{running.config.bench.name}/")
+        script = script.replace("connect()", f'connect(None, "{running.endpoint}")')
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S
+        )
+        assert done.returncode == 0, done.stderr
+        assert "OFF" in done.stdout
 
 
 def test_a_second_daemon_of_the_same_bench_is_refused(running, tmp_path):
