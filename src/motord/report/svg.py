@@ -21,7 +21,8 @@ def inline(figure: Figure, prefix: str, description: str) -> str:
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     element = text[text.index("<svg") :]
-    element = re.sub(r"<metadata>.*?</metadata>", "", element, flags=re.DOTALL)
+    element = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", element, flags=re.DOTALL)
+    element = re.sub(r"\n\s*", "\n", element)
     element = _unique_ids(element, prefix)
     for name, colour in PALETTE.items():
         element = element.replace(colour.light, f"var(--{name})")

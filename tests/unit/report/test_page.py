@@ -1,0 +1,182 @@
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from motord.report.calibration import page, write
+from motord.report.html import Page
+from motord.report.style import PALETTE, drawing, figure
+from motord.report.svg import inline
+
+from .made_up import content, estimate, ripple
+
+
+class Structure(HTMLParser):
+    """Collects ids and what elements refer to; checks that tags close in order."""
+
+    VOID = ("meta", "br")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+        self.references: list[str] = []
+        self.open: list[str] = []
+        self.headings: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value or "")
+            elif name in ("src", "href", "xlink:href"):
+                self.references.append(value or "")
+            elif value and "url(" in value:
+                self.references += re.findall(r"url\(([^)]*)\)", value)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        self.open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] == "h2":
+            self.headings.append(data)
+
+
+def structure(html: str) -> Structure:
+    parser = Structure()
+    parser.feed(html)
+    assert parser.open == []
+    return parser
+
+
+def test_page_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
+    write(tmp_path / "r.html", content())
+    html = (tmp_path / "r.html").read_text()
+    found = structure(html)
+    assert len(found.ids) == len(set(found.ids))
+    for reference in found.references:
+        assert reference.startswith("data:") or reference.removeprefix("#") in found.ids
+    assert "<script" not in html
+    assert "@import" not in html
+    assert found.headings == [
+        "Torque ripple over the mesh",
+        "Torque at 3 Nm, 0.5 turns/s",
+        "Phase gains and offsets",
+        "Cogging torque",
+        "About these figures",
+    ]
+    assert "Calibration &lt;of&gt; a motor &amp; more" in html
+    assert "<of>" not in html
+
+
+def test_key_figures_and_tables() -> None:
+    html = page(content()).html()
+    assert "<b>6.5 %</b>" in html
+    assert "<b>0.15 %</b>" in html
+    assert "<b>43 \u00d7</b>" in html
+    assert "0.8008 \u00b1 0.0020" in html
+    assert "<td>0.8000</td>" in html  # the truth has no error
+    assert "100.00 \u00b1 1.96" in html
+
+
+def test_pictures_are_sound_svg_with_colours_by_meaning() -> None:
+    html = page(content()).html()
+    pictures = re.findall(r"<svg.*?</svg>", html, re.DOTALL)
+    assert len(pictures) == 4
+    for picture in pictures:
+        root = ElementTree.fromstring(picture)
+        assert root.get("viewBox")
+        assert root.get("aria-label")
+        assert "var(--ink)" in picture
+        for colour in PALETTE.values():
+            assert colour.light not in picture
+    assert "prefers-color-scheme:dark" in html
+    assert "@media print" in html
+
+
+def test_same_content_same_page() -> None:
+    assert page(content()).html() == page(content()).html()
+
+
+def test_parts_that_are_missing_are_left_out() -> None:
+    bare = content(before={}, after={}, view=None, estimates=(), reference=None, observable=())
+    found = structure(page(bare).html())
+    assert found.headings == ["About these figures"]
+    half = content(after={}, view=content().view.__class__("x", ripple(1.0), None, (16, 48)))
+    html = page(half).html()
+    assert "smoother" not in html
+    assert "Without compensation" not in html  # in the picture, as paths
+    assert len(re.findall("<svg", html)) == 4
+
+
+@pytest.mark.parametrize("reference", [None, estimate("calibration abc", 0.01)])
+def test_any_reference(reference: object) -> None:
+    html = page(content(reference=reference, estimates=(estimate("joint", 0.0),))).html()
+    assert ("calibration abc" in html) == (reference is not None)
+
+
+def test_an_order_that_only_one_knows() -> None:
+    odd = estimate("joint", 0.0)
+    other = estimate("residual", 0.0)
+    other = other.__class__(**{**other.__dict__, "order": np.array([16, 32])})
+    html = page(content(estimates=(odd, other), reference=None)).html()
+    assert "<tr><td>32</td><td></td>" in html
+
+
+def test_many_orders_and_a_lone_point() -> None:
+    many = estimate("joint", 0.0)
+    orders = np.arange(8, 8 * 14, 8)
+    many = many.__class__(
+        **{
+            **many.__dict__,
+            "order": orders,
+            "amplitude_Nm": np.full(orders.size, 0.01),
+            "amplitude_stderr_Nm": None,
+        }
+    )
+    lone = content(
+        before={(1.0, 0.5): 12.0}, after={(1.0, 0.5): 1.5}, estimates=(many,), reference=None
+    )
+    html = page(lone).html()
+    assert "<b>12 %</b>" in html
+    assert "<b>1.5 %</b>" in html
+
+
+def test_settings_do_not_leak() -> None:
+    before = mpl.rcParams["axes.spines.top"]
+    with drawing():
+        assert mpl.rcParams["axes.spines.top"] is False
+    assert mpl.rcParams["axes.spines.top"] == before
+
+
+def test_page_pieces() -> None:
+    made = Page("t")
+    made.paragraph("a < b")
+    made.table(("x", "y"), [("1", "2")], numbers=True)
+    html = made.html()
+    assert "<p>a &lt; b</p>" in html
+    assert '<table class="numbers"><thead>' in html
+    structure(html)
+
+
+def test_inline_keeps_clip_paths_apart() -> None:
+    def draw() -> str:
+        with drawing():
+            picture = figure(2.0)
+            axes = picture.subplots()
+            axes.plot([0, 1], [0, 1])
+            axes.set_xlim(0.2, 0.8)
+        return inline(picture, "p1", 'a "quoted" <label>')
+
+    one = draw()
+    assert "url(#p1-" in one
+    assert 'aria-label="a &quot;quoted&quot; &lt;label>"' in one
+    ElementTree.fromstring(one)
