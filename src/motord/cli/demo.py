@@ -60,13 +60,13 @@ def _print(found: "Demo") -> None:
 
     console, summary = Console(), found.summary
     speeds_Hz = sorted({point["speed_Hz"] for point in summary["points"]})
-    table = Table(title="RMS error of the true torque, % of rated: before > after")
+    table = Table(title="RMS error of the true torque, % of rated: before→after")
     table.add_column("", justify="right")
     for speed_Hz in speeds_Hz:
         table.add_column(f"{speed_Hz:g} Hz", justify="right")
     for torque_Nm in sorted({point["torque_Nm"] for point in summary["points"]}):
         cells = {p["speed_Hz"]: p for p in summary["points"] if p["torque_Nm"] == torque_Nm}
-        row = [f"{cells[s]['before']:.1f} > {cells[s]['after']:.2f}" for s in speeds_Hz]
+        row = [f"{cells[s]['before']:.1f}→{cells[s]['after']:.2f}" for s in speeds_Hz]
         table.add_row(f"{torque_Nm:g} Nm", *row)
     console.print(table)
     before, after = summary["before"], summary["after"]
