@@ -287,3 +287,20 @@ def test_compensation_inverts_the_model(
 
     Told.alpha, Told.beta_A = alpha, beta_A  # type: ignore[attr-defined]
     assert bench.true_rms_percent(torque_Nm, Told) < 0.01
+
+
+def test_runs_with_and_without_compensation_together_measure_the_common_gain() -> None:
+    truth = Truth(delta=1.04)
+    bench = Bench(truth=truth, torque_noise_Nm=0.03)
+    off = bench.mesh(turns=10)
+    first = calibrate(off, bench.motor, bench.sensor)
+    assert first.delta_epsilon_stderr is None
+    calibration = first.to_calibration(bench.motor, datetime.now(UTC), [])
+    both = calibrate(
+        [*off, *bench.mesh(turns=10, seed=2, calibration=calibration)], bench.motor, bench.sensor
+    )
+    assert both.delta_epsilon_stderr is not None
+    assert abs(both.delta_epsilon - 1.04) < 4 * both.delta_epsilon_stderr
+    assert both.delta_epsilon_stderr < 0.01
+    wrong = np.abs(first.alpha - gauged(truth.alpha)).max()
+    assert np.abs(both.alpha - gauged(truth.alpha)).max() < 0.3 * wrong
