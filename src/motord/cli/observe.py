@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from motord.client import Client
-    from motord.service.messages import Event, State
+    from motord.service.views import Event, State
 
 LOOK_S = 1.0
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from motord.client import Client, Subscription
-    from motord.service.messages import PlanView
+    from motord.service.views import PlanView
 
 LOOK_S = 0.5
 

@@ -15,7 +15,7 @@ from motord.client.lease import Lease
 from motord.client.subscription import Subscription
 from motord.schema import TICK
 from motord.service.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
-from motord.service.messages import Event, PlanView, State
+from motord.service.views import Event, PlanView, State
 from motord.wire.blocks import BlockCodec
 
 ANSWER_S = 40.0

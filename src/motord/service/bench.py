@@ -16,9 +16,9 @@ from motord.service.devices import SlowDevice
 from motord.service.events import EventLog
 from motord.service.hand import Hand
 from motord.service.lease import Lease
-from motord.service.messages import Health
 from motord.service.plan_runner import PlanRunner, PlanSink
 from motord.service.setpoint import RAD_PER_TURN, Mailbox, Setpoint
+from motord.service.views import Health
 from motord.service.watch import TickWatch
 
 LOOK_NS = 20_000_000

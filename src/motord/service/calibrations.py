@@ -12,7 +12,7 @@ from typing import Any
 from motord import calibration
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
-from motord.service.messages import CalibrationView
+from motord.service.views import CalibrationView
 
 MARK = "installed"
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
-from motord.service.messages import DeviceView, Health
+from motord.service.views import DeviceView, Health
 
 JOIN_S = 5.0
 

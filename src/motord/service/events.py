@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from motord.service.messages import Event
+from motord.service.views import Event
 
 KEPT = 500
 _LOG = logging.getLogger("motord")

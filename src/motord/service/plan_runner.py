@@ -9,8 +9,8 @@ from typing import Any, Literal, Protocol
 
 from motord.plans import Demand, Executor, Observation, Plan
 from motord.schema import Compensate, Request
-from motord.service.messages import PlanView
 from motord.service.setpoint import RAD_PER_TURN, Setpoint
+from motord.service.views import PlanView
 
 
 class PlanSink(Protocol):

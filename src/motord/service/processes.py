@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from motord.service.messages import ProcessView
+from motord.service.views import ProcessView
 
 BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 5.0

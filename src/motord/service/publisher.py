@@ -5,9 +5,9 @@ import json
 import numpy as np
 
 from motord.service.bench import Bench
-from motord.service.messages import Event, PlanView
 from motord.service.state_view import StateView, essence
 from motord.service.telemetry import Telemetry
+from motord.service.views import Event, PlanView
 
 STATE_NS = 100_000_000
 

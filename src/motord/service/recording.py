@@ -18,8 +18,8 @@ from motord.record.files import file_name
 from motord.record.launch import RecorderLink
 from motord.record.metadata import describe
 from motord.service.events import EventLog
-from motord.service.messages import Event, PlanView, RecordingView
 from motord.service.processes import Children
+from motord.service.views import Event, PlanView, RecordingView
 
 RECORDER = "recorder"
 KEPT_EVENTS = 1000

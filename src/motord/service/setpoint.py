@@ -12,7 +12,7 @@ import numpy as np
 
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request
-from motord.service.messages import Compensation, SetpointView
+from motord.service.views import Compensation, SetpointView
 
 RAD_PER_TURN = 2 * np.pi
 UNSEEN_NS = 200_000_000

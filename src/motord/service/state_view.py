@@ -9,13 +9,7 @@ from typing import Any
 from motord.config import Config
 from motord.service.bench import Bench
 from motord.service.calibrations import CalibrationStore
-from motord.service.messages import (
-    DeviceView,
-    LeaseView,
-    ProcessView,
-    RecordingView,
-    State,
-)
+from motord.service.views import DeviceView, LeaseView, ProcessView, RecordingView, State
 
 RecordingSource = Callable[[], RecordingView]
 ProcessSource = Callable[[], dict[str, ProcessView]]

@@ -12,7 +12,7 @@ import numpy as np
 from motord.config import LimitsConfig
 from motord.schema import State, Trip
 from motord.service.events import EventLog
-from motord.service.messages import LoopView, TickView, TripView
+from motord.service.views import LoopView, TickView, TripView
 from motord.service.words import TRIP_MEANING, flag_names, trip_names, trip_words
 
 TIMING_S = 1.0

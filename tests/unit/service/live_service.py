@@ -10,11 +10,11 @@ from motord.service.calls import CallQueue
 from motord.service.desk import Desk
 from motord.service.experiments import Experiments
 from motord.service.installation import Installation
-from motord.service.messages import RecordingView
 from motord.service.operate import Operate
 from motord.service.publisher import Publisher
 from motord.service.state_view import StateView
 from motord.service.telemetry import Telemetry
+from motord.service.views import RecordingView
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from motord.service import messages
 from motord.service.messages import REQUESTS, parse
 from motord.service.refusal import Refusal
+from motord.service.views import Event
 
 VALID = {
     "lease/acquire": {"holder": "anna@bench"},
@@ -140,6 +141,6 @@ def test_no_payload_is_an_empty_object():
 
 
 def test_replies_skip_what_they_do_not_know_and_lose_what_is_not_finite():
-    text = messages.Event(t_ns=1, kind="k", message="m", data={"x": float("nan")}).to_json()
-    event = messages.Event.model_validate({**json.loads(text), "new": 1})
+    text = Event(t_ns=1, kind="k", message="m", data={"x": float("nan")}).to_json()
+    event = Event.model_validate({**json.loads(text), "new": 1})
     assert event.data == {"x": None}
