@@ -22,12 +22,23 @@ app = typer.Typer(
 
 @app.command()
 def show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
+    ] = None,
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
     as_json: AsJson = False,
 ) -> None:
-    """Check a calibration file and show what is in it."""
+    """Check a calibration file, or that which the daemon applies, and show what is in it."""
     from motord.calibration import load
 
+    if file is None:
+        with daemon(bench, connect) as client:
+            view = client.state().calibration
+        if view is None:
+            fail("no calibration is in force; name a file, or install one")
+        file = Path(view.path)
     with _explained():
         calibration = load(file)
     if as_json:

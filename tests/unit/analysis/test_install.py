@@ -24,6 +24,7 @@ def test_install_and_list(
             return CliRunner().invoke(app, [*(str(a) for a in arguments), *reach])
 
         assert "no calibration is in force" in run("list").stdout
+        assert "no calibration is in force" in run("show").stderr
         installed = run("install", recorded.calibration, "--json")
         assert installed.exit_code == 0, installed.output
         name = load(recorded.calibration).id
@@ -31,6 +32,7 @@ def test_install_and_list(
         rows = json.loads(run("list", "--json").stdout)
         assert [(row["id"], row["in_force"]) for row in rows] == [(name, True)]
         assert run("list").stdout.startswith(f"* {name}")
+        assert run("show").stdout.startswith(f"calibration  {name}")
         refused = run("install", tmp_path / "none.json")
         assert refused.exit_code == 1
         assert refused.stderr.count("\n") == 1
