@@ -24,6 +24,7 @@ COMMANDS = {
     "analyse": "motord.cli.analyse:app",
     "calibration": "motord.cli.calibration:app",
     "record": "motord.cli.record:app",
+    "latency": "motord.cli.latency:latency",
 }
 """Command to `module:object`; the object is a function or a typer app."""
 

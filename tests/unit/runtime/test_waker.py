@@ -102,14 +102,14 @@ def test_sleeps_that_end_early_are_gone_on_with(machine: FakeMachine) -> None:
 )
 def test_margin_covers_all_but_the_rarest(usual_ns: int, rare_ns: int, every: int) -> None:
     margin = Margin()
-    for n in range(20_000):
+    for n in range(40_000):
         margin.learn(usual_ns if n % every else rare_ns)
     assert rare_ns < margin.margin_ns < 1.5 * rare_ns
 
 
 def test_margin_does_not_follow_what_is_rarer_than_one_in_a_thousand() -> None:
     margin = Margin()
-    for n in range(20_000):
+    for n in range(40_000):
         margin.learn(5_000 if n % 1000 else 30_000_000)
     assert margin.margin_ns < 8_000
 
@@ -119,7 +119,7 @@ def test_margin_is_bounded(latenesses_ns: list[int]) -> None:
     margin = Margin()
     for late_ns in latenesses_ns:
         margin.learn(late_ns)
-        assert MARGIN_MIN_ns * 0.99 <= margin.margin_ns <= MARGIN_MAX_ns
+        assert MARGIN_MIN_ns <= margin.margin_ns <= MARGIN_MAX_ns
 
 
 @pytest.mark.parametrize("work_ns", [7_000, 30_000, 60_000, 84_000, 99_000])
@@ -148,7 +148,7 @@ BANDWIDTHS = st.builds(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.lists(TICKS, min_size=1, max_size=40), BANDWIDTHS)
 @example([(1_450_000, 1_000)], DEFAULT)
 @example([(2_490_000, 1_000)], DEFAULT)

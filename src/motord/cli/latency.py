@@ -1,0 +1,152 @@
+"""`motord latency`: how punctual the loop is on this machine, beside cyclictest."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from motord.config import LoopConfig
+    from motord.runtime.latency import Measured, Plan
+    from motord.runtime.latency_report import Condition, Figures, LatencyReport
+
+DEFAULT_S, DEFAULT_COMPARE_S = 10.0, 60.0
+
+
+def latency(
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", "-c", metavar="FILE", help="Take [loop] from this bench."),
+    ] = None,
+    rate_Hz: Annotated[
+        int | None,
+        typer.Option("--rate-Hz", min=100, max=20_000, help="Loop rate, if not that of the bench."),
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            min=0, help="Measure at most so long; less if there is enough. 10, or 60 to compare."
+        ),
+    ] = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Run cyclictest in alternating slices.")
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE.png", help="Draw the histograms into this file.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Measure wake-up and work of the loop on this machine, with the simulated rig.
+
+    Time that the host of a virtual machine steals is told apart: figures are over slices of 0.4 s
+    in which the steal counter of the processor did not move, and over the others.
+    """
+    from motord.config import ConfigError
+    from motord.runtime.latency import Plan
+    from motord.runtime.latency_error import LatencyError
+    from motord.runtime.latency_report import report
+
+    if plot is not None and not plot.absolute().parent.is_dir():
+        fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
+    limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S
+    try:
+        measured = _measure(Plan(_loop(config, rate_Hz), limit_s, compare), silent=as_json)
+    except (ConfigError, LatencyError) as error:
+        fail(str(error))
+    found = report(measured)
+    if plot is not None:
+        _draw(measured, plot)
+    if as_json:
+        print_json(found.model_dump())
+    else:
+        _print(found)
+    if compare and measured.clean == 0:
+        fail(
+            f"in {measured.took_s:.0f} s not one slice of each was clean: the host of this machine "
+            "steals time all the while; try later or a larger --seconds"
+        )
+
+
+def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
+    from motord.config import load
+
+    loop = load(config).loop
+    return loop if rate_Hz is None else loop.model_copy(update={"rate_Hz": rate_Hz})
+
+
+def _measure(plan: "Plan", silent: bool) -> "Measured":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    from motord.runtime.latency import measure
+
+    console = Console(stderr=True)
+    quiet = silent or not console.is_terminal
+    columns = TextColumn("{task.description}"), BarColumn()
+    with Progress(*columns, console=console, transient=True, disable=quiet) as bars:
+        task = bars.add_task("starting the loop", total=1.0)
+
+        def progress(measured: "Measured") -> None:
+            done = max(measured.took_s / max(plan.seconds, 1e-3), measured.clean / plan.enough)
+            stolen = sum(len(kind.stolen) for kind in measured.kinds)
+            words = f"{measured.clean} clean slices of each, {stolen} stolen from"
+            bars.update(task, completed=min(done, 1.0), description=words)
+
+        return measure(plan, progress)
+
+
+def _print(found: "LatencyReport") -> None:
+    from rich.console import Console
+
+    console = Console()
+    policy = f"SCHED_FIFO {found.priority}" if found.priority else "normal priority"
+    console.print(
+        f"{found.rate_Hz:g} Hz on CPU {found.cpu}, {policy}, "
+        f"{'spinning' if found.spin else 'without spinning'}, slices of {found.slice_s:g} s: "
+        f"{found.slices['clean']} clean, {found.slices['stolen']} stolen from"
+    )
+    for line in found.realtime:
+        if "wanted" in line:
+            console.print(f"not granted: {line}")
+    console.print(_table("clean slices", found))
+    if found.slices["stolen"]:
+        console.print(_table("slices from which the host stole time", found.stolen))
+
+
+def _table(title: str, figures: "Condition | LatencyReport") -> "Table":
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for heading in ("us", "p50", "p99", "p99.9", "max", "missed", "ticks"):
+        table.add_column(heading, justify="left" if heading == "us" else "right")
+    table.add_row("loop, wake-up", *_cells(figures.loop))
+    if figures.cyclictest is not None:
+        table.add_row("cyclictest, wake-up", *_cells(figures.cyclictest))
+    ratio = getattr(figures, "ratio", None)
+    if ratio is not None:
+        table.add_row("ratio", *(_number(value) for value in (ratio.p50, ratio.p99)))
+    table.add_row("loop, work", *_cells(figures.work)[:4], "", str(figures.work.samples))
+    return table
+
+
+def _cells(figures: "Figures") -> list[str]:
+    times = (figures.p50_us, figures.p99_us, figures.p999_us, figures.max_us)
+    return [*(_number(time_us) for time_us in times), str(figures.missed), str(figures.samples)]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def _draw(measured: "Measured", path: Path) -> None:
+    from motord.report.style import PAPER
+    from motord.runtime.latency_picture import picture
+
+    try:
+        picture(measured).savefig(path, dpi=150, facecolor=PAPER)
+    except (OSError, ValueError) as error:
+        fail(f"{path}: cannot write the picture: {error}")

@@ -1,0 +1,108 @@
+"""The loop for `motord latency`: the simulated rig, run for so many ticks whenever it is told to.
+
+    python -m motord.runtime.latency_loop
+
+Its standard input has a `Setup` as a line of JSON, then a line with two numbers for each slice:
+how many ticks to run unmeasured, then how many measured. It answers with a `Ready` as a line of
+JSON, then with a TIMING record for each slice.
+"""
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from motord import config
+from motord.config import LoopConfig
+from motord.control import parameters
+from motord.control.types import SETPOINT
+from motord.hal import registry
+from motord.runtime import cycle, realtime
+from motord.runtime.clock import Clock
+from motord.runtime.mailbox import MailboxReader, MailboxWriter
+from motord.runtime.pacer import Pacer
+from motord.runtime.realtime import RealtimeStatus
+from motord.runtime.ring import RingWriter
+from motord.runtime.tables import TablesReader, TablesWriter
+from motord.runtime.timing import Timing
+from motord.runtime.waker import Waker
+
+RING_TICKS = 16384
+
+
+class Setup(BaseModel):
+    """What loop to run: its section of the bench file, and its period."""
+
+    model_config = ConfigDict(frozen=True)
+
+    loop: LoopConfig
+    period_ns: int
+
+
+class Ready(BaseModel):
+    """With which rights the loop runs; priority 0 is normal priority."""
+
+    model_config = ConfigDict(frozen=True)
+
+    realtime: RealtimeStatus
+    priority: int
+
+
+class SlicedLoop:
+    """The loop of the packaged simulated bench, with its shared files in `folder`."""
+
+    def __init__(self, setup: Setup, folder: Path) -> None:
+        bench = config.load().model_copy(update={"loop": setup.loop})
+        TablesWriter(folder / "tables", bench.motor.counts).write(*parameters.build(bench))
+        self._mailbox = MailboxWriter(folder / "setpoint", Clock.measure())
+        self._cycle = cycle.Cycle(
+            registry.make_rig(bench),
+            RingWriter(folder / "ring", RING_TICKS),
+            MailboxReader(folder / "setpoint"),
+            TablesReader(folder / "tables"),
+            cycle.StopRequest(),
+        )
+        self._pacer = Pacer(setup.period_ns, Waker(setup.period_ns, spin=setup.loop.spin))
+        self._setpoint = np.zeros(1, SETPOINT)
+        self._cycle.warm_up_kernel()
+        self._cycle.rig.open()
+        self._cycle.warm_up_rig()
+
+    def run(self, settle_ticks: int, ticks: int) -> Timing:
+        """Run `settle_ticks`, then `ticks`, and return what the latter took."""
+        timing = self._cycle.timing
+        self._cycle.stop.reason = ""
+        self._mailbox.write(self._setpoint)
+        self._cycle.warm_up_rig()  # it catches up with the time since the slice before
+        cycle.run(self._cycle, self._pacer, settle_ticks)
+        before = timing.copy()
+        timing.wake_late.cells[-1] = timing.work.cells[-1] = 0  # the largest of this slice alone
+        before.record["missed"] = 0  # the pacer counts anew with each start
+        cycle.run(self._cycle, self._pacer, ticks)
+        return timing.since(before)
+
+
+def main() -> int:
+    """Serve slices until standard input ends; returns the exit code."""
+    setup = Setup.model_validate_json(sys.stdin.buffer.readline())
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+    with tempfile.TemporaryDirectory(prefix="motord-latency-", dir=memory) as folder:
+        loop = SlicedLoop(setup, Path(folder))
+        rights = realtime.apply(setup.loop)
+        priority = os.sched_getparam(0).sched_priority
+        ready = Ready(realtime=rights, priority=priority)
+        answer = sys.stdout.buffer
+        answer.write(ready.model_dump_json().encode() + b"\n")
+        answer.flush()
+        for line in sys.stdin.buffer:
+            settle_ticks, ticks = map(int, line.split())
+            answer.write(loop.run(settle_ticks, ticks).record.tobytes())
+            answer.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,27 @@
+"""The histograms of a latency measurement as a picture."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from motord.report.plots.latency import Times, latency
+from motord.runtime.histogram import EDGES_ns, TimeHistogram
+from motord.runtime.latency import Measured
+
+_CENTRES_us = (EDGES_ns[:-1] + np.diff(EDGES_ns) / 2) / 1e3
+
+
+def picture(measured: Measured) -> Figure:
+    """Return the histograms of wake-up and work; what the host stole from is drawn faintly."""
+    wake_late, work = [], []
+    for clean, words in ((True, "clean slices"), (False, "stolen from")):
+        if measured.cyclictest is not None:
+            late = measured.cyclictest.of(clean=clean).wake_late
+            wake_late.append(_times(f"cyclictest, {words}", "cyclictest", late, not clean))
+        loop = measured.loop.of(clean=clean)
+        wake_late.append(_times(f"loop, {words}", "loop", loop.wake_late, not clean))
+        work.append(_times(words, "work", loop.work, not clean))
+    return latency(wake_late, work, float(measured.plan.period_us))
+
+
+def _times(label: str, kind: str, histogram: TimeHistogram, faint: bool) -> Times:
+    return Times(label, kind, _CENTRES_us, histogram.counts, faint)
