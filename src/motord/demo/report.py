@@ -2,13 +2,12 @@
 
 import numpy as np
 
+from motord.analysis import estimate_of_result, estimate_of_truth
 from motord.demo.judge import CELLS, Verdict
 from motord.demo.run import Demo
-from motord.identify.result import CalibrationResult
-from motord.identify.ripple import harmonics_table, spectrum
-from motord.report.calibration import CalibrationReport, Estimate, View, write
+from motord.identify.ripple import spectrum
+from motord.report.calibration import CalibrationReport, View, write
 from motord.report.plots.torque import Ripple
-from motord.rig.truth import RigTruth
 
 HIGHEST_ORDER = 300
 
@@ -40,10 +39,15 @@ def _contents(demo: Demo) -> CalibrationReport:
             marked_orders=tuple(range(pole_pairs, HIGHEST_ORDER, pole_pairs)),
         ),
         estimates=(
-            _estimate("joint estimator", demo.joint),
-            _estimate("residual estimator (2008 report)", demo.residual),
+            estimate_of_result(demo.joint, "joint estimator"),
+            estimate_of_result(demo.residual, "residual estimator (2008 report)"),
         ),
-        reference=_truth(demo.truth, motor.counts),
+        reference=estimate_of_truth(
+            demo.truth.inverter.alpha,
+            demo.truth.inverter.beta_A,
+            [(h.order, h.amplitude_Nm, h.phase_rad) for h in demo.truth.motor.cogging],
+            motor.counts,
+        ),
         observable=demo.joint.observable,
     )
 
@@ -66,33 +70,5 @@ def _ripple(verdict: Verdict) -> Ripple:
         angle_rad=2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS,
         torque_Nm=verdict.turn_Nm,
         order=np.arange(1, HIGHEST_ORDER + 1),
-        amplitude_Nm=amplitude_Nm,
-    )
-
-
-def _estimate(label: str, result: CalibrationResult) -> Estimate:
-    return Estimate(
-        label=label,
-        alpha=result.alpha,
-        beta_A=result.beta_A,
-        tau_cog_Nm=result.tau_cog_Nm,
-        order=np.array([h.order for h in result.harmonics]),
-        amplitude_Nm=np.array([h.amplitude_Nm for h in result.harmonics]),
-        alpha_stderr=result.alpha_stderr,
-        beta_stderr_A=result.beta_stderr_A,
-        amplitude_stderr_Nm=np.array([h.stderr_Nm for h in result.harmonics]),
-    )
-
-
-def _truth(truth: RigTruth, counts: int) -> Estimate:
-    order = np.array([h.order for h in truth.motor.cogging])
-    amplitude_Nm = np.array([h.amplitude_Nm for h in truth.motor.cogging])
-    phase_rad = np.array([h.phase_rad for h in truth.motor.cogging])
-    return Estimate(
-        label="truth",
-        alpha=np.array(truth.inverter.alpha),
-        beta_A=np.array(truth.inverter.beta_A),
-        tau_cog_Nm=harmonics_table(order, amplitude_Nm, phase_rad, counts),
-        order=order,
         amplitude_Nm=amplitude_Nm,
     )
