@@ -12,6 +12,9 @@ from motord.control.states import ENABLED
 from motord.jit import jit
 
 TWO_PI = 2 * math.pi
+STEADY_S = 0.005
+"""Time between samples over which the speed hardly changes; after longer gaps more is allowed."""
+
 RESYNC_SAMPLES = 3
 """Implausible samples in a row after which the observer starts afresh from the encoder."""
 
@@ -63,7 +66,8 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
         return
     ahead_rad = m.angle_rad + m.speed_rad_s * dt_s
     error_rad = wrap_difference(angle_rad - ahead_rad)
-    if count < 0 or abs(error_rad) > p.encoder_jump_rad:
+    allowed_rad = p.encoder_jump_rad * max(dt_s / STEADY_S, 1.0)
+    if count < 0 or abs(error_rad) > allowed_rad:
         implausible = int(m.implausible) + 1
         m.implausible = implausible
         if count >= 0 and implausible > RESYNC_SAMPLES and m.state != ENABLED:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from motord.config import Config, ModbusConfig
 from motord.emulate.board import Board
-from motord.emulate.devices import Currents, Inverter, RegisterDevice
+from motord.emulate.devices import NEVER_NS, Currents, Inverter, RegisterDevice
 from motord.rig import build, step
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_OUTPUT, new_input, new_output
@@ -59,6 +59,7 @@ class EmulatedBench:
     def __init__(self, config: Config, truth: RigTruth, start_ns: int) -> None:
         self.now_ns = start_ns
         self.skipped_ns = 0
+        self.paused_ns = 0
         self.inverter = Inverter(config.inverter.timeout_s)
         self.board = Board(config, start_ns)
         self.brake = RegisterDevice(config.brake.modbus or ModbusConfig(), 0.0, 1.0)
@@ -66,6 +67,8 @@ class EmulatedBench:
         self.drive = RegisterDevice(
             config.drive.modbus or ModbusConfig(), -fastest_rad_s, fastest_rad_s
         )
+        patience_s = config.bench.rig_patience_s
+        self._patience_ns = NEVER_NS if patience_s is None else round(patience_s * 1e9)
         self._temperature_max_C = config.brake.temperature_max_C
         self._parameters, self._state = build.build(truth, config.bench.seed)
         self._output = new_output()
@@ -136,8 +139,18 @@ class EmulatedBench:
         fields["enable_line"][0] = self.board.line_closed
         fields["brake"][0] = self.brake.setpoint
         fields["drive_rad_s"][0] = self.drive.setpoint
-        step.advance(self._parameters, self._state, self._input, duration_ns * 1e-9)
+        played_ns = self._played_ns(to_ns)
+        if played_ns > 0:
+            step.advance(self._parameters, self._state, self._input, played_ns * 1e-9)
+        self.paused_ns += duration_ns - played_ns
         self.now_ns = to_ns
+
+    def _played_ns(self, to_ns: int) -> int:
+        """Return how much of the time up to `to_ns` passes for the rig (`rig_patience_s`)."""
+        if not self.inverter.enabled:
+            return to_ns - self.now_ns
+        patient_until_ns = self.inverter.commanded_ns + self._patience_ns
+        return max(min(to_ns, patient_until_ns) - self.now_ns, 0)
 
 
 def compile_kernels(config: Config, truth: RigTruth) -> None:

@@ -25,11 +25,13 @@ class Inverter:
         self.enabled = False
         self.timed_out = False
         self.timeouts = 0
+        self.commanded_ns = 0
         self.deadline_ns = NEVER_NS
         self._timeout_ns = round(timeout_s * 1e9)
 
     def command(self, now_ns: int, i_A: Currents, enable: bool) -> None:
         """Take a command; currents that are not finite are refused as zero."""
+        self.commanded_ns = now_ns
         self.deadline_ns = now_ns + self._timeout_ns
         self.timed_out = self.timed_out and enable
         self.enabled = enable and not self.timed_out

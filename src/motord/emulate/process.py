@@ -102,6 +102,7 @@ class Emulator:
             "ticks": self.ticks,
             "skipped": self.skipped,
             "stalled_s": bench.skipped_ns * 1e-9,
+            "paused_s": bench.paused_ns * 1e-9,
             "torque_mean_Nm": self._log.mean_torque_Nm,
             "ticks_on": self._log.on_rows,
             "command_timeouts": bench.inverter.timeouts,

@@ -97,3 +97,18 @@ def test_prediction_reaches_to_where_the_current_flows() -> None:
     ahead_s = 0.002 + 0.5e-3 + 2e-3
     predicted_rad = observer.wrap_difference(tick.angle_predicted_rad - tick.angle_rad)
     assert predicted_rad == pytest.approx(bench.speed_rad_s * ahead_s, rel=0.05)
+
+
+def test_a_gap_explains_more_than_a_period_does() -> None:
+    """After a stall the speed is not known: the new sample is taken, not called implausible."""
+    bench = Bench()
+    bench.run(500)
+    bench.now_ns += 200_000_000  # the computer stalled; the rotor was braked meanwhile
+    bench.angle_rad += 0.3
+    bench.speed_rad_s = 4.0
+    tick = bench.run()
+    error_rad = observer.wrap_difference(float(tick.angle_rad) - bench.angle_rad)
+    assert abs(error_rad) < 0.01
+    assert bench.memory["implausible"][0] == 0
+    tick = bench.run(100)
+    assert float(tick.speed_rad_s) == pytest.approx(4.0, abs=0.2)
