@@ -14,9 +14,10 @@ from motord.config.motor import MotorConfig, TorqueSensorConfig
 class BenchConfig(Section):
     """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth.
 
-    rig_patience_s is for the emulator on computers that stall: with the power stage on, the rig's
-    time stands still once no current command has come for so long, until one comes or the
-    inverter's timeout is over. Without it the rig plays on, as a real one does.
+    rig_patience_s is for the emulator on computers that stall: the rig's time stands still when the
+    emulator has not run for so long and, with the power stage on, when no current command has come
+    for so long, until one comes or the inverter's timeout is over. Without it the rig plays on, as
+    a real one does.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"

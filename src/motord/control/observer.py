@@ -13,7 +13,8 @@ from motord.jit import jit
 
 TWO_PI = 2 * math.pi
 STEADY_S = 0.005
-"""Time between samples over which the speed hardly changes; after longer gaps more is allowed."""
+"""Time between samples over which the speed hardly changes. After a longer gap more of a jump is
+plausible, and the mean speed over the gap is not the speed now."""
 
 RESYNC_SAMPLES = 3
 """Implausible samples in a row after which the observer starts afresh from the encoder."""
@@ -74,10 +75,13 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
             _start(m, t_ns, angle_rad)
         return
     m.implausible = 0
+    m.t_ns = t_ns
+    if dt_s > STEADY_S:  # the sample says where the rotor is now, not how fast
+        m.angle_rad = angle_rad
+        return
     pole = math.exp(-p.observer_bandwidth_rad_s * dt_s)
     m.angle_rad = wrap_angle(ahead_rad + (1.0 - pole * pole) * error_rad)
     m.speed_rad_s += (1.0 - pole) ** 2 / dt_s * error_rad
-    m.t_ns = t_ns
 
 
 @jit

@@ -25,6 +25,9 @@ _COMPENSATE_COGGING = int(reference.Compensate.COGGING)
 _ENABLED = int(State.ENABLED)
 _INT32_MAX = 2**31 - 1
 
+AHEAD_MAX_S = 1.0
+"""Furthest that the angle is predicted; samples that old have tripped a real bench long before."""
+
 
 def new_memory() -> np.ndarray:
     """Return the memory of a kernel that has not run yet, shape (1,): OFF, nothing known."""
@@ -181,7 +184,7 @@ def step(
     t.trip_bits = causes if m.state == states.OFF else m.trip_bits
     flags |= _set_torque(p, m, s, supervisor_late)
     ahead_s = (f.now_ns - m.t_ns) * 1e-9 + p.actuation_delay_s
-    angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * min(ahead_s, 0.1))
+    angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * min(ahead_s, AHEAD_MAX_S))
     t.angle_predicted_rad = angle_rad
     t.cogging_comp_Nm = 0.0
     c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0

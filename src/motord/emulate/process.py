@@ -121,6 +121,7 @@ class Emulator:
         self._start(now_ns)
         link = [self._link]
         while not self._stopped and (end_ns is None or now_ns < end_ns):
+            self.bench.wake(now_ns)
             self._listen(now_ns)
             next_ns = self._produce(now_ns)
             self._log.flush_if_full()
@@ -136,6 +137,7 @@ class Emulator:
         gc.freeze()
         self._cpu_s = time.process_time()
         self.bench.now_ns = self._start_ns = now_ns
+        self.bench.wake(now_ns)
         self._samples = Schedule(now_ns, self.bench.board.rate_Hz)
         self._feedback = Schedule(now_ns, self._config.loop.rate_Hz)
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)

@@ -1,5 +1,6 @@
 """What a plan sees of the bench: a short account of the ticks since it last looked."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,14 @@ import numpy as np
 from motord.schema import State
 
 WINDOW_TURNS = 1.0
-"""The speed that counts is the mean over the last whole turn: ripple must not move the brake."""
+"""The speed that counts is the mean over the last whole turn: ripple must not move the brake.
+
+Speeds are means of the ticks' own estimates, not angle over time: a loop that was kept from running
+has no ticks, and its rotor's path meanwhile says nothing of the operating point.
+"""
+
+WINDOW_BLOCKS = 500
+"""Blocks looked back on at most, for a rotor that hardly turns."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,7 @@ class Observation:
     point_first_tick: int  # first tick with this plan_point
     point_first_t_ns: int
     point_turns: float  # turned since then
+    point_speed_Hz: float  # mean of the ticks since then
 
 
 class TickWatcher:
@@ -34,10 +43,12 @@ class TickWatcher:
         self._angle_rad = 0.0
         self._turned_rad = 0.0
         self._started = False
-        self._history: list[tuple[int, float]] = []
+        self._blocks: deque[tuple[float, int, float]] = deque()
         self._point = -1
         self._point_first = (0, 0)
         self._point_turned_rad = 0.0
+        self._point_ticks = 0
+        self._point_speed_rad_s = 0.0
 
     def take(self, ticks: np.ndarray) -> Observation:
         """Return what the block `ticks` (TICK_DTYPE, at least one) shows."""
@@ -49,19 +60,23 @@ class TickWatcher:
         turned_rad = self._turned_rad + np.cumsum(steps_rad)
         self._watch_point(ticks, turned_rad)
         self._angle_rad, self._turned_rad = float(angle_rad[-1]), float(turned_rad[-1])
+        speed_sum_rad_s = float(ticks["speed_rad_s"].sum(dtype=float))
+        self._point_ticks += ticks.size
+        self._point_speed_rad_s += speed_sum_rad_s
         last = ticks[-1]
         return Observation(
             t_ns=int(last["t_ns"]),
             tick=int(last["tick"]),
             state=State(int(last["state"])),
             trip_bits=int(last["trip_bits"]),
-            speed_Hz=float(np.mean(ticks["speed_rad_s"])) / (2 * np.pi),
-            turn_speed_Hz=self._turn_speed_Hz(int(last["t_ns"])),
+            speed_Hz=speed_sum_rad_s / ticks.size / (2 * np.pi),
+            turn_speed_Hz=self._turn_speed_Hz(ticks.size, speed_sum_rad_s),
             torque_set_Nm=float(last["torque_set_Nm"]),
             plan_point=int(last["plan_point"]),
             point_first_tick=self._point_first[0],
             point_first_t_ns=self._point_first[1],
             point_turns=(self._turned_rad - self._point_turned_rad) / (2 * np.pi),
+            point_speed_Hz=self._point_speed_rad_s / self._point_ticks / (2 * np.pi),
         )
 
     def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:
@@ -72,17 +87,15 @@ class TickWatcher:
         self._point = point
         self._point_first = (int(ticks["tick"][first]), int(ticks["t_ns"][first]))
         self._point_turned_rad = float(turned_rad[first])
+        self._point_ticks, self._point_speed_rad_s = 0, 0.0
 
-    def _turn_speed_Hz(self, t_ns: int) -> float:
-        self._history.append((t_ns, self._turned_rad))
+    def _turn_speed_Hz(self, ticks: int, speed_sum_rad_s: float) -> float:
+        """Return the mean of the ticks' speeds over the blocks of the last turn."""
+        self._blocks.append((self._turned_rad, ticks, speed_sum_rad_s))
         while (
-            len(self._history) > 2
-            and self._turned_rad - self._history[1][1] >= WINDOW_TURNS * 2 * np.pi
-        ):
-            self._history.pop(0)
-        while len(self._history) > 2 and t_ns - self._history[0][0] > 10_000_000_000:
-            self._history.pop(0)
-        t_first_ns, first_rad = self._history[0]
-        if t_ns <= t_first_ns:
-            return 0.0
-        return (self._turned_rad - first_rad) / (2 * np.pi) / ((t_ns - t_first_ns) * 1e-9)
+            len(self._blocks) > 2
+            and abs(self._turned_rad - self._blocks[0][0]) >= WINDOW_TURNS * 2 * np.pi
+        ) or len(self._blocks) > WINDOW_BLOCKS:
+            self._blocks.popleft()
+        total = sum(ticks for _, ticks, _ in self._blocks)
+        return sum(speed for _, _, speed in self._blocks) / total / (2 * np.pi)

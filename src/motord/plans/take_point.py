@@ -128,8 +128,7 @@ class TakePoint:
 
     def _account(self, seen: Observation, demand: Demand) -> dict[str, Any]:
         """Return the operating point as it was taken (topic `/operating_point`)."""
-        duration_s = (seen.t_ns - seen.point_first_t_ns) * 1e-9
-        speed_Hz = seen.point_turns / duration_s if duration_s > 0 else float("nan")
+        speed_Hz = seen.point_speed_Hz
         error = abs(speed_Hz / self.point.speed_Hz - 1.0)
         drifted = error > 2 * self.mesh.speed_tolerance
         return {
