@@ -50,6 +50,9 @@ pictures: $(VENV)/demo.stamp ## draw the pictures of the README anew
 	@out=$$(mktemp -d) && $(BIN)/motord demo --json --out $$out >/dev/null && \
 	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
 
+bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
+	@$(BIN)/python -m tests.benchmarks.run --json bench.json
+
 lock:                     ## pin the newest versions that fit pyproject.toml
 	@tools/lock
 

@@ -1,30 +1,27 @@
-"""What a tick costs: the kernel, the shared memory, and the whole loop in real time.
+"""What a tick is made of, and the loop process at 10 kHz with a reader of its ring.
 
-    python -m tests.benchmarks.bench_loop [--json FILE] [--rate-Hz R] [--seconds S]
-
-The parts are timed in alternating rounds, so that a disturbance of the machine hits all of them;
-a figure is the median of the rounds. Ratios compare with the limits below.
+The parts are timed where they are called: in a loop that waits for 1 kHz deadlines between its
+ticks, so that caches are as cold as they are in the daemon.
 """
 
-import argparse
-import json
-import signal
 import statistics
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 
 from motord import config
 from motord.control import parameters
-from motord.control import step as kernel
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.registry import make_rig
+from motord.runtime import realtime
+from motord.runtime.beat import NO_WORK, beat
 from motord.runtime.clock import Clock
-from motord.runtime.histogram import TimeHistogram
+from motord.runtime.cycle import Cycle, StopRequest
+from motord.runtime.latency import choose_cpu
 from motord.runtime.launch import start_loop
 from motord.runtime.mailbox import MailboxReader, MailboxWriter
 from motord.runtime.pacer import Pacer
@@ -33,90 +30,91 @@ from motord.runtime.rundir import RunDir
 from motord.runtime.status import LoopStatus, Phase
 from motord.runtime.tables import TablesReader, TablesWriter
 from motord.runtime.waker import Waker
+from tests.benchmarks.figure import Figure
 
-ROUNDS = 31
-CALLS = 2000
-KERNEL_LIMIT_ns = 3_000.0
-WORK_P99_LIMIT_us = 40.0
+KERNEL_LIMIT_us = 3.0
+PERIOD_ns = 1_000_000
+PARTS = (
+    "read the simulated rig",
+    "mailbox and tables",
+    "control kernel",
+    "write the rig",
+    "publish",
+)
+FAST_Hz = 10_000
+READ_EVERY_S = 0.05
 
-Parts = dict[str, Callable[[], object]]
 
-
-def parts_of_a_tick(bench: config.Config, folder: Path) -> Parts:
-    """Return what a tick is made of, each ready to be called again and again."""
-    tables_writer = TablesWriter(folder / "tables", bench.motor.counts)
-    tables_writer.write(*parameters.build(bench))
-    tables = TablesReader(folder / "tables")
-    tables.poll()
+def make_cycle(bench: config.Config, folder: Path) -> tuple[Cycle, MailboxWriter]:
+    """Return a loop's parts with files in `folder`, warmed up."""
+    TablesWriter(folder / "tables", bench.motor.counts).write(*parameters.build(bench))
     writer = MailboxWriter(folder / "setpoint", Clock.measure())
-    reader = MailboxReader(folder / "setpoint")
-    ring = RingWriter(folder / "ring", 16384)
-    histogram = TimeHistogram()
-    rig = make_rig(bench)
-    rig.open()
-    memory, feedback = kernel.new_memory(), np.zeros(1, FEEDBACK)
-    setpoint, command = np.zeros(1, SETPOINT), np.zeros(1, COMMAND)
-    writer.write(setpoint)
-    clock = time.monotonic_ns
-    pacer = Pacer(1, Waker(1_000_000))
-    rig.read(clock(), feedback)
+    writer.write(np.zeros(1, SETPOINT))
+    cycle = Cycle(
+        make_rig(bench),
+        RingWriter(folder / "ring", 16384),
+        MailboxReader(folder / "setpoint"),
+        TablesReader(folder / "tables"),
+        StopRequest(),
+    )
+    cycle.warm_up_kernel()
+    cycle.rig.open()
+    cycle.warm_up_rig()
+    return cycle, writer
 
-    def exchange() -> None:
-        writer.write(setpoint)
-        reader.read(setpoint)
 
-    def rig_tick() -> None:
-        rig.read(clock(), feedback)
+def part_costs_us(ticks: int) -> np.ndarray:
+    """Return what each part took in each tick, shape (ticks, len(PARTS)).
+
+    Takes the loop's real-time rights, so it wants a process of its own.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        cycle, _writer = make_cycle(config.load(), Path(name))
+        realtime.apply(choose_cpu(config.load().loop))
+        costs_us = timed_ticks_us(cycle, ticks)
+        cycle.rig.close()
+    return costs_us
+
+
+def timed_ticks_us(cycle: Cycle, ticks: int) -> np.ndarray:
+    """Run the parts of a tick at 1 kHz; return what each took, shape (ticks, len(PARTS))."""
+    rig, ring, clock = cycle.rig, cycle.ring, time.perf_counter_ns
+    feedback, setpoint, command = (np.zeros(1, d) for d in (FEEDBACK, SETPOINT, COMMAND))
+    cycle.feedback, cycle.setpoint, cycle.command = feedback, setpoint, command
+    bound = cycle.beat()
+    pacer = Pacer(PERIOD_ns, Waker(PERIOD_ns))
+    marks = np.zeros((ticks, len(PARTS) + 1), np.int64)
+    for tick in range(ticks):
+        now_ns = pacer.wait() + cycle.mailbox.clock.offset_ns
+        row = [clock()]
+        rig.read(now_ns, feedback)
+        row.append(clock())
+        cycle.mailbox.read(setpoint)
+        cycle.tables.poll()
+        row.append(clock())
+        beat(bound.frame, ring.index, tick, 0, 0, pacer.late_ns, NO_WORK)
+        row.append(clock())
         rig.write(command)
-
-    return {
-        "control kernel": lambda: kernel.step(
-            *tables.current, memory, feedback, setpoint, command, ring.slot()
-        ),
-        "ring slot and publish": lambda: (ring.slot(), ring.publish()),
-        "mailbox, nothing new": lambda: reader.read(setpoint),
-        "mailbox, write and read": exchange,
-        "tables, nothing new": tables.poll,
-        "histogram": lambda: histogram.add(54_321),
-        "pacer without waiting": pacer.wait,
-        "simulated rig, read and write": rig_tick,
-    }
+        row.append(clock())
+        ring.publish()
+        row.append(clock())
+        marks[tick] = row
+    return np.diff(marks, axis=1) / 1e3
 
 
-def time_parts(parts: Parts) -> dict[str, float]:
-    """Return the median cost of a call in ns, over alternating rounds."""
-    rounds: dict[str, list[float]] = {name: [] for name in parts}
-    for _ in range(ROUNDS):
-        for name, part in parts.items():
+def kernel_alone_us(rounds: int = 31, calls: int = 2000) -> float:
+    """Return the median cost of a call of the kernel, called again and again."""
+    with tempfile.TemporaryDirectory() as name:
+        cycle, _writer = make_cycle(config.load(), Path(name))
+        bound = cycle.beat()
+        costs_us = []
+        for _ in range(rounds):
             begun_ns = time.perf_counter_ns()
-            for _ in range(CALLS):
-                part()
-            rounds[name].append((time.perf_counter_ns() - begun_ns) / CALLS)
-    return {name: statistics.median(costs) for name, costs in rounds.items()}
-
-
-def run_loop(config_path: Path, seconds: float, folder: Path) -> LoopStatus:
-    """Run the loop process for `seconds` and return its account."""
-    bench = config.load(config_path)
-    with RunDir(bench.bench.name, folder / "run").hold() as run_dir:
-        mailbox = MailboxWriter(run_dir.setpoint, Clock.measure())
-        TablesWriter(run_dir.tables, bench.motor.counts).write(*parameters.build(bench))
-        setpoint = np.zeros(1, SETPOINT)
-        with start_loop(config_path, run_dir) as process:
-            wanted = round(seconds * bench.loop.rate_Hz)
-            reader: RingReader | None = None
-            while process.poll() is None and (reader is None or reader.head < wanted):
-                mailbox.write(setpoint)
-                status = LoopStatus.read(run_dir.loop_status)
-                if reader is None and status and status.phase == Phase.READY:
-                    reader = RingReader(run_dir.ring)
-                time.sleep(0.02)
-            process.send_signal(signal.SIGTERM)
-            process.wait()
-        status = LoopStatus.read(run_dir.loop_status)
-    if status is None or status.phase != Phase.STOPPED:
-        raise SystemExit(f"bench_loop: the loop failed: {status.error if status else 'no status'}")
-    return status
+            for _ in range(calls):
+                beat(bound.frame, 0, 1, 0, 0, 50, NO_WORK)
+            costs_us.append((time.perf_counter_ns() - begun_ns) / calls / 1e3)
+        cycle.rig.close()
+    return statistics.median(costs_us)
 
 
 def at_rate(rate_Hz: int, folder: Path) -> Path:
@@ -125,62 +123,98 @@ def at_rate(rate_Hz: int, folder: Path) -> Path:
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
     old = f"rate_Hz = {config.load().loop.rate_Hz}"
     path = folder / "sim.toml"
-    path.write_text(text.replace(old, f"rate_Hz = {rate_Hz}"))
+    path.write_text(text.replace(old, f"rate_Hz = {rate_Hz}", 1))
     return path
 
 
-def measure(rate_Hz: int, seconds: float) -> dict[str, object]:
-    """Return all results."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        config_path = at_rate(rate_Hz, folder)
-        costs_ns = time_parts(parts_of_a_tick(config.load(config_path), folder))
-        loop = run_loop(config_path, seconds, folder)
-    quantiles = {"p50_us", "p99_us", "p999_us", "max_us", "samples"}
-    return {
-        "parts_ns": costs_ns,
-        "rate_Hz": rate_Hz,
-        "wake_late": loop.wake_late.model_dump(include=quantiles),
-        "work": loop.work.model_dump(include=quantiles),
-        "missed": loop.missed,
-        "realtime": loop.realtime.lines() if loop.realtime else [],
-        "ratios": {
-            "kernel_to_limit": costs_ns["control kernel"] / KERNEL_LIMIT_ns,
-            "work_p99_to_limit": loop.work.p99_us / WORK_P99_LIMIT_us,
-            "work_p50_to_period": loop.work.p50_us * 1e-6 * rate_Hz,
-        },
-    }
+class Followed:
+    """The loop process with a reader that takes all its ticks."""
+
+    def __init__(self) -> None:
+        self.read = self.lost = self.gaps = 0
+        self._last_tick = -1
+        self._reader: RingReader | None = None
+
+    def run(self, rate_Hz: int, seconds: float) -> LoopStatus:
+        """Run the loop for `seconds` worth of ticks and return its account."""
+        with tempfile.TemporaryDirectory() as name:
+            config_path = at_rate(rate_Hz, Path(name))
+            bench = config.load(config_path)
+            with RunDir(bench.bench.name, Path(name) / "run").hold() as run_dir:
+                mailbox = MailboxWriter(run_dir.setpoint, Clock.measure())
+                TablesWriter(run_dir.tables, bench.motor.counts).write(*parameters.build(bench))
+                with start_loop(config_path, run_dir) as process:
+                    wanted = round(seconds * rate_Hz)
+                    while process.poll() is None and self._last_tick < wanted:
+                        mailbox.write(np.zeros(1, SETPOINT))
+                        self._follow(run_dir)
+                        time.sleep(READ_EVERY_S)
+                    process.terminate()
+                    process.wait()
+                self._follow(run_dir)
+                status = LoopStatus.read(run_dir.loop_status)
+        if status is None or status.phase != Phase.STOPPED:
+            raise RuntimeError(f"the loop failed: {status.error if status else 'no status'}")
+        return status
+
+    def _follow(self, run_dir: RunDir) -> None:
+        if self._reader is None:
+            status = LoopStatus.read(run_dir.loop_status)
+            if status is None or status.phase != Phase.READY:
+                return
+            self._reader = RingReader(run_dir.ring, "oldest")
+        block, lost = self._reader.read()
+        self.lost += lost
+        self.read += len(block)
+        if len(block):
+            ticks = np.concatenate([[self._last_tick], block["tick"].astype(np.int64)])
+            self.gaps += int((np.diff(ticks) - 1).sum())
+            self._last_tick = int(ticks[-1])
 
 
-def print_table(results: dict[str, object]) -> None:
-    """Print the results for people."""
-    lines = ["cost of a call, median"]
-    lines += [f"  {n:32} {v / 1e3:9.2f} us" for n, v in _items(results["parts_ns"])]
-    lines += [f"loop process at {results['rate_Hz']} Hz, simulated rig"]
-    for name in ("wake_late", "work"):
-        figures = "  ".join(f"{k[:-3]} {v:8.1f}" for k, v in _items(results[name]) if "_us" in k)
-        lines += [f"  {name:10} {figures}  us"]
-    lines += [f"  missed     {results['missed']}", "ratios"]
-    lines += [f"  {n:32} {v:9.3f}" for n, v in _items(results["ratios"])]
-    sys.stdout.write("\n".join(lines) + "\n")
+def figures(quick: bool) -> list[Figure]:
+    """Return the cost of the parts of a tick, and what a reader at 10 kHz gets."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+        costs_us = process.submit(part_costs_us, 500 if quick else 5000).result()
+    found = [
+        Figure(
+            f"a tick: {part}, p50",
+            float(np.median(costs_us[:, n])),
+            "us",
+            KERNEL_LIMIT_us if part == "control kernel" else None,
+            note=f"p99 {np.quantile(costs_us[:, n], 0.99):.3g} us, at 1 kHz",
+        )
+        for n, part in enumerate(PARTS)
+    ]
+    found.append(Figure("control kernel, called again and again", kernel_alone_us(), "us"))
+    return found + follow(5.0 if quick else 60.0)
 
 
-def _items(table: object) -> list[tuple[str, float]]:
-    assert isinstance(table, dict)
-    return list(table.items())
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the results to this file")
-    parser.add_argument("--rate-Hz", type=int, default=1000)
-    parser.add_argument("--seconds", type=float, default=10.0)
-    options = parser.parse_args()
-    results = measure(options.rate_Hz, options.seconds)
-    print_table(results)
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=1))
-
-
-if __name__ == "__main__":
-    main()
+def follow(seconds: float) -> list[Figure]:
+    """Return the figures of the loop process at 10 kHz."""
+    followed = Followed()
+    status = followed.run(FAST_Hz, seconds)
+    at = f"{FAST_Hz / 1000:g} kHz for {seconds:g} s"
+    unread = status.ticks - followed.read
+    return [
+        Figure(
+            f"{at}: ticks lost by the ring's reader",
+            followed.lost + unread,
+            "",
+            0,
+            note=f"of {status.ticks}; read every {READ_EVERY_S * 1e3:g} ms",
+        ),
+        Figure(
+            f"{at}: periods skipped but not told in `missed`",
+            abs(status.missed - followed.gaps),
+            "",
+            0,
+            note=f"{status.missed} skipped: {100 * status.missed / (seconds * FAST_Hz):.1f} %",
+        ),
+        Figure(
+            f"{at}: loop work, p50",
+            status.work.p50_us,
+            "us",
+            note=f"p99 {status.work.p99_us:.3g} us, stolen time and all",
+        ),
+    ]

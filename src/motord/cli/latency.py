@@ -42,7 +42,7 @@ def latency(
 ) -> None:
     """Measure wake-up and work of the loop on this machine, with the simulated rig.
 
-    Time that the host of a virtual machine steals is told apart: figures are over slices of 0.4 s
+    Time that the host of a virtual machine steals is told apart: figures are over slices of a quarter of a second
     in which the steal counter of the processor did not move, and over the others.
     """
     from motord.config import ConfigError

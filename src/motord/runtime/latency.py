@@ -25,10 +25,10 @@ from motord.runtime.loop import ONE_THREAD
 from motord.runtime.steal import stolen_ticks
 from motord.runtime.timing import TIMING, Timing
 
-SLICE_S = 0.4
+SLICE_S = 0.25
 SETTLE_S = 0.02
 """Unmeasured beginning of each slice: caches and margin recover from the pause."""
-ENOUGH_CLEAN = 20
+ENOUGH_CLEAN = 32
 """Clean slices of a kind after which there is no need to go on."""
 _ACCOUNT_S = 0.01
 """Time until stolen time is in the counter."""
