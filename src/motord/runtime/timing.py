@@ -1,7 +1,7 @@
 """How punctual the loop is: wake-up lateness and work time of every tick since it started.
 
-The loop counts in shared memory, so that anyone can look while it runs. For a recording, copy at
-its start and at its end: `end.since(start).summary()` is what belongs into the file.
+The loop counts in shared memory, so that anyone can look while it runs. A recording gets the part
+that was counted while it was made: a `TimingPart` from its beginning to its end.
 """
 
 from pathlib import Path
@@ -76,3 +76,19 @@ class Timing:
         return TimingSummary(
             missed=self.missed, wake_late=self.wake_late.summary(), work=self.work.summary()
         )
+
+
+class TimingPart:
+    """What the loop counts in the file at `path` from now on.
+
+    The counts of a loop that has ended stay, even if its successor has made the file anew. Raises
+    SharedFileError if there is no loop.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._live = Timing.attach(path)
+        self._start = self._live.copy()
+
+    def summary(self) -> TimingSummary:
+        """Return the figures from the beginning until now."""
+        return self._live.copy().since(self._start).summary()

@@ -55,7 +55,7 @@ def test_steal_counter(tmp_path: Path) -> None:
 
 
 def test_periods_are_whole_microseconds() -> None:
-    plan = Plan(LoopConfig(rate_Hz=3000), 1.0)
+    plan = Plan(LoopConfig(rate_Hz=3000), 1.0, slice_s=0.4)
     assert (plan.period_us, plan.ticks, plan.settle_ticks) == (333, 1201, 60)
 
 

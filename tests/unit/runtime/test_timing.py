@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.runtime.shared import SharedFileError
-from motord.runtime.timing import Timing
+from motord.runtime.timing import Timing, TimingPart
 
 TIMES = st.lists(st.integers(0, 10**7), max_size=50)
 
@@ -53,3 +53,16 @@ def test_missed_periods_are_counted_for_the_part_too() -> None:
     assert timing.since(earlier).summary().missed == 2
     earlier.merge(timing.since(earlier))
     assert earlier.missed == 7
+
+
+def test_part_of_a_run_that_ends_with_its_loop(tmp_path: Path) -> None:
+    loop = Timing.create(tmp_path / "timing")
+    loop.work.add(5_000)
+    part = TimingPart(tmp_path / "timing")
+    loop.work.add(7_000)
+    loop.record["missed"] = 2
+    del loop
+    Timing.create(tmp_path / "timing").work.add(9_000)
+    summary = part.summary()
+    assert (summary.work.samples, summary.missed) == (1, 2)
+    assert 7.0 <= summary.work.max_us < 7.3
