@@ -15,7 +15,7 @@ from motord.record.reader import open_run
 from motord.record.writer import RunWriter
 from motord.schema import TICK
 from motord.virtual import VirtualBench
-from motord.virtual_plan import run_plan
+from motord.virtual.plan import run_plan
 from motord.wire.blocks import BlockCodec
 
 NODE = Path(__file__).resolve().parents[1] / "node"

@@ -22,7 +22,7 @@ def demo(
     """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
     from motord.identify import IdentifyError
     from motord.record.errors import RecordError
-    from motord.virtual_plan import PlanFailed
+    from motord.virtual.plan import PlanFailed
 
     try:
         found = _run(out, seed, quick, silent=json)

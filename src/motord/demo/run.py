@@ -29,7 +29,7 @@ from motord.record.reader import open_run
 from motord.record.writer import RunWriter
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
-from motord.virtual_mesh import Piece, processors, run_points
+from motord.virtual.mesh import Piece, processors, run_points
 
 QUICK = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
 """The mesh of `--quick`: enough to see the effect, not to quote it."""

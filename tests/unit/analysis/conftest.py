@@ -10,7 +10,7 @@ from motord.plans.build import build
 from motord.record.metadata import describe
 from motord.record.writer import RunWriter
 from motord.virtual import VirtualBench
-from motord.virtual_plan import run_plan
+from motord.virtual.plan import run_plan
 
 MESH = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.8, 1.0], "turns": 5, "settle_s": 1.0}
 

@@ -8,7 +8,7 @@ import numpy as np
 from motord.control.types import SETPOINT
 from motord.plans import Demand, Executor, Plan, TickWatcher
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Request
-from motord.virtual import VirtualBench
+from motord.virtual.bench import VirtualBench
 
 LOOK_S = 0.05
 """Virtual time between two looks of the executor."""

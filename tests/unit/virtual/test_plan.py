@@ -7,7 +7,7 @@ from motord.config import load
 from motord.plans import build
 from motord.schema import State
 from motord.virtual import VirtualBench
-from motord.virtual_plan import PlanFailed, run_plan
+from motord.virtual.plan import PlanFailed, run_plan
 
 SMALL = {"torques_Nm": [2.0], "speeds_Hz": [0.9, 1.0], "turns": 3, "settle_s": 0.5}
 

@@ -18,8 +18,8 @@ import numpy as np
 from motord.calibration import Calibration
 from motord.config import Config
 from motord.plans import Plan
-from motord.virtual import VirtualBench
-from motord.virtual_plan import run_plan
+from motord.virtual.bench import VirtualBench
+from motord.virtual.plan import run_plan
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from motord.config import load
 from motord.plans import build
-from motord.virtual_mesh import Piece, processors, run_points
+from motord.virtual.mesh import Piece, processors, run_points
 
 MESH = {"torques_Nm": [2.0, 3.0], "speeds_Hz": [0.9, 1.0], "turns": 2, "settle_s": 0.2}
 
