@@ -11,7 +11,7 @@ from motord import config
 from motord.control.types import SETPOINT
 from motord.rig.truth import RigTruth, load
 from motord.schema import BridgeStatus, Flag, InverterStatus, Request, State
-from motord.virtual import EPOCH_NS, VirtualBench
+from motord.virtual.bench import EPOCH_NS, VirtualBench
 
 SPEED_HZ, TORQUE_NM = 0.7, 3.0
 
