@@ -22,7 +22,7 @@ class Figure:
     @property
     def met(self) -> bool | None:
         """True if the bound is kept; None without one, or if there was nothing to measure."""
-        if self.bound is None or math.isnan(self.value):
+        if self.bound is None or math.isnan(self.value) or math.isnan(self.bound):
             return None
         return self.value <= self.bound if self.side == "at most" else self.value >= self.bound
 
@@ -35,9 +35,10 @@ class Figure:
         return [self.what, f"{number(self.value)} {self.unit}".strip(), bound, met, self.note]
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figure for a file; null for a value that is not a number."""
+        """Return the figure for a file; null for what is not a number."""
         value = None if math.isnan(self.value) else self.value
-        kept = {"what": self.what, "value": value, "unit": self.unit, "bound": self.bound}
+        bound = None if self.bound is None or math.isnan(self.bound) else self.bound
+        kept = {"what": self.what, "value": value, "unit": self.unit, "bound": bound}
         return {**kept, "side": self.side, "met": self.met, "note": self.note}
 
 

@@ -19,6 +19,7 @@ from tests.benchmarks.figure import Figure
         (4.0, 5.0, "at least", False, "NOT MET"),
         (4.0, None, "at most", None, ""),
         (math.nan, 5.0, "at most", None, "not measured"),
+        (4.0, math.nan, "at most", None, "not measured"),
     ],
 )
 def test_a_figure_and_its_bound(

@@ -44,7 +44,8 @@ class Margin:
     """How long before the deadline to wake up: 1.25 times the 99.6 % quantile of the lateness.
 
     The quantile is followed, not computed: a lateness above it raises it by a sixteenth, any other
-    lowers it by a four-thousandth. The margin stays within MARGIN_MIN_ns and MARGIN_MAX_ns.
+    lowers it by a four-thousandth. The margin stays within MARGIN_MIN_ns and MARGIN_MAX_ns; a
+    lateness beyond that is a stall that no margin covers, and teaches nothing.
     """
 
     __slots__ = ("_quantile_ps", "margin_ns")
@@ -55,6 +56,8 @@ class Margin:
 
     def learn(self, late_ns: int) -> None:
         """Take into account that the last sleep ended `late_ns` after its time."""
+        if late_ns > MARGIN_MAX_ns:
+            return
         quantile_ps = self._quantile_ps
         if late_ns * 1000 > quantile_ps:
             quantile_ps = min(quantile_ps + (quantile_ps >> _RISE), MARGIN_MAX_ns * 800)
