@@ -22,6 +22,7 @@ from motord.runtime.ring import RingReader
 from motord.runtime.rundir import RunDir
 from motord.runtime.status import LoopStatus, Phase
 from motord.runtime.tables import TablesWriter
+from motord.runtime.timing import Timing
 from motord.schema import Flag, State, Trip
 
 pytestmark = pytest.mark.system
@@ -29,11 +30,11 @@ pytestmark = pytest.mark.system
 PATIENCE_S = 60.0
 
 
-def write_bench(folder: Path) -> Path:
-    """Write the packaged simulated bench at 1 kHz, patient with a machine that stalls at times."""
+def write_bench(folder: Path, rate_Hz: int = 1000) -> Path:
+    """Write the packaged simulated bench, patient with a machine that stalls at times."""
     text = config.packaged("sim.toml").read_text()
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
-    patient = "rate_Hz = 1000\noverrun_ticks = 100000\nsupervisor_timeout_s = 2.0"
+    patient = f"rate_Hz = {rate_Hz}\noverrun_ticks = 100000\nsupervisor_timeout_s = 2.0"
     text = re.sub(r"^rate_Hz = \d+", patient, text, count=1, flags=re.MULTILINE)
     path = folder / "sim.toml"
     path.write_text(text.replace("[inverter]", "[inverter]\ntimeout_s = 5.0"))
@@ -154,6 +155,8 @@ def test_three_seconds_of_loop(supervisor: Supervisor) -> None:
     assert (status.phase, status.reason) == (Phase.STOPPED, "SIGTERM")
     assert (status.ticks, status.missed) == (len(ticks), ticks["missed"][-1])
     assert status.wake_late.samples == status.work.samples == len(ticks)
+    kept = Timing.attach(supervisor.run_dir.timing).summary()
+    assert (kept.wake_late, kept.work) == (status.wake_late, status.work)
     assert status.foreign_threads == []
 
 
@@ -179,6 +182,24 @@ def test_killed_loop_leaves_files_that_the_next_one_replaces(supervisor: Supervi
         ).all()
         successor.terminate()
         assert successor.wait(PATIENCE_S) == 0
+
+
+@pytest.mark.parametrize("rate_Hz", [2000, 5000, 10_000])
+def test_every_tick_is_read_at_higher_rates(tmp_path: Path, rate_Hz: int) -> None:
+    with RunDir("sim", tmp_path / "run").hold() as run_dir:
+        supervisor = Supervisor(write_bench(tmp_path, rate_Hz), run_dir)
+        with supervisor.loop() as process:
+            supervisor.wait_for(lambda: supervisor.reader.head > rate_Hz // 2, process)
+            process.terminate()
+            assert process.wait(PATIENCE_S) == 0
+            supervisor.drain()
+        status = LoopStatus.read(run_dir.loop_status)
+    assert_every_tick_accounted_for(supervisor)
+    assert status is not None
+    assert status.ticks == len(supervisor.ticks)
+    assert status.rate_Hz == rate_Hz
+    due_ns = supervisor.ticks["t_ns"] - supervisor.ticks["tick"].astype(np.int64) * 10**9 // rate_Hz
+    assert 0 <= np.ptp(due_ns) < 10**9 // rate_Hz  # each within its own period
 
 
 @pytest.mark.slow
