@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def run(*arguments: str, interpreted: bool = False) -> int:
-    environment = dict(os.environ, COVERAGE_PROCESS_START=str(ROOT / "pyproject.toml"))
+    environment = dict(os.environ)
     if interpreted:
         environment["NUMBA_DISABLE_JIT"] = "1"
     return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=environment).returncode
@@ -37,7 +37,7 @@ def main() -> int:
     failed |= run(*measured, "-m", "system", *options.paths)
     if options.paths:
         return failed
-    run("coverage", "combine", "--quiet")
+    run("coverage", "combine", "--append", "--quiet")
     return failed | run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}")
 
 

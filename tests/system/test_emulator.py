@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -183,14 +184,14 @@ def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
     assert summary["ticks_on"] > 0
     assert not Path(ready["bridge"]).is_symlink()
     rows = truth_of(truth)
-    assert len(rows) == summary["ticks"]
+    assert 0 < len(rows) == summary["truth_rows"] <= summary["ticks"]
     on = rows["inverter_on"] == 1
     assert summary["torque_mean_Nm"] == pytest.approx(float(rows["torque_Nm"][on].mean()), rel=1e-4)
     assert np.median(np.diff(rows["t_ns"])) == pytest.approx(MS, abs=2000)
 
 
 def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_path):
-    patient = {"heartbeat_timeout_s = 0.25": "heartbeat_timeout_s = 5.0"}
+    patient = {"heartbeat_timeout_s = 1.0": "heartbeat_timeout_s = 5.0"}
     bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
     emulator = start(bench, "--truth", str(truth))
     daemon = host(bench)
@@ -210,7 +211,7 @@ def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_
 
 
 def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
-    patient = {"\ntimeout_s = 0.25": "\ntimeout_s = 5.0"}
+    patient = {"\ntimeout_s = 1.0": "\ntimeout_s = 5.0"}
     bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
     emulator = start(bench, "--truth", str(truth))
     daemon = host(bench)
@@ -233,13 +234,25 @@ def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
     assert off_ns >= before_ns + round(load(bench).bridge.heartbeat_timeout_s * 1e9) - MS
 
 
-def test_brake_and_drive_answer_and_move_the_rig(start, host, tmp_path):
-    bench = write_bench(tmp_path)
+@pytest.fixture
+def slow_devices():
+    """Return a maker of the bench's brake and drive, opened; they are closed at the end."""
+    with ExitStack() as opened:
+
+        def make(bench: Path):
+            devices = [make_setpoint_device(kind, load(bench)) for kind in ("brake", "drive")]
+            for device in devices:
+                opened.callback(device.close)
+                device.open()
+            return devices
+
+        yield make
+
+
+def test_brake_and_drive_answer_and_move_the_rig(start, host, slow_devices, tmp_path):
+    bench = write_bench(tmp_path, {"\ntimeout_s = 0.5\n": "\ntimeout_s = 5.0\n"})
     start(bench)
-    config = load(bench)
-    brake, drive = (make_setpoint_device(kind, config) for kind in ("brake", "drive"))
-    brake.open()
-    drive.open()
+    brake, drive = slow_devices(bench)
     assert brake.exchange(0.5).setpoint == pytest.approx(0.5)
     assert brake.exchange(0.5).value == pytest.approx(25.0, abs=5.0)
     daemon = host(bench)
@@ -251,8 +264,6 @@ def test_brake_and_drive_answer_and_move_the_rig(start, host, tmp_path):
     daemon.until(lambda f: f.encoder_gray != at_rest)
     drive.safe_stop()
     assert drive.exchange(0.0).setpoint == 0.0
-    brake.close()
-    drive.close()
 
 
 def test_the_bridge_samples_at_the_rate_that_the_host_asks_for(start, host, tmp_path):

@@ -59,6 +59,7 @@ class EmulatedBench:
     def __init__(self, config: Config, truth: RigTruth, start_ns: int) -> None:
         self.now_ns = start_ns
         self.skipped_ns = 0
+        self.played_ns = 0
         self.paused_ns = 0
         self.inverter = Inverter(config.inverter.timeout_s)
         self.board = Board(config, start_ns)
@@ -149,6 +150,7 @@ class EmulatedBench:
         played_ns = self._played_ns(to_ns)
         if played_ns > 0:
             step.advance(self._parameters, self._state, self._input, played_ns * 1e-9)
+        self.played_ns += played_ns
         self.paused_ns += duration_ns - played_ns
         self.now_ns = to_ns
 

@@ -52,6 +52,7 @@ class Emulator:
         self._stopped = False
         self._cpu_s = 0.0
         self._start_ns = 0
+        self._logged_ns = 0
         self.ticks = 0
         self.skipped = 0
 
@@ -100,6 +101,7 @@ class Emulator:
         return {
             "ready": False,
             "ticks": self.ticks,
+            "truth_rows": self._log.rows,
             "skipped": self.skipped,
             "stalled_s": bench.skipped_ns * 1e-9,
             "paused_s": bench.paused_ns * 1e-9,
@@ -184,8 +186,10 @@ class Emulator:
             board.dropped += not self._link.send(sample)
         if self._feedback.due(at_ns):
             self._send(self._fast, reading, status)
-            self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
             self.ticks += 1
+            if self.bench.played_ns != self._logged_ns:  # no rows while the rig's time stands still
+                self._logged_ns = self.bench.played_ns
+                self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
         if self._slow_feedback.due(at_ns) or status != self._status:
             self._send(self._slow, reading, status)
             self._status = status

@@ -12,7 +12,10 @@ TruthSink = Callable[[np.ndarray], None]
 
 
 class TruthLog:
-    """Collects rows of TRUTH_DTYPE; a full block goes to `sink`, and into the mean torque."""
+    """Collects rows of TRUTH_DTYPE; a full block goes to `sink`, and into the mean torque.
+
+    `rows` counts them.
+    """
 
     def __init__(self, rate_Hz: int, sink: TruthSink | None) -> None:
         self._sink = sink
@@ -20,6 +23,7 @@ class TruthLog:
         self._used = 0
         self._torque_sum_Nm = 0.0
         self._on_rows = 0
+        self.rows = 0
 
     def next_row(self) -> np.record:
         """Return the next row, to be filled at once."""
@@ -27,6 +31,7 @@ class TruthLog:
             self.flush()
         row: np.record = self._block[self._used]
         self._used += 1
+        self.rows += 1
         return row
 
     def flush_if_full(self) -> None:
