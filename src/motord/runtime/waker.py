@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-MARGIN_MIN_ns, MARGIN_START_ns, MARGIN_MAX_ns = 6_000, 60_000, 250_000
-_RISE, _FALL = 4, 12
-"""Steps of the followed quantile: 1/16 of itself up, 1/4096 down, in balance at 99.6 %."""
+MARGIN_MIN_ns, MARGIN_START_ns, MARGIN_MAX_ns = 6_000, 60_000, 150_000
+_RISE, _FALL = 4, 11
+"""Steps of the followed quantile: 1/16 of itself up, 1/2048 down, in balance at 99.2 %."""
 _SHARE_OF_LIMIT = 0.9
 _MAX_PERIODS = 8
 """What one tick can add to the account: a stall of the machine is not the loop's doing."""
@@ -41,10 +41,10 @@ class Bandwidth:
 
 
 class Margin:
-    """How long before the deadline to wake up: 1.25 times the 99.6 % quantile of the lateness.
+    """How long before the deadline to wake up: 1.25 times the 99.2 % quantile of the lateness.
 
     The quantile is followed, not computed: a lateness above it raises it by a sixteenth, any other
-    lowers it by a four-thousandth. The margin stays within MARGIN_MIN_ns and MARGIN_MAX_ns; a
+    lowers it by a two-thousandth. The margin stays within MARGIN_MIN_ns and MARGIN_MAX_ns; a
     lateness beyond that is a stall that no margin covers, and teaches nothing.
     """
 
