@@ -2,7 +2,8 @@
 
 The devices sample and send at instants of their own, fixed beforehand. A process that wakes late
 produces what was due meanwhile, with the right times; what the host sent takes effect at the time
-when it arrived. Only a stall of more than `CATCH_UP_NS` leaves instants out.
+when it arrived. Only a stall of more than `CATCH_UP_NS`, or than the rig's patience if it has any,
+leaves instants out.
 """
 
 import gc
@@ -52,6 +53,8 @@ class Emulator:
         self._stopped = False
         self._cpu_s = 0.0
         self._start_ns = 0
+        patience_s = config.bench.rig_patience_s
+        self._catch_up_ns = min(CATCH_UP_NS, round((patience_s or 1.0) * 1e9))
         self._logged_ns = 0
         self.ticks = 0
         self.skipped = 0
@@ -166,7 +169,7 @@ class Emulator:
             self._samples.restart(self._start_ns, board.rate_Hz)
             self._samples.skip_to(self.bench.now_ns)
         for schedule in self._schedules:
-            self.skipped += schedule.skip_to(now_ns - CATCH_UP_NS)
+            self.skipped += schedule.skip_to(now_ns - self._catch_up_ns)
         while True:
             at_ns = min(schedule.next_ns for schedule in self._schedules)
             if at_ns > now_ns:
