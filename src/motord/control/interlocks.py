@@ -1,7 +1,8 @@
 """Trip conditions, evaluated every tick in compiled code. Latching is `step`'s and `states`' work.
 
 Each condition has a bit of `schema.Trip`, a limit of `[limits]`, and the number of ticks that it
-must last (`DEBOUNCE_TICKS`; 0 acts at once).
+must last (`DEBOUNCE`; 0 acts at once). What a sensor says is counted by its samples, not by ticks:
+a sample that is seen again is no further evidence.
 """
 
 import math
@@ -10,9 +11,9 @@ import numpy as np
 
 from motord.control.states import ENABLED, OFF
 from motord.jit import jit
-from motord.schema import BridgeStatus, InverterStatus, Trip
+from motord.schema import BridgeStatus, Flag, InverterStatus, Trip
 
-DEBOUNCE_TICKS = {
+DEBOUNCE = {
     Trip.OVER_CURRENT: 1,
     Trip.OVER_SPEED: 2,
     Trip.OVER_TORQUE: 5,
@@ -21,11 +22,13 @@ DEBOUNCE_TICKS = {
     Trip.TORQUE_STALE: 5,
     Trip.INVERTER_FAULT: 2,
 }
-"""Ticks that a condition may last without a trip; 0 for those not named."""
+"""Ticks or samples that a condition may last without a trip; 0 for those not named."""
 
 TRIPS = tuple(Trip)
-_DEBOUNCE = np.array([DEBOUNCE_TICKS.get(trip, 0) for trip in TRIPS], dtype=np.int64)
+_DEBOUNCE = np.array([DEBOUNCE.get(trip, 0) for trip in TRIPS], dtype=np.int64)
 
+_NEW_BRIDGE = int(Flag.NEW_ENCODER)
+_NEW_INVERTER = int(Flag.NEW_INVERTER)
 _READY = int(InverterStatus.READY)
 _FAULT = int(InverterStatus.FAULT)
 _BUS_OFF = int(InverterStatus.BUS_OFF)
@@ -44,6 +47,14 @@ def _bit(trip_index: int, condition: bool, m: np.record) -> int:
         m.debounce[trip_index] = 0
         return 0
     m.debounce[trip_index] += 1
+    return (1 << trip_index) if m.debounce[trip_index] > _DEBOUNCE[trip_index] else 0
+
+
+@jit
+def _sampled(trip_index: int, condition: bool, new: int, m: np.record) -> int:
+    """As `_bit`, for a condition of a sample: the count moves with new samples only."""
+    if new:
+        return _bit(trip_index, condition, m)
     return (1 << trip_index) if m.debounce[trip_index] > _DEBOUNCE[trip_index] else 0
 
 
@@ -68,29 +79,34 @@ def count_link_errors(p: np.record, m: np.record, link_errors: int) -> None:
 
 
 @jit
-def causes(p: np.record, m: np.record, f: np.record, missed: int, supervisor_late: bool) -> int:
-    """Return the trip bits that hold now. Advances the debounce counters in `m`."""
+def causes(
+    p: np.record, m: np.record, f: np.record, missed: int, new: int, supervisor_late: bool
+) -> int:
+    """Return the trip bits that hold now. Advances the debounce counters in `m`.
+
+    `new`: flags of the tick that say which samples are new (`schema.Flag`).
+    """
     inverter_age_s = (f.now_ns - f.t_inverter_ns) * 1e-9
     bridge_age_s = (f.now_ns - f.t_ns) * 1e-9
     largest_A = max(abs(f.i_A[0]), abs(f.i_A[1]), abs(f.i_A[2]))
     finite = math.isfinite(f.i_A[0] + f.i_A[1] + f.i_A[2]) and math.isfinite(f.torque_Nm)
     status = f.inverter_status
     lost_power = m.state == ENABLED and (status & _READY) == 0
-    bits = _bit(0, largest_A > p.trip_current_A, m)
+    bits = _sampled(0, largest_A > p.trip_current_A, new & _NEW_INVERTER, m)
     bits |= _bit(1, abs(m.speed_rad_s) > p.trip_speed_rad_s, m)
-    bits |= _bit(2, abs(f.torque_Nm) > p.trip_torque_Nm, m)
+    bits |= _sampled(2, abs(f.torque_Nm) > p.trip_torque_Nm, new & _NEW_BRIDGE, m)
     bits |= _bit(3, max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s, m)
     bits |= _bit(4, bridge_age_s > p.bridge_stale_s, m)
     bits |= _bit(5, m.implausible >= IMPLAUSIBLE_SAMPLES, m)
-    bits |= _bit(6, (f.bridge_status & _TORQUE_INVALID) != 0, m)
+    bits |= _sampled(6, (f.bridge_status & _TORQUE_INVALID) != 0, new & _NEW_BRIDGE, m)
     bits |= _bit(7, inverter_age_s > p.inverter_stale_s, m)
     bits |= _bit(8, (status & _FAULT) != 0 or lost_power, m)
     bits |= _bit(9, (status & _BUS_OFF) != 0, m)
     bits |= _bit(10, missed - m.missed >= p.overrun_ticks and m.started, m)
     bits |= _bit(11, supervisor_late and m.torque_set_Nm == 0.0, m)
-    bits |= _bit(12, f.temperature_C > p.trip_temperature_C, m)
+    bits |= _sampled(12, f.temperature_C > p.trip_temperature_C, new & _NEW_INVERTER, m)
     bits |= _bit(13, m.link_level > p.link_errors_per_s, m)
-    bits |= _bit(14, not (p.bus_V_min <= f.u_bus_V <= p.bus_V_max), m)
+    bits |= _sampled(14, not (p.bus_V_min <= f.u_bus_V <= p.bus_V_max), new & _NEW_INVERTER, m)
     bits |= _bit(15, m.arming_s > p.enable_timeout_s, m)
     bits |= _bit(16, (f.bridge_status & (_BRIDGE_FAULT | _ENCODER_INVALID)) != 0, m)
     bits |= _bit(17, not finite, m)

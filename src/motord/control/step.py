@@ -25,8 +25,8 @@ _COMPENSATE_COGGING = int(reference.Compensate.COGGING)
 _ENABLED = int(State.ENABLED)
 _INT32_MAX = 2**31 - 1
 
-AHEAD_MAX_S = 1.0
-"""Furthest that the angle is predicted; samples that old have tripped a real bench long before."""
+AHEAD_MAX_S = 0.02
+"""Furthest that the angle is predicted: beyond it nobody knows where the rotor is."""
 
 
 def new_memory() -> np.ndarray:
@@ -91,14 +91,20 @@ def _currents(
 
 @jit
 def _decide(
-    p: np.record, m: np.record, s: np.record, f: np.record, missed: int, supervisor_late: bool
+    p: np.record,
+    m: np.record,
+    s: np.record,
+    f: np.record,
+    missed: int,
+    new: int,
+    supervisor_late: bool,
 ) -> int:
     """Evaluate interlocks and the supervisor's request, move the state; returns what holds."""
     request = 0
     if m.started and s.request_seq != m.request_seq:
         request = s.request
     m.request_seq = s.request_seq
-    bits = interlocks.causes(p, m, f, missed, supervisor_late)
+    bits = interlocks.causes(p, m, f, missed, new, supervisor_late)
     interlocks.latch(m, bits)
     state, arming, stopping = states.transition(
         m.state,
@@ -169,8 +175,9 @@ def step(
     p, m, f, s = parameters[0], memory[0], feedback[0], setpoint[0]
     c, t = command[0], tick[0]
     flags = _SIMULATED if p.simulated else 0
-    flags |= _NEW_ENCODER if f.t_ns != m.t_ns else 0
+    flags |= _NEW_ENCODER if f.t_ns != m.t_bridge_ns else 0
     flags |= _NEW_INVERTER if f.t_inverter_ns != m.t_inverter_ns else 0
+    m.t_bridge_ns = f.t_ns
     m.t_inverter_ns = f.t_inverter_ns
     count = observer.decode(f.encoder_gray, p)
     if count >= 0:
@@ -180,7 +187,7 @@ def step(
     interlocks.count_link_errors(p, m, f.link_errors)
     supervisor_late = (f.now_ns - s.heartbeat_ns) * 1e-9 > p.supervisor_timeout_s
     flags |= _SUPERVISOR_ABSENT if supervisor_late else 0
-    causes = _decide(p, m, s, f, t.missed, supervisor_late)
+    causes = _decide(p, m, s, f, t.missed, flags, supervisor_late)
     t.trip_bits = causes if m.state == states.OFF else m.trip_bits
     flags |= _set_torque(p, m, s, supervisor_late)
     ahead_s = (f.now_ns - m.t_ns) * 1e-9 + p.actuation_delay_s

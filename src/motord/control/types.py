@@ -86,6 +86,7 @@ PARAMETERS = record_dtype(
 MEMORY = record_dtype(
     [
         ("t_ns", "i8"),  # time of the newest encoder sample used
+        ("t_bridge_ns", "i8"),  # times of the newest samples seen, used or not
         ("t_inverter_ns", "i8"),
         ("angle_rad", "f8"),  # at t_ns, 0 to 2 pi
         ("speed_rad_s", "f8"),

@@ -376,3 +376,14 @@ def test_limited_currents_are_flagged() -> None:
     assert tick["flags"] & Flag.CURRENT_LIMITED
     bench.setpoint["torque_Nm"] = 60.0
     assert bench.run(5)["flags"] & Flag.TORQUE_LIMITED
+
+
+def test_one_sample_seen_often_is_one_sample() -> None:
+    """A loop that gets no new samples has no new evidence of too much torque."""
+    bench = Bench()
+    bench.enable(torque_Nm=1.0)
+    bench.run(20)
+    _over_torque(bench)
+    bench.run(2)
+    assert bench.run(15, healthy=False).state == State.ENABLED
+    assert trip_after(bench, 6) == Trip.OVER_TORQUE
