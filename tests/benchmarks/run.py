@@ -87,7 +87,8 @@ def run(selected: dict[str, Callable[[bool], list[Figure]]], quick: bool) -> Res
         try:
             results.figures[name] = figures(quick)
         except Exception as error:  # whatever it was, the others are still worth running
-            results.failed[name] = f"{type(error).__name__}: {error}"
+            first_line = (str(error).splitlines() or [""])[0]
+            results.failed[name] = f"{type(error).__name__}: {first_line}"
             sys.stderr.write(f"  failed: {results.failed[name]}\n")
     took_s = time.monotonic() - begun_s
     cores = os.cpu_count() or 1

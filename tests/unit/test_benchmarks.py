@@ -39,7 +39,7 @@ def test_numbers_are_short(value: float, text: str) -> None:
 
 
 def fails(_quick: bool) -> list[Figure]:
-    raise RuntimeError("no such luck")
+    raise RuntimeError("no such luck\nand a long story")
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_one_that_fails_does_not_stop_the_others(
     assert run.main([]) == 1
     out = capsys.readouterr().out
     assert out.count("speed") == 2
-    assert "benchmark broken failed: RuntimeError: no such luck" in out
+    assert "benchmark broken failed: RuntimeError: no such luck\n" in out
 
 
 def test_finds_the_benchmarks_of_the_folder() -> None:
