@@ -102,6 +102,11 @@ def solve(normal: np.ndarray, right: np.ndarray, gauge: Gauge) -> Solution:
             "these operating points do not tell alpha, beta and cogging apart; "
             "take more torques and more turns"
         ) from None
+    if not np.isfinite(found).all():
+        raise IdentifyError(
+            "the samples hold currents or torques that no motor has; look at the recording's "
+            "currents and torque, and at what `record info --check` says of it"
+        )
     theta = found[:, 0]
     if gauge.gain_direction is None:
         delta_epsilon = float(np.cbrt(theta[ALPHA].prod()))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motord.identify import IdentifyError
-from motord.identify.align import interpolate
+from motord.identify.align import interpolate, uncrowded
 from motord.identify.harmonics import lines_at, over_one_turn
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -173,6 +173,7 @@ def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> n
     """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
     source_s = t_s - age_s
     fresh = _rising(source_s) & np.isfinite(i_A).all(axis=1)
+    fresh[fresh] = uncrowded(source_s[fresh])
     moved = np.full_like(i_A, np.nan)
     interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)
     return moved

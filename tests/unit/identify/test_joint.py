@@ -32,3 +32,8 @@ def test_a_solution_keeps_the_gauge(gauge: Gauge) -> None:
     assert np.allclose(found.theta, truth)
     assert found.delta_epsilon == pytest.approx(1.0)
     assert found.vector.size == 10
+
+
+def test_absurd_samples_are_refused_in_words() -> None:
+    with pytest.raises(IdentifyError, match="no motor has"):
+        solve(np.full((9, 9), np.nan), np.ones(9), Gauge(COMMON, offset_seen=False))

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from motord.identify import IdentifyError
-from motord.identify.align import interpolate
+from motord.identify.align import CROWD, interpolate, uncrowded
 from motord.identify.points import PointData, good_points, prepare, split
 
 from .synthetic_bench import TICKS, Bench
@@ -130,3 +132,34 @@ def test_interpolation_is_exact_for_cubics_and_says_where_it_cannot() -> None:
     few = np.empty((1, 2))
     interpolate(source[:3], values[:3], source[1:2], few)
     assert np.isnan(few).all()
+
+
+def test_interpolation_does_not_bridge_gaps_and_goes_straight_beside_them() -> None:
+    source = np.array([0.0, 1.0, 2.0, 3.0, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0])
+    values = (source**2)[:, None]
+    target = np.array([1.5, 2.5, 10.0, 20.5, 22.5])
+    result = np.empty((target.size, 1))
+    interpolate(source, values, target, result)
+    assert result[[0, 4], 0] == pytest.approx([1.5**2, 22.5**2])
+    assert result[1, 0] == pytest.approx((4.0 + 9.0) / 2)  # a gap follows: straight
+    assert np.isnan(result[2, 0])  # inside the gap
+    assert result[3, 0] == pytest.approx((400.0 + 441.0) / 2)
+
+
+@given(st.lists(st.floats(0.0, 2.0), min_size=2, max_size=60))
+def test_what_is_left_of_a_crowd_is_well_apart(spacings: list[float]) -> None:
+    source = np.cumsum(np.array(spacings) + 1e-6)
+    kept = source[uncrowded(source)]
+    assert kept[0] == source[0]
+    assert (np.diff(kept) >= CROWD * np.median(np.diff(source)) * (1 - 1e-9)).all()
+
+
+def test_nearly_simultaneous_currents_do_not_explode() -> None:
+    """Clock jitter put two samples a nanosecond apart; a cubic through them would be absurd."""
+    n = 400
+    ticks = ticks_of(np.arange(n) % 100)
+    ticks["i_a_A"] = np.random.default_rng(3).normal(size=n)
+    ticks["i_age_ns"] = 300_000
+    ticks["i_age_ns"][200] = ticks["t_ns"][200] - (ticks["t_ns"][199] - 300_000) - 1
+    taken = prepare(PointData(1.0, 1.0, ticks), 100)
+    assert np.abs(taken.i_A).max() < 20.0
