@@ -67,6 +67,11 @@ class Slices:
     clean: list[Timing] = field(default_factory=list)
     stolen: list[Timing] = field(default_factory=list)
 
+    @property
+    def all(self) -> list[Timing]:
+        """All slices."""
+        return self.clean + self.stolen
+
     def of(self, *, clean: bool) -> Timing:
         """Return all clean slices, or all others, as one."""
         whole = Timing()
@@ -220,12 +225,8 @@ def _take(slices: Slices, cpu: int, run: Callable[[], Timing]) -> None:
     (slices.clean if clean else slices.stolen).append(timing)
 
 
-def median_of_slices_us(slices: list[Timing], fraction: float) -> float:
-    """Return the median over `slices` of a quantile of the wake-up lateness; nan without any."""
-    if not slices:
+def median_of_slices_us(histograms: list[TimeHistogram], fraction: float) -> float:
+    """Return the median over slices of a quantile of their times; nan without any."""
+    if not histograms:
         return float("nan")
-    return float(np.median([_quantile_us(part.wake_late, fraction) for part in slices]))
-
-
-def _quantile_us(histogram: TimeHistogram, fraction: float) -> float:
-    return histogram.quantile_ns(fraction) / 1e3
+    return float(np.median([part.quantile_ns(fraction) for part in histograms])) / 1e3

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict
 
 from motord.runtime.histogram import TimeHistogram
 from motord.runtime.latency import Measured, Slices, median_of_slices_us
+from motord.runtime.timing import Timing
 
 
 class Figures(BaseModel):
@@ -121,8 +122,14 @@ def _ratio_of_medians(loop: Slices, reference: Slices | None) -> Ratio | None:
         return None
     if not loop.clean or not reference.clean:
         return Ratio()
+    return ratio_of_medians(loop.clean, reference.clean)
+
+
+def ratio_of_medians(loop: list[Timing], reference: list[Timing]) -> Ratio:
+    """Return the ratio of the medians over slices of each slice's quantiles."""
+    late = [[part.wake_late for part in slices] for slices in (loop, reference)]
     p50, p99 = (
-        median_of_slices_us(loop.clean, fraction) / median_of_slices_us(reference.clean, fraction)
+        median_of_slices_us(late[0], fraction) / median_of_slices_us(late[1], fraction)
         for fraction in (0.5, 0.99)
     )
     return Ratio(p50=p50, p99=p99)
