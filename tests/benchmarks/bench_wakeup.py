@@ -77,6 +77,7 @@ def compared(measured: Measured) -> list[Figure]:
 def alone(measured: Measured) -> list[Figure]:
     """Return the figures of the loop itself."""
     told, loop = report(measured), measured.loop
+    late = told.loop
     at = f"at {told.rate_Hz / 1000:g} kHz"
     work = [part.work for part in loop.clean]
     return [
@@ -90,8 +91,9 @@ def alone(measured: Measured) -> list[Figure]:
             f"wake-up {at}, p99",
             _late_us(loop, 0.99),
             "us",
-            note=f"of all clean ticks {number(_value(told.loop.p99_us))} us, "
-            f"p99.9 {number(_value(told.loop.p999_us))} us, max {number(_value(told.loop.max_us))} us",
+            note="of all clean ticks p99 {} us, p99.9 {} us, max {} us".format(
+                *(number(_value(us)) for us in (late.p99_us, late.p999_us, late.max_us))
+            ),
         ),
         Figure(
             f"loop work {at}, p99",
