@@ -54,7 +54,9 @@ class Emulator:
         self._cpu_s = 0.0
         self._start_ns = 0
         patience_s = config.bench.rig_patience_s
-        self._catch_up_ns = min(CATCH_UP_NS, round((patience_s or 1.0) * 1e9))
+        self._catch_up_ns = CATCH_UP_NS
+        if patience_s is not None:
+            self._catch_up_ns = min(CATCH_UP_NS, round(patience_s * 1e9))
         self._logged_ns = 0
         self.ticks = 0
         self.skipped = 0
