@@ -1,6 +1,7 @@
 """From the truth of a rig to the records that its kernels step."""
 
 import math
+from functools import cache
 
 import numpy as np
 from scipy.linalg import expm
@@ -109,13 +110,15 @@ def _fill_drive(p: np.record, truth: RigTruth) -> None:
     p.belt_creep_per_Nm = drive.creep_per_Nm
 
 
+@cache
 def mount_matrices(
     resonance_Hz: float, damping_ratio: float, duration_s: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (A, B0, B1), shapes (2, 2), (2,), (2,): x1 = A x0 + B0 u0 + B1 u1 over `duration_s`.
 
     x is (output, its rate / natural frequency) of w^2 / (s^2 + 2 zeta w s + w^2); exact for an
-    input that goes straight from u0 to u1 (first-order hold).
+    input that goes straight from u0 to u1 (first-order hold). Kept: the matrix exponential wakes
+    BLAS' threads, which then keep a processor busy for a tenth of a second.
     """
     w_rad_s = 2 * math.pi * resonance_Hz
     block = np.zeros((4, 4))

@@ -3,14 +3,20 @@
 Every point starts from standstill with random numbers of its own, drawn from the seed and the
 point's number; the pieces are put one after the other in time. So the result does not depend on
 how many processes computed it: one gives the same bits as many.
+
+A process hands its rows on in files, written block by block while the processor's cache has them
+and mapped by the process that asked for them: pickling would take longer than computing.
 """
 
 import multiprocessing
 import os
+import tempfile
 from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +24,10 @@ import numpy as np
 from motord.calibration import Calibration
 from motord.config import Config
 from motord.plans import Plan
+from motord.schema import TICK_DTYPE, TRUTH_DTYPE
+from motord.virtual import rows
 from motord.virtual.bench import VirtualBench
-from motord.virtual.plan import run_plan
+from motord.virtual.plan import BlockSink, run_plan
 
 
 @dataclass(frozen=True)
@@ -52,23 +60,39 @@ def run_points(
     Without a `pool` all is computed here. Raises PlanFailed at the first point that fails.
     """
     tasks = [_Task(config, plan, n, seed, calibration) for n in range(len(plan.points))]
-    pieces = map(_take, tasks) if pool is None else _ahead(pool, tasks)
+    pieces = map(_take, tasks) if pool is None else _shared_out(pool, tasks)
     first_tick = 0
     for piece in pieces:
         yield _shifted(piece, first_tick, config.loop.rate_Hz)
         first_tick += piece.ticks.size
 
 
-def _ahead(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[Piece]:
+def _shared_out(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[Piece]:
+    """Let the pool's processes compute the pieces; yield them in order."""
+    with tempfile.TemporaryDirectory(prefix="motord-mesh-", dir=rows.folder()) as name:
+        takes = [partial(_take_to_files, task, Path(name)) for task in tasks]
+        for task, point in zip(tasks, _ahead(pool, takes), strict=True):
+            tick_file, truth_file = _files(task, Path(name))
+            yield Piece(
+                rows.mapped(tick_file, TICK_DTYPE), rows.mapped(truth_file, TRUTH_DTYPE), point
+            )
+
+
+def _ahead(
+    pool: ProcessPoolExecutor, takes: Sequence[Callable[[], dict[str, Any]]]
+) -> Iterator[dict[str, Any]]:
     """Compute a few pieces ahead of the one that is asked for, no more: they are large."""
     ahead = 2 * (os.cpu_count() or 1)
-    futures = deque(pool.submit(_take, task) for task in tasks[:ahead])
-    for task in [*tasks[ahead:], *[None] * ahead]:
-        if not futures:
-            return
-        yield futures.popleft().result()
-        if task is not None:
-            futures.append(pool.submit(_take, task))
+    futures = deque(pool.submit(take) for take in takes[:ahead])
+    try:
+        for number in range(len(takes)):
+            yield futures.popleft().result()
+            if number + ahead < len(takes):
+                futures.append(pool.submit(takes[number + ahead]))
+    finally:  # whoever has had enough of it removes the folder next
+        for future in futures:
+            future.cancel()
+        wait(futures)
 
 
 def processors() -> ProcessPoolExecutor:
@@ -77,14 +101,35 @@ def processors() -> ProcessPoolExecutor:
 
 
 def _take(task: _Task) -> Piece:
-    """Run one operating point from standstill to standstill."""
+    """Run one operating point, here."""
+    blocks: list[tuple[np.ndarray, np.ndarray]] = []
+    point = _run(task, lambda *block: blocks.append(block))
+    ticks, truth = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    return Piece(ticks, truth, point)
+
+
+def _take_to_files(task: _Task, folder: Path) -> dict[str, Any]:
+    """Run one operating point, its rows into files; return the point."""
+    tick_file, truth_file = _files(task, folder)
+    with tick_file.open("xb", 0) as ticks, truth_file.open("xb", 0) as truth:
+
+        def write(tick_block: np.ndarray, truth_block: np.ndarray) -> None:
+            rows.write(ticks, tick_block)
+            rows.write(truth, truth_block)
+
+        return _run(task, write)
+
+
+def _files(task: _Task, folder: Path) -> tuple[Path, Path]:
+    return folder / f"{task.index}.ticks", folder / f"{task.index}.truth"
+
+
+def _run(task: _Task, on_block: BlockSink) -> dict[str, Any]:
+    """Run one operating point from standstill to standstill; return it."""
     point = task.plan.points[task.index]
     seed = int(np.random.SeedSequence([task.seed, task.index]).generate_state(1)[0])
     bench = VirtualBench(task.config, seed=seed, calibration=task.calibration)
-    blocks: list[tuple[np.ndarray, np.ndarray]] = []
-    points = run_plan(bench, task.plan.part((point,)), lambda *block: blocks.append(block))
-    ticks, truth = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return Piece(ticks, truth, points[0])
+    return run_plan(bench, task.plan.part((point,)), on_block)[0]
 
 
 def _shifted(piece: Piece, first_tick: int, rate_Hz: int) -> Piece:

@@ -94,6 +94,10 @@ def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:
     s.torque_Nm, s.speed_rad_s = demand.torque_Nm, 2 * np.pi * demand.speed_Hz
     s.brake, s.drive_rad_s = demand.brake, demand.drive_rad_s
     s.plan_point, s.compensate = demand.plan_point, demand.compensate
+    induced = demand.induced
+    s.induced_gain[:] = np.subtract(induced.gain, 1.0)
+    s.induced_offset_A[:] = induced.offset_A
+    s.induced_cogging = induced.cogging - 1.0
     if demand.enabled != before.enabled:
         s.request = Request.ENABLE if demand.enabled else Request.DISABLE
         s.request_seq += 1

@@ -1,10 +1,15 @@
 """Operating points on benches of their own: the same bits however many processes compute them."""
 
+from pathlib import Path
+
 import numpy as np
+import pytest
 
 from motord.config import load
 from motord.plans import build
+from motord.virtual import rows
 from motord.virtual.mesh import Piece, processors, run_points
+from motord.virtual.plan import PlanFailed
 
 MESH = {"torques_Nm": [2.0, 3.0], "speeds_Hz": [0.9, 1.0], "turns": 2, "settle_s": 0.2}
 
@@ -43,3 +48,25 @@ def test_points_do_not_share_their_noise() -> None:
     first, second = run_points(config, build("calibrate", config, mesh), seed=5)
     n = min(first.ticks.size, second.ticks.size)
     assert (first.ticks["torque_Nm"][:n] != second.ticks["torque_Nm"][:n]).mean() > 0.5
+
+
+def test_who_has_had_enough_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rows, "folder", lambda: tmp_path)
+    config = load()
+    with processors() as pool:
+        pieces = run_points(config, build("calibrate", config, MESH), seed=5, pool=pool)
+        first = next(pieces)
+        assert len(list(tmp_path.iterdir())) == 1
+        pieces.close()
+        assert not list(tmp_path.iterdir())
+    assert first.ticks["tick"][-1] == first.ticks.size - 1
+    assert first.truth.size == first.ticks.size
+
+
+def test_a_point_that_fails_in_a_process_says_why() -> None:
+    config = load()
+    plan = build("calibrate", config, {**MESH, "settle_timeout_s": 0.1})
+    with processors() as pool, pytest.raises(PlanFailed, match="the speed was still"):
+        list(run_points(config, plan, seed=5, pool=pool))
