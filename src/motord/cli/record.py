@@ -128,6 +128,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "notes": facts.get("notes"),
         "start": facts.get("start"),
         "ticks": _ticks(facts),
+        "timing": facts["timing"]["words"] if facts["timing"] else None,
         "events": facts["events"],
         "operating points": f"{len(points)}" if points else None,
         "recovered": _recovered(facts.get("recovered")),

@@ -6,6 +6,7 @@ from motord.record import topics
 from motord.record.damage import utc
 from motord.record.reader import Run
 from motord.record.recover import METADATA_RECOVERED
+from motord.runtime.timing import KIND, TimingSummary, total
 
 _FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes")
 
@@ -13,7 +14,7 @@ _FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes")
 def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
     """Return what `record info` tells, ready for JSON; times are Unix ns and UTC text.
 
-    Of a file that was closed only the index is read, unless `check` asks for all of it.
+    Of a file that was closed only the index and the events are read, unless `check` asks for all.
     """
     if check:
         run.check()
@@ -26,6 +27,7 @@ def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
         "chunks": len(structure.chunks),
         **{key: run.metadata[key] for key in _FROM_METADATA if key in run.metadata},
         **span,
+        "timing": _timing(run),
         "events": _count(run, topics.EVENTS.name),
         "plan_messages": _count(run, topics.PLANS.name),
         "operating_points": operating_points,
@@ -79,6 +81,15 @@ def _span(
         "duration_s": duration_s,
         "rate_Hz": (count - 1) / duration_s if duration_s > 0 else None,
     }
+
+
+def _timing(run: Run) -> dict[str, Any] | None:
+    """Return how punctual the loop was, None if the file does not say."""
+    told = [event["data"] for event in run.events() if event["kind"] == KIND]
+    if not told:
+        return None
+    whole = total(TimingSummary.model_validate(data) for data in told)
+    return {"words": whole.words(), **whole.model_dump(mode="json")}
 
 
 def _count(run: Run, topic: str) -> int:

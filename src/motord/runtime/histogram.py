@@ -60,6 +60,15 @@ class TimeHistogram:
     def __init__(self, cells: np.ndarray | None = None) -> None:
         self.cells = np.zeros(CELLS, np.int64) if cells is None else cells
 
+    @classmethod
+    def of(cls, summary: TimeSummary) -> "TimeHistogram":
+        """Return the histogram that `summary` was made of."""
+        histogram = cls()
+        for edge_ns, number in summary.bins:
+            histogram.counts[np.searchsorted(EDGES_ns, edge_ns)] += number
+        histogram.cells[BINS] = round(summary.max_us * 1e3)
+        return histogram
+
     @property
     def counts(self) -> np.ndarray:
         """Number of times in each bin, shape (BINS,)."""

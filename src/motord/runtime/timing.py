@@ -1,9 +1,10 @@
 """How punctual the loop is: wake-up lateness and work time of every tick since it started.
 
-The loop counts in shared memory, so that anyone can look while it runs. A recording gets the part
-that was counted while it was made: a `TimingPart` from its beginning to its end.
+The loop counts in shared memory, so that anyone can look while it runs. A recording gets what is
+counted while it is made, part by part (`TimingPart`); `total` adds the parts up.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,23 @@ class TimingSummary(BaseModel):
     wake_late: TimeSummary = TimeSummary()
     work: TimeSummary = TimeSummary()
 
+    def words(self) -> str:
+        """Return the figures in a line."""
+        late, work = self.wake_late, self.work
+        return (
+            f"wake-up p50 {late.p50_us:.3g}, p99 {late.p99_us:.3g}, max {late.max_us:.3g} us; "
+            f"work p50 {work.p50_us:.3g}, p99 {work.p99_us:.3g} us; "
+            f"{self.missed} missed of {late.samples + self.missed}"
+        )
+
+
+def total(parts: Iterable[TimingSummary]) -> TimingSummary:
+    """Return the figures of all `parts` of a run together."""
+    whole = Timing()
+    for part in parts:
+        whole.merge(Timing.of(part))
+    return whole.summary()
+
 
 class Timing:
     """Both histograms, kept in `record` (TIMING, shape (1,); by default its own)."""
@@ -47,6 +65,15 @@ class Timing:
     def attach(cls, path: Path) -> "Timing":
         """Return the loop's own, as it counts. Raises SharedFileError if there is none."""
         return cls(SharedFile.attach(path, KIND, layout_digest([TIMING])).array(TIMING, 1, 0))
+
+    @classmethod
+    def of(cls, summary: TimingSummary) -> "Timing":
+        """Return what `summary` was made of."""
+        timing = cls()
+        timing.wake_late.cells[:] = TimeHistogram.of(summary.wake_late).cells
+        timing.work.cells[:] = TimeHistogram.of(summary.work).cells
+        timing.record["missed"] = summary.missed
+        return timing
 
     @property
     def missed(self) -> int:
@@ -92,3 +119,10 @@ class TimingPart:
     def summary(self) -> TimingSummary:
         """Return the figures from the beginning until now."""
         return self._live.copy().since(self._start).summary()
+
+    def take(self) -> TimingSummary:
+        """Return the figures from the beginning until now, and begin anew."""
+        now = self._live.copy()
+        part = now.since(self._start).summary()
+        self._start = now
+        return part

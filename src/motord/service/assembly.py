@@ -91,7 +91,7 @@ def assemble(
     events = EventLog(clock.now_ns)
     devices = slow_devices(config)
     children = Children(process_table(config_path, run_dir))
-    recording = Recording(config, toml, children, events, clock.now_ns)
+    recording = Recording(config, toml, children, events, clock.now_ns, run_dir.timing)
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     tables = TablesWriter(run_dir.tables, config.motor.counts)
     bench = Bench(config, mailbox, devices, events, recording)

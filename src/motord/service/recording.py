@@ -6,6 +6,7 @@ that every tick is in exactly one file. A recorder that was started again goes o
 of its predecessor end, as far back as the ring reaches.
 """
 
+import time
 from collections import deque
 from collections.abc import Callable
 from datetime import UTC, datetime
@@ -19,17 +20,22 @@ from motord.record.launch import RecorderLink
 from motord.record.metadata import describe
 from motord.service.events import EventLog
 from motord.service.processes import Children
+from motord.service.timing_log import TimingLog
 from motord.service.views import Event, PlanView, RecordingView
 
 RECORDER = "recorder"
 KEPT_EVENTS = 1000
 """Events that are kept for a recorder that is not up yet."""
+FINISH_S = 2.0
+"""How long a recorder may take to close its file before it is told to end."""
+_LOOK_S = 0.01
 
 
 class Recording:
-    """Tells the recorder what to record. No call waits for it.
+    """Tells the recorder what to record. No call but `stop` waits for it.
 
-    `calibration_id` and `realtime` say what goes into the metadata of the next recording.
+    The loop counts its punctuality in the file `timing`. `calibration_id` and `realtime` say what
+    goes into the metadata of the next recording.
     """
 
     def __init__(
@@ -39,6 +45,7 @@ class Recording:
         children: Children,
         events: EventLog,
         unix_ns: Callable[[], int],
+        timing: Path,
     ) -> None:
         self._config = config
         self._described = describe(config, toml)  # looks up versions, which takes a while
@@ -54,6 +61,7 @@ class Recording:
         self._plan_told: tuple[object, ...] = ()
         self._error = ""
         self._loop_up = False
+        self._timing = TimingLog(timing, self.event)
         self.calibration_id: Callable[[], str] = str
         self.realtime: Callable[[], dict[str, Any]] = dict
 
@@ -74,6 +82,7 @@ class Recording:
 
     def end(self, why: str) -> None:
         """End what is recorded now."""
+        self._end_timing()
         if self._link is not None and self._stem is not None:
             self._link.stop(why)
         self._stem = None
@@ -88,17 +97,15 @@ class Recording:
         self._follow_process()
         if self._link is None:
             return
-        for report in self._link.reports():
-            self._report = report
-            error = str(report.get("error", ""))
-            if error and error != self._error:
-                self._events.emit("recording", f"the recorder says: {error}")
-            self._error = error
+        if self._stem is not None:
+            self._timing.step(self._unix_ns())
+        self._take_reports(self._link)
 
     def stop(self) -> None:
         """End the recorder; it takes what the loop has still written and closes its file."""
         if self._link is not None:
-            self._link.reports()  # sends what waits
+            self.end("the daemon shut down")
+            self._await_end(self._link)
         self._children.stop(RECORDER)
         if self._link is not None:
             self._link.close()
@@ -151,7 +158,31 @@ class Recording:
         else:
             self.end(f"plan {view.plan} {view.state}")
 
+    def _take_reports(self, link: RecorderLink) -> None:
+        for report in link.reports():
+            self._report = report
+            error = str(report.get("error", ""))
+            if error and error != self._error:
+                self._events.emit("recording", f"the recorder says: {error}")
+            self._error = error
+
+    def _await_end(self, link: RecorderLink) -> None:
+        """Wait until the recorder has closed its file, so that it has all that it was told."""
+        process, end_s = self._children.process(RECORDER), time.monotonic() + FINISH_S
+        while self._report.get("recording") and process is not None and process.poll() is None:
+            if time.monotonic() >= end_s:
+                return
+            time.sleep(_LOOK_S)
+            self._take_reports(link)
+
+    def _end_timing(self) -> None:
+        """Record what the loop has counted since the last time, if that can be recorded."""
+        if self._link is not None and self._stem is not None:
+            self._timing.end(self._unix_ns())
+
     def _begin(self, suffix: str, plan: dict[str, Any], notes: str = "") -> str:
+        self._end_timing()
+        self._timing.begin(self._unix_ns())
         config, now = self._config, datetime.fromtimestamp(self._unix_ns() / 1e9, UTC)
         moment = f"{now:%Y%m%dT%H%M%S}{now.microsecond // 1000:03d}Z"
         folder = config.recording.directory.absolute()

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.runtime.shared import SharedFileError
-from motord.runtime.timing import Timing, TimingPart
+from motord.runtime.timing import Timing, TimingPart, total
 
 TIMES = st.lists(st.integers(0, 10**7), max_size=50)
 
@@ -66,3 +66,30 @@ def test_part_of_a_run_that_ends_with_its_loop(tmp_path: Path) -> None:
     summary = part.summary()
     assert (summary.work.samples, summary.missed) == (1, 2)
     assert 7.0 <= summary.work.max_us < 7.3
+
+
+@given(st.lists(TIMES, max_size=4))
+def test_the_parts_of_a_run_add_up_to_all_of_it(parts_ns: list[list[int]]) -> None:
+    whole, told = Timing(), []
+    for times_ns in parts_ns:
+        part = Timing()
+        part.record["missed"] = len(times_ns)
+        whole.record["missed"] += len(times_ns)
+        for time_ns in times_ns:
+            for timing in (whole, part):
+                timing.wake_late.add(time_ns)
+                timing.work.add(time_ns // 2)
+        told.append(part.summary())
+    assert total(told) == whole.summary()
+
+
+def test_parts_are_taken_one_after_the_other(tmp_path: Path) -> None:
+    loop = Timing.create(tmp_path / "timing")
+    part = TimingPart(tmp_path / "timing")
+    for count in (2, 0, 1):
+        for _ in range(count):
+            loop.wake_late.add(100)
+        loop.record["missed"] += count
+        taken = part.take()
+        assert (taken.wake_late.samples, taken.missed) == (count, count)
+    assert "3 missed of 6" in loop.summary().words()

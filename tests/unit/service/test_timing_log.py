@@ -1,0 +1,221 @@
+"""What a recording is told of the loop's punctuality, through the pipe to its recorder."""
+
+import json
+import os
+
+import pytest
+from typer.testing import CliRunner
+
+from motord import config
+from motord.cli.record import app
+from motord.record.writer import RunWriter
+from motord.runtime.timing import Timing, TimingSummary, total
+from motord.service.events import EventLog
+from motord.service.recording import Recording
+from motord.service.timing_log import EVERY_NS
+
+START_NS = 1_700_000_000_000_000_000
+
+
+class Recorder:
+    """The other ends of a recorder's pipes, and the process that the supervisor sees."""
+
+    def __init__(self, pid):
+        self.pid = pid
+        self.code = None
+        commands, self._stdin = os.pipe()
+        self._stdout, reports = os.pipe()
+        self.stdin = os.fdopen(self._stdin, "wb", buffering=0)
+        self.stdout = os.fdopen(self._stdout, "rb", buffering=0)
+        self.commands = os.fdopen(commands, "rb", buffering=0)
+        self.reports = os.fdopen(reports, "wb", buffering=0)
+        os.set_blocking(commands, False)
+
+    def poll(self):
+        return self.code
+
+    def say(self, **report):
+        self.reports.write(json.dumps(report).encode() + b"\n")
+
+    def heard(self):
+        """The commands since the last call: what to do and, of events, their kind."""
+        lines = (self.commands.read() or b"").splitlines()
+        commands = [json.loads(line) for line in lines]
+        return [c | {"kind": c.get("content", {}).get("kind", c["do"])} for c in commands]
+
+    def close(self):
+        for end in (self.stdin, self.stdout, self.commands, self.reports):
+            end.close()
+
+
+class Children:
+    """Has one recorder at a time."""
+
+    def __init__(self):
+        self.running = None
+        self.stopped = 0
+
+    def start(self, _name, _now_ns):
+        pass
+
+    def process(self, _name):
+        return self.running
+
+    def stop(self, _name):
+        self.stopped += 1
+
+
+class Bench:
+    """A recording with a loop that counts, a recorder that hears, and a clock."""
+
+    def __init__(self, folder):
+        self.now_ns = START_NS
+        self.path = folder / "timing"
+        self.children = Children()
+        self.recorders = []
+        events = EventLog(lambda: self.now_ns)
+        self.recording = Recording(
+            config.load(), "", self.children, events, lambda: self.now_ns, self.path
+        )
+
+    def next_recorder(self):
+        self.children.running = Recorder(len(self.recorders))
+        self.recorders.append(self.children.running)
+        self.recording.step()
+        return self.children.running
+
+    def loop(self):
+        self.live = Timing.create(self.path)
+        return self.live
+
+    def close(self):
+        for recorder in self.recorders:
+            recorder.close()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    made = Bench(tmp_path)
+    yield made
+    made.close()
+
+
+def timings(commands):
+    return [TimingSummary.model_validate(c["content"]["data"]) for c in commands
+            if c["kind"] == "timing"]  # fmt: skip
+
+
+def test_a_recording_gets_what_was_counted_while_it_was_made(bench):
+    recorder, live = bench.next_recorder(), bench.loop()
+    live.work.add(1_000)
+    bench.recording.loop_up()
+    live.work.add(5_000)
+    live.wake_late.add(70)
+    live.record["missed"] = 3
+    bench.recording.end("over")
+    heard = recorder.heard()
+    assert [command["kind"] for command in heard] == ["start", "timing", "stop"]
+    [part] = timings(heard)
+    assert (part.missed, part.work.samples, part.wake_late.samples) == (3, 1, 1)
+    assert 5.0 <= part.work.max_us < 5.2
+    assert heard[1]["content"]["data"]["t_start_ns"] == START_NS
+    assert "3 missed of 4" in heard[1]["content"]["message"]
+
+
+def test_it_is_told_every_minute_and_the_parts_add_up(bench):
+    recorder, live = bench.next_recorder(), bench.loop()
+    bench.recording.loop_up()
+    for minute in range(3):
+        live.work.add(1_000 * (minute + 1))
+        live.record["missed"] += 1
+        bench.now_ns += EVERY_NS
+        bench.recording.step()
+        bench.recording.step()
+    live.work.add(9_000)
+    bench.recording.loop_down()
+    bench.recording.end("the loop ended")
+    parts = timings(recorder.heard())
+    assert [(part.missed, part.work.samples) for part in parts] == [(1, 1)] * 3 + [(0, 1)]
+    whole = total(parts)
+    assert (whole.missed, whole.work.samples) == (3, 4)
+    assert whole.work.bins == live.summary().work.bins
+
+
+def test_the_next_recording_begins_to_count_where_the_one_before_ended(bench):
+    recorder, live = bench.next_recorder(), bench.loop()
+    bench.recording.loop_up()
+    live.work.add(1_000)
+    bench.recording.loop_up()
+    live.work.add(2_000)
+    live.work.add(2_000)
+    bench.recording.end("over")
+    heard = recorder.heard()
+    assert [c["kind"] for c in heard] == ["start", "timing", "start", "timing", "stop"]
+    assert [part.work.samples for part in timings(heard)] == [1, 2]
+
+
+def test_nothing_is_lost_while_there_is_no_recorder(bench):
+    recorder, live = bench.next_recorder(), bench.loop()
+    bench.recording.loop_up()
+    live.work.add(1_000)
+    bench.children.running = None
+    bench.now_ns += 2 * EVERY_NS
+    bench.recording.step()
+    live.work.add(2_000)
+    second = bench.next_recorder()
+    bench.recording.end("over")
+    assert timings(recorder.heard()) == []
+    heard = second.heard()
+    assert (heard[0]["do"], heard[0]["resume"]) == ("start", True)
+    assert sum(part.work.samples for part in timings(heard)) == 2
+
+
+def test_without_a_loop_that_counts_there_is_no_such_event(bench):
+    recorder = bench.next_recorder()
+    bench.recording.loop_up()
+    bench.recording.end("over")
+    assert [command["kind"] for command in recorder.heard()] == ["start", "stop"]
+
+
+def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
+    recorder, live = bench.next_recorder(), bench.loop()
+    bench.recording.loop_up()
+    live.work.add(1_000)
+    recorder.say(recording=True, file="run-000.mcap", error="")
+    bench.recording.step()
+    recorder.say(recording=False, file="run-000.mcap", error="")
+    bench.recording.stop()
+    heard = [command["kind"] for command in recorder.heard()]
+    assert heard == ["start", "timing", "stop"]
+    assert bench.children.stopped == 1
+    assert not bench.recording.view().recording
+
+
+def test_a_recorder_that_has_died_is_not_waited_for(bench):
+    recorder = bench.next_recorder()
+    bench.recording.loop_up()
+    recorder.say(recording=True, file="run-000.mcap", error="")
+    bench.recording.step()
+    recorder.code = -9
+    bench.recording.stop()
+    assert bench.children.stopped == 1
+
+
+def test_record_info_adds_up_what_a_file_was_told(tmp_path):
+    path, live = tmp_path / "run.mcap", Timing()
+    with RunWriter(path, {"bench": "sim"}) as writer:
+        for missed in (1, 2):
+            part = Timing()
+            part.wake_late.add(40 * missed)
+            part.work.add(5_000 * missed)
+            part.record["missed"] = missed
+            live.merge(part)
+            summary = part.summary()
+            data = summary.model_dump(mode="json")
+            writer.event(START_NS + missed, "timing", summary.words(), data)
+        writer.event(START_NS + 3, "state", "OFF -> READY", {})
+    told = CliRunner().invoke(app, ["info", str(path)])
+    assert f"timing:           {live.summary().words()}" in told.output
+    told = CliRunner().invoke(app, ["info", str(path), "--json"])
+    timing = json.loads(told.output)["timing"]
+    assert (timing["missed"], timing["work"]["samples"]) == (3, 2)
