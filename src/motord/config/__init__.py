@@ -18,8 +18,6 @@ from motord.config.bench import (
     Config,
     LimitsConfig,
     LoopConfig,
-    MeshConfig,
-    PlansConfig,
     RecordingConfig,
     ZenohConfig,
 )
@@ -39,6 +37,7 @@ from motord.config.motor import (
     MotorFile,
     TorqueSensorConfig,
 )
+from motord.config.plans import MeshConfig, PlansConfig
 from motord.config.reading import (
     load,
     load_motor,

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.devices import BrakeConfig, BridgeConfig, DriveConfig, InverterConfig
 from motord.config.motor import MotorConfig, TorqueSensorConfig
+from motord.config.plans import PlansConfig
 
 
 class BenchConfig(Section):
@@ -104,24 +105,6 @@ class ZenohConfig(Section):
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
-
-
-class MeshConfig(Section):
-    """`[plans.calibrate]`, `[plans.verify]`: the operating points and how each is taken."""
-
-    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0, 3.0, 4.0, 5.0)
-    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    turns: Annotated[int, Field(ge=2, le=1000)] = 24
-    settle_s: NonNegative = 2.0
-    settle_timeout_s: Positive = 30.0
-    speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
-
-
-class PlansConfig(Section):
-    """`[plans.*]`: defaults of each experiment."""
-
-    calibrate: MeshConfig = MeshConfig()
-    verify: MeshConfig = MeshConfig()
 
 
 class Config(Section):

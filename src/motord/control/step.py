@@ -70,6 +70,7 @@ def _currents(
     torque_Nm = m.torque_set_Nm
     if s.compensate & _COMPENSATE_COGGING:
         cog_Nm = (1.0 - weight) * cogging_Nm[n] + weight * cogging_Nm[following]
+        cog_Nm *= 1.0 + s.induced_cogging
         tick.cogging_comp_Nm = cog_Nm
         torque_Nm = reference.clamp(torque_Nm - cog_Nm, p.torque_limit_Nm)
         flags |= _COGGING_COMPENSATED
@@ -79,6 +80,9 @@ def _currents(
     k_b = (1.0 - weight) * back_emf[n, 1] + weight * back_emf[following, 1]
     k_c = (1.0 - weight) * back_emf[n, 2] + weight * back_emf[following, 2]
     i_a, i_b, i_c = reference.phase_currents(torque_Nm, k_a, k_b, k_c, p.star)
+    i_a = (1.0 + s.induced_gain[0]) * i_a + s.induced_offset_A[0]
+    i_b = (1.0 + s.induced_gain[1]) * i_b + s.induced_offset_A[1]
+    i_c = (1.0 + s.induced_gain[2]) * i_c + s.induced_offset_A[2]
     if s.compensate & _COMPENSATE_CURRENTS:
         i_a = (i_a - p.beta_A[0]) / (p.alpha[0] * p.delta_epsilon)
         i_b = (i_b - p.beta_A[1]) / (p.alpha[1] * p.delta_epsilon)

@@ -4,9 +4,10 @@
 the bench alike.
 """
 
-from motord.plans.build import PLANS, PlanError, build
+from motord.plans.build import PLANS, build
 from motord.plans.executor import Executor
 from motord.plans.observation import Observation, TickWatcher
+from motord.plans.settings import PlanError
 from motord.plans.steps import Demand, OperatingPoint, Plan
 
 __all__ = [

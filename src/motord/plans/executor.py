@@ -5,7 +5,16 @@ from enum import Enum
 from typing import Any
 
 from motord.plans.observation import Observation
-from motord.plans.steps import Advance, Demand, Outcome, Plan, Rest, Step, Steps
+from motord.plans.steps import (
+    NOTHING_INDUCED,
+    Advance,
+    Demand,
+    Outcome,
+    Plan,
+    Rest,
+    Step,
+    Steps,
+)
 from motord.schema import State, Trip
 
 
@@ -158,7 +167,7 @@ class Executor:
         self._demand = Demand()
 
     def _rest_in_pause(self, seen: Observation) -> Demand:
-        self._demand = replace(self._demand, torque_Nm=0.0, plan_point=-1)
+        self._demand = replace(self._demand, torque_Nm=0.0, plan_point=-1, induced=NOTHING_INDUCED)
         if seen.torque_set_Nm == 0.0:
             self.state = PlanState.PAUSED
         return self._demand

@@ -1,9 +1,32 @@
 """`calibrate` and `verify`: the torque/speed mesh, point by point."""
 
-from motord.config import BrakeConfig, MeshConfig
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from motord.config import BrakeConfig, Config, MeshConfig
 from motord.plans.brake_servo import BrakeServo
-from motord.plans.steps import Enable, OperatingPoint, Rest, Steps
+from motord.plans.limits import check_held
+from motord.plans.settings import chosen, compensation
+from motord.plans.steps import Enable, OperatingPoint, Plan, Rest, Steps
 from motord.plans.take_point import TakePoint
+
+
+def make(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan over the mesh of `[plans.NAME]` with `settings`. Raises PlanError."""
+    given = dict(settings)
+    word = given.pop("compensate", "off" if name == "calibrate" else "on")
+    compensate = compensation(word)
+    own: MeshConfig = getattr(config.plans, name)
+    mesh = chosen(name, own, given, "compensate")
+    check_held(config, mesh.torques_Nm, mesh.speeds_Hz)
+    return Plan(
+        name=name,
+        points=points(mesh),
+        make_steps=partial(steps, mesh, config.brake, int(compensate)),
+        estimate_s=partial(seconds, mesh, config.brake),
+        settings={**mesh.model_dump(mode="json"), "compensate": word},
+    )
 
 
 def points(mesh: MeshConfig) -> tuple[OperatingPoint, ...]:

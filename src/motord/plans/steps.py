@@ -10,6 +10,22 @@ from motord.schema import State
 
 
 @dataclass(frozen=True)
+class Induced:
+    """Errors put on the currents and on the compensated cogging torque on purpose; neutral as is.
+
+    A gain multiplies the current wanted of its phase, an offset is added to it, before the
+    compensation of the true errors; cogging multiplies the cogging torque that is compensated.
+    """
+
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    offset_A: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cogging: float = 1.0
+
+
+NOTHING_INDUCED = Induced()
+
+
+@dataclass(frozen=True)
 class OperatingPoint:
     """A torque and a speed to be held while `turns` turns are recorded."""
 
@@ -17,6 +33,7 @@ class OperatingPoint:
     torque_Nm: float
     speed_Hz: float
     turns: int
+    induced: Induced = NOTHING_INDUCED
 
 
 @dataclass(frozen=True)
@@ -30,6 +47,7 @@ class Demand:
     drive_rad_s: float = 0.0
     compensate: int = 0
     plan_point: int = -1
+    induced: Induced = NOTHING_INDUCED
 
 
 class Outcome(Enum):
@@ -135,7 +153,9 @@ class Rest:
 
     def advance(self, seen: Observation, demand: Demand) -> Advance:
         """Wait until the bench is no longer enabled; the brake holds until then."""
-        demand = replace(demand, enabled=False, torque_Nm=0.0, plan_point=-1)
+        demand = replace(
+            demand, enabled=False, torque_Nm=0.0, plan_point=-1, induced=NOTHING_INDUCED
+        )
         if seen.state != State.ENABLED:
             return Advance(replace(demand, brake=0.0, speed_Hz=0.0), Outcome.DONE)
         if (seen.t_ns - self._began_ns) * 1e-9 > self.timeout_s:

@@ -1,13 +1,20 @@
 """Take one operating point: brake, torque, speed on its set-point, settle, capture."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from typing import Any
 
 from motord.config import MeshConfig
 from motord.plans.brake_servo import BrakeServo
 from motord.plans.observation import Observation
-from motord.plans.steps import Advance, Demand, OperatingPoint, Outcome
+from motord.plans.steps import (
+    NOTHING_INDUCED,
+    Advance,
+    Demand,
+    Induced,
+    OperatingPoint,
+    Outcome,
+)
 
 BRAKE_LEAD_TIME_CONSTANTS = 4.0
 """How long a rising brake leads a rising torque, in time constants of its excitation."""
@@ -65,7 +72,9 @@ class TakePoint:
     def _on_point(self, demand: Demand, **changes: Any) -> Demand:
         point = self.point
         changes.setdefault("torque_Nm", point.torque_Nm)
-        return replace(demand, enabled=True, speed_Hz=point.speed_Hz, **changes)
+        return replace(
+            demand, enabled=True, speed_Hz=point.speed_Hz, induced=point.induced, **changes
+        )
 
     def _bring_brake_up(self, seen: Observation, demand: Demand, elapsed_s: float) -> Advance:
         """Let a rising brake lead the torque, so that the rotor does not run away meanwhile."""
@@ -144,4 +153,10 @@ class TakePoint:
             "brake": round(demand.brake, 5),
             "compensate": demand.compensate,
             "quality": f"speed off by {100 * error:.1f} %" if drifted else "ok",
+            **_told(self.point.induced),
         }
+
+
+def _told(induced: Induced) -> dict[str, Any]:
+    """Return the errors that were induced, for the account; nothing if there were none."""
+    return {} if induced == NOTHING_INDUCED else {"induced": asdict(induced)}

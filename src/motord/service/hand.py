@@ -2,15 +2,14 @@
 
 from motord.config import Config
 from motord.plans.brake_servo import BrakeServo, brake_torque_Nm
+from motord.plans.limits import SPEED_MARGIN
 from motord.plans.observation import Observation
+from motord.plans.settings import COMPENSATE
 from motord.plans.take_point import BRAKE_LEAD_TIME_CONSTANTS
 from motord.schema import State
 from motord.service.messages import Set
 from motord.service.refusal import Refusal
-from motord.service.setpoint import COMPENSATE, RAD_PER_TURN, Setpoint
-
-SPEED_MARGIN = 0.8
-"""Part of the over-speed trip that may be asked for."""
+from motord.service.setpoint import RAD_PER_TURN, Setpoint
 
 
 class Hand:

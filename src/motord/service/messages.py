@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from motord.plans.settings import Compensation
 from motord.service.refusal import Refusal
-from motord.service.views import Compensation
 
 Token = Annotated[str, Field(min_length=1, max_length=128)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@: -]+$")]

@@ -111,6 +111,7 @@ class PlanRunner:
         s.torque_Nm, s.speed_Hz = demand.torque_Nm, demand.speed_Hz or None
         s.brake, s.drive_Hz = demand.brake, demand.drive_rad_s / RAD_PER_TURN
         s.compensate, s.plan_point = Compensate(demand.compensate), demand.plan_point
+        s.induced = demand.induced
         if demand.enabled != before.enabled:
             s.request(Request.ENABLE if demand.enabled else Request.DISABLE)
         self._demand = demand

@@ -11,20 +11,14 @@ from typing import Protocol
 import numpy as np
 
 from motord.control.types import SETPOINT
+from motord.plans.settings import COMPENSATE, Compensation
+from motord.plans.steps import NOTHING_INDUCED
 from motord.schema import Compensate, Request
-from motord.service.views import Compensation, SetpointView
+from motord.service.views import SetpointView
 
 RAD_PER_TURN = 2 * np.pi
 UNSEEN_NS = 200_000_000
 """A request that no tick confirms within this time makes room for the next."""
-
-COMPENSATE: dict[Compensation, Compensate] = {
-    "off": Compensate(0),
-    "currents": Compensate.CURRENTS,
-    "cogging": Compensate.COGGING,
-    "on": Compensate.CURRENTS | Compensate.COGGING,
-}
-"""What of the calibration is applied, by the words that requests and plans use for it."""
 
 
 def compensation_word(compensate: Compensate) -> Compensation:
@@ -55,6 +49,7 @@ class Setpoint:
         self.compensate = Compensate(0)
         self.brake_temperature_C = float("nan")
         self.plan_point = -1
+        self.induced = NOTHING_INDUCED
 
     def request(self, request: Request) -> None:
         """Ask for `request`. A stop goes before everything else, which is then forgotten."""
@@ -67,6 +62,7 @@ class Setpoint:
         """Ask for no torque, an open brake and a standing drive."""
         self.torque_Nm, self.speed_Hz, self.brake, self.drive_Hz = 0.0, None, 0.0, 0.0
         self.plan_point = -1
+        self.induced = NOTHING_INDUCED
 
     def write(self, now_ns: int, seen_seq: int) -> None:
         """Write the mailbox, which notes the time as the supervisor's heartbeat.
@@ -86,6 +82,9 @@ class Setpoint:
         s.drive_rad_s = self.drive_Hz * RAD_PER_TURN
         s.plan_point = self.plan_point
         s.compensate = int(self.compensate)
+        s.induced_gain[:] = np.subtract(self.induced.gain, 1.0)
+        s.induced_offset_A[:] = self.induced.offset_A
+        s.induced_cogging = self.induced.cogging - 1.0
         self._mailbox.write(self._record)
 
     def _confirmed(self, now_ns: int, seen_seq: int) -> bool:

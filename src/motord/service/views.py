@@ -7,8 +7,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-Compensation = Literal["off", "on", "currents", "cogging"]
-"""What of the calibration is applied."""
+from motord.plans.settings import Compensation
 
 
 class Reply(BaseModel):

@@ -91,6 +91,26 @@ def test_compensation_inverts_the_model(
     assert tick["flags"] & Flag.COGGING_COMPENSATED
 
 
+@pytest.mark.kernel
+def test_induced_errors_are_what_would_flow_with_such_a_motor() -> None:
+    """With the true errors compensated, what flows is gain i + offset; cogging is scaled."""
+    config = make_config()
+    alpha, beta_A = np.array([0.8, 1.25, 1.0]), np.array([1.0, -0.5, -0.5])
+    bench = Bench(config, calibration(config, tuple(alpha), tuple(beta_A), 0.3))
+    gain, offset_A = np.array([0.9, 1.2, 1.0]), np.array([0.4, -0.1, -0.3])
+    bench.setpoint["induced_gain"] = gain - 1
+    bench.setpoint["induced_offset_A"] = offset_A
+    bench.setpoint["induced_cogging"] = -0.4
+    bench.enable(torque_Nm=3.0, compensate=BOTH)
+    tick = bench.run(450)
+    angle_rad = float(tick.angle_predicted_rad)
+    k = back_emf_at(bench, angle_rad)
+    cogging_Nm = 0.6 * 0.3 * math.sin(48 * angle_rad + 0.4)
+    assert float(tick.cogging_comp_Nm) == pytest.approx(cogging_Nm, abs=2e-3)
+    wanted_A = gain * (3.0 - float(tick.cogging_comp_Nm)) * k / (k @ k) + offset_A
+    np.testing.assert_allclose(alpha * bench.currents_A() + beta_A, wanted_A, atol=5e-3)
+
+
 def test_torque_ramps() -> None:
     bench = Bench(make_config(limits={"torque_rate_Nm_per_s": 10.0}))
     bench.enable(torque_Nm=2.0)

@@ -1,0 +1,12 @@
+"""`motord analyse`: what recordings tell of the motor and of its torque. One module a kind."""
+
+import typer
+
+from motord.cli.analyse.calibrate import calibrate
+from motord.cli.analyse.verify import verify
+
+app = typer.Typer(
+    no_args_is_help=True, pretty_exceptions_enable=False, help="Identify, verify, report."
+)
+for command in (calibrate, verify):
+    app.command()(command)

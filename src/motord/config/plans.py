@@ -1,0 +1,31 @@
+"""`[plans.*]`: what each experiment does unless it is told otherwise."""
+
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from motord.config.base import NonNegative, Positive, Section
+
+
+class MeshConfig(Section):
+    """`[plans.calibrate]`, `[plans.verify]`: the operating points and how each is taken."""
+
+    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0, 3.0, 4.0, 5.0)
+    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    turns: Annotated[int, Field(ge=2, le=1000)] = 24
+    settle_s: NonNegative = 2.0
+    settle_timeout_s: Positive = 30.0
+    speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
+
+
+def _with_dashes(name: str) -> str:
+    return name.replace("_", "-")
+
+
+class PlansConfig(Section):
+    """`[plans.*]`: defaults of each experiment, under the plan's name."""
+
+    model_config = ConfigDict(alias_generator=_with_dashes, populate_by_name=True)
+
+    calibrate: MeshConfig = MeshConfig()
+    verify: MeshConfig = MeshConfig()

@@ -1,0 +1,48 @@
+"""What an operator sets of a plan, over the bench's own settings, checked before anything moves."""
+
+from collections.abc import Mapping
+from typing import Any, Literal, TypeVar
+
+from pydantic import ValidationError
+
+from motord.config import Section
+from motord.schema import Compensate
+
+Settings = TypeVar("Settings", bound=Section)
+
+
+class PlanError(Exception):
+    """A plan that cannot be run; the message says which setting and why."""
+
+
+def chosen(name: str, own: Settings, given: Mapping[str, Any], *others: str) -> Settings:
+    """Return the bench's `own` settings of plan `name` with those `given` in their place.
+
+    others: names that the plan knows beside the settings, for the message. Raises PlanError.
+    """
+    try:
+        return type(own).model_validate({**own.model_dump(), **given})
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in first["loc"])
+        known = ", ".join([*type(own).model_fields, *others])
+        raise PlanError(f"{name}: setting {key}: {first['msg']}; settings are: {known}") from None
+
+
+Compensation = Literal["off", "on", "currents", "cogging"]
+
+COMPENSATE: dict[Compensation, Compensate] = {
+    "off": Compensate(0),
+    "on": Compensate.CURRENTS | Compensate.COGGING,
+    "currents": Compensate.CURRENTS,
+    "cogging": Compensate.COGGING,
+}
+"""What of the calibration is applied, by the words of settings and requests."""
+
+
+def compensation(word: object) -> Compensate:
+    """Return the flags that a word stands for. Raises PlanError."""
+    for known, flags in COMPENSATE.items():
+        if word == known:
+            return flags
+    raise PlanError(f"compensate = {word!r}: one of {', '.join(COMPENSATE)}")
