@@ -56,9 +56,12 @@ def write_sim(folder, name="system"):
 
 
 class Program:
-    """A `motord` command that says on stdout when it is ready."""
+    """A `motord` command that says on stdout when it is ready.
 
-    def __init__(self, folder, *arguments, ready=True):
+    `before` is a command that sets something up and then becomes it (`exec`).
+    """
+
+    def __init__(self, folder, *arguments, ready=True, before=()):
         self.folder = folder
         environment = dict(
             os.environ, XDG_RUNTIME_DIR=str(folder), XDG_STATE_HOME=str(folder / "state")
@@ -66,7 +69,7 @@ class Program:
         self.stderr_path = folder / f"{arguments[0]}.err"
         self.stderr = self.stderr_path.open("w")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "motord", *map(str, arguments)],
+            [*before, sys.executable, "-m", "motord", *map(str, arguments)],
             cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=self.stderr,
         )  # fmt: skip
         try:
@@ -112,8 +115,8 @@ class Program:
 class Daemon(Program):
     """A running `motord run`."""
 
-    def __init__(self, folder, bench_path):
-        super().__init__(folder, "run", "-c", bench_path, "--json")
+    def __init__(self, folder, bench_path, before=()):
+        super().__init__(folder, "run", "-c", bench_path, "--json", before=before)
         self.config = config.load(bench_path)
         self.ready = json.loads(self.first_line)
 
@@ -131,9 +134,9 @@ class Daemon(Program):
 
 
 @contextmanager
-def daemon(folder, bench_path):
+def daemon(folder, bench_path, before=()):
     """Run a daemon for as long as the block runs."""
-    running = Daemon(folder, bench_path)
+    running = Daemon(folder, bench_path, before)
     try:
         yield running
     finally:

@@ -1,0 +1,200 @@
+"""What goes wrong around the loop does not reach it: every tick is there, and once."""
+
+import os
+import signal
+from contextlib import contextmanager
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from motord.record.reader import open_run
+from motord.runtime.ring import RingReader
+from motord.runtime.rundir import RunDir
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.system.disturbances import (
+    hogs,
+    let_files_grow_no_more,
+    seen_by,
+    small_disk,
+    small_disks_can_be_had,
+    subscriber,
+    unsent_bytes,
+)
+from tests.system.test_daemon import check_ticks
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+RATE_HZ = 2000
+RING_S = 100.0
+TICKS = 6000
+"""How many ticks are awaited while something is wrong."""
+
+needs_mount = pytest.mark.skipif(
+    not small_disks_can_be_had(), reason="this user may not mount in a namespace of its own"
+)
+
+
+def write_bench(folder, recording=""):
+    """Write a bench with a ring so long that it holds a whole test."""
+    path = write_sim(folder, "isolated")
+    text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_HZ}\nring_s = {RING_S}")
+    text = text.replace("lease_s = 3.0", "lease_s = 20.0")
+    path.write_text(f"{text}\n[recording]\n{recording}\n")
+    return path
+
+
+class Bench:
+    """An enabled bench, and a reader of its ring that sees what the loop publishes."""
+
+    def __init__(self, running, client):
+        self.daemon = running
+        self.client = client
+        run_dir = RunDir(running.config.bench.name, running.folder / "motord")
+        self._ring = RingReader(run_dir.ring, "oldest")
+        self._blocks = []
+
+    def pid(self, name):
+        return self.client.state().processes[name].pid
+
+    def look(self):
+        """Take in the ticks that have come; none may have been overwritten."""
+        block, lost = self._ring.read()
+        assert lost == 0
+        self._blocks.append(block)
+
+    @property
+    def ticks(self):
+        self.look()
+        self._blocks = [np.concatenate(self._blocks)]
+        return self._blocks[0]
+
+    def go_on(self, ticks=TICKS):
+        """Wait for so many more ticks; the bench must stay enabled."""
+        last = int(self.ticks["tick"][-1]) + ticks
+        wait_until(lambda: self.ticks["tick"][-1] >= last, f"tick {last}")
+        state = self.client.state()
+        assert state.state == "ENABLED", state.trips
+
+    def end(self):
+        """End the daemon; return all that the loop has published."""
+        assert self.daemon.end() == 0, self.daemon.said()
+        published = self.ticks
+        check_ticks(published)
+        return published
+
+
+@contextmanager
+def enabled(folder, path, before=()):
+    with daemon(folder, path, before) as running, running.connect() as client:
+        wait_for(client, lambda s: s.recording.recording, "a recording")
+        lease = client.lease("anna")
+        lease.acquire()
+        client.rpc("enable", token=lease.token)
+        client.rpc("set", token=lease.token, torque_Nm=1.0, speed_Hz=0.7)
+        yield Bench(running, client)
+
+
+def same(recorded, published):
+    """Whether the ticks that were recorded are those published at these numbers, to the bit."""
+    first = np.searchsorted(published["tick"], recorded["tick"][0])
+    there = published[first : first + len(recorded)]
+    return all(recorded[name].tobytes() == there[name].tobytes() for name in recorded.dtype.names)
+
+
+def check_recorded_to_the_end(bench):
+    """End the bench: all ticks since the recording began are in its files, each once."""
+    published = bench.end()
+    runs = bench.daemon.runs()
+    recorded = np.concatenate([run.ticks() for run in runs])
+    check_ticks(recorded)
+    assert recorded["tick"][-1] == published["tick"][-1]
+    assert same(recorded, published)
+    assert not any(event["kind"] == "ring_lost" for run in runs for event in run.events())
+    assert any(event["kind"] == "timing" for event in runs[-1].events())
+    return runs
+
+
+def test_a_subscriber_that_stands_still(tmp_path):
+    with enabled(tmp_path, write_bench(tmp_path)) as bench:
+        name, endpoint = bench.daemon.config.bench.name, bench.daemon.endpoint
+        with subscriber(name, endpoint) as other, bench.client.subscribe_ticks() as blocks:
+            other.send_signal(signal.SIGSTOP)
+            wait_until(lambda: unsent_bytes(endpoint) > 0, "the stopped one's link to be full")
+            before = bench.client.state()
+            bench.go_on()
+            after = bench.client.state()
+            assert after.loop.lost_by_supervisor == before.loop.lost_by_supervisor
+            assert blocks.get(10.0) is not None
+        check_recorded_to_the_end(bench)
+
+
+def test_a_recorder_that_is_killed_again_and_again(tmp_path):
+    with enabled(tmp_path, write_bench(tmp_path)) as bench:
+        for number in range(1, 4):
+            bench.go_on(TICKS // 3)
+            os.kill(bench.pid("recorder"), signal.SIGKILL)
+            wait_for(
+                bench.client,
+                lambda s, n=number: s.processes["recorder"].restarts == n and s.recording.recording,
+                f"recorder {number + 1}",
+            )
+        bench.go_on(TICKS // 3)
+        runs = check_recorded_to_the_end(bench)
+    assert len(runs) == 4
+    for before, after in pairwise(runs):
+        [told] = [e["data"] for e in after.events() if e["kind"] == "recorder_restarted"]
+        assert told["tick_before"] == before.ticks(("tick",))["tick"][-1]
+        assert told["tick_after"] == after.ticks(("tick",))["tick"][0]
+        assert told["lost"] == 0
+
+
+def test_hogs_on_every_processor(tmp_path):
+    with enabled(tmp_path, write_bench(tmp_path)) as bench:
+        with hogs():
+            bench.go_on()
+        check_recorded_to_the_end(bench)
+
+
+@needs_mount
+@pytest.mark.parametrize("free_min_MB", [2, 0], ids=["guarded", "to the last byte"])
+def test_a_disk_that_runs_full(tmp_path, free_min_MB):
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    recording = f'compression = "none"\nfree_min_MB = {free_min_MB}'
+    before = small_disk(folder, 5)
+    with enabled(tmp_path, write_bench(tmp_path, recording), before) as bench:
+        state = wait_for(bench.client, lambda s: s.recording.error, "the disk to be full")
+        bench.go_on()
+        [path] = seen_by(bench.daemon.process, folder).glob("*.mcap*")
+        run = open_run(path)
+        if free_min_MB:
+            assert "free_min_MB" in state.recording.error
+            assert (path.suffix, run.check()) == (".mcap", None)
+            assert any(event["kind"] == "recording_ended" for event in run.events())
+        else:
+            assert "No space left" in state.recording.error
+            assert path.suffix == ".part"
+        check_recorded_until_it_ended(bench, run)
+
+
+def test_a_file_that_can_grow_no_more(tmp_path):
+    with enabled(tmp_path, write_bench(tmp_path)) as bench:
+        bench.go_on(TICKS // 3)
+        let_files_grow_no_more(bench.pid("recorder"), 1000)
+        state = wait_for(bench.client, lambda s: s.recording.error, "the recording to end")
+        assert "File too large" in state.recording.error
+        bench.go_on()
+        [run] = bench.daemon.runs()
+        check_recorded_until_it_ended(bench, run)
+
+
+def check_recorded_until_it_ended(bench, run):
+    """End the bench: the file has all ticks up to where it ends; the loop went on after it."""
+    recorded, events = run.ticks(), bench.client.events()
+    assert len(recorded) > TICKS // 10
+    assert any("the recorder says" in event.message for event in events)
+    published = bench.end()
+    check_ticks(recorded)
+    assert same(recorded, published)
+    assert published["tick"][-1] >= recorded["tick"][-1] + TICKS
