@@ -1,9 +1,9 @@
 """A chunk in the making: its records, and where each message is."""
 
 import struct
-import zlib
 
 import numpy as np
+from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 from numpy.typing import NDArray
@@ -25,36 +25,73 @@ Index = NDArray[np.uint64]
 """Log time and offset in the chunk of messages, shape (n, 2)."""
 
 
+class _Waiting:
+    """Blocks of one channel that are still to be encoded; `size`: bytes that they will have."""
+
+    def __init__(self) -> None:
+        self.rows: MessageRows | None = None
+        self.size = 0
+        self._records: Bytes = np.empty(0, np.uint8)  # as bytes: numpy copies fields one by one
+        self._used = 0
+        self._times_ns: list[Block] = []
+        self._sequence: list[Block] = []
+
+    def add(self, block: Block, times_ns: Block, sequence: Block) -> None:
+        """Copy a block of the dtype of `rows`."""
+        assert self.rows is not None
+        end = self._used + block.nbytes
+        if end > len(self._records):
+            larger = np.empty(2 * end, np.uint8)
+            larger[: self._used] = self._records[: self._used]
+            self._records = larger
+        self._records[self._used : end] = np.ascontiguousarray(block).view(np.uint8)
+        self._used = end
+        self.size += len(block) * self.rows.size
+        self._times_ns.append(times_ns.copy())
+        self._sequence.append(sequence.copy())
+
+    def take(self) -> tuple[Block, Block, Block]:
+        """Return block, times and sequence numbers of all, which are valid until the next `add`."""
+        assert self.rows is not None
+        block = self._records[: self._used].view(self.rows.codec.dtype())
+        times_ns, sequence = np.concatenate(self._times_ns), np.concatenate(self._sequence)
+        self.size = self._used = 0
+        self._times_ns, self._sequence = [], []
+        return block, times_ns, sequence
+
+
 class ChunkBuilder:
     """Takes messages until `finish` makes a chunk and its message indexes of them."""
 
     def __init__(self) -> None:
         self._buffer: Bytes = np.empty(CAPACITY_BYTES, np.uint8)
         self._used = 0
+        self._waiting = _Waiting()
         self._index: dict[int, list[Index]] = {}
 
     @property
     def empty(self) -> bool:
         """True if there are no messages."""
-        return self._used == 0
+        return self._used == self._waiting.size == 0
 
     @property
     def room(self) -> int:
         """Bytes that still fit."""
-        return max(0, CAPACITY_BYTES - self._used)
+        return max(0, CAPACITY_BYTES - self._used - self._waiting.size)
 
     def add_rows(self, rows: MessageRows, block: Block, times_ns: Block, sequence: Block) -> None:
-        """Add `block` (n,) as messages; times and sequence numbers are of shape (n,)."""
-        count = len(block)
-        start = self._used
-        rows.fill(self._reserve(count * rows.size), block, times_ns, sequence)
-        index = np.empty((count, 2), np.uint64)
-        index[:, 0] = times_ns
-        index[:, 1] = np.arange(start, start + count * rows.size, rows.size)
-        self._index.setdefault(rows.channel, []).append(index)
+        """Add `block` (n,) as messages; times and sequence numbers are of shape (n,).
+
+        All are copied; they are encoded later, together with the blocks that follow.
+        """
+        if rows is not self._waiting.rows:
+            self._encode()
+            self._waiting.rows = rows
+        self._waiting.add(rows.codec.as_records(block), times_ns, sequence)
 
     def add_message(self, channel: int, t_ns: int, sequence: int, payload: bytes) -> None:
         """Add one message."""
+        self._encode()
         index = np.array([[t_ns, self._used]], np.uint64)
         length = HEAD.size - RECORD_HEAD.size + len(payload)
         head = HEAD.pack(Opcode.MESSAGE, length, channel, sequence, t_ns, t_ns)
@@ -67,6 +104,7 @@ class ChunkBuilder:
 
         `name` is MCAP's of the compression.
         """
+        self._encode()
         content = self._buffer[: self._used].data
         index = {channel: np.concatenate(parts) for channel, parts in self._index.items()}
         times = np.concatenate([entries[:, 0] for entries in index.values()])
@@ -76,6 +114,18 @@ class ChunkBuilder:
         if len(self._buffer) > CAPACITY_BYTES:
             self._buffer = np.empty(CAPACITY_BYTES, np.uint8)
         return record, index
+
+    def _encode(self) -> None:
+        rows = self._waiting.rows
+        if rows is None or self._waiting.size == 0:
+            return
+        block, times_ns, sequence = self._waiting.take()
+        start, size = self._used, len(block) * rows.size
+        rows.fill(self._reserve(size), block, times_ns, sequence)
+        index = np.empty((len(block), 2), np.uint64)
+        index[:, 0] = times_ns
+        index[:, 1] = np.arange(start, start + size, rows.size)
+        self._index.setdefault(rows.channel, []).append(index)
 
     def _reserve(self, size: int) -> Bytes:
         end = self._used + size
@@ -95,7 +145,7 @@ def chunk_record(
     label = name.encode()
     length = CHUNK_HEAD.size - RECORD_HEAD.size + len(label) + 8 + len(compressed)
     head = CHUNK_HEAD.pack(
-        Opcode.CHUNK, length, start_ns, end_ns, len(content), zlib.crc32(content), len(label)
+        Opcode.CHUNK, length, start_ns, end_ns, len(content), crc32(content), len(label)
     )
     return b"".join((head, label, struct.pack("<Q", len(compressed)), compressed))
 

@@ -7,11 +7,11 @@ buffered here: what has been written survives the death of the process.
 
 import os
 import struct
-import zlib
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from isal.isal_zlib import crc32
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -158,7 +158,7 @@ class Container:
             self.size = start
             raise self._failure(error) from error
         for part in parts:
-            self._crc = zlib.crc32(part, self._crc)
+            self._crc = crc32(part, self._crc)
 
     def _write_all(self, part: bytes | memoryview) -> None:
         left = memoryview(part)
@@ -193,7 +193,7 @@ class Container:
         offset_start = start + len(summary)
         summary += serialise(offsets)
         summary += _FOOTER_WITHOUT_CRC.pack(Opcode.FOOTER, _FOOTER_BYTES, start, offset_start)
-        return summary + struct.pack("<I", zlib.crc32(summary)) + MAGIC
+        return summary + struct.pack("<I", crc32(summary)) + MAGIC
 
     def _statistics(self) -> Statistics:
         return Statistics(

@@ -1,11 +1,11 @@
 """The content of a chunk: checked, decompressed, taken apart."""
 
 import struct
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 
 from motord.record.chunk import CHUNK_HEAD, Index
@@ -64,7 +64,7 @@ def chunk_content(record: memoryview) -> memoryview:
         content = decompress(head.compression, record[head.data_offset :], head.content_size)
     except ValueError as error:
         raise ChunkError(f"chunk {error}") from error
-    if head.crc not in (0, zlib.crc32(content)):
+    if head.crc not in (0, crc32(content)):
         raise ChunkError("chunk checksum wrong")
     return memoryview(content)
 

@@ -14,7 +14,7 @@ from motord.record.table import Table
 from motord.record.topics import Topic
 from motord.record.writer import FORMAT, METADATA, METADATA_END
 from motord.schema import TICK, TRUTH, Record
-from motord.wire.blocks import Block, BlockCodec
+from motord.wire.blocks import Block
 
 
 def open_run(path: Path) -> "Run":
@@ -126,7 +126,7 @@ class Run:
     def _table(self, topic: Topic, record: Record) -> Table:
         number = self.source.number(topic.name)
         layout = None if number is None else self.source.layouts.get(number)
-        return Table(self.source, layout, BlockCodec(record))
+        return Table(self.source, layout, record)
 
     def _objects(self, topic: Topic) -> list[dict[str, Any]]:
         channel = self.source.number(topic.name)

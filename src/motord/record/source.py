@@ -1,12 +1,13 @@
 """A recording as a sequence of checked chunks, with an account of those that are not readable."""
 
-import zlib
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from motord.record import topics
@@ -24,6 +25,8 @@ from motord.wire.blocks import BlockCodec
 from motord.wire.proto_text import read_record
 
 _READ_AT_ONCE_BYTES = 1 << 20
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -93,26 +96,31 @@ class Source:
         self, chunks: Iterable[ChunkEntry]
     ) -> Iterator[tuple[ChunkEntry, memoryview, memoryview]]:
         """Yield place, record and content of those of `chunks` that are good; note the others."""
-        with self.path.open("rb") as file:
-            for entry in chunks:
-                file.seek(entry.offset)
-                record = memoryview(file.read(min(entry.size, self.structure.size)))
-                try:
-                    content = chunk_content(record)
-                except ChunkError as error:
-                    self.lose(entry, str(error))
-                else:
-                    yield entry, record, content
+        for entry, (record, content) in self._each(chunks, lambda *good: good):
+            yield entry, record, content
 
     def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[Rows | Single]]:
         """Yield the messages of each of `chunks` that is good; note the others."""
-        for entry, _, content in self.contents(chunks):
-            try:
-                parts = list(messages(content, self.layouts))
-            except ChunkError as error:
-                self.lose(entry, str(error))
-            else:
-                yield parts
+        for _, parts in self._each(chunks, lambda _, c: list(messages(c, self.layouts))):
+            yield parts
+
+    def _each(
+        self, chunks: Iterable[ChunkEntry], work: Callable[[memoryview, memoryview], Result]
+    ) -> Iterator[tuple[ChunkEntry, Result]]:
+        """Yield every good chunk with `work(record, content)`; note the others.
+
+        `work` may raise ChunkError.
+        """
+        with self.path.open("rb", buffering=0) as file:
+            for entry in chunks:
+                size = min(entry.size, self.structure.size)
+                record = memoryview(os.pread(file.fileno(), size, entry.offset))
+                try:
+                    result = work(record, chunk_content(record))
+                except ChunkError as error:
+                    self.lose(entry, str(error))
+                else:
+                    yield entry, result
 
     def lose(self, entry: ChunkEntry, reason: str) -> None:
         """Note that a chunk cannot be used."""
@@ -141,7 +149,7 @@ class Source:
         crc, left = 0, end
         with self.path.open("rb") as file:
             while left and (piece := file.read(min(left, _READ_AT_ONCE_BYTES))):
-                crc = zlib.crc32(piece, crc)
+                crc = crc32(piece, crc)
                 left -= len(piece)
         if crc != wanted:
             reason = "checksum wrong outside the chunks: metadata or indexes have changed"

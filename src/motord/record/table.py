@@ -10,18 +10,19 @@ from motord.record.errors import RecordError
 from motord.record.rows import MessageRows
 from motord.record.source import ALWAYS, Source, Span
 from motord.record.structure import ChunkEntry
+from motord.schema import Record
 from motord.wire.blocks import Block, BlockCodec
 from motord.wire.lanes import Lanes
 from motord.wire.pattern import Bytes
 
 
 class Table:
-    """The messages of `layout` in `source`; of none, with the columns of `codec`, if None."""
+    """The messages of `layout` in `source`; of none, with the columns of `record`, if None."""
 
-    def __init__(self, source: Source, layout: MessageRows | None, codec: BlockCodec) -> None:
+    def __init__(self, source: Source, layout: MessageRows | None, record: Record) -> None:
         self._source = source
         self._layout = layout
-        self._codec = codec if layout is None else layout.codec
+        self._codec = BlockCodec(record) if layout is None else layout.codec
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -53,8 +54,9 @@ class Table:
         Raises as `blocks` does.
         """
         dtype = self.dtype(columns)
-        for block in self._blocks(dtype, reversed(self._chunks(ALWAYS)), ALWAYS):
-            return block[-1:]
+        for chunk in reversed(self._chunks(ALWAYS)):
+            for block in self._blocks(dtype, [chunk], ALWAYS):
+                return block[-1:]
         return np.empty(0, dtype)
 
     def whole(self, columns: Iterable[str] | None = None, span: Span = ALWAYS) -> Block:

@@ -1,6 +1,6 @@
 """A run written as MCAP: blocks of ticks become messages and chunks by array operations."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 
@@ -169,13 +169,23 @@ class RunWriter:
     def _block(self, topic: Topic, rows: MessageRows, block: Block, sequence: Block) -> None:
         self._declare(topic)
         times_ns = np.maximum(block["t_ns"], 0)
+        for number, part in self._by_chunk(times_ns):
+            self._enter_chunk(number)
+            self._fill_chunk(rows, block[part], times_ns[part], sequence[part])
+        self._counts[topic.number] += len(block)
+
+    def _by_chunk(self, times_ns: Block) -> Iterator[tuple[int, slice]]:
+        """Yield the numbers of the chunks for messages of these times, and which are theirs."""
+        if not len(times_ns):
+            return
+        number = int(times_ns[0]) // self._chunk_ns
+        if int(times_ns.max()) // self._chunk_ns == number:  # the usual case, at little cost
+            yield number, slice(0, len(times_ns))
+            return
         numbers = np.maximum.accumulate(times_ns // self._chunk_ns)
         edges = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
-        for start, end in zip([0, *edges], [*edges, len(block)], strict=True):
-            if start < end:
-                self._enter_chunk(int(numbers[start]))
-                self._fill_chunk(rows, block[start:end], times_ns[start:end], sequence[start:end])
-        self._counts[topic.number] += len(block)
+        for start, end in zip([0, *edges], [*edges, len(times_ns)], strict=True):
+            yield int(numbers[start]), slice(int(start), int(end))
 
     def _enter_chunk(self, number: int) -> None:
         if self._chunk_number not in (None, number):

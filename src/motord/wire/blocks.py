@@ -49,14 +49,17 @@ class BlockCodec:
 
     def __init__(self, record: Record) -> None:
         self.record = record
-        self.pattern = Pattern.free(0)
         self._places: list[Place] = []
+        patterns = [Pattern.free(0)]
+        self.size = 0
         for field in sorted(record.fields, key=lambda f: f.number):
             tag, width = _tag(field), _width(field)
-            self._places.append(Place(field.name, self.pattern.size, len(tag), width))
-            self.pattern += Pattern.fixed(tag) + Pattern.free(width)
-        self.size = self.pattern.size
+            self._places.append(Place(field.name, self.size, len(tag), width))
+            patterns += [Pattern.fixed(tag), Pattern.free(width)]
+            self.size += len(tag) + width
+        self.pattern = Pattern.joined(patterns)
         self._all_lanes = Lanes(self._places, record.dtype)
+        self._known_dtype = self._all_lanes.dtype
         self._list_head = varint(1 << 3 | _LEN) + varint(self.size)
         self._list_pattern = Pattern.fixed(self._list_head) + self.pattern
 
@@ -66,7 +69,7 @@ class BlockCodec:
         Raises ValueError for a column that the record does not have.
         """
         if columns is None:
-            return self.record.dtype
+            return self._all_lanes.dtype
         kinds = {f.name: PROTO_KINDS[f.kind] for f in self.record.fields}
         names = tuple(dict.fromkeys(columns))
         unknown = [name for name in names if name not in kinds]
@@ -106,9 +109,15 @@ class BlockCodec:
 
     def fill(self, rows: Bytes, block: Block) -> None:
         """Write the values of `block` (n,) into messages `rows` (n, size) that have their tags."""
-        if block.dtype != self._all_lanes.dtype:
-            block = _by_name(block, self._all_lanes.dtype)
-        self._all_lanes.pack(block, rows)
+        self._all_lanes.pack(self.as_records(block), rows)
+
+    def as_records(self, block: Block) -> Block:
+        """Return `block` (n,) with the record's dtype, whatever the order of its fields."""
+        if block.dtype is not self._known_dtype:  # to compare all fields takes microseconds
+            if block.dtype != self._all_lanes.dtype:
+                return _by_name(block, self._all_lanes.dtype)
+            self._known_dtype = block.dtype
+        return block
 
     def lanes(self, dtype: np.dtype[np.void]) -> Lanes:
         """Return what reads messages into records of `dtype`, some of this record's fields."""

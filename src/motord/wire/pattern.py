@@ -1,5 +1,8 @@
 """Byte patterns: rows of bytes some of which are constant, made and recognised as arrays."""
 
+from collections.abc import Iterable
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,11 +30,17 @@ class Pattern:
         """Return a pattern of `size` bytes that may be anything, zero in the template."""
         return cls(np.zeros(size, np.uint8), np.zeros(size, np.uint8))
 
-    def __add__(self, other: "Pattern") -> "Pattern":
-        return Pattern(
-            np.concatenate([self.template, other.template]),
-            np.concatenate([self.mask, other.mask]),
+    @classmethod
+    def joined(cls, parts: Iterable["Pattern"]) -> "Pattern":
+        """Return the patterns `parts` one after the other."""
+        every = list(parts)
+        return cls(
+            np.concatenate([part.template for part in every]),
+            np.concatenate([part.mask for part in every]),
         )
+
+    def __add__(self, other: "Pattern") -> "Pattern":
+        return Pattern.joined([self, other])
 
     @property
     def size(self) -> int:
@@ -46,8 +55,16 @@ class Pattern:
 
     def matching(self, rows: Bytes) -> int:
         """Return how many of `rows` (n, size), from the first on, have the constant bytes."""
-        for start in range(0, len(rows), ROWS_AT_ONCE):
-            wrong = (rows[start : start + ROWS_AT_ONCE] & self.mask) != self.template
+        content = np.ascontiguousarray(rows).reshape(-1)
+        masks, templates = self._repeated
+        for start in range(0, len(content), len(masks)):
+            part = content[start : start + len(masks)]
+            wrong = (part & masks[: len(part)]) != templates[: len(part)]
             if wrong.any():
-                return start + int(np.argmax(wrong.any(axis=1)))
+                return (start + int(np.argmax(wrong))) // self.size
         return len(rows)
+
+    @cached_property
+    def _repeated(self) -> tuple[Bytes, Bytes]:
+        """Mask and template of `ROWS_AT_ONCE` rows, one after the other."""
+        return np.tile(self.mask, ROWS_AT_ONCE), np.tile(self.template, ROWS_AT_ONCE)
