@@ -9,8 +9,9 @@ from motord.analysis.content import (
     estimate_of_calibration,
     estimate_of_result,
     estimate_of_truth,
+    shares_of,
 )
-from motord.analysis.recordings import calibrator, ripples
+from motord.analysis.recordings import calibrator, explained, ripples
 from motord.analysis.subject import AnalysisError, Subject
 from motord.analysis.truth import recorded_truth
 
@@ -22,6 +23,8 @@ __all__ = [
     "estimate_of_calibration",
     "estimate_of_result",
     "estimate_of_truth",
+    "explained",
     "recorded_truth",
     "ripples",
+    "shares_of",
 ]

@@ -7,10 +7,11 @@ import numpy as np
 from motord.analysis.subject import Subject
 from motord.calibration import Calibration, RmsErrors
 from motord.config import MotorConfig
+from motord.identify.reconstruct import Explained
 from motord.identify.result import CalibrationResult, rms_errors
 from motord.identify.ripple import harmonics_table
 from motord.identify.verify import PointRipple
-from motord.report.calibration import CalibrationReport, Estimate, View
+from motord.report.calibration import CalibrationReport, Estimate, Shares, View
 from motord.report.plots.mesh import Point
 from motord.report.plots.torque import Ripple
 
@@ -136,6 +137,23 @@ def facts(
     return tuple(rows)
 
 
+def shares_of(points: Sequence[Explained]) -> Shares | None:
+    """Return measured ripple, that from the currents, and the rest; None without points.
+
+    Where there are points with compensation, of those alone.
+    """
+    compensated = [p for p in points if p.measured.compensate]
+    points = compensated or points
+    if not points:
+        return None
+    at = [(p.measured.torque_Nm, p.measured.speed_Hz) for p in points]
+    return Shares(
+        measured=dict(zip(at, (p.measured.rms_percent for p in points), strict=True)),
+        reconstructed=dict(zip(at, (p.reconstructed.rms_percent for p in points), strict=True)),
+        rest=dict(zip(at, (p.rest_percent for p in points), strict=True)),
+    )
+
+
 MEASURED = "measured torque, freed of noise and of the sensor's response"
 """Which torque the RMS errors of a report are of, unless it says otherwise."""
 
@@ -151,6 +169,7 @@ def calibration_report(
     title: str = "Calibration of torque ripple",
     torque_meaning: str = MEASURED,
     errors: RmsErrors | None = None,
+    shares: Shares | None = None,
 ) -> CalibrationReport:
     """Return the content of a report.
 
@@ -166,6 +185,7 @@ def calibration_report(
         before=before,
         after=after,
         view=view(points, subject.motor),
+        shares=shares,
         estimates=tuple(estimates),
         reference=reference,
         observable=calibration.observable if calibration is not None else (),

@@ -3,8 +3,10 @@
 from collections.abc import Iterable
 
 from motord.analysis.subject import Subject
+from motord.calibration import Calibration
 from motord.identify.calibrate import Calibrator
 from motord.identify.points import prepare
+from motord.identify.reconstruct import Explained, explain
 from motord.identify.verify import PointRipple, point_ripple
 from motord.record.captures import captures
 from motord.record.reader import Run
@@ -17,6 +19,16 @@ def calibrator(runs: Iterable[Run], subject: Subject) -> Calibrator:
         for point in captures(run):
             taken.add(point)
     return taken
+
+
+def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -> list[Explained]:
+    """Return the measured and the reconstructed ripple of each good point. Raises IdentifyError."""
+    motor, sensor = subject.motor, subject.sensor
+    return [
+        explain(prepare(point, motor.counts), motor, sensor, calibration)
+        for run in runs
+        for point in captures(run)
+    ]
 
 
 def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:

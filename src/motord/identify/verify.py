@@ -31,7 +31,7 @@ class PointRipple:
     rms_percent: eq. (4.16) of the repeating torque, freed of noise and of the sensor's response;
     raw_percent: eq. (4.16) of the averages at the encoder points as they are. order (n,),
     line_Nm (n,): complex amplitude, order h being Re(line exp(j h theta)); noise_Nm (n,): its
-    standard error.
+    standard error; even_odd_Nm (2, n): the lines of even and of odd turns.
     """
 
     torque_Nm: float
@@ -44,6 +44,7 @@ class PointRipple:
     order: np.ndarray
     line_Nm: np.ndarray
     noise_Nm: np.ndarray
+    even_odd_Nm: np.ndarray
 
     def torque_over(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return the repeating torque without its mean at the angles (Nm)."""
@@ -54,21 +55,25 @@ class PointRipple:
 
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
     """Return the ripple of an operating point; with one whole turn only, noise is not told."""
-    torque_Nm = without_drift(samples, samples.torque_Nm)
-    count = samples.count[samples.whole]
-    first = samples.turns[0][0]
-    odd = np.zeros(count.size, bool)
-    for begin, end in samples.turns[1::2]:
-        odd[begin - first : end - first] = True
-    halves = [odd, ~odd] if len(samples.turns) > 1 else [~odd, ~odd]
-    highest = highest_order(samples, motor.counts, sensor)
-    lines = [lines_at(count[half], torque_Nm[half], motor.counts, highest)[1:] for half in halves]
-    order = np.arange(1, highest + 1)
+    order = np.arange(1, highest_order(samples, motor.counts, sensor) + 1)
     seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
-    even_odd = np.array(lines) / seen
+    return ripple_of(samples, samples.torque_Nm, seen, motor)
+
+
+def ripple_of(
+    samples: Samples, torque_Nm: np.ndarray, seen: np.ndarray, motor: MotorConfig
+) -> PointRipple:
+    """Return the ripple of a torque (n,) of all samples.
+
+    seen (m,): complex gain with which orders 1 to m of the torque stand in it.
+    """
+    order = np.arange(1, seen.size + 1)
+    steady_Nm = without_drift(samples, torque_Nm)
+    even_odd = even_and_odd(samples, steady_Nm, motor.counts, seen.size) / seen
     noise_Nm = _smooth(np.abs(even_odd[0] - even_odd[1]) / 2)
-    rms_Nm, stderr_Nm = _rms(even_odd, noise_Nm)
-    means = EncoderSums.of(count, torque_Nm[:, None], motor.counts).means()[:, 0]
+    rms_Nm, stderr_Nm = repeating_rms(even_odd, noise_Nm)
+    count = samples.count[samples.whole]
+    means = EncoderSums.of(count, steady_Nm[:, None], motor.counts).means()[:, 0]
     percent = 100 / motor.rated_torque_Nm
     return PointRipple(
         torque_Nm=samples.torque_set_Nm,
@@ -81,7 +86,22 @@ def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfi
         order=order,
         line_Nm=even_odd.mean(axis=0),
         noise_Nm=noise_Nm,
+        even_odd_Nm=even_odd,
     )
+
+
+def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: int) -> np.ndarray:
+    """Return the lines of orders 1 to `highest` of even and of odd turns, complex (2, highest).
+
+    steady_Nm: of the samples of whole turns. With one turn only both are the same.
+    """
+    count = samples.count[samples.whole]
+    first = samples.turns[0][0]
+    odd = np.zeros(count.size, bool)
+    for begin, end in samples.turns[1::2]:
+        odd[begin - first : end - first] = True
+    halves = [odd, ~odd] if len(samples.turns) > 1 else [~odd, ~odd]
+    return np.array([lines_at(count[h], steady_Nm[h], counts, highest)[1:] for h in halves])
 
 
 def highest_order(samples: Samples, counts: int, sensor: TorqueSensorConfig) -> int:
@@ -93,7 +113,7 @@ def highest_order(samples: Samples, counts: int, sensor: TorqueSensorConfig) -> 
     return max(highest, 1)
 
 
-def _rms(lines: np.ndarray, noise: np.ndarray) -> tuple[float, float]:
+def repeating_rms(lines: np.ndarray, noise: np.ndarray) -> tuple[float, float]:
     """Return RMS of the part that both halves (2, n) share, and its standard error.
 
     For noise of variance n^2 in the mean of both halves, |line|^2 without noise has variance

@@ -53,6 +53,15 @@ class View:
 
 
 @dataclass(frozen=True)
+class Shares:
+    """RMS errors in percent by (torque_Nm, speed_Hz): measured, from the currents, and the rest."""
+
+    measured: dict[Point, float]
+    reconstructed: dict[Point, float]
+    rest: dict[Point, float]
+
+
+@dataclass(frozen=True)
 class CalibrationReport:
     """All that goes into the page.
 
@@ -68,6 +77,7 @@ class CalibrationReport:
     before: dict[Point, float]
     after: dict[Point, float]
     view: View | None = None
+    shares: Shares | None = None
     estimates: tuple[Estimate, ...] = ()
     reference: Estimate | None = None
     observable: tuple[str, ...] = ()
@@ -81,6 +91,8 @@ def page(data: CalibrationReport) -> Page:
         _mesh(made, data)
     if data.view is not None:
         _torque(made, data.view)
+    if data.shares is not None:
+        fill_shares(made, data.shares)
     if data.estimates:
         _gains(made, data)
         _cogging(made, data)
@@ -137,6 +149,19 @@ def _torque(made: Page, view: View) -> None:
         "The repeating part of the torque over one turn, without its mean, and its amplitude at "
         "each order. Numbered orders are multiples of the pole pairs: gains and cogging act at "
         "multiples of the pole number, offsets in between.",
+    )
+
+
+def fill_shares(made: Page, shares: Shares) -> None:
+    """Add what of the ripple the currents explain (Poels 2008, Figures 4.10 and 4.11)."""
+    made.heading("Where the ripple comes from")
+    panels = [("Measured", shares.measured), ("From the currents", shares.reconstructed)]
+    made.picture(
+        rms_error([*panels, ("Rest", shares.rest)]),
+        "RMS error of the measured torque (Poels 2008, Figure 4.10), of the torque reconstructed "
+        "from the sensed currents with the calibration (Figure 4.11), and of the difference of the two. "
+        "The second is what current control left; the third are errors of the current sensors and "
+        "of the model, which no current shows.",
     )
 
 

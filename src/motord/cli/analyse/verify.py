@@ -1,7 +1,11 @@
 """`motord analyse verify`: the RMS error of the torque before and after compensation."""
 
 import json
-from typing import TYPE_CHECKING, Any
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from motord.cli.analyse.inputs import (
     AsJson,
@@ -18,48 +22,100 @@ from motord.cli.console import fail, print_json
 
 if TYPE_CHECKING:
     from motord.analysis import Subject
-    from motord.calibration import RmsErrors
+    from motord.calibration import Calibration, RmsErrors
+    from motord.identify.reconstruct import Explained
     from motord.identify.verify import PointRipple
+    from motord.record.reader import Run
 
 
 def verify(
     runs: Runs,
     output: Output = None,
     report: Report = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The calibration that was applied: tells how much of the ripple currents explain.",
+        ),
+    ] = None,
     config: BenchFile = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the RMS error of the torque at each operating point, before and after."""
     from motord import analysis
+    from motord.calibration import load
     from motord.identify.result import rms_errors
     from motord.report.calibration import write
 
     with explained():
         opened, subject = open_runs(runs, config)
-        points = analysis.ripples(opened, subject)
+        applied = load(calibration) if calibration else None
+        shares = _shares(opened, subject, applied) if applied else []
+        points = [s.measured for s in shares] if applied else analysis.ripples(opened, subject)
         if not points:
             fail(f"{', '.join(map(str, runs))}: no good operating point in there")
         errors = rms_errors(points)
         names = [run.name for run in runs]
-        result = _verification(subject, names, errors, points)
+        result = _verification(subject, names, errors, points, shares)
         if output:
             output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         if report:
             write(
                 report,
                 analysis.calibration_report(
-                    subject, names, None, points, title="Verification of torque ripple"
+                    subject,
+                    names,
+                    None,
+                    points,
+                    title="Verification of torque ripple",
+                    shares=analysis.shares_of(shares),
                 ),
             )
     if as_json:
         print_json(result)
     else:
         print_errors(errors)
+        _print_shares(shares)
         say_files(output, report)
 
 
+def _shares(runs: "list[Run]", subject: "Subject", calibration: "Calibration") -> "list[Explained]":
+    from motord.analysis import explained
+
+    calibration.check_motor(subject.motor)
+    return explained(runs, subject, calibration)
+
+
+def _share_json(share: "Explained | None") -> dict[str, float]:
+    if share is None:
+        return {}
+    return {
+        "reconstructed_percent": share.reconstructed.rms_percent,
+        "rest_percent": share.rest_percent,
+        "share_explained": share.share,
+        "current_age_s": share.current_age_s,
+    }
+
+
+def _print_shares(shares: "list[Explained]") -> None:
+    if not shares:
+        return
+    measured = sum(s.measured.rms_percent for s in shares) / len(shares)
+    currents = sum(s.reconstructed.rms_percent for s in shares) / len(shares)
+    rest = sum(s.rest_percent for s in shares) / len(shares)
+    typer.echo(
+        f"mean over the points: measured {measured:.2f} %, from the sensed currents "
+        f"{currents:.2f} %, not explained by them {rest:.2f} %"
+    )
+
+
 def _verification(
-    subject: "Subject", runs: list[str], errors: "RmsErrors", points: "list[PointRipple]"
+    subject: "Subject",
+    runs: list[str],
+    errors: "RmsErrors",
+    points: "list[PointRipple]",
+    shares: "list[Explained]",
 ) -> dict[str, Any]:
     return {
         "schema": "motord.verification/1",
@@ -76,7 +132,8 @@ def _verification(
                 "rms_percent": point.rms_percent,
                 "stderr_percent": point.stderr_percent,
                 "raw_percent": point.raw_percent,
+                **_share_json(share),
             }
-            for point in points
+            for point, share in zip_longest(points, shares)
         ],
     }
