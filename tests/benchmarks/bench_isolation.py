@@ -1,0 +1,209 @@
+"""What goes wrong around a running bench, and what the loop feels of it.
+
+The daemon runs the simulated bench and records it, with the loop on one processor. Slices of a
+tenth of a second in which all is well alternate, some at a time, with slices in which something is
+not; figures are ratios of the medians over the slices from which the host stole no time. The loop's
+own histograms are read, so that measuring costs it nothing.
+
+Wake-up is good to some 30 ns, the time of a look at the clock, and on a quiet machine little more
+than that: what is below a microsecond counts as one, or the ratio would be one of clock readings.
+"""
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from motord import config
+from motord.runtime.histogram import TimeHistogram
+from motord.runtime.latency import Slices, choose_cpu, median_of_slices_us
+from motord.runtime.rundir import RunDir
+from motord.runtime.steal import stolen_ticks
+from motord.runtime.timing import Timing
+from tests.benchmarks.figure import Figure, number
+from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
+from tests.system.disturbances import (
+    hogs,
+    let_files_grow_no_more,
+    subscriber,
+    tell_all,
+    unsent_bytes,
+)
+
+RATE_Hz = 2000
+SLICE_S = 0.1
+ACCOUNT_S = 0.02
+"""Time until stolen time is in the counter."""
+SLICES_A_TURN = 8
+ENOUGH_CLEAN = 64
+SECONDS, QUICK_S = 45.0, 4.0
+RATIO_LIMIT = 2.0
+FLOOR_us = 1.0
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """What goes wrong: `begin` and `end` return when it has begun, and when all is well again."""
+
+    name: str
+    begin: Callable[[], object]
+    end: Callable[[], object]
+
+
+class Bench:
+    """A running daemon, the processor of its loop and what the loop counts."""
+
+    def __init__(self, running: Daemon, cpu: int) -> None:
+        self.daemon = running
+        self.endpoint: str = running.endpoint
+        self.name: str = running.config.bench.name
+        self._cpu = cpu
+        self._live = Timing.attach(RunDir(self.name, running.folder / "motord").timing)
+
+    def take(self, slices: Slices) -> None:
+        """Let a slice pass and keep what the loop counted in it."""
+        stolen, before = stolen_ticks(self._cpu), self._live.copy()
+        time.sleep(SLICE_S)
+        part = self._live.copy().since(before)
+        time.sleep(ACCOUNT_S)
+        clean = stolen_ticks(self._cpu) == stolen
+        (slices.clean if clean else slices.stolen).append(part)
+
+    def compare(self, disturbance: Disturbance, seconds: float) -> tuple[Slices, Slices]:
+        """Return the slices without and with the disturbance, taken in turns."""
+        quiet, disturbed = Slices(), Slices()
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            for _ in range(SLICES_A_TURN):
+                self.take(quiet)
+            disturbance.begin()
+            for _ in range(SLICES_A_TURN):
+                self.take(disturbed)
+            disturbance.end()
+            if min(len(quiet.clean), len(disturbed.clean)) >= ENOUGH_CLEAN:
+                break
+        return quiet, disturbed
+
+
+@contextmanager
+def running_bench() -> Iterator[Bench]:
+    """Run the simulated bench at RATE_Hz with its loop on the last processor."""
+    cpu = choose_cpu(config.load().loop).cpu
+    assert cpu is not None
+    with tempfile.TemporaryDirectory() as name:
+        path = write_sim(Path(name), "isolation")
+        text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
+        path.write_text(text)
+        with daemon(Path(name), path) as running:
+            yield Bench(running, cpu)
+
+
+@contextmanager
+def disturbances(bench: Bench) -> Iterator[list[Disturbance]]:
+    """Yield what may go wrong, all of it off."""
+    with (
+        bench.daemon.connect() as client,
+        subscriber(bench.name, bench.endpoint) as other,
+        hogs() as busy,
+    ):
+        tell_all(busy, signal.SIGSTOP)
+        wait_for(client, lambda s: s.recording.recording, "a recording")
+
+        def stop_subscriber() -> None:
+            other.send_signal(signal.SIGSTOP)
+            wait_until(lambda: unsent_bytes(bench.endpoint) > 0, "the link to be full")
+
+        def resume_subscriber() -> None:
+            other.send_signal(signal.SIGCONT)
+            wait_until(lambda: unsent_bytes(bench.endpoint) == 0, "the link to be empty")
+
+        def recorder() -> int:
+            pid = client.state().processes["recorder"].pid
+            assert pid is not None
+            return int(pid)
+
+        def kill_recorder() -> None:
+            os.kill(recorder(), signal.SIGKILL)
+
+        def fill_disk() -> None:
+            let_files_grow_no_more(recorder(), 1000)
+            wait_for(client, lambda s: s.recording.error, "the recording to end")
+
+        def another_recorder() -> None:
+            kill_recorder()
+            await_recording()
+
+        def await_recording() -> None:
+            wait_for(client, lambda s: s.recording.recording, "a recording")
+
+        yield [
+            Disturbance("a subscriber that stands still", stop_subscriber, resume_subscriber),
+            Disturbance("a killed recorder", kill_recorder, await_recording),
+            Disturbance("a full disk", fill_disk, another_recorder),
+            Disturbance(
+                "hogs on every processor",
+                lambda: tell_all(busy, signal.SIGCONT),
+                lambda: tell_all(busy, signal.SIGSTOP),
+            ),
+        ]
+
+
+def has_rights(bench: Bench) -> bool:
+    """Return whether the loop has real-time priority."""
+    with bench.daemon.connect() as client:
+        lines = client.state().realtime.get("lines", [])
+    return any(line.startswith("scheduler: SCHED_FIFO") for line in lines)
+
+
+def figures(quick: bool) -> list[Figure]:
+    """Return the ratios of p99 of wake-up and work with each disturbance to those without."""
+    found = []
+    with running_bench() as bench, disturbances(bench) as everything:
+        rights = has_rights(bench)
+        for disturbance in everything:
+            quiet, disturbed = (
+                bench.compare(disturbance, QUICK_S if quick else SECONDS)
+                if rights
+                else (Slices(), Slices())
+            )
+            found += compared(disturbance.name, quiet, disturbed, rights)
+    return found
+
+
+def compared(name: str, quiet: Slices, disturbed: Slices, rights: bool) -> list[Figure]:
+    """Return the figures of one disturbance."""
+    why = "" if rights else "; the loop has no real-time priority here"
+
+    def late(part: Timing) -> TimeHistogram:
+        return part.wake_late
+
+    def work(part: Timing) -> TimeHistogram:
+        return part.work
+
+    return [
+        _ratio(f"{name}: wake-up p99 to that without", quiet, disturbed, late, why),
+        _ratio(f"{name}: work p99 to that without", quiet, disturbed, work, why),
+    ]
+
+
+def _ratio(
+    what: str,
+    quiet: Slices,
+    disturbed: Slices,
+    of: Callable[[Timing], TimeHistogram],
+    why: str,
+) -> Figure:
+    before_us, with_us = (
+        median_of_slices_us([of(part) for part in slices.clean], 0.99)
+        for slices in (quiet, disturbed)
+    )
+    note = (
+        f"{number(with_us)} to {number(before_us)} us; "
+        f"{len(disturbed.clean)} and {len(quiet.clean)} clean slices{why}"
+    )
+    ratio = max(with_us, FLOOR_us) / max(before_us, FLOOR_us)
+    return Figure(what, ratio, "", RATIO_LIMIT, note=note)
