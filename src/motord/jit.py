@@ -46,6 +46,16 @@ def jit(function: _Kernel) -> _Kernel:
     return cast("_Kernel", numba.njit(cache=True, error_model="numpy", nogil=True)(function))
 
 
+def jit_sums(function: _Kernel) -> _Kernel:
+    """Compile `function` as `jit` does, but let its sums be added up in any order.
+
+    So that they are added up many at a time; the last bits then depend on the processor.
+    """
+    freedom = {"reassoc", "contract"}
+    kernel = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=freedom)(function)
+    return cast("_Kernel", kernel)
+
+
 def jit_holding_gil(function: _Kernel) -> _Kernel:
     """Compile `function` as `jit` does, but let it keep the interpreter's lock.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.jit import jit
+from motord.jit import jit, jit_sums
 
 CURRENT = slice(0, 3)
 BACK_EMF = slice(3, 6)
@@ -128,25 +128,53 @@ def highpass(columns: np.ndarray, dt_s: np.ndarray, tau_s: float, state: np.ndar
 
 
 @jit
-def add_products(columns: np.ndarray, products: np.ndarray) -> None:
-    """Add the upper triangle of columns' columns, columns (n, w), to `products` (w, w).
+def _add_row(row: np.ndarray, first: int, a: float, b: float, c: float, d: float) -> None:
+    row[first] += a
+    row[first + 1] += b
+    row[first + 2] += c
+    row[first + 3] += d
 
-    Four rows at a time; small matrices that BLAS would share among threads at a loss.
+
+@jit_sums
+def add_products(lanes: np.ndarray, samples: int, products: np.ndarray) -> None:
+    """Add the products of all pairs of lanes, over the first `samples`, to `products` (w, w).
+
+    lanes (w, m), w a multiple of 4. Of the result the upper triangle holds. Tiles of 4 by 4
+    products: each sample that is fetched serves four of them.
     """
-    n, width = columns.shape
-    whole = n - n % 4
-    for row in range(0, whole, 4):
-        for i in range(width):
-            a, b = columns[row, i], columns[row + 1, i]
-            c, d = columns[row + 2, i], columns[row + 3, i]
-            for j in range(i, width):
-                products[i, j] += (
-                    a * columns[row, j]
-                    + b * columns[row + 1, j]
-                    + c * columns[row + 2, j]
-                    + d * columns[row + 3, j]
+    width = lanes.shape[0]
+    for i in range(0, width, 4):
+        a, b, c, d = lanes[i], lanes[i + 1], lanes[i + 2], lanes[i + 3]
+        for j in range(i, width, 4):
+            e, f, g, h = lanes[j], lanes[j + 1], lanes[j + 2], lanes[j + 3]
+            ae = af = ag = ah = be = bf = bg = bh = 0.0
+            ce = cf = cg = ch = de = df = dg = dh = 0.0
+            for n in range(samples):
+                ae, af, ag, ah = (
+                    ae + a[n] * e[n],
+                    af + a[n] * f[n],
+                    ag + a[n] * g[n],
+                    ah + a[n] * h[n],
                 )
-    for row in range(whole, n):
-        for i in range(width):
-            for j in range(i, width):
-                products[i, j] += columns[row, i] * columns[row, j]
+                be, bf, bg, bh = (
+                    be + b[n] * e[n],
+                    bf + b[n] * f[n],
+                    bg + b[n] * g[n],
+                    bh + b[n] * h[n],
+                )
+                ce, cf, cg, ch = (
+                    ce + c[n] * e[n],
+                    cf + c[n] * f[n],
+                    cg + c[n] * g[n],
+                    ch + c[n] * h[n],
+                )
+                de, df, dg, dh = (
+                    de + d[n] * e[n],
+                    df + d[n] * f[n],
+                    dg + d[n] * g[n],
+                    dh + d[n] * h[n],
+                )
+            _add_row(products[i], j, ae, af, ag, ah)
+            _add_row(products[i + 1], j, be, bf, bg, bh)
+            _add_row(products[i + 2], j, ce, cf, cg, ch)
+            _add_row(products[i + 3], j, de, df, dg, dh)

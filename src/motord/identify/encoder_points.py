@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.identify.points import Samples
+from motord.jit import jit
 
 
 @dataclass(frozen=True)
@@ -20,14 +21,24 @@ class EncoderSums:
     @classmethod
     def of(cls, count: np.ndarray, values: np.ndarray, counts: int) -> "EncoderSums":
         """Sum up values (n, m) at encoder counts (n,)."""
-        columns = [np.bincount(count, column, minlength=counts) for column in values.T]
-        return cls(np.column_stack(columns), np.bincount(count, minlength=counts))
+        sums, hits = np.zeros((counts, values.shape[1])), np.zeros(counts, np.int64)
+        _add_up(count, values, sums, hits)
+        return cls(sums, hits)
 
     def means(self) -> np.ndarray:
         """Return the mean at each encoder point (counts, m); nan where there is no sample."""
         with np.errstate(invalid="ignore"):
             means: np.ndarray = self.sums / self.hits[:, None]
         return means
+
+
+@jit
+def _add_up(count: np.ndarray, values: np.ndarray, sums: np.ndarray, hits: np.ndarray) -> None:
+    for row in range(count.size):
+        n = count[row]
+        hits[n] += 1
+        for column in range(values.shape[1]):
+            sums[n, column] += values[row, column]
 
 
 def fill_gaps(table: np.ndarray) -> np.ndarray:

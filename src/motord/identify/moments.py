@@ -12,9 +12,13 @@ from motord.config import TorqueSensorConfig
 from motord.identify.basis import CURRENT, Basis, add_products, fill_columns, highpass
 from motord.identify.points import Samples
 from motord.identify.sensor import MountInverse
+from motord.jit import jit
 
 BAND_MARGIN = 1.4
 """Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
+
+STRIP = 256
+"""Samples that are multiplied out at once."""
 
 
 @dataclass(frozen=True)
@@ -45,32 +49,95 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Po
     band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-    currents_A = np.column_stack([samples.i_A, _in_band(samples, band_Hz)])
-    dt_s = np.diff(samples.t_s, prepend=samples.t_s[0])
-    state = _settled(samples, basis)
-    turns = len(samples.turns)
-    torque = np.empty((turns, basis.width, basis.width))
-    currents = np.empty((turns, 7, 7))
-    for row, (first, end) in enumerate(((0, samples.turns[0][0]), *samples.turns)):
-        columns = np.empty((end - first, basis.width + 2))
-        modelled = columns[:, : basis.width - 1]
-        part = slice(first, end)
-        tables = basis.back_emf, basis.cogging
-        fill_columns(samples.count, samples.t_s, currents_A, first, *tables, modelled)
-        if sensor.highpass_time_constant_s > 0:
-            highpass(modelled, dt_s[part], sensor.highpass_time_constant_s, state)
-        if row > 0:  # what comes before the first zero point only settles the high-pass
-            columns[:, basis.width - 1] = y_Nm[part]
-            torque[row - 1] = _products_without_trend(columns, samples.t_s[part])
-            currents[row - 1] = _current_products(currents_A[part])
+    currents_A = np.concatenate([samples.i_A, _in_band(samples, band_Hz)], axis=1)
+    turns = np.array(samples.turns)
+    torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
+    currents = np.zeros((len(turns), 8, 8))
+    sum_up_turns(
+        samples.count,
+        samples.t_s,
+        currents_A,
+        y_Nm,
+        turns,
+        basis.back_emf,
+        basis.cogging,
+        sensor.highpass_time_constant_s,
+        _settled(samples, basis),
+        torque,
+        currents,
+    )
     return PointMoments(
         label=samples.label,
         torque_set_Nm=samples.torque_set_Nm,
         period_s=samples.period_s,
-        torque=torque,
-        currents=currents,
-        samples=np.array([end - first for first, end in samples.turns]),
+        torque=_without_trend(_both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
+        currents=_both_triangles(currents)[:, :7, :7],
+        samples=turns[:, 1] - turns[:, 0],
     )
+
+
+@jit
+def _middle_and_span(t_s: np.ndarray, first: int, end: int) -> tuple[float, float]:
+    """Return the mean of the times from `first` to `end`, and the time between these two."""
+    total_s = 0.0
+    for n in range(first, end):
+        total_s += t_s[n]
+    span_s = t_s[end - 1] - t_s[first] if end > first else 0.0
+    return total_s / max(end - first, 1), max(span_s, 1e-300)
+
+
+@jit
+def _fill_lane(lane: np.ndarray, values: np.ndarray) -> None:
+    for n in range(values.size):
+        lane[n] = values[n]
+
+
+@jit
+def sum_up_turns(
+    count: np.ndarray,
+    t_s: np.ndarray,
+    currents_A: np.ndarray,
+    y_Nm: np.ndarray,
+    turns: np.ndarray,
+    back_emf: np.ndarray,
+    cogging: np.ndarray,
+    tau_s: float,
+    state: np.ndarray,
+    torque: np.ndarray,
+    currents: np.ndarray,
+) -> None:
+    """Add each turn's products of its columns, 1 and time to `torque`, of currents to `currents`.
+
+    turns (b, 2): first and end of each; torque (b, w, w), currents (b, 8, 8), of which the upper
+    triangles hold. tau_s, state (2, .): the high-pass, see `highpass`; 0 for none. A strip of
+    samples at a time, small enough for the processor's cache.
+    """
+    width = 15 + cogging.shape[1]
+    columns = np.empty((STRIP, width))
+    dt_s = np.empty(STRIP)
+    lanes, current_lanes = np.zeros((torque.shape[1], STRIP)), np.zeros((8, STRIP))
+    lanes[width + 1] = current_lanes[3] = 1.0
+    for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
+        first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
+        middle_s, span_s = _middle_and_span(t_s, first, end)
+        for start in range(first, end, STRIP):
+            rows = min(STRIP, end - start)
+            fill_columns(count, t_s, currents_A, start, back_emf, cogging, columns[:rows])
+            if tau_s > 0:
+                for row in range(rows):
+                    dt_s[row] = t_s[start + row] - t_s[max(start + row - 1, 0)]
+                highpass(columns[:rows], dt_s[:rows], tau_s, state)
+            if turn < 0:
+                continue
+            for j in range(width):
+                _fill_lane(lanes[j], columns[:rows, j])
+            _fill_lane(lanes[width], y_Nm[start : start + rows])
+            for p in range(6):
+                _fill_lane(current_lanes[p + p // 3], currents_A[start : start + rows, p])
+            for row in range(rows):
+                lanes[width + 2, row] = (t_s[start + row] - middle_s) / span_s
+            add_products(lanes, rows, torque[turn])
+            add_products(current_lanes, rows, currents[turn])
 
 
 def _in_band(samples: Samples, band_Hz: float) -> np.ndarray:
@@ -80,8 +147,7 @@ def _in_band(samples: Samples, band_Hz: float) -> np.ndarray:
     that held it would compare it with a torque that does not.
     """
     low_pass = MountInverse.of(TorqueSensorConfig(), samples.period_s, band_Hz)
-    columns = [low_pass.apply(samples.t_s, column) for column in samples.command_A.T]
-    return np.column_stack(columns)
+    return low_pass.apply(samples.t_s, samples.command_A)
 
 
 def _settled(samples: Samples, basis: Basis) -> np.ndarray:
@@ -94,23 +160,20 @@ def _settled(samples: Samples, basis: Basis) -> np.ndarray:
     return state
 
 
-def _products_without_trend(columns: np.ndarray, t_s: np.ndarray) -> np.ndarray:
-    """Return the products of all columns but the last two, freed of mean and slope over `t_s`.
+def _padded(width: int) -> int:
+    """Return the next multiple of 4, as `add_products` wants it."""
+    return -(-width // 4) * 4
 
-    The last two columns are overwritten with what is to be taken out.
-    """
-    columns[:, -2] = 1.0
-    columns[:, -1] = (t_s - t_s.mean()) / max(float(t_s[-1] - t_s[0]), 1e-300)
-    products = np.zeros((columns.shape[1], columns.shape[1]))
-    add_products(columns, products)
-    products = np.triu(products) + np.triu(products, 1).T
-    cross = products[:-2, -2:]
-    trend = cross @ np.linalg.pinv(products[-2:, -2:], hermitian=True) @ cross.T
-    free: np.ndarray = products[:-2, :-2] - trend
+
+def _both_triangles(products: np.ndarray) -> np.ndarray:
+    """Return symmetric matrices (b, w, w) of which only the upper triangles are known, whole."""
+    whole: np.ndarray = np.triu(products) + np.swapaxes(np.triu(products, 1), 1, 2)
+    return whole
+
+
+def _without_trend(products: np.ndarray) -> np.ndarray:
+    """Return the products (b, w, w) of all columns but the last two, freed of these: 1 and time."""
+    cross = products[:, :-2, -2:]
+    inverse = np.linalg.pinv(products[:, -2:, -2:], hermitian=True)
+    free: np.ndarray = products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2)
     return free
-
-
-def _current_products(currents_A: np.ndarray) -> np.ndarray:
-    rows = np.column_stack([currents_A[:, :3], np.ones(len(currents_A)), currents_A[:, 3:]])
-    products: np.ndarray = rows.T @ rows
-    return products

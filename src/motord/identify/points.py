@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -63,7 +64,7 @@ class Samples:
         """Set-points in words."""
         return f"{self.torque_set_Nm:g} Nm, {self.speed_set_Hz:g} Hz"
 
-    @property
+    @cached_property
     def period_s(self) -> float:
         """Time between samples, the median (s)."""
         return float(np.median(np.diff(self.t_s)))
@@ -121,7 +122,9 @@ def prepare(point: PointData, counts: int) -> Samples:
     t_s = (t_ns - t_ns[:1]) * 1e-9
     i_A = _currents(ticks, t_s)
     torque_Nm = ticks["torque_Nm"].astype(float)
-    good = _rising(t_ns) & np.isfinite(torque_Nm) & np.isfinite(i_A).all(axis=1)
+    good = _rising(t_ns) & _finite(torque_Nm, *i_A.T)
+    if good.all():
+        good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
     turns = _whole_turns(count, counts, label)
     i_A = np.ascontiguousarray(i_A[good])
@@ -157,8 +160,19 @@ def _rising(t: np.ndarray) -> np.ndarray:
     return rising
 
 
+def _finite(*columns: np.ndarray) -> np.ndarray:
+    """Return in which rows all columns (n,) are finite (n,)."""
+    finite: np.ndarray = np.isfinite(columns[0])
+    for column in columns[1:]:
+        finite &= np.isfinite(column)
+    return finite
+
+
 def _columns(ticks: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    return np.column_stack([ticks[name].astype(float) for name in names])
+    columns = np.empty((ticks.size, len(names)))
+    for number, name in enumerate(names):
+        columns[:, number] = ticks[name]
+    return columns
 
 
 def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
@@ -172,7 +186,7 @@ def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
 def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
     """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
     source_s = t_s - age_s
-    fresh = _rising(source_s) & np.isfinite(i_A).all(axis=1)
+    fresh = _rising(source_s) & _finite(*i_A.T)
     fresh[fresh] = uncrowded(source_s[fresh])
     moved = np.full_like(i_A, np.nan)
     interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)
@@ -187,7 +201,8 @@ def _whole_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int,
             f"but the motor has {counts} counts a turn; correct counts in [motor]"
         )
     steps = np.diff(count, prepend=count[:1])
-    steps = (steps + counts // 2) % counts - counts // 2
+    steps[steps >= counts - counts // 2] -= counts
+    steps[steps < -(counts // 2)] += counts
     position = (count[0] if count.size else 0) + np.cumsum(steps)
     if count.size and position[-1] < position[0]:
         position = -position

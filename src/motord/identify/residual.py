@@ -53,7 +53,7 @@ class ResidualEstimator:
     def add(self, samples: Samples) -> None:
         """Take a trial: 24 turns recorded are 23 whole ones from the zero point."""
         whole = samples.whole
-        values = np.column_stack([samples.torque_Nm[whole], samples.i_A[whole]])
+        values = np.concatenate([samples.torque_Nm[whole, None], samples.i_A[whole]], axis=1)
         points = EncoderSums.of(samples.count[whole], values, self._k.shape[0])
         means, hit = points.means(), points.hits > 0
         torque_Nm = means[:, 0] - means[hit, 0].mean()  # the sensor does not see the mean

@@ -10,9 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
+from motord.jit import jit
 
 HALF_LENGTH = 8
 """Samples on either side that the inverse of the mount uses."""
+
+PIECE = 1024
+"""Samples that are filtered at once."""
 
 OUT_OF_BAND_WEIGHT = 1e-9
 """How much gain above the band counts against accuracy in the band."""
@@ -63,16 +67,35 @@ class MountInverse:
         return cls(taps, period_s)
 
     def apply(self, t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return samples with the mount's resonance taken out, at the same times.
+        """Return samples (n,) or (n, m) with the mount's resonance taken out, at the same times.
 
         Samples that are missing are filled straight from their neighbours.
         """
         index = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
         whole = index[-1] + 1 == index.size
-        grid = values if whole else np.interp(np.arange(index[-1] + 1), index, values)
-        padded = np.pad(grid, HALF_LENGTH, mode="edge")
-        filtered: np.ndarray = np.convolve(padded, self.taps, mode="valid")[index]
-        return filtered
+        in_step = whole and bool((index == np.arange(index.size)).all())
+        result = np.empty(values.shape)
+        filtered = np.empty(index[-1] + 1)
+        for target, source in zip(np.atleast_2d(result.T), np.atleast_2d(values.T), strict=True):
+            grid = source if whole else np.interp(np.arange(filtered.size), index, source)
+            _convolve(np.pad(grid, HALF_LENGTH, mode="edge"), self.taps[::-1].copy(), filtered)
+            target[:] = filtered if in_step else filtered[index]
+        return result
+
+
+@jit
+def _convolve(padded: np.ndarray, weights: np.ndarray, result: np.ndarray) -> None:
+    """Fill `result` (n,) with sums of `padded` (n + m - 1,) times `weights` (m,) from there on.
+
+    A piece at a time, which stays in the processor's cache.
+    """
+    for start in range(0, result.size, PIECE):
+        piece = result[start : start + PIECE]
+        piece[:] = 0.0
+        for k in range(weights.size):
+            weight, source = weights[k], padded[start + k : start + k + piece.size]
+            for n in range(piece.size):
+                piece[n] += weight * source[n]
 
 
 def _weighted_least_squares(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
