@@ -1,7 +1,12 @@
-"""The operating points of a recording, one at a time: no more than one is held in memory."""
+"""The operating points of a recording, one at a time, the next being read meanwhile.
 
-from collections.abc import Iterator
+No more than these two are held in memory.
+"""
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +19,19 @@ COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")
 
 def captures(run: Run) -> Iterator[PointData]:
     """Yield the operating points of good quality with their ticks, in time order."""
-    for point in good_points(run.operating_points()):
-        ticks = run.ticks(COLUMNS, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
-        yield from split(ticks, [point])
+    points = good_points(run.operating_points())
+    with ThreadPoolExecutor(1, thread_name_prefix="captures") as reader:
+        following = [reader.submit(_read, run, point) for point in points[:1]]
+        for number in range(len(points)):
+            found = following.pop().result()
+            following += [reader.submit(_read, run, point) for point in points[number + 1 :][:1]]
+            yield from found
+
+
+def _read(run: Run, point: Mapping[str, Any]) -> list[PointData]:
+    """Return a point with its ticks; none if the recording has no ticks of it."""
+    bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+    return list(split(run.ticks(COLUMNS, **bounds), [point]))
 
 
 @dataclass(frozen=True)

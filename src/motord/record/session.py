@@ -6,15 +6,24 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import RecordingConfig
+from motord.record.background import Background
 from motord.record.errors import RecordError
 from motord.record.feed import Feed, Piece, last_mark
 from motord.record.recording import Recording, free_bytes
+
+TIME_MAX_NS = (1 << 63) - 1
+
+BACKLOG_BYTES = 64 << 20
+"""Ticks that are held in memory while the disk stalls: 38 s of them at 10 kHz."""
 
 
 class Session:
     """At most one recording at a time, fed from the ring at `ring`. Times are monotonic seconds.
 
-    Commands are JSON objects, see `handle`. Nothing here waits or reads a clock.
+    Commands are JSON objects, see `handle`. Files are written by a thread, so a disk that stalls
+    keeps nobody from reading the ring; with more than `BACKLOG_BYTES` waiting for it, ticks stay
+    in the ring, and what is overwritten there is counted as lost. Only to begin and to end a
+    recording waits for the disk. Nothing here reads a clock.
     """
 
     def __init__(
@@ -28,6 +37,7 @@ class Session:
         self._free = free
         self._feed: Feed | None = None
         self._recording: Recording | None = None
+        self._disk = Background(BACKLOG_BYTES)
         self._error = ""
         self._commands: dict[str, Callable[[Mapping[str, Any], float], None]] = {
             "start": self._start,
@@ -78,18 +88,32 @@ class Session:
             self._feed = Feed(self._ring, "oldest" if resume else "now", mark)
 
     def step(self, now_s: float) -> None:
-        """Write the ticks that have come, and do what is due."""
-        self._drain()
-        if self._recording is not None:
-            self._recording.step(now_s)
-            if not self._recording.open:
-                self._feed = None
+        """Have the ticks that have come written, and what is due done."""
+        recording = self._recording
+        if recording is None:
+            return
+        if not recording.open:
+            self._feed = None
+        piece = None if self._feed is None or self._disk.full else self._feed.read()
+        if piece is not None and (len(piece.block) or piece.lost):
+            self._disk.do(lambda: _record(recording, piece, now_s), piece.block.nbytes)
+        elif self._disk.idle:
+            self._disk.do(lambda: recording.step(now_s))
+
+    def settle(self) -> None:
+        """Wait until the files hold what they have been given."""
+        self._disk.settle()
 
     def close(self, reason: str, now_s: float) -> None:
         """End the recording, if there is one, with all ticks that have come."""
+        recording = self._recording
+        if recording is None:
+            return
+        if self._disk.full:
+            self.settle()
         self.step(now_s)
-        if self._recording is not None:
-            self._recording.close(reason)
+        self._disk.do(lambda: recording.close(reason))
+        self.settle()
 
     def report(self) -> dict[str, object]:
         """Return what the supervisor publishes: the recording that goes on, or the last one."""
@@ -102,14 +126,6 @@ class Session:
             "error": self._error or (recording.error if recording else "") or problem,
         }
 
-    def _drain(self) -> None:
-        if self._feed is None or self._recording is None:
-            return
-        piece = self._feed.read()
-        if len(piece.block) or piece.lost:
-            _announce(self._recording, piece)
-            self._recording.ticks(piece.block, piece.lost)
-
     def _start(self, command: Mapping[str, Any], now_s: float) -> None:
         resume = bool(command.get("resume", False))
         self.start(Path(command["out"]), command["metadata"], now_s, resume=resume)
@@ -119,22 +135,46 @@ class Session:
         self._feed = None
 
     def _event(self, command: Mapping[str, Any], now_s: float) -> None:
-        content = command["content"]
-        data = content.get("data", {})
-        if self._recording is not None:
-            self._recording.event(command["t_ns"], content["kind"], content["message"], data)
+        t_ns, content = _time_ns(command), _mapping(command["content"])
+        kind, message = content["kind"], content["message"]
+        data = _mapping(content.get("data", {}))
+        self._write(lambda recording: recording.event(t_ns, kind, message, data))
 
     def _plan(self, command: Mapping[str, Any], now_s: float) -> None:
-        if self._recording is not None:
-            self._recording.plan(command["t_ns"], command["content"])
+        t_ns, content = _time_ns(command), _mapping(command["content"])
+        self._write(lambda recording: recording.plan(t_ns, content))
 
     def _operating_point(self, command: Mapping[str, Any], now_s: float) -> None:
-        if self._recording is not None:
-            self._recording.operating_point(command["t_ns"], command["content"])
+        t_ns, content = _time_ns(command), _mapping(command["content"])
+        self._write(lambda recording: recording.operating_point(t_ns, content))
 
     def _metadata(self, command: Mapping[str, Any], now_s: float) -> None:
-        if self._recording is not None:
-            self._recording.add_metadata(command["name"], command["content"])
+        name, content = str(command["name"]), _mapping(command["content"])
+        self._write(lambda recording: recording.add_metadata(name, content))
+
+    def _write(self, action: Callable[[Recording], None]) -> None:
+        recording = self._recording
+        if recording is not None:
+            self._disk.do(lambda: action(recording))
+
+
+def _time_ns(command: Mapping[str, Any]) -> int:
+    t_ns = int(command["t_ns"])
+    if abs(t_ns) > TIME_MAX_NS:
+        raise ValueError("t_ns is no time")
+    return t_ns
+
+
+def _mapping(content: object) -> Mapping[str, Any]:
+    if not isinstance(content, Mapping):
+        raise TypeError("a JSON object is wanted")
+    return content
+
+
+def _record(recording: Recording, piece: Piece, now_s: float) -> None:
+    _announce(recording, piece)
+    recording.ticks(piece.block, piece.lost)
+    recording.step(now_s)
 
 
 def _announce(recording: Recording, piece: Piece) -> None:

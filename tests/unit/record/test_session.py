@@ -1,6 +1,7 @@
 """The recorder without its process: a ring in, files out."""
 
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from motord.record.recording import Recording, free_bytes
 from motord.record.session import Session
 from motord.record.writer import RunWriter
 from motord.runtime.ring import RingWriter
+from motord.schema import TICK_DTYPE
 from tests.unit.record.runs import METADATA, PERIOD_NS, START_NS, same, tick_block
 
 CAPACITY = 256
@@ -55,6 +57,7 @@ class Bench:
     def step(self, seconds: float = 0.05) -> None:
         self.now_s += seconds
         self.session.step(self.now_s)
+        self.session.settle()
 
     def do(self, **command: Any) -> None:
         self.session.handle(json.dumps(command).encode(), self.now_s)
@@ -182,7 +185,10 @@ def test_messages_are_recorded_and_forgotten_without_a_recording(bench):
 @pytest.mark.parametrize(
     "line",
     [b"", b"{", b"7", b"[]", b'{"do":"dance"}', b'{"do":"start"}', b'{"do":"start","out":5}',
-     b'{"do":"event","t_ns":1}', b"\xff\xfe", b'{"do":"start","out":"x","metadata":5}'],
+     b'{"do":"event","t_ns":1}', b'{"do":"plan","t_ns":1,"content":[]}',
+     b'{"do":"plan","t_ns":10000000000000000000,"content":{}}',
+     b'{"do":"operating_point","t_ns":null,"content":{}}', b"\xff\xfe",
+     b'{"do":"start","out":"x","metadata":5}'],
 )  # fmt: skip
 def test_a_command_that_makes_no_sense_is_reported_and_harms_nothing(bench, line):
     bench.start()
@@ -503,6 +509,102 @@ def test_resuming_without_a_readable_file_takes_all_that_the_ring_has(bench):
     bench.start(resume=True)
     bench.stop()
     assert bench.recorded() == list(range(10))
+
+
+# --- a disk that stalls
+
+
+class StallingDisk:
+    """Stands for os.fsync of a disk that does not answer until it is told to."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.reached, self.answer = threading.Event(), threading.Event()
+        monkeypatch.setattr("os.fsync", self.fsync)
+
+    def fsync(self, descriptor: int) -> None:
+        self.reached.set()
+        assert self.answer.wait(60)
+
+
+def stall(bench: Bench, disk: StallingDisk) -> None:
+    """Get the session's thread into the disk."""
+    bench.loop(10)
+    bench.now_s += 1.1
+    bench.session.step(bench.now_s)
+    assert disk.reached.wait(60)
+
+
+def loop_and_step(bench: Bench, times: int) -> None:
+    for _ in range(times):
+        bench.loop(CAPACITY // 2)
+        bench.now_s += 0.05
+        bench.session.step(bench.now_s)
+
+
+def test_the_ring_is_read_while_the_disk_stalls(bench, monkeypatch):
+    bench.start()
+    disk = StallingDisk(monkeypatch)
+    stall(bench, disk)
+    loop_and_step(bench, 10)
+    bench.do(do="event", t_ns=7, content={"kind": "state", "message": "meanwhile"})
+    loop_and_step(bench, 10)
+    assert bench.report()["ticks"] == 10
+    assert bench.report()["error"] == ""
+    disk.answer.set()
+    bench.stop()
+    assert bench.recorded() == list(range(10 + 20 * (CAPACITY // 2)))
+    assert bench.report()["lost"] == 0
+    assert [e["message"] for e in bench.events()] == ["meanwhile"]
+
+
+def test_what_is_held_for_a_stalled_disk_is_bounded_and_the_rest_counted(tmp_path, monkeypatch):
+    most = 3 * (CAPACITY // 2)
+    monkeypatch.setattr("motord.record.session.BACKLOG_BYTES", most * TICK_DTYPE.itemsize)
+    bench = Bench(tmp_path)
+    bench.start()
+    disk = StallingDisk(monkeypatch)
+    stall(bench, disk)
+    loop_and_step(bench, 20)
+    disk.answer.set()
+    bench.stop()
+    recorded = bench.recorded()
+    assert recorded[: 10 + most - CAPACITY // 2] == list(range(10 + most - CAPACITY // 2))
+    missing = sorted(set(range(bench.published)) - set(recorded))
+    assert recorded == sorted(set(recorded))
+    assert bench.report()["lost"] == len(missing) > 10 * CAPACITY // 2
+    assert [e["data"]["lost"] for e in bench.events()] == [len(missing)]
+
+
+def test_a_disk_that_fails_after_a_stall_ends_the_recording(bench, monkeypatch):
+    bench.start()
+    disk = StallingDisk(monkeypatch)
+    stall(bench, disk)
+
+    def fail(descriptor: int, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.write", fail)
+    loop_and_step(bench, 4)
+    disk.answer.set()
+    bench.session.settle()
+    bench.step(1.1)
+    assert "No space left on device" in bench.report()["error"]
+    assert not bench.report()["recording"]
+    bench.step()
+    assert bench.session.over
+    monkeypatch.undo()
+    assert bench.recorded() == list(range(10))
+
+
+def test_a_mistake_in_the_background_is_not_kept_quiet(bench, monkeypatch):
+    def stumble(self: Recording, block: np.ndarray, lost: int) -> None:
+        raise ValueError("a mistake")
+
+    bench.start()
+    bench.loop(5)
+    monkeypatch.setattr(Recording, "ticks", stumble)
+    with pytest.raises(RuntimeError, match="in the background failed"):
+        bench.step()
 
 
 # --- names and marks
