@@ -22,6 +22,7 @@ COMMANDS = {
     "set": "motord.cli.operate:set_",
     "plan": "motord.cli.plan:app",
     "analyse": "motord.cli.analyse:app",
+    "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
     "record": "motord.cli.record:app",
     "latency": "motord.cli.latency:latency",

@@ -7,7 +7,6 @@ ticks is used for the verdict alone: the root-mean-square error of the true torq
 import json
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -17,25 +16,21 @@ from typing import Any
 import numpy as np
 
 from motord.calibration import Calibration
-from motord.config import Config, load, packaged
+from motord.config import Config
 from motord.demo.files import Files
 from motord.demo.judge import Errors, Verdict, judge
 from motord.identify.calibrate import Calibrator
 from motord.identify.result import CalibrationResult, rms_errors
 from motord.plans import Plan, build
 from motord.record.captures import captures
-from motord.record.metadata import describe
 from motord.record.reader import open_run
-from motord.record.writer import RunWriter
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
-from motord.virtual.mesh import Piece, processors, run_points
+from motord.simulate import Source, record_plan
+from motord.virtual.mesh import processors
 
 QUICK = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
 """The mesh of `--quick`: enough to see the effect, not to quote it."""
-
-CHUNK_S = 1.0
-"""Time that one chunk of a recording spans; nothing here dies, so chunks may be large."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage of STAGES and the fraction of it that is done."""
@@ -72,21 +67,29 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: Progress) -> Demo:
     files = Files(folder)
     folder.mkdir(parents=True, exist_ok=True)
     files.remove()
-    config = load()
+    source = Source.of()
+    config = source.config
     seeds = iter(np.random.SeedSequence(seed).generate_state(3).tolist())
     mesh = QUICK if quick else {}
     off, on = {**mesh, "compensate": "off"}, {**mesh, "compensate": "on"}
     bench_s = 0.0
     with processors() as pool:
-        takes = partial(_record, config, pool, progress)
-        bench_s += takes(BEFORE, build("verify", config, off), files.before, next(seeds))
+
+        def take(
+            stage: str, plan: Plan, path: Path, calibration: Calibration | None = None
+        ) -> float:
+            return record_plan(
+                source, plan, path, next(seeds), calibration, pool, partial(progress, stage)
+            )
+
+        bench_s += take(BEFORE, build("verify", config, off), files.before)
         judged = pool.submit(judge, config, files.before)
         plan = build("calibrate", config, mesh)
-        bench_s += takes(CALIBRATE, plan, files.calibrate, next(seeds))
+        bench_s += take(CALIBRATE, plan, files.calibrate)
         joint, residual = _identify(config, files.calibrate, progress)
         calibration = joint.to_calibration(config.motor, datetime.now(UTC), [files.calibrate.name])
         plan = build("verify", config, on)
-        bench_s += takes(AFTER, plan, files.after, next(seeds), calibration)
+        bench_s += take(AFTER, plan, files.after, calibration)
         after = judge(config, files.after)
         before = judged.result()
     calibration = calibration.with_rms_error(rms_errors([*before.ripples, *after.ripples]))
@@ -97,41 +100,6 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: Progress) -> Demo:
     summary |= {"wall_s": round(time.monotonic() - began, 2), "bench_s": round(bench_s, 1)}
     files.result.write_text(json.dumps(summary, indent=2) + "\n")
     return Demo(files, config, truth, before, after, joint, residual, calibration, summary)
-
-
-def _record(
-    config: Config,
-    pool: ProcessPoolExecutor,
-    progress: Progress,
-    stage: str,
-    plan: Plan,
-    path: Path,
-    seed: int,
-    calibration: Calibration | None = None,
-) -> float:
-    """Run `plan`, write ticks, truth, points and plan into `path`; return seconds of the bench."""
-    metadata = describe(
-        config,
-        packaged("sim.toml").read_text(),
-        plan={"name": plan.name, "settings": plan.settings},
-        calibration_id=calibration.id if calibration else "",
-    )
-    ticks = 0
-    progress(stage, 0.0)
-    with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
-        for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
-            _write(writer, piece, config.loop.rate_Hz)
-            ticks += piece.ticks.size
-            progress(stage, number / len(plan.points))
-    return ticks / config.loop.rate_Hz
-
-
-def _write(writer: RunWriter, piece: Piece, rate_Hz: int) -> None:
-    """Write a piece by the second, as a recorder would, so that no chunk is large."""
-    for first in range(0, piece.ticks.size, rate_Hz):
-        writer.ticks(piece.ticks[first : first + rate_Hz])
-        writer.truth(piece.truth[first : first + rate_Hz])
-    writer.operating_point(int(piece.point["t_end_ns"]), piece.point)
 
 
 def _identify(

@@ -1,0 +1,126 @@
+"""`motord simulate`: a plan on the simulated rig in virtual time, into a recording."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from motord.calibration import Calibration
+    from motord.plans import Plan
+    from motord.simulate import Source
+
+
+def simulate(
+    name: Annotated[str, typer.Argument(help="The plan, such as calibrate or cogging.")],
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            "-c",
+            metavar="FILE",
+            help="Bench file; its rig is simulated whatever drivers it names.",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="RUN.mcap", help="Default: the plan's name."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Calibration that the loop applies.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of noise and drift; default that of the bench.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Run a plan on the simulated rig, much faster than real time, and record it.
+
+    Shows what a plan will do on this bench before it is run there, and makes recordings to try
+    analyses on. The recording holds the truth of the simulation beside the ticks.
+    """
+    from motord.calibration import CalibrationError, load
+    from motord.config import ConfigError
+    from motord.plans import PlanError
+    from motord.record.errors import RecordError
+    from motord.simulate import Source
+    from motord.virtual.plan import PlanFailed
+
+    path = output or Path(f"{name}.mcap")
+    if path.exists():
+        fail(f"{path}: exists; name another file with -o, nothing is overwritten")
+    try:
+        source = Source.of(config)
+        plan = _plan(source, name, settings or [])
+        applied = load(calibration) if calibration else None
+        if applied:
+            applied.check_motor(source.config.motor)
+        _need_calibration(plan, applied)
+        chosen = source.config.bench.seed if seed is None else seed
+        result = _record(source, plan, path, chosen, applied, silent=as_json)
+    except (CalibrationError, ConfigError, PlanError, PlanFailed, RecordError) as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{error.filename or path}: {error.strerror}")
+    if as_json:
+        print_json(result)
+    else:
+        typer.echo(
+            f"{plan.name}: {result['points']} points, {result['bench_s']:.0f} s on the bench "
+            f"took {result['wall_s']:.1f} s; wrote {path}"
+        )
+
+
+def _plan(source: "Source", name: str, given: list[str]) -> "Plan":
+    from motord.cli.plan import parse_settings
+    from motord.plans import build
+
+    own = getattr(source.config.plans, name.replace("-", "_"), None)
+    defaults = own.model_dump(mode="json") if own is not None else {}
+    return build(name, source.config, parse_settings(given, defaults))
+
+
+def _need_calibration(plan: "Plan", calibration: "Calibration | None") -> None:
+    if calibration is None and plan.settings.get("compensate", "off") != "off":
+        fail(
+            f"{plan.name} compensates, and no calibration is named; name one with --calibration, "
+            "or --set compensate=off"
+        )
+
+
+def _record(
+    source: "Source",
+    plan: "Plan",
+    path: Path,
+    seed: int,
+    calibration: "Calibration | None",
+    *,
+    silent: bool,
+) -> dict[str, Any]:
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from motord.simulate import record_plan
+    from motord.virtual.mesh import processors
+
+    began_s = time.monotonic()
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, disable=silent) as bars, processors() as pool:
+        task = bars.add_task(plan.name, total=1.0)
+        bench_s = record_plan(
+            source, plan, path, seed, calibration, pool, lambda f: bars.update(task, completed=f)
+        )
+    return {
+        "plan": plan.name,
+        "run": str(path),
+        "points": len(plan.points),
+        "seed": seed,
+        "bench_s": round(bench_s, 1),
+        "wall_s": round(time.monotonic() - began_s, 2),
+    }

@@ -1,0 +1,71 @@
+"""A plan on the simulated rig in virtual time, recorded as the daemon would record it."""
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from motord.calibration import Calibration
+from motord.config import Config, load, packaged
+from motord.plans import Plan
+from motord.record.metadata import describe
+from motord.record.writer import RunWriter
+from motord.virtual.mesh import Piece, run_points
+
+CHUNK_S = 1.0
+"""Time that one chunk of a recording spans; nothing here dies, so chunks may be large."""
+
+Progress = Callable[[float], None]
+"""Called with the fraction that is done."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A bench, and the text of the file that it was read from."""
+
+    config: Config
+    text: str
+
+    @classmethod
+    def of(cls, path: Path | None = None) -> "Source":
+        """Return the bench of a file, or the packaged simulated bench. Raises ConfigError."""
+        return cls(load(path), (path or packaged("sim.toml")).read_text(encoding="utf-8"))
+
+
+def record_plan(
+    source: Source,
+    plan: Plan,
+    path: Path,
+    seed: int,
+    calibration: Calibration | None = None,
+    pool: ProcessPoolExecutor | None = None,
+    progress: Progress = lambda fraction: None,
+) -> float:
+    """Run `plan` and write ticks, truth, points and metadata to `path`; return bench seconds.
+
+    Each operating point is taken on a rig of its own, on all processors if there is a `pool`.
+    Raises PlanFailed, ConfigError where rig and bench do not fit, RecordError and OSError.
+    """
+    config = source.config
+    metadata = describe(
+        config,
+        source.text,
+        plan={"name": plan.name, "settings": plan.settings},
+        calibration_id=calibration.id if calibration else "",
+    )
+    ticks = 0
+    progress(0.0)
+    with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
+        for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
+            _write(writer, piece, config.loop.rate_Hz)
+            ticks += piece.ticks.size
+            progress(number / len(plan.points))
+    return ticks / config.loop.rate_Hz
+
+
+def _write(writer: RunWriter, piece: Piece, rate_Hz: int) -> None:
+    """Write a piece by the second, as a recorder would, so that no chunk is large."""
+    for first in range(0, piece.ticks.size, rate_Hz):
+        writer.ticks(piece.ticks[first : first + rate_Hz])
+        writer.truth(piece.truth[first : first + rate_Hz])
+    writer.operating_point(int(piece.point["t_end_ns"]), piece.point)

@@ -1,0 +1,56 @@
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.record.reader import open_run
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, ["simulate", *(str(a) for a in arguments)])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+SMALL = ("--set", "torques_Nm=2", "--set", "speeds_Hz=1", "--set", "turns=3")
+
+
+def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    code, out, _ = run("calibrate", *SMALL, "-o", path, "--seed", 4, "--json")
+    assert code == 0
+    told = json.loads(out)
+    assert (told["points"], told["seed"], told["run"]) == (1, 4, str(path))
+    recorded = open_run(path)
+    assert recorded.metadata["plan"]["name"] == "calibrate"
+    assert recorded.metadata["plan"]["settings"]["turns"] == 3
+    assert len(recorded.operating_points()) == 1
+    assert recorded.ticks(["tick"]).size == round(told["bench_s"] * 1000)
+    assert recorded.truth(["t_ns"]).size == recorded.ticks(["tick"]).size
+    code, _, err = run("calibrate", *SMALL, "-o", path)
+    assert code == 1
+    assert "exists" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nothing",), "no plan 'nothing'; there are: calibrate"),
+        (("verify",), "no calibration is named"),
+        (("calibrate", "--set", "turns=0"), "setting turns"),
+        (("calibrate", "--set", "torques_Nm=50"), "above [limits] torque_Nm"),
+        (("calibrate", "-c", "/nowhere.toml"), "/nowhere.toml"),
+        (("verify", "--calibration", "/nowhere.json"), "/nowhere.json"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said_in_a_line(
+    arguments: tuple[str, ...], words: str, tmp_path: Path
+) -> None:
+    code, _, err = run(*arguments, "-o", tmp_path / "run.mcap")
+    assert code == 1
+    assert words in err
+    assert len(err.strip().splitlines()) == 1
+    assert not list(tmp_path.iterdir())
