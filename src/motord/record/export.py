@@ -1,6 +1,6 @@
 """Ticks of a recording as CSV or Parquet, written block by block."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,13 @@ from motord.wire.blocks import Block
 
 ROW_GROUP_ROWS = 1 << 17
 """Rows of a row group of a Parquet file."""
+
+
+CSV_ROWS = 1 << 12
+"""Rows of a CSV file that are made into text at once."""
+
+_PRINTF = {"f4": "%.9g", "f8": "%.17g"} | dict.fromkeys(("i4", "i8", "u4", "u8"), "%d")
+"""Formats by types; with so many digits a number reads back exactly."""
 
 
 @dataclass(frozen=True)
@@ -67,21 +74,33 @@ def _complete_or_absent(output: Path) -> Iterator[Path]:
 
 
 def _write_csv(path: Path, content: _Content) -> int:
-    count = 0
-    with path.open("w", encoding="ascii", newline="") as file:
-        file.write(",".join(content.names) + "\n")
-        for block in content.blocks:
-            cells = [_text(block[name]) for name in content.names]
-            file.writelines(",".join(row) + "\n" for row in zip(*cells, strict=True))
+    """Write numbers as text that reads back as the same numbers."""
+    text, count = _csv_text(content.dtype), 0
+    with path.open("wb") as file:
+        file.write((",".join(content.names) + "\n").encode())
+        for block in _gathered(content.blocks, CSV_ROWS):
+            file.write(text(block))
             count += len(block)
     return count
 
 
-def _text(column: np.ndarray) -> list[str]:
-    """Return the shortest text of each number that reads back as the same number."""
-    if column.dtype.kind == "f":
-        return list(column.astype(str))
-    return [str(number) for number in column.tolist()]
+def _csv_text(dtype: np.dtype[np.void]) -> Callable[[Block], bytes]:
+    """Return what makes lines of a block: pyarrow, if it is there, or Python at half its speed."""
+    try:
+        import pyarrow as pa
+        from pyarrow import csv
+    except ImportError:
+        line = ",".join(_PRINTF[dtype[name].str[1:]] for name in dtype.names or ()) + "\n"
+        return lambda block: "".join([line % row for row in block.tolist()]).encode()
+    options = csv.WriteOptions(include_header=False)
+
+    def text(block: Block) -> bytes:
+        columns = {name: np.ascontiguousarray(block[name]) for name in dtype.names or ()}
+        sink = pa.BufferOutputStream()
+        csv.write_csv(pa.table(columns), sink, options)
+        return bytes(sink.getvalue())
+
+    return text
 
 
 def _write_parquet(path: Path, content: _Content) -> int:

@@ -22,7 +22,11 @@ def run(tmp_path):
     return open_run(tmp_path / "run.mcap")
 
 
-def test_csv_reads_back_bit_for_bit(run, tmp_path):
+@pytest.mark.parametrize("arrow", [True, False])
+def test_csv_reads_back_bit_for_bit(run, tmp_path, monkeypatch, arrow):
+    monkeypatch.setattr(export_module, "CSV_ROWS", 150)
+    if not arrow:
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
     path = tmp_path / "run.csv"
     assert export(run, path) == 350
     expected = tick_block(350)
@@ -41,7 +45,10 @@ def test_csv_has_the_columns_chosen_in_their_order(run, tmp_path):
     assert (tmp_path / "run.csv").read_text().splitlines()[0] == "torque_Nm,tick"
 
 
-def test_truth_is_a_table_too(run, tmp_path):
+@pytest.mark.parametrize("arrow", [True, False])
+def test_truth_is_a_table_too(run, tmp_path, monkeypatch, arrow):
+    if not arrow:
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert export(run, tmp_path / "truth.csv", ["angle_rad"], truth=True) == 350
     values = (tmp_path / "truth.csv").read_text().split()
     assert [float(v) for v in values[1:]] == truth_block(350)["angle_rad"].tolist()
