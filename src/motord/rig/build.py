@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from scipy.linalg import expm
 
+from motord.rig.bar import add_bar
 from motord.rig.noise import gaussian, random_state
 from motord.rig.truth import RigTruth, TorqueSensorTruth
 from motord.rig.types import RIG_PARAMETERS, RIG_STATE
@@ -35,6 +36,8 @@ def build(
     p.counts = truth.encoder.counts
     p.encoder_offset_rad = truth.encoder.offset_rad
     p.encoder_direction = truth.encoder.direction
+    if truth.swing is not None:
+        add_bar(p, truth.swing)
     _fill_state(p, s, truth, seed)
     return parameters, state
 
@@ -155,6 +158,8 @@ def _fill_state(p: np.record, s: np.record, truth: RigTruth, seed: int) -> None:
     s.gain[:] = p.gain
     s.temperature_C = s.brake_temperature_C = p.ambient_C
     s.angle_rad, s.speed_rad_s = truth.rotor.angle_rad, truth.rotor.speed_rad_s
+    if truth.swing is not None:
+        s.angle_rad, s.hand_s = truth.swing.rest_angle_rad, truth.swing.first_s
     k_a, k_b, k_c, cogging_Nm = wave_values(p, s.angle_rad)
     s.k_V_s_per_rad[:] = k_a, k_b, k_c
     s.torque_cog_Nm = cogging_Nm

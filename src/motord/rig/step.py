@@ -15,6 +15,7 @@ from motord.rig.sensors import (
     read_torque,
     step_torque_sensor,
 )
+from motord.rig.swing import spring_torque_Nm, step_hand
 from motord.rig.waves import wave_values
 
 DURATION_MAX_S = 60.0
@@ -73,7 +74,13 @@ def _substep(p: np.record, s: np.record) -> None:
     em_Nm = float(k_a * s.i_A[0] + k_b * s.i_A[1] + k_c * s.i_A[2])
     after_Nm = em_Nm + cogging_Nm
     s.torque_em_Nm, s.torque_cog_Nm = em_Nm, cogging_Nm
-    step_rotor(p, s, 0.5 * (before_Nm + after_Nm), angle_rad)
+    torque_Nm = 0.5 * (before_Nm + after_Nm)
+    if p.swing:
+        half_rad = 0.5 * h_s * (s.speed_rad_s + 0.25 * h_s * s.acceleration_rad_s2)
+        torque_Nm += spring_torque_Nm(p, angle_rad + half_rad)
+    step_rotor(p, s, torque_Nm, angle_rad)
+    if p.swing:
+        step_hand(p, s, angle_rad)
     step_torque_sensor(p, s, before_Nm, after_Nm)
     s.step += 1
     if s.step % p.slow_every == 0:

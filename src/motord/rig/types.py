@@ -6,7 +6,7 @@ rig, `RIG_OUTPUT` what its sensors say. SI units; [3] is phases a, b, c.
 
 import numpy as np
 
-from motord.rig.truth import MAX_ORDERS
+from motord.rig.truth import MAX_ORDERS, MAX_SPRINGS
 from motord.schema import record_dtype
 
 QUEUE_LENGTH = 32
@@ -112,6 +112,20 @@ RIG_PARAMETERS = record_dtype(
         ("counts", "i8"),
         ("encoder_offset_rad", "f8"),
         ("encoder_direction", "i8"),
+        # bar and springs, and the hand that deflects the bar
+        ("swing", "i8"),  # there is a bar; else the rest means nothing
+        ("spring_count", "i8"),
+        ("spring_N_per_m", "f8", (MAX_SPRINGS,)),
+        ("spring_lever_m", "f8", (MAX_SPRINGS,)),
+        ("spring_side", "f8", (MAX_SPRINGS,)),
+        ("spring_length_m", "f8"),
+        ("spring_stretch_m", "f8"),
+        ("rest_angle_rad", "f8"),
+        ("deflection_rad", "f8"),
+        ("deflection_spread", "f8"),
+        ("pull_s", "f8"),
+        ("hold_s", "f8"),
+        ("swing_s", "f8"),
     ]
 )
 
@@ -164,6 +178,10 @@ RIG_STATE = record_dtype(
         ("mount_rate_Nm", "f8"),  # rate of mount_Nm over its natural frequency
         ("sensor_Nm", "f8"),
         ("drift_Nm_per_s", "f8"),
+        # the hand at the bar
+        ("hand", "i8"),  # 0 off the bar, 1 pulling, 2 holding
+        ("hand_s", "f8"),  # until it does something else
+        ("hand_target_rad", "f8"),
     ]
 )
 
