@@ -80,6 +80,11 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
     p.ready_steps = round(inverter.ready_delay_s / p.substep_s)
     p.gain[:] = np.asarray(inverter.alpha) * inverter.epsilon
     p.beta_A[:] = inverter.beta_A
+    if inverter.nonlinearity is not None:
+        p.nonlinear = 1
+        p.bend_A[:] = inverter.nonlinearity.amplitude_A
+        p.bend_wave_rad_per_A = 2 * math.pi / inverter.nonlinearity.period_A
+        p.bend_phase_rad[:] = inverter.nonlinearity.phase_rad
     p.gain_drift_per_K[:] = inverter.gain_drift_per_K
     p.gain_drift_max = inverter.gain_drift_max
     p.reference_C = inverter.reference_C

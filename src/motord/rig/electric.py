@@ -1,7 +1,8 @@
 """Inverter and windings over one substep, compiled: dead time, current loops, bus limit.
 
 Each loop forces its sensed current i* to the command as a first-order lag; what flows is
-g i* + beta with g = alpha epsilon (Poels 2008, eq. (4.1)). In a star what flows sums to zero, so
+g i* + beta with g = alpha epsilon (Poels 2008, eq. (4.1)), i* bent where the sensors are not
+linear (`rig.bend`). In a star what flows sums to zero, so
 the loops force i* less its mean over the phases, and the mean c follows from
 sum_p (g_p i*_p + beta_p) = 0.
 """
@@ -11,6 +12,7 @@ import math
 import numpy as np
 
 from motord.jit import jit
+from motord.rig.bend import bent, bent_common_part, bent_slope, straightened
 from motord.rig.types import QUEUE_LENGTH
 
 
@@ -72,10 +74,16 @@ def _run_loops(p: np.record, s: np.record) -> None:
 
 @jit
 def _common_part(p: np.record, s: np.record, x: np.ndarray, offset: float) -> float:
-    """Return the c that makes sum_p g_p (x_p + c) + offset zero in a star, else 0."""
+    """Return the c that makes the flow of sensed x_p + c, plus offset, zero in a star, else 0."""
     if not p.star:
         return 0.0
-    g = s.gain
+    common = _linear_common_part(s.gain, x, offset)
+    return bent_common_part(p, s, x, offset, common) if p.nonlinear else common
+
+
+@jit
+def _linear_common_part(g: np.ndarray, x: np.ndarray, offset: float) -> float:
+    """Return the c that makes sum_p g_p (x_p + c) + offset zero."""
     total = float(g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + offset)
     return -total / float(g[0] + g[1] + g[2])
 
@@ -122,12 +130,20 @@ def _under_voltage(p: np.record, s: np.record, phase: int, u_V: float, speed_rad
 
 
 @jit
+def _flowing(p: np.record, s: np.record, phase: int, sensed_A: float) -> float:
+    """Return what flows (A) where `sensed_A` is sensed."""
+    if p.nonlinear:
+        sensed_A = bent(p, phase, sensed_A)
+    return float(s.gain[phase] * sensed_A + p.beta_A[phase])
+
+
+@jit
 def _flow(p: np.record, s: np.record, speed_rad_s: float) -> None:
     """Let the currents flow that the loops ask for, as far as the bus voltage allows."""
     common_A = _common_part(p, s, s.i_loop_A, p.beta_A[0] + p.beta_A[1] + p.beta_A[2])
-    i_a = s.gain[0] * (s.i_loop_A[0] + common_A) + p.beta_A[0]
-    i_b = s.gain[1] * (s.i_loop_A[1] + common_A) + p.beta_A[1]
-    i_c = s.gain[2] * (s.i_loop_A[2] + common_A) + p.beta_A[2]
+    i_a = _flowing(p, s, 0, s.i_loop_A[0] + common_A)
+    i_b = _flowing(p, s, 1, s.i_loop_A[1] + common_A)
+    i_c = _flowing(p, s, 2, s.i_loop_A[2] + common_A)
     u_a, u_b, u_c, limited = limit_voltages(
         p,
         _mean_voltage(p, s, 0, i_a, speed_rad_s),
@@ -150,7 +166,8 @@ def _set_flow(p: np.record, s: np.record, i_a: float, i_b: float, i_c: float) ->
     """Set what flows, and from it what is sensed and what the loops control."""
     s.i_A[0], s.i_A[1], s.i_A[2] = i_a, i_b, i_c
     for phase in range(3):
-        s.i_sensed_A[phase] = (s.i_A[phase] - p.beta_A[phase]) / s.gain[phase]
+        sensed_A = float((s.i_A[phase] - p.beta_A[phase]) / s.gain[phase])
+        s.i_sensed_A[phase] = straightened(p, phase, sensed_A) if p.nonlinear else sensed_A
     common_A = 0.0
     if p.star:
         common_A = (s.i_sensed_A[0] + s.i_sensed_A[1] + s.i_sensed_A[2]) / 3.0
@@ -183,14 +200,17 @@ def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
 @jit
 def winding_voltages(p: np.record, s: np.record) -> tuple[float, float, float]:
     """Return the voltages (V) across the windings now: R i + L di/dt + k w."""
-    slope = s.i_slope_A_per_s
+    slope, gain = s.i_slope_A_per_s, s.gain_now
     for phase in range(3):
         error_A = s.i_command_A[phase] - s.i_loop_A[phase]
         slope[phase] = error_A * p.loop_rate_per_s if s.inverter_on else 0.0
-    common = _common_part(p, s, slope, 0.0)
+        gain[phase] = s.gain[phase]
+        if p.nonlinear:
+            gain[phase] *= bent_slope(p, phase, s.i_sensed_A[phase])
+    common = _linear_common_part(gain, slope, 0.0) if p.star else 0.0
     w, k, r, inductance = s.speed_rad_s, s.k_V_s_per_rad, p.resistance_ohm, p.inductance_H
-    u_a = r * s.i_A[0] + inductance * s.gain[0] * (slope[0] + common) + k[0] * w
-    u_b = r * s.i_A[1] + inductance * s.gain[1] * (slope[1] + common) + k[1] * w
-    u_c = r * s.i_A[2] + inductance * s.gain[2] * (slope[2] + common) + k[2] * w
+    u_a = r * s.i_A[0] + inductance * gain[0] * (slope[0] + common) + k[0] * w
+    u_b = r * s.i_A[1] + inductance * gain[1] * (slope[1] + common) + k[1] * w
+    u_c = r * s.i_A[2] + inductance * gain[2] * (slope[2] + common) + k[2] * w
     u_a, u_b, u_c, _ = limit_voltages(p, u_a, u_b, u_c)
     return u_a, u_b, u_c

@@ -4,6 +4,7 @@
 defaults are a motor and mechanics like those of Poels 2008, without errors, noise or cogging.
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -34,6 +35,7 @@ MAX_SPRINGS = 8
 
 Triple = tuple[Finite, Finite, Finite]
 PositiveTriple = tuple[Positive, Positive, Positive]
+NonNegativeTriple = tuple[NonNegative, NonNegative, NonNegative]
 
 
 class CoggingHarmonic(Section):
@@ -67,12 +69,35 @@ class MotorTruth(Section):
         return self
 
 
+class NonlinearityTruth(Section):
+    """`[inverter.nonlinearity]`: a smooth integral nonlinearity of the current sensors.
+
+    In phase p, amplitude_A_p sin(2 pi i* / period_A + phase_rad_p) is added to the sensed current
+    i* before gain and offset make of it what flows.
+    """
+
+    amplitude_A: NonNegativeTriple
+    period_A: Positive
+    phase_rad: Triple = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _rises(self) -> "NonlinearityTruth":
+        steepest = 2 * math.pi * max(self.amplitude_A) / self.period_A
+        if steepest > MAX_SLOPE:
+            raise ValueError(
+                f"its slope reaches {steepest:.3g}, at most {MAX_SLOPE:g}: 2 pi amplitude_A / "
+                "period_A"
+            )
+        return self
+
+
 class InverterTruth(Section):
     """`[inverter]`: current loops, what their sensors get wrong, and the supply.
 
     What flows in phase p is alpha_p epsilon i* + beta_p with i* the sensed current, Poels 2008,
-    eq. (4.1). alpha holds at `reference_C`; it moves by gain_drift_per_K with the inverter's
-    temperature, at most gain_drift_max either way.
+    eq. (4.1); where there is a `nonlinearity`, it is added to i* first. alpha holds at
+    `reference_C`; it moves by gain_drift_per_K with the inverter's temperature, at most
+    gain_drift_max either way.
     """
 
     bus_V: Positive = 24.0
@@ -90,6 +115,7 @@ class InverterTruth(Section):
     thermal_time_constant_s: Positive = 300.0
     current_noise_A: NonNegative = 0.0
     voltage_noise_V: NonNegative = 0.0
+    nonlinearity: NonlinearityTruth | None = None
 
 
 class RotorTruth(Section):

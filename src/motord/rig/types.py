@@ -66,6 +66,11 @@ RIG_PARAMETERS = record_dtype(
         ("ready_steps", "i8"),
         ("gain", "f8", (3,)),  # alpha epsilon at the reference temperature
         ("beta_A", "f8", (3,)),
+        # nonlinearity of the current sensors: amplitude sin(wave i* + phase)
+        ("nonlinear", "i8"),
+        ("bend_A", "f8", (3,)),
+        ("bend_wave_rad_per_A", "f8"),
+        ("bend_phase_rad", "f8", (3,)),
         ("gain_drift_per_K", "f8", (3,)),
         ("gain_drift_max", "f8"),
         ("reference_C", "f8"),
@@ -152,6 +157,7 @@ RIG_STATE = record_dtype(
         ("i_sensed_A", "f8", (3,)),
         ("i_A", "f8", (3,)),  # what flows
         ("gain", "f8", (3,)),  # alpha epsilon, with drift
+        ("gain_now", "f8", (3,)),  # of small changes of the current, when last looked at
         ("k_V_s_per_rad", "f8", (3,)),
         ("temperature_C", "f8"),
         # mechanics
