@@ -9,6 +9,7 @@ import can
 
 from motord.config import CanConfig
 from motord.hal.base import DeviceError
+from motord.hal.bulk_port import read_in_bulk
 
 # python-can tells its own log of errors that it also raises
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -44,6 +45,7 @@ def open_bus(config: CanConfig, device: str) -> can.BusABC:
         reason = getattr(cause, "strerror", None) or str(cause)
         raise DeviceError(f"{device}: cannot open the bus: {reason}; {_hint(config)}") from error
     _widen(bus)
+    read_in_bulk(bus)
     return bus
 
 
