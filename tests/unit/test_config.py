@@ -188,9 +188,30 @@ def test_back_emf_from_a_table_file(tmp_path: Path) -> None:
     (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": k[:10].tolist()}))
     with pytest.raises(ConfigError, match=r"is \(10, 3\), expected \(4096, 3\)"):
         read(tmp_path, text).motor.back_emf_table()
-    (tmp_path / "emf.json").write_text("[]")
-    with pytest.raises(ConfigError, match="not a back-EMF table"):
-        read(tmp_path, text).motor.back_emf_table()
+    for content, words in (
+        ("[]", "not a back-EMF table: it has no k_V_s_per_rad"),
+        ("{}", "not a back-EMF table: it has no k_V_s_per_rad"),
+        ('{"k_V_s_per_rad": [[1, 2, "x"]]}', r"k_V_s_per_rad\[0\]\[2\]: Input should be a valid"),
+        (json.dumps({"k_V_s_per_rad": [[0, 1, 1]] * 4096}), "a phase that is zero"),
+    ):
+        (tmp_path / "emf.json").write_text(content)
+        with pytest.raises(ConfigError, match=words):
+            read(tmp_path, text)
+    (tmp_path / "emf.json").unlink()
+    with pytest.raises(ConfigError, match=r"emf\.json: cannot read the back-EMF table: No such"):
+        read(tmp_path, text)
+
+
+def test_a_motor_with_a_table_holds_it_whole(tmp_path: Path) -> None:
+    k = np.random.default_rng(1).normal(size=(4096, 3))
+    (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": k.tolist()}))
+    text = BENCH.replace("[{order = 1, amplitude_V_s_per_rad = 0.2}]", '"emf.json"')
+    motor = read(tmp_path, text).motor
+    (tmp_path / "emf.json").unlink()
+    content = json.loads(json.dumps(motor.model_dump(mode="json")))
+    again = config.MotorConfig.model_validate(content)
+    assert again == motor
+    assert again.back_emf_table() == pytest.approx(k)
 
 
 def test_a_motor_file(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ Whatever is wrong comes as one `ConfigError` naming file, line, key, what is wro
 be right; unknown keys are errors.
 """
 
+from motord.config.back_emf import BackEmfHarmonic, BackEmfTable
 from motord.config.base import (
     ConfigError,
     Finite,
@@ -31,13 +32,8 @@ from motord.config.devices import (
     ModbusConfig,
     RegisterKind,
 )
-from motord.config.motor import (
-    BackEmfHarmonic,
-    MotorConfig,
-    MotorFile,
-    TorqueSensorConfig,
-)
-from motord.config.plans import MeshConfig, PlansConfig
+from motord.config.motor import MotorConfig, MotorFile, TorqueSensorConfig
+from motord.config.plans import DrivenConfig, MeshConfig, PlansConfig
 from motord.config.reading import (
     load,
     load_motor,
@@ -49,6 +45,7 @@ from motord.config.reading import (
 
 __all__ = [
     "BackEmfHarmonic",
+    "BackEmfTable",
     "BenchConfig",
     "BrakeConfig",
     "BridgeConfig",
@@ -57,6 +54,7 @@ __all__ = [
     "Config",
     "ConfigError",
     "DriveConfig",
+    "DrivenConfig",
     "Finite",
     "Fraction",
     "InverterConfig",

@@ -1,21 +1,12 @@
 """`[motor]` and `[torque_sensor]`: what the controller is told of motor and sensor."""
 
-import json
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from motord.config.base import ConfigError, Finite, NonNegative, Positive, Section
-
-
-class BackEmfHarmonic(Section):
-    """One order h of the back-EMF of phase a: k_a = A sin(h pole_pairs theta + phase)."""
-
-    order: Annotated[int, Field(ge=1)]
-    amplitude_V_s_per_rad: Finite
-    phase_rad: Finite = 0.0
+from motord.config.back_emf import BackEmf, BackEmfTable
+from motord.config.base import Finite, NonNegative, Positive, Section
 
 
 class MotorConfig(Section):
@@ -28,14 +19,26 @@ class MotorConfig(Section):
     counts: Annotated[int, Field(ge=16, le=1_048_576)]
     rated_torque_Nm: Positive
     connection: Literal["star", "independent"]
-    back_emf: Annotated[tuple[BackEmfHarmonic, ...], Field(min_length=1)] | Path
+    back_emf: BackEmf
     encoder_offset_rad: Finite = 0.0
     encoder_direction: Literal[1, -1] = 1
 
+    @model_validator(mode="after")
+    def _table_fits(self) -> "MotorConfig":
+        if isinstance(self.back_emf, BackEmfTable):
+            values, name = self.back_emf.values, self.back_emf.file or "[motor] back_emf"
+            if values.shape[0] != self.counts:
+                raise ValueError(
+                    f"{name}: the back-EMF table is {values.shape}, expected ({self.counts}, 3)"
+                )
+            if not (np.abs(values).max(axis=0) > 0).all():
+                raise ValueError(f"{name}: the back-EMF table has a phase that is zero all over")
+        return self
+
     def back_emf_table(self) -> np.ndarray:
         """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts."""
-        if isinstance(self.back_emf, Path):
-            return _read_back_emf_table(self.back_emf, self.counts)
+        if isinstance(self.back_emf, BackEmfTable):
+            return self.back_emf.values
         theta_rad = 2 * np.pi * np.arange(self.counts) / self.counts + self.encoder_offset_rad
         table = np.zeros((self.counts, 3))
         for phase in range(3):
@@ -61,14 +64,3 @@ class MotorFile(Section):
 
     motor: MotorConfig
     torque_sensor: TorqueSensorConfig = TorqueSensorConfig()
-
-
-def _read_back_emf_table(path: Path, counts: int) -> np.ndarray:
-    """Read a table that `analyse back-emf` wrote: JSON with k_V_s_per_rad, shape (counts, 3)."""
-    try:
-        table = np.asarray(json.loads(path.read_text())["k_V_s_per_rad"], dtype=float)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{path}: not a back-EMF table: {error}") from error
-    if table.shape != (counts, 3) or not np.isfinite(table).all():
-        raise ConfigError(f"{path}: back-EMF table is {table.shape}, expected ({counts}, 3)")
-    return table

@@ -18,6 +18,24 @@ class MeshConfig(Section):
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
 
 
+class DrivenConfig(Section):
+    """`[plans.cogging]`, `[plans.back-emf]`: the rotor turned from outside, power stage off.
+
+    Each speed is approached from spin_up times that speed: from below, a rotor on a flexible belt
+    can be caught in large swings between belt and cogging. The belt creeps: the rotor's mean speed
+    may differ from the drive's by speed_tolerance (in parts), and must then hold still within
+    settle_tolerance for settle_s.
+    """
+
+    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    turns: Annotated[int, Field(ge=2, le=1000)] = 24
+    settle_s: NonNegative = 2.0
+    settle_timeout_s: Positive = 30.0
+    speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
+    settle_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
+    spin_up: Annotated[float, Field(ge=1, le=3)] = 1.3
+
+
 def _with_dashes(name: str) -> str:
     return name.replace("_", "-")
 
@@ -29,3 +47,5 @@ class PlansConfig(Section):
 
     calibrate: MeshConfig = MeshConfig()
     verify: MeshConfig = MeshConfig()
+    cogging: DrivenConfig = DrivenConfig()
+    back_emf: DrivenConfig = DrivenConfig(speeds_Hz=(0.5, 1.0, 1.5))

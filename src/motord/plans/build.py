@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from motord.config import Config
-from motord.plans import mesh
+from motord.plans import driven, mesh
 from motord.plans.settings import PlanError
 from motord.plans.steps import Plan
 
@@ -27,6 +27,14 @@ PLANS: dict[str, Kind] = {
     "verify": Kind(
         "the same mesh with the installed calibration applied, for the remaining ripple",
         partial(mesh.make, "verify"),
+    ),
+    "cogging": Kind(
+        "rotor driven from outside without current, for the cogging torque",
+        partial(driven.make, "cogging"),
+    ),
+    "back-emf": Kind(
+        "rotor driven from outside without current, for the back-EMF of the phases",
+        partial(driven.make, "back-emf"),
     ),
 }
 """Name of a plan to what makes it; each plan is a module of this package."""

@@ -167,7 +167,13 @@ class Executor:
         self._demand = Demand()
 
     def _rest_in_pause(self, seen: Observation) -> Demand:
-        self._demand = replace(self._demand, torque_Nm=0.0, plan_point=-1, induced=NOTHING_INDUCED)
+        self._demand = replace(
+            self._demand,
+            torque_Nm=0.0,
+            drive_rad_s=0.0,
+            plan_point=-1,
+            induced=NOTHING_INDUCED,
+        )
         if seen.torque_set_Nm == 0.0:
             self.state = PlanState.PAUSED
         return self._demand

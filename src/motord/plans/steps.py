@@ -90,13 +90,17 @@ Steps = Generator[Step, dict[str, Any] | None, None]
 
 @dataclass(frozen=True)
 class Plan:
-    """An experiment: its points, and makers of the steps and the time (s) for some of them."""
+    """An experiment: its points, and makers of the steps and the time (s) for some of them.
+
+    needs: the device that it cannot do without, "brake", "drive" or "" for none.
+    """
 
     name: str
     points: tuple[OperatingPoint, ...]
     make_steps: Callable[[tuple[OperatingPoint, ...]], Steps]
     estimate_s: Callable[[tuple[OperatingPoint, ...]], float]
     settings: dict[str, Any]
+    needs: str = "brake"
 
     @property
     def seconds(self) -> float:
@@ -141,7 +145,7 @@ class Enable:
 
 @dataclass
 class Rest:
-    """Ramp the torque to zero, disable, release the brake."""
+    """Ramp the torque to zero, disable, release the brake, stop the drive."""
 
     timeout_s: float = 10.0
     label: str = "ramping down"
@@ -154,7 +158,12 @@ class Rest:
     def advance(self, seen: Observation, demand: Demand) -> Advance:
         """Wait until the bench is no longer enabled; the brake holds until then."""
         demand = replace(
-            demand, enabled=False, torque_Nm=0.0, plan_point=-1, induced=NOTHING_INDUCED
+            demand,
+            enabled=False,
+            torque_Nm=0.0,
+            drive_rad_s=0.0,
+            plan_point=-1,
+            induced=NOTHING_INDUCED,
         )
         if seen.state != State.ENABLED:
             return Advance(replace(demand, brake=0.0, speed_Hz=0.0), Outcome.DONE)

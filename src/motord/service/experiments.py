@@ -46,8 +46,8 @@ class Experiments:
             plan = build_plan(asked.name, self._bench.config, asked.settings)
         except PlanError as error:
             raise Refusal("invalid", str(error)) from None
-        if not self._bench.has("brake"):
-            raise Refusal("refused", f"{plan.name} needs a brake, and this bench has none")
+        if plan.needs and not self._bench.has(plan.needs):
+            raise Refusal("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
         if plan.settings.get("compensate", "off") != "off" and not self._bench.calibrated:
             raise Refusal(
                 "refused",
