@@ -11,7 +11,8 @@ import numpy as np
 
 from motord.config import Config
 from motord.plans import TickWatcher
-from motord.schema import Compensate, Request, State
+from motord.plans.settings import COMPENSATE
+from motord.schema import Request, State
 from motord.service.devices import SlowDevice
 from motord.service.events import EventLog
 from motord.service.hand import Hand
@@ -138,7 +139,7 @@ class Bench:
     def calibration_installed(self) -> None:
         """Compensate from now on with what was installed."""
         self.calibrated = True
-        self.setpoint.compensate = Compensate.CURRENTS | Compensate.COGGING
+        self.setpoint.compensate = COMPENSATE["on"]
 
     def loop_up(self) -> None:
         """A loop runs, OFF."""

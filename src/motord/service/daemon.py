@@ -3,7 +3,7 @@
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -19,6 +19,7 @@ from motord.service.api import ApiError
 from motord.service.assembly import Assembly, assemble
 from motord.service.calibrations import state_directory
 from motord.service.log import log_to_stderr
+from motord.service.notify import Notifier
 
 
 class LoopFailedError(Exception):
@@ -72,10 +73,12 @@ def run(
         stack.enter_context(log_to_stderr())
         stopping = stack.enter_context(stop_signals())
         run_dir = stack.enter_context(RunDir(config.bench.name).hold())
+        notifier = stack.enter_context(closing(Notifier.of_environment()))
         daemon = assemble(
             config, text, config_path.resolve(), run_dir, state_dir or state_directory(),
             Clock.measure(),
         )  # fmt: skip
+        daemon.supervisor.notifier = notifier
         _run(daemon, stack, stopping, lambda: on_ready(config))
 
 
@@ -104,5 +107,7 @@ def _run(
             return
         raise LoopFailedError(supervisor.bench.loop_fault)
     on_ready()
+    supervisor.notifier.ready(f"bench {config.bench.name} is up, OFF")
     supervisor.run(stopping)
+    supervisor.notifier.stopping(f"ramping down: {stopping.reason}")
     supervisor.ramp_down(stopping.reason)

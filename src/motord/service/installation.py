@@ -23,8 +23,8 @@ from motord.service.refusal import Refusal
 
 SWAP_S = 1.0
 
-Tables = tuple[np.ndarray, np.ndarray, np.ndarray]
-WriteTables = Callable[[np.ndarray, np.ndarray, np.ndarray], object]
+Tables = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+WriteTables = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], object]
 """Puts tables in force. Raises TablesBusyError while the loop has not taken up those before."""
 
 

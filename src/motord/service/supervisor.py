@@ -6,13 +6,14 @@ take long (devices, the network, the disk) happens in other threads or processes
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from motord.schema import State as DriveState
 from motord.service.bench import Bench
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
 from motord.service.loop_link import LOOP, LoopLink
+from motord.service.notify import Notifier
 from motord.service.processes import Children
 from motord.service.publisher import Publisher
 from motord.service.recording import Recording
@@ -34,6 +35,7 @@ class Supervisor:
     loop: LoopLink
     recording: Recording
     publisher: Publisher
+    notifier: Notifier = field(default_factory=Notifier)
     clock_ns: Callable[[], int] = time.monotonic_ns
 
     def step(self) -> None:
@@ -54,6 +56,7 @@ class Supervisor:
         self.desk.step(now_ns)
         self.recording.step()
         self.publisher.step(block, now_ns)
+        self.notifier.progress(self.bench.watch.ticks, now_ns)
 
     def run(self, stopping: Callable[[], object]) -> None:
         """Step until `stopping()` is true; a step that comes late is not made up for."""

@@ -1,0 +1,40 @@
+"""The unit files that are shipped: systemd finds nothing wrong, and they are well shut."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+UNIT = Path(__file__).parents[2] / "systemd" / "motord.service"
+EXPOSURE_MAX = 2.5
+
+if shutil.which("systemd-analyze") is None:
+    pytest.skip("needs systemd-analyze: apt install systemd", allow_module_level=True)
+
+
+def analyse(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        ["systemd-analyze", *arguments, str(UNIT)], capture_output=True, text=True, check=False
+    )
+
+
+def test_systemd_finds_nothing_wrong() -> None:
+    found = analyse("verify")
+    assert (found.returncode, found.stdout, found.stderr) == (0, "", "")
+
+
+def test_little_is_exposed() -> None:
+    found = analyse("security", "--offline=true", "--no-pager")
+    level = re.search(r"Overall exposure level for motord.service: ([0-9.]+)", found.stdout)
+    assert level, found.stdout + found.stderr
+    assert 0.0 < float(level.group(1)) <= EXPOSURE_MAX
+
+
+def test_it_comes_back_but_never_enabled() -> None:
+    unit = UNIT.read_text()
+    assert "Restart=on-failure" in unit
+    assert "Type=notify" in unit
+    assert re.search(r"^WatchdogSec=\d+$", unit, re.MULTILINE)
+    assert "enable" not in re.findall(r"^ExecStart.*$", unit, re.MULTILINE)[0]
