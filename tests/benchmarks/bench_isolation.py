@@ -5,6 +5,9 @@ tenth of a second in which all is well alternate, some at a time, with slices in
 not; figures are ratios of the medians over the slices from which the host stole no time. The loop's
 own histograms are read, so that measuring costs it nothing.
 
+The supervisor's heartbeat is looked at meanwhile, every few milliseconds from another process: it
+must not be held up by what its other threads and processes wait for.
+
 Wake-up is good to some 30 ns, the time of a look at the clock, and on a quiet machine little more
 than that: what is below a microsecond counts as one, or the ratio would be one of clock readings.
 """
@@ -15,12 +18,16 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from motord import config
+from motord.control.types import SETPOINT
 from motord.runtime.histogram import TimeHistogram
 from motord.runtime.latency import Slices, choose_cpu, median_of_slices_us
+from motord.runtime.mailbox import MailboxReader
 from motord.runtime.rundir import RunDir
 from motord.runtime.steal import stolen_ticks
 from motord.runtime.timing import Timing
@@ -35,7 +42,7 @@ from tests.system.disturbances import (
 )
 
 RATE_Hz = 2000
-SLICE_S = 0.1
+SLICE_S, LOOK_S = 0.1, 0.005
 ACCOUNT_S = 0.02
 """Time until stolen time is in the counter."""
 SLICES_A_TURN = 8
@@ -43,6 +50,7 @@ ENOUGH_CLEAN = 64
 SECONDS, QUICK_S = 45.0, 4.0
 RATIO_LIMIT = 2.0
 FLOOR_us = 1.0
+HEARTBEAT_LIMIT_ms = 1e3 * config.load().loop.supervisor_timeout_s
 
 
 @dataclass(frozen=True)
@@ -54,28 +62,49 @@ class Disturbance:
     end: Callable[[], object]
 
 
+@dataclass
+class Seen:
+    """Slices of the loop, and how old the heartbeat was at each look in the clean ones, ms."""
+
+    loop: Slices = field(default_factory=Slices)
+    heartbeat_ms: list[float] = field(default_factory=list)
+
+
 class Bench:
-    """A running daemon, the processor of its loop and what the loop counts."""
+    """A running daemon, the processor of its loop, what the loop counts, the mailbox."""
 
     def __init__(self, running: Daemon, cpu: int) -> None:
         self.daemon = running
         self.endpoint: str = running.endpoint
         self.name: str = running.config.bench.name
         self._cpu = cpu
-        self._live = Timing.attach(RunDir(self.name, running.folder / "motord").timing)
+        run_dir = RunDir(self.name, running.folder / "motord")
+        self._live = Timing.attach(run_dir.timing)
+        self._mailbox = MailboxReader(run_dir.setpoint)
+        self._setpoint = np.zeros(1, SETPOINT)
 
-    def take(self, slices: Slices) -> None:
+    def heartbeat_ms(self) -> float:
+        """Return how old the supervisor's heartbeat is."""
+        self._mailbox.read(self._setpoint)
+        return (self._mailbox.clock.now_ns() - int(self._setpoint["heartbeat_ns"][0])) / 1e6
+
+    def take(self, seen: Seen) -> None:
         """Let a slice pass and keep what the loop counted in it."""
         stolen, before = stolen_ticks(self._cpu), self._live.copy()
-        time.sleep(SLICE_S)
+        end_s, ages_ms = time.monotonic() + SLICE_S, []
+        while time.monotonic() < end_s:
+            time.sleep(LOOK_S)
+            ages_ms.append(self.heartbeat_ms())
         part = self._live.copy().since(before)
         time.sleep(ACCOUNT_S)
         clean = stolen_ticks(self._cpu) == stolen
-        (slices.clean if clean else slices.stolen).append(part)
+        (seen.loop.clean if clean else seen.loop.stolen).append(part)
+        if clean:
+            seen.heartbeat_ms += ages_ms
 
-    def compare(self, disturbance: Disturbance, seconds: float) -> tuple[Slices, Slices]:
+    def compare(self, disturbance: Disturbance, seconds: float) -> tuple[Seen, Seen]:
         """Return the slices without and with the disturbance, taken in turns."""
-        quiet, disturbed = Slices(), Slices()
+        quiet, disturbed = Seen(), Seen()
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             for _ in range(SLICES_A_TURN):
@@ -84,7 +113,7 @@ class Bench:
             for _ in range(SLICES_A_TURN):
                 self.take(disturbed)
             disturbance.end()
-            if min(len(quiet.clean), len(disturbed.clean)) >= ENOUGH_CLEAN:
+            if min(len(seen.loop.clean) for seen in (quiet, disturbed)) >= ENOUGH_CLEAN:
                 break
         return quiet, disturbed
 
@@ -160,7 +189,7 @@ def has_rights(bench: Bench) -> bool:
 
 
 def figures(quick: bool) -> list[Figure]:
-    """Return the ratios of p99 of wake-up and work with each disturbance to those without."""
+    """Return p99 of wake-up and work with each disturbance to those without; the heartbeat."""
     found = []
     with running_bench() as bench, disturbances(bench) as everything:
         rights = has_rights(bench)
@@ -168,13 +197,13 @@ def figures(quick: bool) -> list[Figure]:
             quiet, disturbed = (
                 bench.compare(disturbance, QUICK_S if quick else SECONDS)
                 if rights
-                else (Slices(), Slices())
+                else (Seen(), Seen())
             )
             found += compared(disturbance.name, quiet, disturbed, rights)
     return found
 
 
-def compared(name: str, quiet: Slices, disturbed: Slices, rights: bool) -> list[Figure]:
+def compared(name: str, quiet: Seen, disturbed: Seen, rights: bool) -> list[Figure]:
     """Return the figures of one disturbance."""
     why = "" if rights else "; the loop has no real-time priority here"
 
@@ -184,10 +213,22 @@ def compared(name: str, quiet: Slices, disturbed: Slices, rights: bool) -> list[
     def work(part: Timing) -> TimeHistogram:
         return part.work
 
+    loops = quiet.loop, disturbed.loop
     return [
-        _ratio(f"{name}: wake-up p99 to that without", quiet, disturbed, late, why),
-        _ratio(f"{name}: work p99 to that without", quiet, disturbed, work, why),
+        _ratio(f"{name}: wake-up p99 to that without", *loops, late, why),
+        _ratio(f"{name}: work p99 to that without", *loops, work, why),
+        Figure(
+            f"{name}: age of the supervisor's heartbeat, p99",
+            _p99(disturbed.heartbeat_ms),
+            "ms",
+            HEARTBEAT_LIMIT_ms,
+            note=f"{number(_p99(quiet.heartbeat_ms))} ms without{why}",
+        ),
     ]
+
+
+def _p99(values: list[float]) -> float:
+    return float(np.quantile(values, 0.99)) if values else float("nan")
 
 
 def _ratio(

@@ -1,34 +1,234 @@
-"""What the wires cost the loop a tick: CAN and serial bridge, read and written through the drivers.
+"""The highest rate that holds on the wire, for each python-can interface usable on one computer.
 
-    python -m tests.benchmarks.bench_wire [--json FILE] [--ticks N]
+The loop process runs on one processor, the other ends of its wires on another: an inverter over
+CAN and a bridge board behind a pseudo-terminal. The rate goes up in steps. It holds if, in the
+median of the slices from which the host stole no time, 99 % of the ticks end their work within the
+period and at most 1 % of the periods are missed. With the fixed peer (`wire_peer`), whose frames
+are made beforehand, the loop is what limits; `motord emulate` has to keep up as well.
 
-Both peers run in the same thread and speak once before each tick: two feedback frames and the
-command's echo on CAN, a sample and a status on a pseudo-terminal. Figures are of the driver's calls
-alone; the sum compares with the limit below.
+Interfaces: UDP multicast that does not leave the computer, and slcan over a pseudo-terminal. The
+virtual bus of python-can ends at its process, so of it only the cost of the drivers' calls is told.
 """
 
-import argparse
 import gc
 import json
+import os
+import statistics
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from motord import config
+from motord.control import parameters
+from motord.control.types import SETPOINT
 from motord.hal.bridge_serial import SerialBridge
 from motord.hal.inverter_can import CanInverter
-from motord.wire import frames
+from motord.runtime.clock import Clock
+from motord.runtime.latency import Slices, median_of_slices_us
+from motord.runtime.launch import start_loop
+from motord.runtime.mailbox import MailboxWriter
+from motord.runtime.rundir import RunDir
+from motord.runtime.status import LoopStatus, Phase
+from motord.runtime.steal import stolen_ticks
+from motord.runtime.tables import TablesWriter
+from motord.runtime.timing import Timing
+from tests.benchmarks.figure import Figure, number
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Board, Drive, bench, can_config
+from tests.unit.emulate.benches import write_bench
 
-SUM_P50_LIMIT_us = 300.0
-TICKS = 3000
+RATES_Hz = (250, 500, 1000, 1500, 2000, 3000, 4000, 5000, 8000, 10_000)
+QUICK_RATES_Hz = (500, 2000)
+USUAL_Hz = 1000
+SLICE_S, ACCOUNT_S = 0.25, 0.02
+ENOUGH_CLEAN, SECONDS, QUICK_S = 12, 8.0, 1.0
+MISSED_MAX = 0.01
+SKIPPED_MAX = 0.02
+"""Of the emulator, which does not know of stolen time."""
+FAILURES_MAX = 2
+"""Rates that do not hold, one after the other, after which no higher one is tried."""
+TICKS, QUICK_TICKS = 3000, 500
+START_S = 60.0
+INTERFACES = ("udp_multicast", "slcan")
+
+
+@dataclass
+class Step:
+    """What came out at one rate: the loop's slices, what its peer said of itself."""
+
+    rate_Hz: int
+    emulated: bool = False
+    slices: Slices = field(default_factory=Slices)
+    peer: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def work_us(self) -> tuple[float, float]:
+        """Median over clean slices of work p50 and p99."""
+        work = [part.work for part in self.slices.clean]
+        return median_of_slices_us(work, 0.5), median_of_slices_us(work, 0.99)
+
+    @property
+    def missed(self) -> float:
+        """Median over clean slices of the share of periods that the loop missed."""
+        shares = [part.missed / max(_periods(part), 1) for part in self.slices.clean]
+        return statistics.median(shares) if shares else float("nan")
+
+    @property
+    def peer_skipped(self) -> float:
+        """Share of its instants that the peer left out, stolen time and all."""
+        skipped, ticks = self.peer["skipped"], self.peer["ticks"]
+        return float(skipped / max(ticks + skipped, 1))
+
+    @property
+    def limits(self) -> str:
+        """Who does not keep up with this rate, nobody if it holds."""
+        if not (self.work_us[1] < 1e6 / self.rate_Hz and self.missed <= MISSED_MAX):
+            return "the loop"
+        return "the emulator" if self.emulated and self.peer_skipped > SKIPPED_MAX else ""
+
+    def words(self) -> str:
+        """Return what else there is to say of it."""
+        peer_us = 1e6 * self.peer["cpu_s"] / max(self.peer["ticks"], 1)
+        return (
+            f"p50 {number(self.work_us[0])} us of {1e6 / self.rate_Hz:g}; "
+            f"missed {100 * self.missed:.2g} %; {len(self.slices.clean)} clean slices; "
+            f"peer {number(peer_us)} us a tick, skipped {100 * self.peer_skipped:.2g} %"
+        )
+
+
+def _periods(part: Timing) -> int:
+    return int(part.wake_late.counts.sum()) + part.missed
+
+
+def write_config(folder: Path, interface: str, rate_Hz: int, cpu: int) -> Path:
+    """Write a bench on the wire into `folder`."""
+    path = write_bench(folder, {"rate_Hz = 1000": f"rate_Hz = {rate_Hz}\ncpu = {cpu}"})
+    text = path.read_text()
+    if interface == "slcan":
+        lines = [
+            'interface = "slcan"',
+            f'channel = "{folder / "slcan"}"',
+            "fd = true",
+            "options = {sleep_after_open = 0.0}",
+        ]
+        begin, end = text.index('interface = "udp_multicast"'), text.index('dbc = "package:')
+        path.write_text(text[:begin] + "\n".join(lines) + "\n" + text[end:])
+    return path
+
+
+@contextmanager
+def peer(command: list[str], cpu: int) -> Iterator[dict[str, Any]]:
+    """Run a peer on processor `cpu`; what it says at its end is in the dict afterwards."""
+    told: dict[str, Any] = {}
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        try:
+            os.sched_setaffinity(process.pid, {cpu})
+            if not process.stdout.readline():
+                raise RuntimeError("the other ends of the wires did not start")
+            yield told
+        finally:
+            process.terminate()
+            last = process.stdout.read().splitlines()
+            process.wait()
+    told.update(json.loads(last[-1]))
+
+
+@contextmanager
+def loop(path: Path, folder: Path) -> Iterator[tuple[Timing, Callable[[], None]]]:
+    """Run the loop of the bench at `path`; yields what it counts, and a heartbeat for it."""
+    setup = config.load(path)
+    with RunDir(setup.bench.name, folder / "run").hold() as run_dir:
+        mailbox = MailboxWriter(run_dir.setpoint, Clock.measure())
+        TablesWriter(run_dir.tables, setup.motor.counts).write(*parameters.build(setup))
+        with start_loop(path, run_dir) as process:
+            try:
+                await_loop(run_dir, process)
+                yield Timing.attach(run_dir.timing), lambda: mailbox.write(np.zeros(1, SETPOINT))
+            finally:
+                process.terminate()
+                process.wait()
+
+
+def await_loop(run_dir: RunDir, process: "subprocess.Popen[bytes]") -> None:
+    """Wait until the loop publishes ticks. Raises RuntimeError if it does not."""
+    end_s = time.monotonic() + START_S
+    while process.poll() is None and time.monotonic() < end_s:
+        status = LoopStatus.read(run_dir.loop_status)
+        if status is not None and status.phase is Phase.READY:
+            return
+        time.sleep(0.05)
+    status = LoopStatus.read(run_dir.loop_status)
+    raise RuntimeError(f"the loop did not start: {status.error if status else 'no status'}")
+
+
+def at_rate(interface: str, rate_Hz: int, seconds: float, *, emulated: bool = False) -> Step:
+    """Run the loop at a rate and return what came out."""
+    cpus = sorted(os.sched_getaffinity(0))
+    ours, theirs = cpus[-1], cpus[0]
+    step = Step(rate_Hz, emulated)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        path = write_config(folder, interface, rate_Hz, ours)
+        command = [sys.executable, "-m", "tests.benchmarks.wire_peer", str(path), str(theirs)]
+        if emulated:
+            command = [sys.executable, "-m", "motord", "emulate", "-c", str(path), "--json"]
+        with peer(command, theirs) as step.peer, loop(path, folder) as (live, beat):
+            end_s = time.monotonic() + seconds
+            while time.monotonic() < end_s and len(step.slices.clean) < ENOUGH_CLEAN:
+                beat()
+                stolen, before = stolen_ticks(ours), live.copy()
+                time.sleep(SLICE_S)
+                part = live.copy().since(before)
+                time.sleep(ACCOUNT_S)
+                clean = stolen_ticks(ours) == stolen
+                (step.slices.clean if clean else step.slices.stolen).append(part)
+    return step
+
+
+def climb(interface: str, quick: bool, *, emulated: bool = False) -> list[Step]:
+    """Go up the rates until two in a row do not hold."""
+    steps: list[Step] = []
+    for rate_Hz in QUICK_RATES_Hz if quick else RATES_Hz:
+        steps.append(at_rate(interface, rate_Hz, QUICK_S if quick else SECONDS, emulated=emulated))
+        sys.stderr.write(f"  {interface} {rate_Hz} Hz: {steps[-1].words()}\n")
+        if len(steps) >= FAILURES_MAX and all(s.limits for s in steps[-FAILURES_MAX:]):
+            break
+    return steps
+
+
+def highest(name: str, steps: list[Step], bound_Hz: float | None) -> list[Figure]:
+    """Return the highest rate that holds, and the work at each."""
+    held = [step.rate_Hz for step in steps if step.slices.clean and not step.limits]
+    failed = [step for step in steps if step.slices.clean and step.limits]
+    note = "higher ones were not tried"
+    if failed:
+        note = f"at {failed[-1].rate_Hz} Hz {failed[-1].limits} does not keep up"
+    top = Figure(
+        f"{name}: highest rate that holds",
+        max(held, default=float("nan")),
+        "Hz",
+        bound_Hz,
+        "at least",
+        note=note,
+    )
+    every = [
+        Figure(f"{name} at {s.rate_Hz} Hz: work p99", s.work_us[1], "us", note=s.words())
+        for s in steps
+    ]
+    return [top, *every]
 
 
 class Rig:
-    """Both drivers, and peers that speak when told."""
+    """Both drivers in this thread, and peers that speak when told."""
 
     def __init__(self, interface: str) -> None:
         can = can_config(interface)
@@ -37,9 +237,9 @@ class Rig:
         self.inverter, self.bridge = CanInverter(setup), SerialBridge(setup)
         self.inverter.open()
         self.bridge.open()
-        for peer in (self.drive, self.board):
-            peer.silent = True
-            peer.stop()
+        for other in (self.drive, self.board):
+            other.silent = True
+            other.stop()
 
     def speak(self) -> None:
         self.drive.hear()
@@ -54,57 +254,40 @@ class Rig:
         self.board.release()
 
 
-def parts(rig: Rig) -> dict[str, Callable[[], None]]:
-    """Return the calls of a tick, in their order."""
-    feedback, command = new_feedback(), new_command((1.0, -2.0, 1.0), 1)
-    return {
+def costs(interface: str, ticks: int) -> list[Figure]:
+    """Return what the drivers' calls of a tick cost, the peers speaking before each."""
+    rig, feedback, command = Rig(interface), new_feedback(), new_command((1.0, -2.0, 1.0), 1)
+    calls: dict[str, Callable[[], None]] = {
         "bridge read": lambda: rig.bridge.read(time.time_ns(), feedback),
         "inverter read": lambda: rig.inverter.read(time.time_ns(), feedback),
         "inverter write": lambda: rig.inverter.write(command),
         "bridge write": lambda: rig.bridge.write(command),
     }
-
-
-def measure(interface: str, ticks: int) -> dict[str, dict[str, float]]:
-    """Return the quantiles of each part and of their sum, in us."""
-    rig = Rig(interface)
-    calls = parts(rig)
-    costs_us = np.zeros((ticks, len(calls)))
+    taken_us = np.zeros((ticks, len(calls)))
     gc.disable()
     for tick in range(ticks):
         rig.speak()
         for place, call in enumerate(calls.values()):
             begun_ns = time.perf_counter_ns()
             call()
-            costs_us[tick, place] = (time.perf_counter_ns() - begun_ns) * 1e-3
+            taken_us[tick, place] = (time.perf_counter_ns() - begun_ns) * 1e-3
     gc.enable()
     rig.close()
-    columns = dict(zip(calls, costs_us.T, strict=True)) | {"sum": costs_us.sum(axis=1)}
-    return {
-        name: {f"p{q}_us": float(np.percentile(column, q)) for q in (10, 50, 99)}
-        for name, column in columns.items()
-    }
+    parts = ", ".join(
+        f"{name} {number(statistics.median(column))}"
+        for name, column in zip(calls, taken_us.T, strict=True)
+    )
+    whole_us = float(np.median(taken_us.sum(axis=1)))
+    what = f"{interface}: the drivers' calls of a tick, p50"
+    return [Figure(what, whole_us, "us", note=f"{parts}; caches warm")]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the results to this file")
-    parser.add_argument("--ticks", type=int, default=TICKS)
-    options = parser.parse_args()
-    results = {name: measure(name, options.ticks) for name in ("udp_multicast", "virtual")}
-    lines = [f"bytes of a sample on the wire: {len(frames.encode(frames.Sample(0, 0, 0, 0), 0))}"]
-    for interface, table in results.items():
-        lines += [f"a tick over {interface} and a pseudo-terminal"]
-        for name, figures in table.items():
-            lines += [f"  {name:16}" + "".join(f"{k[:-3]:>6} {v:8.1f}" for k, v in figures.items())]
-        table["sum"]["p50_to_limit"] = table["sum"]["p50_us"] / SUM_P50_LIMIT_us
-        lines += [
-            f"  p50 of the sum to {SUM_P50_LIMIT_us:g} us: {table['sum']['p50_to_limit']:.2f}"
-        ]
-    sys.stdout.write("\n".join(lines) + "\n")
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=1))
-
-
-if __name__ == "__main__":
-    main()
+def figures(quick: bool) -> list[Figure]:
+    """Return costs of the drivers and the highest rates, for each interface and the emulator."""
+    found = []
+    for interface in ("udp_multicast", "virtual"):
+        found += costs(interface, QUICK_TICKS if quick else TICKS)
+    for interface in INTERFACES:
+        found += highest(interface, climb(interface, quick), None)
+    emulated = climb(INTERFACES[0], quick, emulated=True)
+    return found + highest(f"{INTERFACES[0]} to `motord emulate`", emulated, USUAL_Hz)
