@@ -93,19 +93,27 @@ def fill_columns(
     for row in range(columns.shape[0]):
         here = first + row
         before, after = max(here - 1, 0), min(here + 1, count.size - 1)
-        span_s = t_s[after] - t_s[before]
+        per_s = 1.0 / (t_s[after] - t_s[before])
         n = count[here]
         for p in range(3):
             k = back_emf[n, p]
             columns[row, p] = currents_A[here, p] * k
             columns[row, 3 + p] = k
-            columns[row, 6 + p] = (currents_A[after, p] - currents_A[before, p]) / span_s * k
+            columns[row, 6 + p] = (currents_A[after, p] - currents_A[before, p]) * per_s * k
             columns[row, 9 + waves + p] = currents_A[here, 3 + p] * k
             columns[row, 12 + waves + p] = (
-                (currents_A[after, 3 + p] - currents_A[before, 3 + p]) / span_s * k
+                (currents_A[after, 3 + p] - currents_A[before, 3 + p]) * per_s * k
             )
         for j in range(waves):
             columns[row, 9 + j] = cogging[n, j]
+
+
+@jit
+def _decay(x: float) -> float:
+    """Return exp(-x); for a small x, which is the usual case, by its series, to the last bit."""
+    if abs(x) > 1e-3:
+        return float(np.exp(-x))
+    return 1.0 - x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0)))
 
 
 @jit
@@ -117,7 +125,7 @@ def highpass(columns: np.ndarray, dt_s: np.ndarray, tau_s: float, state: np.ndar
     """
     width = columns.shape[1]
     for row in range(columns.shape[0]):
-        keep = np.exp(-dt_s[row] / tau_s)
+        keep = _decay(dt_s[row] / tau_s)
         gain = 0.5 * (1.0 - keep)
         for j in range(width):
             x = columns[row, j]

@@ -44,6 +44,8 @@ def _add_up(count: np.ndarray, values: np.ndarray, sums: np.ndarray, hits: np.nd
 def fill_gaps(table: np.ndarray) -> np.ndarray:
     """Return values over one turn (counts,) with nan replaced, straight between neighbours."""
     known = np.flatnonzero(np.isfinite(table))
+    if known.size == table.size:
+        return table
     filled: np.ndarray = np.interp(np.arange(table.size), known, table[known], period=table.size)
     return filled
 
