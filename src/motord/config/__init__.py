@@ -32,6 +32,12 @@ from motord.config.devices import (
     ModbusConfig,
     RegisterKind,
 )
+from motord.config.inertia import (
+    AccelerationConfig,
+    EffectiveMass,
+    OscillationConfig,
+    SpringConfig,
+)
 from motord.config.motor import MotorConfig, MotorFile, TorqueSensorConfig
 from motord.config.plans import DrivenConfig, MeshConfig, PlansConfig
 from motord.config.reading import (
@@ -44,6 +50,7 @@ from motord.config.reading import (
 )
 
 __all__ = [
+    "AccelerationConfig",
     "BackEmfHarmonic",
     "BackEmfTable",
     "BenchConfig",
@@ -55,6 +62,7 @@ __all__ = [
     "ConfigError",
     "DriveConfig",
     "DrivenConfig",
+    "EffectiveMass",
     "Finite",
     "Fraction",
     "InverterConfig",
@@ -65,11 +73,13 @@ __all__ = [
     "MotorConfig",
     "MotorFile",
     "NonNegative",
+    "OscillationConfig",
     "PlansConfig",
     "Positive",
     "RecordingConfig",
     "RegisterKind",
     "Section",
+    "SpringConfig",
     "TorqueSensorConfig",
     "ZenohConfig",
     "load",

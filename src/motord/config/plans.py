@@ -4,7 +4,8 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from motord.config.base import NonNegative, Positive, Section
+from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.inertia import AccelerationConfig, OscillationConfig
 
 
 class MeshConfig(Section):
@@ -49,3 +50,6 @@ class PlansConfig(Section):
     verify: MeshConfig = MeshConfig()
     cogging: DrivenConfig = DrivenConfig()
     back_emf: DrivenConfig = DrivenConfig(speeds_Hz=(0.5, 1.0, 1.5))
+    inertia_oscillation: OscillationConfig = OscillationConfig()
+    inertia_acceleration: AccelerationConfig = AccelerationConfig()
+    sensitivity: SensitivityConfig = SensitivityConfig()

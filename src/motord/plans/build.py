@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from motord.config import Config
-from motord.plans import driven, mesh
+from motord.plans import driven, inertia_acceleration, inertia_oscillation, mesh, sensitivity
 from motord.plans.settings import PlanError
 from motord.plans.steps import Plan
 
@@ -35,6 +35,18 @@ PLANS: dict[str, Kind] = {
     "back-emf": Kind(
         "rotor driven from outside without current, for the back-EMF of the phases",
         partial(driven.make, "back-emf"),
+    ),
+    "inertia-oscillation": Kind(
+        "a bar between springs, deflected by hand and let go, for the moment of inertia",
+        inertia_oscillation.make,
+    ),
+    "inertia-acceleration": Kind(
+        "steps of torque from rest without the brake, for the moment of inertia",
+        inertia_acceleration.make,
+    ),
+    "sensitivity": Kind(
+        "known errors of gains, offsets and cogging torque, for what each costs in ripple",
+        sensitivity.make,
     ),
 }
 """Name of a plan to what makes it; each plan is a module of this package."""

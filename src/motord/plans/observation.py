@@ -34,6 +34,9 @@ class Observation:
     point_first_t_ns: int
     point_turns: float  # turned since then
     point_speed_Hz: float  # mean of the ticks since then
+    turned_rad: float = 0.0  # since the first look, backwards negative
+    lowest_rad: float = 0.0  # of turned_rad within the block
+    highest_rad: float = 0.0
 
 
 class TickWatcher:
@@ -77,6 +80,9 @@ class TickWatcher:
             point_first_t_ns=self._point_first[1],
             point_turns=(self._turned_rad - self._point_turned_rad) / (2 * np.pi),
             point_speed_Hz=self._point_speed_rad_s / self._point_ticks / (2 * np.pi),
+            turned_rad=self._turned_rad,
+            lowest_rad=float(turned_rad.min()),
+            highest_rad=float(turned_rad.max()),
         )
 
     def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:

@@ -1,0 +1,56 @@
+"""`inertia-acceleration`: steps of the motor's own torque from rest, with the brake open."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from motord.config import AccelerationConfig, BrakeConfig, Config
+from motord.plans.limits import check_speed
+from motord.plans.settings import PlanError, chosen, compensation
+from motord.plans.steps import Enable, OperatingPoint, Plan, Rest, Steps
+from motord.plans.take_push import TakePush
+
+NAME = "inertia-acceleration"
+
+
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan of `[plans.inertia-acceleration]` with `settings`. Raises PlanError."""
+    given = dict(settings)
+    word = given.pop("compensate", "off")
+    compensate = int(compensation(word))
+    push = chosen(NAME, config.plans.inertia_acceleration, given, "compensate")
+    if push.torque_Nm > config.limits.torque_Nm:
+        raise PlanError(
+            f"{push.torque_Nm:g} Nm is above [limits] torque_Nm = {config.limits.torque_Nm:g}"
+        )
+    check_speed(config, push.stop_speed_Hz)
+    return Plan(
+        name=NAME,
+        points=tuple(
+            OperatingPoint(index, push.torque_Nm * (-1) ** index, 0.0, 0)
+            for index in range(push.repeats)
+        ),
+        make_steps=partial(steps, push, config.brake, compensate),
+        estimate_s=partial(seconds, push, config.brake),
+        settings={**push.model_dump(mode="json"), "compensate": word},
+    )
+
+
+def steps(
+    push: AccelerationConfig,
+    brake: BrakeConfig,
+    compensate: int,
+    points: tuple[OperatingPoint, ...],
+) -> Steps:
+    """Yield the steps: enable, every push, rest."""
+    yield Enable(compensate=compensate)
+    for point in points:
+        yield TakePush(point, push, brake)
+    yield Rest()
+
+
+def seconds(
+    push: AccelerationConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]
+) -> float:
+    """Return an estimate of the whole time (s)."""
+    return 1.5 + sum(TakePush(point, push, brake).seconds() for point in points)
