@@ -22,9 +22,13 @@ def check(
             "--config", "-c", metavar="FILE", help="The bench; without it, the simulated one."
         ),
     ] = None,
-    rt: Annotated[bool, typer.Option("--rt", help="Say which real-time rights it would get.")] = (
-        False
-    ),
+    rt: Annotated[
+        bool,
+        typer.Option(
+            "--rt",
+            help="Say which real-time rights it would get, and what of the machine is in the way.",
+        ),
+    ] = (False),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Check a bench file and probe each of its devices; nothing is enabled or set."""
@@ -39,13 +43,16 @@ def check(
     ]
     findings += probe_devices(bench)
     rights = _rights(bench) if rt else []
+    host = _host(bench) if rt else []
     if as_json:
-        print_json({"findings": findings, "realtime": rights})
+        print_json({"findings": findings, "realtime": rights, "host": host})
     else:
         for finding in findings:
             typer.echo(f"{finding['what']}: {'ok, ' if finding['ok'] else ''}{finding['message']}")
         for right in rights:
             typer.echo(f"real time: {right['line']}")
+        for found in host:
+            typer.echo(f"{'host' if found['good'] else 'host, could be better'}: {found['line']}")
     wrong = [finding["what"] for finding in findings if not finding["ok"]]
     if wrong:
         fail(f"not ready to run: {', '.join(wrong)}")
@@ -113,6 +120,12 @@ def _probe_slow(kind: Any, bench: "Config") -> str:
     finally:
         device.close()
     return f"{section.driver}: answers"
+
+
+def _host(bench: "Config") -> list[dict[str, Any]]:
+    from motord.runtime.host import findings
+
+    return [{**found.model_dump(), "line": found.line()} for found in findings(bench.loop.cpu)]
 
 
 def _rights(bench: "Config") -> list[dict[str, Any]]:
