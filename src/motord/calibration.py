@@ -14,8 +14,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from motord.config import Finite, MotorConfig, NonNegative, Positive
+from motord.learned import LearnedTorque
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
+
+LEARNED_SHARE = 0.25
+"""Part of rated torque that a learned correction may reach."""
 
 Triple = tuple[Finite, Finite, Finite]
 StandardErrors = tuple[NonNegative, NonNegative, NonNegative]
@@ -115,8 +119,11 @@ class Calibration(_Part):
     condition_number: Annotated[float, Field(ge=1)]
     rms_error_percent: RmsErrors = RmsErrors()
 
+    learned: LearnedTorque | None = None
+
     @model_validator(mode="after")
     def _consistent(self) -> "Calibration":
+        self._check_learned()
         if len(self.tau_cog_Nm) != self.motor.counts:
             has, counts = len(self.tau_cog_Nm), self.motor.counts
             raise ValueError(f"tau_cog_Nm has {has} values, the motor {counts} counts")
@@ -127,15 +134,32 @@ class Calibration(_Part):
             raise ValueError(f"content does not fit its id {self.id}: the file was changed")
         return self
 
+    def _check_learned(self) -> None:
+        """Refuse corrections so large that they cannot be what a calibration left."""
+        points = self.learned.points if self.learned else ()
+        largest_Nm = max((point.amplitude_Nm for point in points), default=0.0)
+        allowed_Nm = LEARNED_SHARE * self.motor.rated_torque_Nm
+        if largest_Nm > allowed_Nm:
+            raise ValueError(f"learned torque of {largest_Nm:.3g} Nm, at most {allowed_Nm:.3g} Nm")
+
     def _digest(self) -> str:
         """Digest of all but the verification, which is added after the calibration is applied."""
-        content = self.model_dump(mode="json", by_alias=True, exclude={"id", "rms_error_percent"})
+        content = self.to_json()
+        del content["id"], content["rms_error_percent"]
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def with_rms_error(self, rms: RmsErrors) -> "Calibration":
         """Return the same calibration (same id) with these RMS errors."""
         return self.model_copy(update={"rms_error_percent": rms})
+
+    def with_learned(self, learned: LearnedTorque, created: datetime) -> "Calibration":
+        """Return a calibration of its own id with this learned torque, else the same.
+
+        Raises pydantic.ValidationError where that is larger than LEARNED_SHARE of rated torque.
+        """
+        content = {**dict(self), "id": "", "created": created, "learned": learned}
+        return Calibration(**content)
 
     def check_motor(self, motor: MotorConfig) -> None:
         """Raise CalibrationError naming all that differs if this was made for another motor."""
@@ -160,8 +184,9 @@ class Calibration(_Part):
         return in_words(self.age_s(now or datetime.now(UTC)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of the file."""
-        return self.model_dump(mode="json", by_alias=True)
+        """Return the content of the file; without `learned` where nothing was learned."""
+        nothing = {"learned"} if self.learned is None else set()
+        return self.model_dump(mode="json", by_alias=True, exclude=nothing)
 
     def save(self, path: Path) -> None:
         """Write the file: a temporary one beside it, synced, then renamed. Raises CalibrationError.

@@ -76,6 +76,7 @@ class Compensate(IntFlag):
 
     CURRENTS = 1 << 0
     COGGING = 1 << 1
+    LEARNED = 1 << 2
 
 
 class Trip(IntFlag):
@@ -116,6 +117,7 @@ class Flag(IntFlag):
     NEW_INVERTER = 1 << 9
     SIMULATED = 1 << 10
     SUPERVISOR_ABSENT = 1 << 11
+    LEARNED_COMPENSATED = 1 << 12  # the learned torque of the calibration applied
 
 
 class InverterStatus(IntFlag):

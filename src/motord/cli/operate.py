@@ -22,6 +22,7 @@ class Compensate(StrEnum):
 
     OFF = "off"
     ON = "on"
+    CALIBRATION = "calibration"
     CURRENTS = "currents"
     COGGING = "cogging"
 

@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motord.config import Config
+from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
+from motord.learned import LearnedTorque
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -13,10 +15,11 @@ if TYPE_CHECKING:
 
 def build(
     config: Config, calibration: "Calibration | None" = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (parameters (1,), back-EMF (counts, 3) in V s/rad, cogging (counts,) in Nm).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return parameters (1,) and the tables of the kernel.
 
-    Without a calibration alpha is 1, beta 0 and the cogging table zero.
+    These are the back-EMF (counts, 3) in V s/rad, cogging (counts,) in Nm and the learned torque's
+    coefficients (learned.VALUES,) in Nm. Without a calibration alpha is 1, beta 0, the rest zero.
     """
     motor = config.motor
     parameters = np.zeros(1, PARAMETERS)
@@ -32,10 +35,21 @@ def build(
     p.alpha[:] = calibration.alpha if calibration else 1.0
     p.beta_A[:] = calibration.beta_A if calibration else 0.0
     p.delta_epsilon = calibration.delta_epsilon if calibration else 1.0
-    cogging_Nm = np.zeros(motor.counts)
+    cogging_Nm, learned_Nm = np.zeros(motor.counts), np.zeros(VALUES)
     if calibration:
         cogging_Nm[:] = calibration.tau_cog_Nm
-    return parameters, np.ascontiguousarray(motor.back_emf_table()), cogging_Nm
+        if calibration.learned:
+            _fill_learned(p, learned_Nm, calibration.learned)
+    return parameters, np.ascontiguousarray(motor.back_emf_table()), cogging_Nm, learned_Nm
+
+
+def _fill_learned(p: np.record, learned_Nm: np.ndarray, learned: LearnedTorque) -> None:
+    coefficients_Nm = learned.coefficients_Nm()
+    p.learned_torques, p.learned_speeds, p.learned_orders, _ = coefficients_Nm.shape
+    p.learned_base_order = learned.orders[0]
+    p.learned_torque_Nm[: p.learned_torques] = learned.torques_Nm
+    p.learned_speed_rad_s[: p.learned_speeds] = 2 * np.pi * np.array(learned.speeds_Hz)
+    learned_Nm[: coefficients_Nm.size] = coefficients_Nm.ravel()
 
 
 def _fill_limits(p: np.record, config: Config) -> None:

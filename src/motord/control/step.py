@@ -7,6 +7,7 @@ filled `tick`, `missed`, `wake_late_ns`, `work_ns` and the flags of lateness in 
 import numpy as np
 
 from motord.control import interlocks, observer, reference, states
+from motord.control.learned import learned_torque
 from motord.control.types import MEMORY
 from motord.jit import jit
 from motord.schema import Flag, State
@@ -15,6 +16,7 @@ _CURRENT_LIMITED = int(Flag.CURRENT_LIMITED)
 _TORQUE_LIMITED = int(Flag.TORQUE_LIMITED)
 _CURRENTS_COMPENSATED = int(Flag.CURRENTS_COMPENSATED)
 _COGGING_COMPENSATED = int(Flag.COGGING_COMPENSATED)
+_LEARNED_COMPENSATED = int(Flag.LEARNED_COMPENSATED)
 _RAMPING = int(Flag.RAMPING)
 _NEW_ENCODER = int(Flag.NEW_ENCODER)
 _NEW_INVERTER = int(Flag.NEW_INVERTER)
@@ -22,6 +24,7 @@ _SIMULATED = int(Flag.SIMULATED)
 _SUPERVISOR_ABSENT = int(Flag.SUPERVISOR_ABSENT)
 _COMPENSATE_CURRENTS = int(reference.Compensate.CURRENTS)
 _COMPENSATE_COGGING = int(reference.Compensate.COGGING)
+_COMPENSATE_LEARNED = int(reference.Compensate.LEARNED)
 _ENABLED = int(State.ENABLED)
 _INT32_MAX = 2**31 - 1
 
@@ -60,6 +63,7 @@ def _currents(
     s: np.record,
     back_emf: np.ndarray,
     cogging_Nm: np.ndarray,
+    learned_Nm: np.ndarray,
     angle_rad: float,
     command: np.record,
     tick: np.record,
@@ -72,10 +76,16 @@ def _currents(
         cog_Nm = (1.0 - weight) * cogging_Nm[n] + weight * cogging_Nm[following]
         cog_Nm *= 1.0 + s.induced_cogging
         tick.cogging_comp_Nm = cog_Nm
-        torque_Nm = reference.clamp(torque_Nm - cog_Nm, p.torque_limit_Nm)
+        torque_Nm -= cog_Nm
         flags |= _COGGING_COMPENSATED
-        if torque_Nm != m.torque_set_Nm - cog_Nm:
-            flags |= _TORQUE_LIMITED
+    if s.compensate & _COMPENSATE_LEARNED and p.learned_orders:
+        speed_rad_s = m.speed_rad_s
+        torque_Nm -= learned_torque(p, learned_Nm, m.torque_set_Nm, speed_rad_s, angle_rad)
+        flags |= _LEARNED_COMPENSATED
+    wanted_Nm = torque_Nm
+    torque_Nm = reference.clamp(wanted_Nm, p.torque_limit_Nm)
+    if torque_Nm != wanted_Nm:
+        flags |= _TORQUE_LIMITED
     k_a = (1.0 - weight) * back_emf[n, 0] + weight * back_emf[following, 0]
     k_b = (1.0 - weight) * back_emf[n, 1] + weight * back_emf[following, 1]
     k_c = (1.0 - weight) * back_emf[n, 2] + weight * back_emf[following, 2]
@@ -166,6 +176,7 @@ def step(
     parameters: np.ndarray,
     back_emf: np.ndarray,
     cogging_Nm: np.ndarray,
+    learned_Nm: np.ndarray,
     memory: np.ndarray,
     feedback: np.ndarray,
     setpoint: np.ndarray,
@@ -174,7 +185,8 @@ def step(
 ) -> None:
     """Run one tick. All but the tables are one-element arrays of the dtypes in `control.types`.
 
-    back_emf: (counts, 3), V s/rad; cogging_Nm: (counts,), Nm, at angles 2 pi n / counts.
+    back_emf: (counts, 3), V s/rad; cogging_Nm: (counts,), Nm, at angles 2 pi n / counts;
+    learned_Nm: (learned.VALUES,), Nm.
     """
     p, m, f, s = parameters[0], memory[0], feedback[0], setpoint[0]
     c, t = command[0], tick[0]
@@ -200,7 +212,7 @@ def step(
     t.cogging_comp_Nm = 0.0
     c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0
     if m.state == _ENABLED:
-        flags |= _currents(p, m, s, back_emf, cogging_Nm, angle_rad, c, t)
+        flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
     c.enable = 1 if m.state == _ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s

@@ -5,6 +5,7 @@ is what the kernel remembers from tick to tick, `Parameters` what it is told of 
 All numbers that a recording must hold to replay a run are single precision, as in the tick.
 """
 
+from motord.learned import MAX_NODES
 from motord.schema import record_dtype
 
 FEEDBACK = record_dtype(
@@ -65,6 +66,13 @@ PARAMETERS = record_dtype(
         ("alpha", "f8", (3,)),  # current gain of each phase, product 1
         ("beta_A", "f8", (3,)),  # current offset of each phase
         ("delta_epsilon", "f8"),  # common gain
+        # mesh of the learned torque; learned_orders is 0 where nothing was learned
+        ("learned_torques", "i8"),
+        ("learned_speeds", "i8"),
+        ("learned_orders", "i8"),
+        ("learned_base_order", "i8"),
+        ("learned_torque_Nm", "f8", (MAX_NODES,)),
+        ("learned_speed_rad_s", "f8", (MAX_NODES,)),
         ("torque_limit_Nm", "f8"),
         ("torque_rate_Nm_per_s", "f8"),
         ("current_limit_A", "f8"),

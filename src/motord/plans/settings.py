@@ -29,11 +29,12 @@ def chosen(name: str, own: Settings, given: Mapping[str, Any], *others: str) -> 
         raise PlanError(f"{name}: setting {key}: {first['msg']}; settings are: {known}") from None
 
 
-Compensation = Literal["off", "on", "currents", "cogging"]
+Compensation = Literal["off", "on", "calibration", "currents", "cogging"]
 
 COMPENSATE: dict[Compensation, Compensate] = {
     "off": Compensate(0),
-    "on": Compensate.CURRENTS | Compensate.COGGING,
+    "on": Compensate.CURRENTS | Compensate.COGGING | Compensate.LEARNED,
+    "calibration": Compensate.CURRENTS | Compensate.COGGING,
     "currents": Compensate.CURRENTS,
     "cogging": Compensate.COGGING,
 }

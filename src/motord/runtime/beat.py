@@ -1,12 +1,13 @@
 """What the loop computes in a tick, compiled into one call: bookkeeping and control kernel.
 
-The control kernel takes eight arrays, and checking these costs a call far more than the kernel
+The control kernel takes nine arrays, and checking these costs a call far more than the kernel
 itself. They are the same in every tick, so a compiled function finds them by their addresses.
 """
 
 import numpy as np
 
 from motord.control import step as kernel
+from motord.control.learned import VALUES
 from motord.control.types import COMMAND, FEEDBACK, MEMORY, PARAMETERS, SETPOINT
 from motord.jit import Frame, jit_holding_gil, records_at
 from motord.runtime.histogram import count
@@ -14,7 +15,8 @@ from motord.runtime.tables import TableSet
 from motord.runtime.timing import TIMING
 from motord.schema import TICK_DTYPE
 
-_PARAMETERS, _BACK_EMF, _COGGING, _MEMORY, _FEEDBACK, _SETPOINT, _COMMAND, _RING, _TIMING = range(9)
+_PARAMETERS, _BACK_EMF, _COGGING, _LEARNED = range(4)
+_MEMORY, _FEEDBACK, _SETPOINT, _COMMAND, _RING, _TIMING = range(4, 10)
 _FLOAT64 = np.dtype(np.float64)
 NO_WORK = -1
 """Work time to hand over in the first tick: there was none before it."""
@@ -39,6 +41,7 @@ def beat(
         parameters,
         back_emf,
         records_at(frame, _COGGING, counts, _FLOAT64),
+        records_at(frame, _LEARNED, VALUES, _FLOAT64),
         records_at(frame, _MEMORY, 1, MEMORY),
         records_at(frame, _FEEDBACK, 1, FEEDBACK),
         records_at(frame, _SETPOINT, 1, SETPOINT),

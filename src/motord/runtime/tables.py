@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
 from motord.runtime.fence import fence
 from motord.runtime.shared import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
@@ -26,15 +27,19 @@ class TablesBusyError(Exception):
 
 
 class TableSet(NamedTuple):
-    """Arguments of the kernel: parameters (1,), back-EMF (counts, 3), cogging (counts,)."""
+    """Arguments of the kernel.
+
+    parameters (1,), back-EMF (counts, 3), cogging (counts,), learned torque (learned.VALUES,).
+    """
 
     parameters: np.ndarray
     back_emf_V_s_per_rad: np.ndarray
     cogging_Nm: np.ndarray
+    learned_Nm: np.ndarray
 
 
 def _set_bytes(counts: int) -> int:
-    return _PARAMETER_BYTES + -(-counts * 4 * 8 // 64) * 64
+    return _PARAMETER_BYTES + -(-(counts * 4 + VALUES) * 8 // 64) * 64
 
 
 def _sets(shared: SharedFile, counts: int) -> list[TableSet]:
@@ -44,8 +49,10 @@ def _sets(shared: SharedFile, counts: int) -> list[TableSet]:
         start = side * _set_bytes(counts)
         back_emf_start = start + _PARAMETER_BYTES
         back_emf = shared.array(float64, counts * 3, back_emf_start).reshape(counts, 3)
-        cogging = shared.array(float64, counts, back_emf_start + counts * 3 * 8)
-        sets.append(TableSet(shared.array(PARAMETERS, 1, start), back_emf, cogging))
+        cogging_start = back_emf_start + counts * 3 * 8
+        cogging = shared.array(float64, counts, cogging_start)
+        learned = shared.array(float64, VALUES, cogging_start + counts * 8)
+        sets.append(TableSet(shared.array(PARAMETERS, 1, start), back_emf, cogging, learned))
     return sets
 
 
@@ -71,7 +78,11 @@ class TablesWriter:
         return self._words[_IN_USE]
 
     def write(
-        self, parameters: np.ndarray, back_emf_V_s_per_rad: np.ndarray, cogging_Nm: np.ndarray
+        self,
+        parameters: np.ndarray,
+        back_emf_V_s_per_rad: np.ndarray,
+        cogging_Nm: np.ndarray,
+        learned_Nm: np.ndarray,
     ) -> int:
         """Put a set in force and return its version; shapes as in TableSet.
 
@@ -79,10 +90,11 @@ class TablesWriter:
         it runs), ValueError for tables of another size.
         """
         version = self.version
-        if back_emf_V_s_per_rad.shape != (self.counts, 3) or cogging_Nm.shape != (self.counts,):
+        shapes = back_emf_V_s_per_rad.shape, cogging_Nm.shape, learned_Nm.shape
+        if shapes != ((self.counts, 3), (self.counts,), (VALUES,)):
             raise ValueError(
-                f"tables are {back_emf_V_s_per_rad.shape} and {cogging_Nm.shape}, "
-                f"expected ({self.counts}, 3) and ({self.counts},)"
+                f"tables are {shapes[0]}, {shapes[1]} and {shapes[2]}, "
+                f"expected ({self.counts}, 3), ({self.counts},) and ({VALUES},)"
             )
         if self.in_use not in (0, version):
             raise TablesBusyError("the loop has not yet taken up the tables written before")
@@ -90,6 +102,7 @@ class TablesWriter:
         target.parameters[:] = parameters
         target.back_emf_V_s_per_rad[:] = back_emf_V_s_per_rad
         target.cogging_Nm[:] = cogging_Nm
+        target.learned_Nm[:] = learned_Nm
         fence()
         self._words[_VERSION] = version + 1
         fence()

@@ -34,7 +34,8 @@ def make_config(**sections: Any) -> Config:
 class Bench:
     def __init__(self, config: Config | None = None, calibration: Any = None) -> None:
         self.config = config or make_config()
-        self.parameters, self.back_emf, self.cogging_Nm = parameters.build(self.config, calibration)
+        tables = parameters.build(self.config, calibration)
+        self.parameters, self.back_emf, self.cogging_Nm, self.learned_Nm = tables
         self.memory = new_memory()
         self.feedback = np.zeros(1, FEEDBACK)
         self.setpoint = np.zeros(1, SETPOINT)
@@ -71,6 +72,7 @@ class Bench:
                 self.parameters,
                 self.back_emf,
                 self.cogging_Nm,
+                self.learned_Nm,
                 self.memory,
                 self.feedback,
                 self.setpoint,

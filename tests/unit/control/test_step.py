@@ -14,13 +14,16 @@ from tests.unit.control.bench import Bench, make_config
 BOTH = Compensate.CURRENTS | Compensate.COGGING
 
 
-def calibration(config, alpha=(1.0, 1.0, 1.0), beta_A=(0.0, 0.0, 0.0), amplitude_Nm=0.0):
+def calibration(
+    config, alpha=(1.0, 1.0, 1.0), beta_A=(0.0, 0.0, 0.0), amplitude_Nm=0.0, learned=None
+):
     theta_rad = 2 * np.pi * np.arange(config.motor.counts) / config.motor.counts
     return SimpleNamespace(
         alpha=alpha,
         beta_A=beta_A,
         delta_epsilon=1.0,
         tau_cog_Nm=amplitude_Nm * np.sin(48 * theta_rad + 0.4),
+        learned=learned,
     )
 
 

@@ -85,4 +85,4 @@ def test_other_tables_from_the_next_tick_on() -> None:
         beat(bench.beat.frame, 0, n, 0, 0, 0, 0)
     assert bench.memory["torque_set_Nm"][0] == 0.25
     with pytest.raises(ValueError, match="argument 1"):
-        bench.beat.use(TableSet(other.parameters, np.zeros((8, 3)), np.zeros(8)))
+        bench.beat.use(other._replace(back_emf_V_s_per_rad=np.zeros((8, 3))))

@@ -5,22 +5,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
 from motord.runtime.tables import TablesBusyError, TablesReader, TablesWriter
 
 COUNTS = 37
 
 
-def tables(value: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def tables(value: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     parameters = np.zeros(1, PARAMETERS)
     parameters["period_s"] = value
-    return parameters, np.full((COUNTS, 3), value), np.full(COUNTS, value)
+    return parameters, np.full((COUNTS, 3), value), np.full(COUNTS, value), np.full(VALUES, value)
 
 
 def values(reader: TablesReader) -> set[float]:
     current = reader.current
     period = float(current.parameters["period_s"][0])
-    return {period, *current.back_emf_V_s_per_rad.ravel().tolist(), *current.cogging_Nm.tolist()}
+    arrays = (np.ravel(table) for table in current[1:])
+    return {period, *np.concatenate([*arrays]).tolist()}
 
 
 @pytest.fixture
@@ -60,13 +62,14 @@ def test_set_in_use_stays_as_it_is_until_polled(writer: TablesWriter, reader: Ta
 def test_views_have_the_kernels_shapes(writer: TablesWriter, reader: TablesReader) -> None:
     writer.write(*tables(1.0))
     reader.poll()
-    parameters, back_emf, cogging = reader.current
+    parameters, back_emf, cogging, learned = reader.current
     assert parameters.dtype == PARAMETERS
     assert parameters.shape == (1,)
     assert back_emf.flags.c_contiguous
     assert back_emf.shape == (COUNTS, 3)
     assert cogging.shape == (COUNTS,)
-    assert all(a.flags.aligned for a in (parameters, back_emf, cogging))
+    assert learned.shape == (VALUES,)
+    assert all(a.flags.aligned for a in (parameters, back_emf, cogging, learned))
 
 
 def test_writes_without_a_loop_are_free(writer: TablesWriter, tmp_path: Path) -> None:
@@ -108,9 +111,11 @@ def test_write_between_looking_and_acknowledging_is_taken_up(
 
 
 def test_tables_of_another_size_are_refused(writer: TablesWriter) -> None:
-    parameters, back_emf, cogging = tables(1.0)
-    with pytest.raises(ValueError, match=r"expected \(37, 3\) and \(37,\)"):
-        writer.write(parameters, back_emf[1:], cogging)
+    parameters, back_emf, cogging, learned = tables(1.0)
+    with pytest.raises(ValueError, match=r"expected \(37, 3\), \(37,\) and \(32768,\)"):
+        writer.write(parameters, back_emf[1:], cogging, learned)
     with pytest.raises(ValueError, match="expected"):
-        writer.write(parameters, back_emf, cogging[1:])
+        writer.write(parameters, back_emf, cogging[1:], learned)
+    with pytest.raises(ValueError, match="expected"):
+        writer.write(parameters, back_emf, cogging, learned[1:])
     assert writer.version == 0

@@ -3,6 +3,7 @@
 import pytest
 
 from motord.hal.base import DeviceError, DeviceReading
+from motord.plans.settings import COMPENSATE
 from motord.schema import Compensate, State
 from motord.service.devices import SlowDevice
 from motord.service.refusal import Refusal
@@ -105,7 +106,7 @@ def test_verify_needs_a_calibration(service):
     service.bench.calibration_installed()
     start(service, token, name="verify")
     service.run_s(2.0, token)
-    assert service.bench.setpoint.compensate == Compensate.CURRENTS | Compensate.COGGING
+    assert service.bench.setpoint.compensate == COMPENSATE["on"]
 
 
 def test_what_hand_operation_compensates_comes_back_after_a_plan(service):
@@ -115,7 +116,7 @@ def test_what_hand_operation_compensates_comes_back_after_a_plan(service):
     service.run_s(2.0, token)
     assert service.bench.setpoint.compensate == Compensate(0)
     run_to_end(service, token)
-    assert service.bench.setpoint.compensate == Compensate.CURRENTS | Compensate.COGGING
+    assert service.bench.setpoint.compensate == COMPENSATE["on"]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 
 from motord import config
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
+from motord.plans.settings import COMPENSATE
 from motord.runtime.tables import TablesBusyError
-from motord.schema import Compensate
 from motord.service.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.calls import Call
 from motord.service.installation import Installation
@@ -43,10 +43,10 @@ class Tables:
         self.written = []
         self.busy = False
 
-    def write(self, parameters, back_emf, cogging):
+    def write(self, *tables):
         if self.busy:
             raise TablesBusyError("busy")
-        self.written.append((parameters.copy(), back_emf.copy(), cogging.copy()))
+        self.written.append(tuple(table.copy() for table in tables))
 
 
 @pytest.fixture
@@ -76,10 +76,11 @@ def test_an_installed_calibration_is_applied_shown_and_kept(service, tables, tmp
     given = calibration()
     answer = install(service, service.acquire(), calibration=given.to_json())
     assert answer["id"] == given.id
-    [(parameters, _, cogging)] = tables.written
+    [(parameters, _, cogging, learned)] = tables.written
     assert parameters["alpha"][0] == pytest.approx(given.alpha)
     assert np.all(cogging == 0.01)
-    assert service.bench.setpoint.compensate == Compensate.CURRENTS | Compensate.COGGING
+    assert not learned.any()
+    assert service.bench.setpoint.compensate == COMPENSATE["on"]
     view = service.store.view()
     assert (view.id, view.method, view.path) == (given.id, "joint", answer["path"])
     assert view.age_s >= 0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from motord import config
+from motord.plans.settings import COMPENSATE
 from motord.runtime.clock import Clock
 from motord.runtime.mailbox import MailboxReader
 from motord.runtime.realtime import RealtimeStatus
@@ -16,7 +17,7 @@ from motord.runtime.ring import RingWriter, capacity_for
 from motord.runtime.rundir import RunDir
 from motord.runtime.status import LoopStatus, Phase
 from motord.runtime.tables import TablesReader
-from motord.schema import Compensate, State
+from motord.schema import State
 from motord.service import assembly
 from motord.service.calls import Call
 from motord.service.messages import REQUESTS, parse
@@ -320,7 +321,7 @@ def test_an_installed_calibration_is_in_force_from_the_start(tmp_path, monkeypat
     played.up()
     assert played.state()["calibration"]["id"] == given.id
     assert played.loops[0].tables.current.parameters["alpha"][0] == pytest.approx(given.alpha)
-    assert played.supervisor.bench.setpoint.compensate == Compensate.CURRENTS | Compensate.COGGING
+    assert played.supervisor.bench.setpoint.compensate == COMPENSATE["on"]
     assert played.recorders[0].told("start")[0]["metadata"]["calibration"] == given.id
     played.close()
 

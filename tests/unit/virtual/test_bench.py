@@ -41,6 +41,7 @@ def true_calibration(truth: RigTruth) -> Any:
         beta_A=truth.inverter.beta_A,
         delta_epsilon=1.0,
         tau_cog_Nm=cogging_Nm,
+        learned=None,
     )
 
 

@@ -1,0 +1,105 @@
+"""What was learned of the torque beside gains, offsets and cogging: a part of the calibration.
+
+For each operating point of a mesh of torques and speeds a sum of harmonics over the turn, which
+the control kernel takes from its torque reference.
+"""
+
+from itertools import pairwise, product
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from motord.config import Finite, NonNegative, Positive
+
+MAX_NODES = 16
+"""Torques, and speeds, that a mesh may have."""
+
+MAX_ORDERS = 64
+"""Orders that a correction may have."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Verified(_Part):
+    """A correction under which the torque was measured, and the ripple that it left.
+
+    rms_percent: eq. (4.16) of Poels 2008 over the learned orders alone, percent of rated torque.
+    """
+
+    cos_Nm: tuple[Finite, ...]
+    sin_Nm: tuple[Finite, ...]
+    rms_percent: NonNegative
+    stderr_percent: NonNegative
+
+
+class LearnedPoint(_Part):
+    """The correction of one operating point, sum of cos_Nm cos(h theta) + sin_Nm sin(h theta).
+
+    gain: share of an error that the next pass takes out, 0 once it has settled. passes: how often
+    it was measured. before_percent: RMS error of the first pass; best: what the best pass had.
+    """
+
+    cos_Nm: tuple[Finite, ...]
+    sin_Nm: tuple[Finite, ...]
+    gain: Annotated[float, Field(ge=0, le=1)] = 0.0
+    passes: Annotated[int, Field(ge=0)] = 0
+    before_percent: NonNegative | None = None
+    best: Verified | None = None
+
+    @property
+    def line_Nm(self) -> np.ndarray:
+        """Complex amplitudes (n,): the correction is Re(sum of line exp(j h theta))."""
+        line: np.ndarray = np.array(self.cos_Nm) - 1j * np.array(self.sin_Nm)
+        return line
+
+    @property
+    def amplitude_Nm(self) -> float:
+        """What the correction never exceeds: the sum of the amplitudes of its orders."""
+        return float(np.abs(self.line_Nm).sum())
+
+
+class LearnedTorque(_Part):
+    """Corrections at every point of a mesh, torque by torque, each over all speeds.
+
+    orders are all multiples of the first, up to some order. Between the points the kernel goes
+    straight, in torque and in speed. Beyond the mesh it keeps to its edge; below the lowest torque
+    the correction falls to nothing at no torque, and against the torque there is none.
+    """
+
+    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_NODES)]
+    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_NODES)]
+    orders: Annotated[
+        tuple[Annotated[int, Field(ge=1)], ...], Field(min_length=1, max_length=MAX_ORDERS)
+    ]
+    points: tuple[LearnedPoint, ...]
+    runs: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        for name in ("torques_Nm", "speeds_Hz"):
+            if any(a >= b for a, b in pairwise(getattr(self, name))):
+                raise ValueError(f"learned {name} do not rise")
+        if any(order != n * self.orders[0] for n, order in enumerate(self.orders, start=1)):
+            raise ValueError("learned orders are not all multiples of the first, in turn")
+        wanted = len(self.torques_Nm) * len(self.speeds_Hz)
+        if len(self.points) != wanted:
+            raise ValueError(f"{len(self.points)} learned points, the mesh has {wanted}")
+        for point in self.points:
+            for part in (point, point.best or point):
+                if {len(part.cos_Nm), len(part.sin_Nm)} != {len(self.orders)}:
+                    raise ValueError("a learned point has not one value for each of the orders")
+        return self
+
+    @property
+    def places(self) -> tuple[tuple[float, float], ...]:
+        """(torque_Nm, speed_Hz) of the points, in their order."""
+        return tuple(product(self.torques_Nm, self.speeds_Hz))
+
+    def coefficients_Nm(self) -> np.ndarray:
+        """Return (torques, speeds, orders, 2): cos and sin of each order at each point."""
+        values = np.array([[p.cos_Nm, p.sin_Nm] for p in self.points])
+        shape = len(self.torques_Nm), len(self.speeds_Hz), 2, len(self.orders)
+        return np.ascontiguousarray(values.reshape(shape).swapaxes(2, 3))
