@@ -39,7 +39,7 @@ from motord.config.inertia import (
     SpringConfig,
 )
 from motord.config.motor import MotorConfig, MotorFile, TorqueSensorConfig
-from motord.config.plans import DrivenConfig, MeshConfig, PlansConfig
+from motord.config.plans import DrivenConfig, MeshConfig, PlansConfig, SensitivityConfig
 from motord.config.reading import (
     load,
     load_motor,
@@ -79,6 +79,7 @@ __all__ = [
     "RecordingConfig",
     "RegisterKind",
     "Section",
+    "SensitivityConfig",
     "SpringConfig",
     "TorqueSensorConfig",
     "ZenohConfig",

@@ -37,6 +37,34 @@ class DrivenConfig(Section):
     spin_up: Annotated[float, Field(ge=1, le=3)] = 1.3
 
 
+class SensitivityConfig(Section):
+    """`[plans.sensitivity]`: errors induced after a calibration, and how each point is taken.
+
+    alpha_a, beta_a_A, cogging, delta_epsilon: interval of each error, with its number of steps (0
+    leaves it out). delta_epsilon is what the compensation takes it for, in parts of what it is.
+    again_*: a small mesh with one set of gains and offsets induced, to calibrate from once more.
+    """
+
+    torque_Nm: Positive = 3.0
+    speed_Hz: Positive = 0.7
+    turns: Annotated[int, Field(ge=2, le=1000)] = 12
+    alpha_a: tuple[Positive, Positive] = (0.8, 1.2)
+    alpha_a_steps: Annotated[int, Field(ge=0, le=200)] = 9
+    beta_a_A: tuple[Finite, Finite] = (-1.0, 1.0)
+    beta_a_steps: Annotated[int, Field(ge=0, le=200)] = 11
+    cogging: tuple[NonNegative, NonNegative] = (0.7, 1.3)
+    cogging_steps: Annotated[int, Field(ge=0, le=200)] = 15
+    delta_epsilon: tuple[Positive, Positive] = (0.6, 1.4)
+    delta_epsilon_steps: Annotated[int, Field(ge=0, le=200)] = 9
+    again_torques_Nm: tuple[Positive, ...] = (1.0, 3.0, 5.0)
+    again_speeds_Hz: tuple[Positive, ...] = (0.6, 0.9)
+    again_alpha: tuple[Positive, Positive, Positive] = (0.8, 1.118, 1.118)
+    again_beta_A: tuple[Finite, Finite, Finite] = (1.0, -0.5, -0.5)
+    settle_s: NonNegative = 2.0
+    settle_timeout_s: Positive = 30.0
+    speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
+
+
 def _with_dashes(name: str) -> str:
     return name.replace("_", "-")
 
