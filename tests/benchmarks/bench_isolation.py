@@ -49,6 +49,8 @@ SLICES_A_TURN = 8
 ENOUGH_CLEAN = 64
 SECONDS, QUICK_S = 45.0, 4.0
 RATIO_LIMIT = 2.0
+FULL_BYTES = 100_000
+"""Telemetry that a subscriber has not read: far more than it has room for."""
 FLOOR_us = 1.0
 HEARTBEAT_LIMIT_ms = 1e3 * config.load().loop.supervisor_timeout_s
 
@@ -126,6 +128,7 @@ def running_bench() -> Iterator[Bench]:
     with tempfile.TemporaryDirectory() as name:
         path = write_sim(Path(name), "isolation")
         text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
+        text = text.replace("[zenoh]\n", "[zenoh]\ntick_rate_Hz = 1000.0\n")
         path.write_text(text)
         with daemon(Path(name), path) as running:
             yield Bench(running, cpu)
@@ -144,7 +147,7 @@ def disturbances(bench: Bench) -> Iterator[list[Disturbance]]:
 
         def stop_subscriber() -> None:
             other.send_signal(signal.SIGSTOP)
-            wait_until(lambda: unsent_bytes(bench.endpoint) > 0, "the link to be full")
+            wait_until(lambda: unsent_bytes(bench.endpoint) > FULL_BYTES, "the link to be full")
 
         def resume_subscriber() -> None:
             other.send_signal(signal.SIGCONT)

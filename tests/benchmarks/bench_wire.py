@@ -89,7 +89,9 @@ class Step:
 
     @property
     def limits(self) -> str:
-        """Who does not keep up with this rate, nobody if it holds."""
+        """Who does not keep up with this rate; nobody if it holds or could not be judged."""
+        if not self.slices.clean:
+            return ""
         if not (self.work_us[1] < 1e6 / self.rate_Hz and self.missed <= MISSED_MAX):
             return "the loop"
         return "the emulator" if self.emulated and self.peer_skipped > SKIPPED_MAX else ""
@@ -205,18 +207,19 @@ def climb(interface: str, quick: bool, *, emulated: bool = False) -> list[Step]:
     return steps
 
 
-def highest(name: str, steps: list[Step], bound_Hz: float | None) -> list[Figure]:
+def highest(name: str, steps: list[Step]) -> list[Figure]:
     """Return the highest rate that holds, and the work at each."""
     held = [step.rate_Hz for step in steps if step.slices.clean and not step.limits]
-    failed = [step for step in steps if step.slices.clean and step.limits]
+    top_Hz = max(held, default=float("nan"))
+    failed = [step for step in steps if step.limits and not step.rate_Hz < top_Hz]
     note = "higher ones were not tried"
     if failed:
-        note = f"at {failed[-1].rate_Hz} Hz {failed[-1].limits} does not keep up"
+        note = f"at {failed[0].rate_Hz} Hz {failed[0].limits} does not keep up"
     top = Figure(
         f"{name}: highest rate that holds",
-        max(held, default=float("nan")),
+        top_Hz,
         "Hz",
-        bound_Hz,
+        USUAL_Hz,
         "at least",
         note=note,
     )
@@ -288,6 +291,6 @@ def figures(quick: bool) -> list[Figure]:
     for interface in ("udp_multicast", "virtual"):
         found += costs(interface, QUICK_TICKS if quick else TICKS)
     for interface in INTERFACES:
-        found += highest(interface, climb(interface, quick), None)
+        found += highest(interface, climb(interface, quick))
     emulated = climb(INTERFACES[0], quick, emulated=True)
-    return found + highest(f"{INTERFACES[0]} to `motord emulate`", emulated, USUAL_Hz)
+    return found + highest(f"{INTERFACES[0]} to `motord emulate`", emulated)

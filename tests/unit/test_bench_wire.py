@@ -38,13 +38,13 @@ def test_only_the_emulator_has_to_keep_up_with_the_loop() -> None:
 
 def test_the_highest_rate_that_holds() -> None:
     steps = [step(1000, a_slice(90.0)), step(2000, a_slice(90.0)), step(20_000, a_slice(90.0))]
-    top, *each = highest("a wire", steps, 1000)
+    top, *each = highest("a wire", steps)
     assert (top.value, top.met, len(each)) == (2000, True, 3)
     assert "at 20000 Hz the loop does not keep up" in top.note
     assert "peer 20 us a tick" in each[0].note
 
 
 def test_a_rate_without_clean_slices_tells_nothing() -> None:
-    top: Figure = highest("a wire", [step(1000)], 1000)[0]
+    top: Figure = highest("a wire", [step(1000)])[0]
     assert math.isnan(top.value)
     assert top.met is None
