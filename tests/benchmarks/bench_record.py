@@ -1,19 +1,25 @@
 """What recording costs: ticks written and read, beside the `mcap` library on the same ticks.
 
-    python -m tests.benchmarks.bench_record [--json FILE] [--ticks N] [--rate-Hz R]
+motord writes from blocks of 50 ms, as its recorder gets them from the ring, and has the disk hold
+the file, which the library has not. Each writes as it does by default: zstd with checksums, motord
+in chunks of a quarter of a second, the library in chunks of 1 MiB. Both read the same file. motord
+checks the checksums and gives arrays of all columns. The library is timed in ways that do less and
+more of that:
 
-Both write the same messages, zstd, chunks of a quarter of a second. motord writes from blocks of
-50 ms, as the recorder gets them from the ring, and has the disk confirm the file, which the library
-does not. The library is timed with messages that are encoded already ("messages"), with
-google.protobuf encoding and decoding them ("fields"), and with the fields put into arrays
-("arrays"), which is what motord reads. The ways alternate in rounds, so that a disturbance of the
-machine hits all of them; a figure is the median.
+- write, "encoded": it is given messages that are encoded already; "fields": google.protobuf encodes
+  them first
+- read, "messages": it gives the messages as they are, not decoded, in the order of the file, and
+  does not look at checksums; "checked": it does; "decoded": google.protobuf decodes them; "arrays":
+  their fields are put into arrays, which is what motord gives; "records": beneath its reader, all
+  records as they come
+
+The bounds are for the first of each, the least that the library's writer and reader do. The ways
+alternate in rounds, so that a disturbance of the machine hits all of them; ratios are medians over
+the rounds.
 """
 
-import argparse
-import json
+import gc
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -23,20 +29,29 @@ from typing import Any
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.reader import SeekingReader
-from mcap.writer import CompressionType, Writer
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 
 from motord.record.reader import open_run
-from motord.record.rows import HEAD
 from motord.record.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.blocks import BlockCodec
+from tests.benchmarks.figure import Figure
+from tests.system.recorded import cpu_s, recorded_loop
 
-ROUNDS = 5
-CHUNK_S = 0.25
+RATES_Hz = (10_000, 1000)
+TICKS, QUICK_TICKS = 100_000, 20_000
+ROUNDS, QUICK_ROUNDS = 9, 3
 BLOCK_S = 0.05
 WRITE_RATIO_WANTED = 5.0
 READ_RATIO_WANTED = 20.0
+RECORDER_S, QUICK_RECORDER_S = 30.0, 4.0
+SHARE_LIMIT_percent = 20.0
 COLUMNS = ("t_ns", "encoder_count", "torque_Nm", "i_a_A", "i_b_A", "i_c_A", "plan_point")
+
+WRITE, READ = "write, motord", "read, motord, all columns"
+WRITE_HARDEST, READ_HARDEST = "write, mcap, encoded", "read, mcap, messages"
 
 
 def tick_block(count: int, rate_Hz: int) -> np.ndarray:
@@ -76,36 +91,39 @@ class Ways:
         self.times_ns = ticks["t_ns"].tolist()
         self.rows = [dict(zip(TICK_DTYPE.names, row.item(), strict=True)) for row in ticks]
         self.message = tick_message()
-        self.chunk_size = round(CHUNK_S * rate_Hz) * (HEAD.size + self.codec.size)
+
+    def all(self) -> dict[str, Callable[[], None]]:
+        return {
+            WRITE: self.write_motord,
+            WRITE_HARDEST: lambda: self._write(lambda i: self.messages[i]),
+            "write, mcap, fields": lambda: self._write(
+                lambda i: self.message(**self.rows[i]).SerializeToString()
+            ),
+            READ: lambda: self._read(None),
+            READ_HARDEST: lambda: self._read_messages(checked=False),
+            "read, mcap, records": self.read_records,
+            "read, mcap, checked": lambda: self._read_messages(checked=True),
+            "read, mcap, decoded": self.read_decoded,
+            "read, mcap, arrays": self.read_arrays,
+            "read, motord, 7 columns": lambda: self._read(COLUMNS),
+        }
 
     def write_motord(self) -> None:
-        with RunWriter(self.ours, {}, chunk_s=CHUNK_S) as writer:
+        with RunWriter(self.ours, {}) as writer:
             for start in range(0, len(self.ticks), self.block):
                 writer.ticks(self.ticks[start : start + self.block])
 
-    def write_mcap_messages(self) -> None:
-        self._write(lambda i: self.messages[i])
-
-    def write_mcap_fields(self) -> None:
-        self._write(lambda i: self.message(**self.rows[i]).SerializeToString())
-
-    def read_motord(self) -> None:
-        assert len(open_run(self.ours).ticks()) == len(self.ticks)
-
-    def read_motord_7_columns(self) -> None:
-        assert len(open_run(self.ours).ticks(COLUMNS)) == len(self.ticks)
-
-    def read_mcap_messages(self) -> None:
+    def read_records(self) -> None:
         with self.ours.open("rb") as file:
-            messages = SeekingReader(file).iter_messages("/tick", log_time_order=False)
-            assert sum(1 for _ in messages) == len(self.ticks)
+            records = StreamReader(file).records
+            assert sum(isinstance(record, Message) for record in records) == len(self.ticks)
 
-    def read_mcap_fields(self) -> None:
+    def read_decoded(self) -> None:
         with self.ours.open("rb") as file:
             for _, _, message in SeekingReader(file).iter_messages("/tick", log_time_order=False):
                 self.message.FromString(message.data)
 
-    def read_mcap_arrays(self) -> None:
+    def read_arrays(self) -> None:
         columns: dict[str, list[float]] = {name: [] for name in TICK_DTYPE.names}
         adders = [(name, column.append) for name, column in columns.items()]
         with self.ours.open("rb") as file:
@@ -117,10 +135,18 @@ class Ways:
         for name, column in columns.items():
             block[name] = column
 
+    def _read(self, columns: tuple[str, ...] | None) -> None:
+        assert len(open_run(self.ours).ticks(columns)) == len(self.ticks)
+
+    def _read_messages(self, *, checked: bool) -> None:
+        with self.ours.open("rb") as file:
+            reader = SeekingReader(file, validate_crcs=checked)
+            messages = reader.iter_messages("/tick", log_time_order=False)
+            assert sum(1 for _ in messages) == len(self.ticks)
+
     def _write(self, encoded: Callable[[int], bytes]) -> None:
         with self.theirs.open("wb") as file:
-            options = {"chunk_size": self.chunk_size, "compression": CompressionType.ZSTD}
-            writer = Writer(file, **options)
+            writer = Writer(file)
             writer.start()
             descriptor = self.codec.descriptor_set()
             schema = writer.register_schema("motord.Tick", "protobuf", descriptor)
@@ -130,67 +156,99 @@ class Ways:
             writer.finish()
 
 
-def measure(count: int, rate_Hz: int) -> dict[str, Any]:
-    """Return all results: microseconds a tick, and ratios."""
-    with tempfile.TemporaryDirectory() as name:
-        ways = Ways(tick_block(count, rate_Hz), rate_Hz, Path(name))
-        parts = {
-            "write, motord": ways.write_motord,
-            "write, mcap, messages": ways.write_mcap_messages,
-            "write, mcap, fields": ways.write_mcap_fields,
-            "read, motord, all columns": ways.read_motord,
-            "read, motord, 7 columns": ways.read_motord_7_columns,
-            "read, mcap, messages": ways.read_mcap_messages,
-            "read, mcap, fields": ways.read_mcap_fields,
-            "read, mcap, arrays": ways.read_mcap_arrays,
-        }
-        rounds: dict[str, list[float]] = {part: [] for part in parts}
-        for _ in range(ROUNDS):
-            for part, action in parts.items():
-                if action == ways.write_motord:
-                    ways.ours.unlink(missing_ok=True)
-                begun_s = time.perf_counter()
-                action()
-                rounds[part].append((time.perf_counter() - begun_s) / count * 1e6)
-        size = ways.ours.stat().st_size / count
-    us = {part: statistics.median(times) for part, times in rounds.items()}
-    write, read = us["write, motord"], us["read, motord, all columns"]
-    return {
-        "ticks": count,
-        "rate_Hz": rate_Hz,
-        "us_a_tick": us,
-        "bytes_a_tick": size,
-        "ratios": {
-            "write, to mcap messages": us["write, mcap, messages"] / write,
-            "write, to mcap fields": us["write, mcap, fields"] / write,
-            "read, to mcap messages": us["read, mcap, messages"] / read,
-            "read, to mcap fields": us["read, mcap, fields"] / read,
-            "read, to mcap arrays": us["read, mcap, arrays"] / read,
-        },
-        "wanted": {"write": WRITE_RATIO_WANTED, "read": READ_RATIO_WANTED},
-    }
+class Costs:
+    """What each way took in each round, us a tick, and what the files take, bytes a tick."""
+
+    def __init__(self, count: int, rate_Hz: int, rounds: int) -> None:
+        with tempfile.TemporaryDirectory() as name:
+            ways = Ways(tick_block(count, rate_Hz), rate_Hz, Path(name))
+            parts = ways.all()
+            self._us: dict[str, list[float]] = {part: [] for part in parts}
+            gc.collect()
+            gc.freeze()  # or what is held here would cost the library, which makes many objects
+            for _ in range(rounds):
+                ways.ours.unlink(missing_ok=True)
+                for part, action in parts.items():
+                    begun_s = time.perf_counter()
+                    action()
+                    self._us[part].append((time.perf_counter() - begun_s) / count * 1e6)
+            gc.unfreeze()
+            self.bytes_ours = ways.ours.stat().st_size / count
+            self.bytes_theirs = ways.theirs.stat().st_size / count
+
+    def us(self, part: str) -> float:
+        return statistics.median(self._us[part])
+
+    def ratio(self, theirs: str, ours: str) -> float:
+        """Return how many times as long `theirs` took, the median over the rounds."""
+        pairs = zip(self._us[theirs], self._us[ours], strict=True)
+        return statistics.median(a / b for a, b in pairs)
 
 
-def print_table(results: dict[str, Any]) -> None:
-    """Print the results for people."""
-    lines = [f"{results['ticks']} ticks at {results['rate_Hz']} Hz: a tick, median"]
-    lines += [f"  {name:28} {us:8.2f} us" for name, us in results["us_a_tick"].items()]
-    lines += [f"  {'size':28} {results['bytes_a_tick']:8.0f} bytes", "times as fast as the library"]
-    lines += [f"  {name:28} {ratio:8.1f}" for name, ratio in results["ratios"].items()]
-    sys.stdout.write("\n".join(lines) + "\n")
+def figures(quick: bool) -> list[Figure]:
+    """Return ratios to the library, costs, and the recorder's share of a core."""
+    found = []
+    for rate_Hz in RATES_Hz:
+        count, rounds = (QUICK_TICKS, QUICK_ROUNDS) if quick else (TICKS, ROUNDS)
+        costs = Costs(count, rate_Hz, rounds)
+        found += ratios(costs, rate_Hz, bounds=rate_Hz == RATES_Hz[0])
+        found += absolute(costs, rate_Hz)
+    return [*found, recorder_share(QUICK_RECORDER_S if quick else RECORDER_S)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--json", type=Path, help="write the results to this file")
-    parser.add_argument("--ticks", type=int, default=100_000)
-    parser.add_argument("--rate-Hz", type=int, default=10_000)
-    options = parser.parse_args()
-    results = measure(options.ticks, options.rate_Hz)
-    print_table(results)
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=1))
+def ratios(costs: Costs, rate_Hz: int, *, bounds: bool) -> list[Figure]:
+    """Return how many times as fast as the library motord writes and reads."""
+    comparisons = (
+        (WRITE, WRITE_HARDEST, WRITE_RATIO_WANTED, "given encoded messages"),
+        (WRITE, "write, mcap, fields", None, "given fields"),
+        (READ, READ_HARDEST, READ_RATIO_WANTED, "giving messages, unchecked"),
+        (READ, "read, mcap, checked", None, "giving messages, checked"),
+        (READ, "read, mcap, records", None, "giving records as they come"),
+        (READ, "read, mcap, decoded", None, "giving decoded messages"),
+        (READ, "read, mcap, arrays", None, "its messages put into arrays"),
+    )
+    return [
+        Figure(
+            f"{ours.partition(',')[0]} {rate_Hz / 1000:g} kHz, to mcap {how}",
+            costs.ratio(theirs, ours),
+            "",
+            bound if bounds else None,
+            "at least",
+            note=f"{costs.us(theirs):.2f} and {costs.us(ours):.2f} us a tick",
+        )
+        for ours, theirs, bound, how in comparisons
+    ]
 
 
-if __name__ == "__main__":
-    main()
+def absolute(costs: Costs, rate_Hz: int) -> list[Figure]:
+    """Return what a tick costs."""
+    at = f"a tick at {rate_Hz / 1000:g} kHz:"
+    return [
+        Figure(f"{at} written", costs.us(WRITE), "us"),
+        Figure(f"{at} read", costs.us(READ), "us"),
+        Figure(f"{at} read, 7 columns", costs.us("read, motord, 7 columns"), "us"),
+        Figure(
+            f"{at} in the file", costs.bytes_ours, "bytes", note=f"library {costs.bytes_theirs:.0f}"
+        ),
+    ]
+
+
+def recorder_share(seconds: float) -> Figure:
+    """Return the share of a core that the recorder takes beside a loop in real time."""
+    rate_Hz = RATES_Hz[0]
+    with recorded_loop(rate_Hz) as running:
+        running.start_recorder()
+        running.go_on(1.0)
+        begun_s, before_s = time.monotonic(), cpu_s(running.recorder_pid)
+        running.go_on(seconds)
+        used_s = cpu_s(running.recorder_pid) - before_s
+        share = used_s / (time.monotonic() - begun_s)
+        lost = running.report["lost"]
+        running.end()
+    return Figure(
+        f"recorder at {rate_Hz / 1000:g} kHz: share of a core",
+        100 * share,
+        "%",
+        SHARE_LIMIT_percent,
+        note=f"over {seconds:g} s; {lost} ticks lost",
+    )

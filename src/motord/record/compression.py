@@ -1,5 +1,6 @@
 """How the content of a chunk is compressed: zstd, lz4 or not at all."""
 
+import threading
 from collections.abc import Callable
 
 import zstandard
@@ -15,7 +16,15 @@ _ZSTD = zstandard.ZstdCompressionParameters.from_level(-1, hash_log=11, min_matc
 one distance, so a hash table that fits into the processor's nearest cache finds as much as a larger
 one, and is 15 % faster."""
 
-_zstd = zstandard.ZstdDecompressor()  # to make one takes longer than a small chunk
+
+class _Zstd(threading.local):
+    """A decompressor for each thread; to make one takes longer than a small chunk does."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor()
+
+
+_zstd = _Zstd()
 
 Compress = Callable[[memoryview], bytes]
 
@@ -55,7 +64,7 @@ def _content(name: str, data: memoryview, size: int) -> bytes | memoryview:
         if name == "zstd":
             if zstandard.frame_content_size(data) not in (size, -1):
                 raise ValueError("its zstd frame is of another size")
-            return _zstd.decompress(data, max_output_size=size)
+            return _zstd.decompressor.decompress(data, max_output_size=size)
         if name == "lz4":
             if lz4_frame.get_frame_info(data)["content_size"] not in (size, 0):
                 raise ValueError("its lz4 frame is of another size")
