@@ -64,7 +64,7 @@ def _records(content: bytes) -> Iterator[McapRecord | ChunkEntry]:
         offset += RECORD_HEAD.size
         body = content[offset : offset + length]
         if opcode == Opcode.CHUNK_INDEX:
-            yield _chunk_entry(body)
+            yield chunk_entry(body)
         elif opcode in PARSED:
             yield parse(opcode, body)
         offset += length
@@ -82,7 +82,7 @@ def _take(structure: Structure, record: McapRecord | ChunkEntry, file: BinaryIO)
         _take_metadata(structure, record, file)
 
 
-def _chunk_entry(body: bytes) -> ChunkEntry:
+def chunk_entry(body: bytes) -> ChunkEntry:
     """Return what a ChunkIndex record says. Raises ValueError.
 
     A long run has thousands of them; the library takes 50 us for each.

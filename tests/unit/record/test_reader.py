@@ -1,5 +1,6 @@
 """Runs read back: whole, in part, cut off, damaged."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
-from mcap.records import Channel, DataEnd, Footer, Header, Message, Metadata, Schema
+from mcap.records import Channel, ChunkIndex, DataEnd, Footer, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -19,6 +20,8 @@ from motord.record.damage import Damage, Loss, damage_of, utc
 from motord.record.errors import RecordError
 from motord.record.reader import Run, open_run
 from motord.record.rows import MessageRows
+from motord.record.structure import ChunkEntry
+from motord.record.summary import chunk_entry
 from motord.record.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.blocks import BlockCodec
@@ -552,3 +555,38 @@ def test_losses_tell_what_is_missing():
     assert damage.bytes_lost == 20
     assert part_of(Path("a.mcap")).name == "a.mcap.part"
     assert Opcode.CHUNK == 6
+
+
+# --- chunk indexes
+
+
+CHUNK_INDEX = ChunkIndex(
+    message_start_time=5,
+    message_end_time=9,
+    chunk_start_offset=100,
+    chunk_length=50,
+    message_index_offsets={1: 150, 7: 180},
+    message_index_length=60,
+    compression="zstd",
+    compressed_size=30,
+    uncompressed_size=400,
+)
+
+
+def index_body(index: ChunkIndex) -> bytes:
+    return serialise([index])[9:]
+
+
+def test_a_chunk_index_says_what_the_library_wrote():
+    assert chunk_entry(index_body(CHUNK_INDEX)) == ChunkEntry(100, 50, 5, 9, 400, frozenset({1, 7}))
+    without = replace(CHUNK_INDEX, message_index_offsets={}, compression="")
+    assert chunk_entry(index_body(without)).channels is None
+
+
+@given(st.integers(0, 200), st.binary(max_size=3))
+def test_a_chunk_index_that_is_cut_or_too_long_is_damaged(size, more):
+    body = index_body(CHUNK_INDEX)
+    changed = body[:size] + more
+    if len(changed) != len(body):
+        with pytest.raises(ValueError, match="damaged"):
+            chunk_entry(changed)
