@@ -14,8 +14,7 @@ more of that:
   records as they come
 
 The bounds are for the first of each, the least that the library's writer and reader do. The ways
-alternate in rounds, so that a disturbance of the machine hits all of them; ratios are medians over
-the rounds.
+alternate in rounds, X
 """
 
 import gc
@@ -164,13 +163,15 @@ class Costs:
             ways = Ways(tick_block(count, rate_Hz), rate_Hz, Path(name))
             parts = ways.all()
             self._us: dict[str, list[float]] = {part: [] for part in parts}
+            self._cpu_us: dict[str, list[float]] = {part: [] for part in parts}
             gc.collect()
             gc.freeze()  # or what is held here would cost the library, which makes many objects
             for _ in range(rounds):
                 ways.ours.unlink(missing_ok=True)
                 for part, action in parts.items():
-                    begun_s = time.perf_counter()
+                    begun_s, cpu_begun_s = time.perf_counter(), time.process_time()
                     action()
+                    self._cpu_us[part].append((time.process_time() - cpu_begun_s) / count * 1e6)
                     self._us[part].append((time.perf_counter() - begun_s) / count * 1e6)
             gc.unfreeze()
             self.bytes_ours = ways.ours.stat().st_size / count
@@ -181,8 +182,15 @@ class Costs:
 
     def ratio(self, theirs: str, ours: str) -> float:
         """Return how many times as long `theirs` took, the median over the rounds."""
-        pairs = zip(self._us[theirs], self._us[ours], strict=True)
-        return statistics.median(a / b for a, b in pairs)
+        return _ratio(self._us[theirs], self._us[ours])
+
+    def cpu_ratio(self, theirs: str, ours: str) -> float:
+        """Return how many times as much processor time `theirs` took."""
+        return _ratio(self._cpu_us[theirs], self._cpu_us[ours])
+
+
+def _ratio(theirs: list[float], ours: list[float]) -> float:
+    return statistics.median(a / b for a, b in zip(theirs, ours, strict=True))
 
 
 def figures(quick: bool) -> list[Figure]:
@@ -214,7 +222,8 @@ def ratios(costs: Costs, rate_Hz: int, *, bounds: bool) -> list[Figure]:
             "",
             bound if bounds else None,
             "at least",
-            note=f"{costs.us(theirs):.2f} and {costs.us(ours):.2f} us a tick",
+            note=f"{costs.us(theirs):.2f} and {costs.us(ours):.2f} us a tick; "
+            f"of processor time {costs.cpu_ratio(theirs, ours):.1f}",
         )
         for ours, theirs, bound, how in comparisons
     ]

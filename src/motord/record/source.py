@@ -11,7 +11,6 @@ from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from motord.record import topics
-from motord.record.ahead import ahead
 from motord.record.container import MAGIC, part_of
 from motord.record.content import ChunkError, Rows, Single, chunk_content, messages
 from motord.record.damage import Damage, Loss
@@ -26,7 +25,6 @@ from motord.wire.blocks import BlockCodec
 from motord.wire.proto_text import read_record
 
 _READ_AT_ONCE_BYTES = 1 << 20
-_LOADED_AT_ONCE_BYTES = 512 << 10
 
 Result = TypeVar("Result")
 
@@ -109,34 +107,20 @@ class Source:
     def _each(
         self, chunks: Iterable[ChunkEntry], work: Callable[[memoryview, memoryview], Result]
     ) -> Iterator[tuple[ChunkEntry, Result]]:
-        """Yield every good chunk with `work(record, content)`, which threads do; note the others.
+        """Yield every good chunk with `work(record, content)`; note the others.
 
         `work` may raise ChunkError.
         """
         with self.path.open("rb", buffering=0) as file:
-
-            def load(group: list[ChunkEntry]) -> list[tuple[ChunkEntry, Result | ChunkError]]:
-                return [(entry, self._load(file.fileno(), entry, work)) for entry in group]
-
-            for loaded in ahead(load, list(_groups(chunks))):
-                for entry, result in loaded:
-                    if isinstance(result, ChunkError):
-                        self.lose(entry, str(result))
-                    else:
-                        yield entry, result
-
-    def _load(
-        self,
-        descriptor: int,
-        entry: ChunkEntry,
-        work: Callable[[memoryview, memoryview], Result],
-    ) -> Result | ChunkError:
-        size = min(entry.size, self.structure.size)
-        record = memoryview(os.pread(descriptor, size, entry.offset))
-        try:
-            return work(record, chunk_content(record))
-        except ChunkError as error:
-            return error
+            for entry in chunks:
+                size = min(entry.size, self.structure.size)
+                record = memoryview(os.pread(file.fileno(), size, entry.offset))
+                try:
+                    result = work(record, chunk_content(record))
+                except ChunkError as error:
+                    self.lose(entry, str(error))
+                else:
+                    yield entry, result
 
     def lose(self, entry: ChunkEntry, reason: str) -> None:
         """Note that a chunk cannot be used."""
@@ -193,20 +177,6 @@ class Source:
                 continue
             if record.fields:
                 yield number, MessageRows(number, BlockCodec(record))
-
-
-def _groups(chunks: Iterable[ChunkEntry]) -> Iterator[list[ChunkEntry]]:
-    """Yield the chunks in groups that are worth the trouble of handing them to a thread."""
-    group: list[ChunkEntry] = []
-    size = 0
-    for entry in chunks:
-        group.append(entry)
-        size += entry.content_size
-        if size >= _LOADED_AT_ONCE_BYTES:
-            yield group
-            group, size = [], 0
-    if group:
-        yield group
 
 
 def _structure(path: Path) -> Structure:
