@@ -62,7 +62,7 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Po
         basis.back_emf,
         basis.cogging,
         sensor.highpass_time_constant_s,
-        _settled(samples, basis),
+        settled(samples, basis),
         torque,
         currents,
     )
@@ -150,7 +150,7 @@ def _in_band(samples: Samples, band_Hz: float) -> np.ndarray:
     return low_pass.apply(samples.t_s, samples.command_A)
 
 
-def _settled(samples: Samples, basis: Basis) -> np.ndarray:
+def settled(samples: Samples, basis: Basis) -> np.ndarray:
     """Return the high-pass' state after a long time in this operating point."""
     first, end = samples.turns[0]
     k = basis.back_emf[samples.count[first:end]]
