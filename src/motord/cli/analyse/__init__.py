@@ -3,10 +3,11 @@
 import typer
 
 from motord.cli.analyse.calibrate import calibrate
+from motord.cli.analyse.sensitivity import sensitivity
 from motord.cli.analyse.verify import verify
 
 app = typer.Typer(
     no_args_is_help=True, pretty_exceptions_enable=False, help="Identify, verify, report."
 )
-for command in (calibrate, verify):
+for command in (calibrate, verify, sensitivity):
     app.command()(command)

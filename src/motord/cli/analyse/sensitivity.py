@@ -1,0 +1,126 @@
+"""`motord analyse sensitivity`: what errors of a calibration cost, in theory and in practice."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.analyse.inputs import (
+    AsJson,
+    BenchFile,
+    Output,
+    Report,
+    explained,
+    open_runs,
+    say_files,
+)
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from motord.analysis.sensitivity_result import Again, Sensitivity
+
+
+def sensitivity(
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[RUN...]", help="Recordings of the plan `sensitivity`, .mcap."),
+    ] = None,
+    output: Output = None,
+    report: Report = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Without recordings: theory for this calibration."),
+    ] = None,
+    torque_Nm: Annotated[
+        float | None,
+        typer.Option("--torque", metavar="NM", min=1e-6, help="Set-point of the theory alone."),
+    ] = None,
+    config: BenchFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare the ripple that induced errors make with theory, and calibrate from them again."""
+    from motord.analysis.sensitivity_content import sensitivity_report
+    from motord.report.sensitivity import write
+
+    with explained():
+        result = _result(runs or [], config, calibration, torque_Nm)
+        if output:
+            output.write_text(json.dumps(result.to_json(), indent=1) + "\n", encoding="utf-8")
+        if report:
+            write(report, sensitivity_report(result))
+    if as_json:
+        print_json(result.to_json())
+    else:
+        _print(result)
+        say_files(output, report)
+
+
+def _result(
+    runs: list[Path], config: Path | None, calibration: Path | None, torque_Nm: float | None
+) -> "Sensitivity":
+    import numpy as np
+
+    from motord.analysis import Subject
+    from motord.analysis import sensitivity as analysis
+    from motord.calibration import load
+
+    if runs:
+        if calibration is not None or torque_Nm is not None:
+            fail("recordings tell calibration and torque themselves: leave out those options")
+        return analysis.sensitivity(*open_runs(runs, config))
+    if calibration is None or config is None:
+        fail("name recordings, or a bench with -c and a calibration with --calibration for theory")
+    made, subject = load(calibration), Subject.of_file(config)
+    made.check_motor(subject.motor)
+    table = np.array(made.tau_cog_Nm)
+    return analysis.theory_alone(subject, table, torque_Nm or analysis.DEFAULT_TORQUE_Nm)
+
+
+def _print(result: "Sensitivity") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    theory = result.theory
+    table = Table(title=f"theory at {theory.torque_Nm:g} Nm, % of rated RMS")
+    for heading in ("error alone", "at the ends of its interval", "at most 1 %"):
+        table.add_column(heading)
+    for what, (low, high) in theory.within.items():
+        ends = ", ".join(f"{value:g}: {percent:.2f}" for value, percent in theory.ends[what])
+        table.add_row(what, ends, f"{low:.3f} to {high:.3f}")
+    console.print(table)
+    if result.series:
+        table = Table(title=f"measured at {theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s")
+        for heading in ("branch", "points", "slope (% per unit)", "theory"):
+            table.add_column(heading, justify="right")
+        for one in result.series:
+            for side, branch in zip(("below", "above"), one.branches, strict=True):
+                if branch is not None:
+                    slope = f"{branch.slope:.2f} +- {1.96 * branch.slope_stderr:.2f}"
+                    points = str(int(branch.used.sum()))
+                    expected = f"{branch.theory_slope:.2f}"
+                    table.add_row(f"{one.what} {side}", points, slope, expected)
+        console.print(table)
+    if result.again is not None:
+        _print_again(console, result.again)
+
+
+def _print_again(console: "object", again: "Again") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    assert isinstance(console, Console)
+    table = Table(title="calibrated again from known errors")
+    for heading in ("phase", "alpha induced", "found", "beta induced (A)", "found (A)"):
+        table.add_column(heading, justify="right")
+    found = again.found
+    for p in range(3):
+        table.add_row(
+            "abc"[p],
+            f"{again.alpha[p]:.4f}",
+            f"{found.alpha[p]:.4f} +- {1.96 * found.alpha_stderr[p]:.4f}",
+            f"{again.beta_A[p]:.4f}",
+            f"{found.beta_A[p]:.4f} +- {1.96 * found.beta_stderr_A[p]:.4f}",
+        )
+    console.print(table)

@@ -1,0 +1,105 @@
+"""Measured ripple over one induced error: two branches, a line fitted to each, theory beside.
+
+Poels 2008, Figures 4.6 to 4.9. Near the ideal the ripple that no model explains rounds the corner
+off; points of which it is a good part belong to neither line.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+CLEAR_OF_FLOOR = 2.5
+"""Theory of a point, in parts of the ripple without any error, from which on it is on a line."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A line through the points on one side: rms = at_ideal + slope (value - ideal), percent.
+
+    slope_stderr from what the line leaves, or from the points' own errors where that is more;
+    theory_slope: of a line through the theory of the same points; used (n,): which they are.
+    """
+
+    slope: float
+    slope_stderr: float
+    at_ideal: float
+    theory_slope: float
+    used: np.ndarray
+
+
+@dataclass(frozen=True)
+class Series:
+    """One kind of error: values (n,) rising, RMS error measured, its standard error, and theory.
+
+    branches: below and above `ideal`; None where fewer than two points are clear of the floor.
+    """
+
+    what: str
+    ideal: float
+    value: np.ndarray
+    measured_percent: np.ndarray
+    stderr_percent: np.ndarray
+    theory_percent: np.ndarray
+    branches: tuple[Branch | None, Branch | None]
+
+    @property
+    def meeting(self) -> tuple[float, float] | None:
+        """Return where the two lines meet: value and RMS error in percent; None without two."""
+        below, above = self.branches
+        if below is None or above is None or below.slope == above.slope:
+            return None
+        x = (above.at_ideal - below.at_ideal) / (below.slope - above.slope)
+        return self.ideal + x, below.at_ideal + below.slope * x
+
+    @property
+    def floor_percent(self) -> float:
+        """Return the RMS error nearest to the ideal: what is left without any induced error."""
+        return float(self.measured_percent[int(np.argmin(np.abs(self.value - self.ideal)))])
+
+    @property
+    def worst_difference_percent(self) -> float:
+        """Return the largest difference from the theory with the floor added in quadrature."""
+        expected = np.hypot(self.theory_percent, self.floor_percent)
+        return float(np.abs(self.measured_percent - expected).max())
+
+
+def series(
+    what: str,
+    ideal: float,
+    value: np.ndarray,
+    measured_percent: np.ndarray,
+    stderr_percent: np.ndarray,
+    theory_percent: np.ndarray,
+) -> Series:
+    """Sort the points of one kind of error and fit its two branches. All arrays (n,)."""
+    order = np.argsort(value)
+    x, y, error, theory = (
+        column[order] for column in (value, measured_percent, stderr_percent, theory_percent)
+    )
+    floor = float(y[int(np.argmin(np.abs(x - ideal)))])
+    clear = theory > CLEAR_OF_FLOOR * floor
+    branches = tuple(
+        _line(x - ideal, y, error, theory, clear & side) for side in (x < ideal, x > ideal)
+    )
+    return Series(what, ideal, x, y, error, theory, (branches[0], branches[1]))
+
+
+def _line(
+    x: np.ndarray, y: np.ndarray, error: np.ndarray, theory: np.ndarray, used: np.ndarray
+) -> Branch | None:
+    if used.sum() < 2:
+        return None
+    columns = np.column_stack([np.ones(int(used.sum())), x[used]])
+    inverse = np.linalg.pinv(columns)
+    at_ideal, slope = inverse @ y[used]
+    left = y[used] - columns @ (at_ideal, slope)
+    freedom = max(int(used.sum()) - 2, 1)
+    by_rest = float(left @ left) / freedom * float(inverse[1] @ inverse[1])
+    by_points = float(inverse[1] ** 2 @ error[used] ** 2)
+    return Branch(
+        slope=float(slope),
+        slope_stderr=max(by_rest, by_points) ** 0.5,
+        at_ideal=float(at_ideal),
+        theory_slope=float(inverse[1] @ theory[used]),
+        used=used,
+    )

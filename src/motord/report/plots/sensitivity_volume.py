@@ -1,0 +1,106 @@
+"""RMS error over gain, offset and cogging factor together: slices, and the surface of a limit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColormap
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+
+from motord.report.style import AFTER, INK, SOFT, drawing, figure
+
+NAMES = ("\u03b1a", "\u03b2a (A)", "cogging factor")
+"""What the axes are called, in the order of the volume."""
+
+_SMOOTH = LinearSegmentedColormap.from_list("smooth", ["#0d4f7c", "#3f8fbe", "#d5e7f0"])
+_ROUGH = LinearSegmentedColormap.from_list("rough", ["#f6e7cf", "#ec9a62", "#b23a1e", "#6d1410"])
+
+
+@dataclass(frozen=True)
+class Slices:
+    """axes: values of the three errors, rising; rms_percent: shape (n0, n1, n2)."""
+
+    axes: tuple[np.ndarray, np.ndarray, np.ndarray]
+    rms_percent: np.ndarray
+    limit_percent: float = 1.0
+
+
+def slices(volume: Slices) -> Figure:
+    """Return nine slices: each error in turn at both ends and in the middle of its interval."""
+    with drawing():
+        picture = figure(7.6)
+        grid = picture.subplots(3, 3)
+        levels, colours = _scale(float(volume.rms_percent.max()), volume.limit_percent)
+        for fixed in range(3):
+            across, up = (n for n in range(3) if n != fixed)
+            places = (0, volume.axes[fixed].size // 2, volume.axes[fixed].size - 1)
+            for column, place in enumerate(places):
+                axes = grid[fixed, column]
+                rms = np.take(volume.rms_percent, place, axis=fixed).T
+                x, y = volume.axes[across], volume.axes[up]
+                filled = _fill(axes, x, y, rms, levels, colours)
+                if rms.min() < volume.limit_percent < rms.max():
+                    axes.contour(x, y, rms, [volume.limit_percent], colors=[INK], linewidths=1.6)
+                axes.set_title(_at(fixed, float(volume.axes[fixed][place])))
+                axes.set_xlabel(NAMES[across])
+                axes.grid(visible=False)
+            grid[fixed, 0].set_ylabel(NAMES[up])
+        bar = picture.colorbar(filled, ax=list(grid.flat), pad=0.02, aspect=40)
+        bar.set_label("RMS error (% of rated)")
+        bar.outline.set_visible(False)
+        return picture
+
+
+def _fill(
+    axes: Axes,
+    x: np.ndarray,
+    y: np.ndarray,
+    rms: np.ndarray,
+    levels: np.ndarray,
+    colours: ListedColormap,
+) -> QuadContourSet:
+    return axes.contourf(x, y, rms, levels, cmap=colours, norm=BoundaryNorm(levels, colours.N))
+
+
+def _scale(highest_percent: float, limit_percent: float) -> tuple[np.ndarray, ListedColormap]:
+    """Return levels and their colours: blue below the limit, red above."""
+    below = np.linspace(0, limit_percent, 5)
+    step = max(np.ceil(2 * (highest_percent - limit_percent) / 8) / 2, 0.5)
+    above = np.arange(limit_percent + step, max(highest_percent, limit_percent) + step, step)
+    levels = np.concatenate([below, above])
+    colours = [*_SMOOTH(np.linspace(0, 1, 4)), *_ROUGH(np.linspace(0, 1, max(above.size, 1)))]
+    return levels, ListedColormap(colours[: levels.size - 1])
+
+
+def _at(fixed: int, value: float) -> str:
+    name, _, unit = NAMES[fixed].partition(" (")
+    return f"{name} = {value:g}" + (f" {unit.rstrip(')')}" if unit else "")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Points of a closed surface, (n, m) each, in the order of NAMES."""
+
+    points: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def limit(surface: Limit) -> Figure:
+    """Return the surface from two sides."""
+    with drawing():
+        picture = figure(4.4)
+        for place, azimuth_deg in enumerate((-58, 32)):
+            axes = picture.add_subplot(1, 2, place + 1, projection="3d")
+            axes.plot_surface(
+                *surface.points, color=AFTER, edgecolor=SOFT, linewidth=0.25, rstride=1, cstride=1,
+                alpha=0.9, shade=True,
+            )  # fmt: skip
+            axes.view_init(elev=22, azim=azimuth_deg)
+            axes.set_xlabel(NAMES[0])
+            axes.set_ylabel(NAMES[1])
+            axes.set_zlabel(NAMES[2])
+            axes.locator_params(nbins=5)
+            axes.set_box_aspect((1, 1, 0.9), zoom=0.86)
+            for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+                axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+        return picture
