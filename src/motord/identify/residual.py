@@ -53,11 +53,12 @@ class ResidualEstimator:
     def add(self, samples: Samples) -> None:
         """Take a trial: 24 turns recorded are 23 whole ones from the zero point."""
         whole = samples.whole
-        values = np.concatenate([samples.torque_Nm[whole, None], samples.i_A[whole]], axis=1)
-        points = EncoderSums.of(samples.count[whole], values, self._k.shape[0])
-        means, hit = points.means(), points.hits > 0
-        torque_Nm = means[:, 0] - means[hit, 0].mean()  # the sensor does not see the mean
-        x = np.column_stack([means[:, 1:] * self._k, self._k])  # (4.6)
+        count, counts = samples.count[whole], self._k.shape[0]
+        currents = EncoderSums.of(count, samples.i_A[whole], counts)
+        torque = EncoderSums.of(count, samples.torque_Nm[whole, None], counts)
+        hit, torque_Nm = torque.hits > 0, torque.means()[:, 0]
+        torque_Nm -= torque_Nm[hit].mean()  # the sensor does not see the mean
+        x = np.concatenate([currents.means() * self._k, self._k], axis=1)  # (4.6)
         self._xx += x[hit].T @ x[hit]
         self._xt += x[hit].T @ torque_Nm[hit]
         self._tt += float(torque_Nm[hit] @ torque_Nm[hit])
