@@ -80,7 +80,7 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
 def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
     lines = []
     for item in error.errors(include_url=False):
-        keys = [str(k) for k in item["loc"] if not str(k)[:1].isupper()]
+        keys = [str(k) for k in item["loc"] if not str(k)[:1].isupper() and k != "[key]"]
         where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
         what = item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":

@@ -12,7 +12,7 @@ from motord.identify.checks import check_fit, check_points
 from motord.identify.joint import Fit, fit
 from motord.identify.moments import PointMoments, accumulate
 from motord.identify.orders import allowed_orders
-from motord.identify.points import PointData, prepare
+from motord.identify.points import PointData, prepare, require_currents
 from motord.identify.residual import ResidualEstimator
 from motord.identify.result import CalibrationResult, Method
 from motord.identify.ripple import harmonics_table
@@ -29,6 +29,8 @@ SAMPLES_PER_PERIOD = 2.4
 class Calibrator:
     """Takes operating points one by one; then gives the result of either estimator.
 
+    Points with induced errors tell the joint estimator of the common gain; the residual estimator,
+    which knows nothing of that, and the ripples go without.
     What it keeps of a point does not grow with the number of samples.
     """
 
@@ -45,7 +47,10 @@ class Calibrator:
     def add(self, point: PointData) -> None:
         """Take an operating point. Raises IdentifyError."""
         samples = prepare(point, self._motor.counts)
+        require_currents(samples)
         self._points.append(accumulate(samples, self._basis, self._sensor))
+        if point.induced:
+            return
         self._residual.add(samples)
         self._ripples.append(point_ripple(samples, self._motor, self._sensor))
 

@@ -31,13 +31,15 @@ class PointData:
     """One captured operating point: its set-points and the ticks of its capture.
 
     ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
-    where the source has them. compensate: 0 without compensation (schema.Compensate).
+    where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
+    whether errors were put on the currents on purpose, so that its ripple is not the motor's.
     """
 
     torque_Nm: float
     speed_Hz: float
     ticks: np.ndarray
     compensate: int = 0
+    induced: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class Samples:
 
     t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
     command_A (n, 3): commands where they were recorded, else the sensed currents averaged over
-    angle; turns: (first, end) of each whole turn.
+    angle; turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
+    all currents are nan.
     """
 
     torque_set_Nm: float
@@ -97,6 +100,7 @@ def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> I
             speed_Hz=float(point["speed_Hz"]),
             ticks=chosen[chosen["plan_point"] == int(point["index"])],
             compensate=int(point.get("compensate", 0)),
+            induced="induced" in point,
         )
 
 
@@ -122,15 +126,16 @@ def prepare(point: PointData, counts: int) -> Samples:
     t_s = (t_ns - t_ns[:1]) * 1e-9
     i_A = _currents(ticks, t_s)
     torque_Nm = ticks["torque_Nm"].astype(float)
-    good = _rising(t_ns) & _finite(torque_Nm, *i_A.T)
+    good, sensed = _rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
+    if sensed.any():
+        good &= sensed
+    else:
+        i_A[:] = np.nan
     if good.all():
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
     turns = _whole_turns(count, counts, label)
     i_A = np.ascontiguousarray(i_A[good])
-    commands = _columns(ticks, COMMANDS)[good] if set(COMMANDS) <= set(names) else None
-    if commands is None or not np.isfinite(commands).all():
-        commands = _over_angle(count, i_A, counts, min(end - first for first, end in turns))
     return Samples(
         torque_set_Nm=point.torque_Nm,
         speed_set_Hz=point.speed_Hz,
@@ -139,9 +144,34 @@ def prepare(point: PointData, counts: int) -> Samples:
         count=count,
         torque_Nm=torque_Nm[good],
         i_A=i_A,
-        command_A=commands,
+        command_A=_commands(ticks, good, count, i_A, turns, counts) if sensed.any() else i_A,
         turns=turns,
     )
+
+
+def require_currents(samples: Samples) -> None:
+    """Raise IdentifyError if the currents were not recorded."""
+    if not np.isfinite(samples.i_A).all():
+        raise IdentifyError(
+            f"{samples.label}: {', '.join(CURRENTS)} were not recorded: without currents there is "
+            "no telling gains and offsets; verify and cogging do without"
+        )
+
+
+def _commands(
+    ticks: np.ndarray,
+    good: np.ndarray | slice,
+    count: np.ndarray,
+    i_A: np.ndarray,
+    turns: tuple[tuple[int, int], ...],
+    counts: int,
+) -> np.ndarray:
+    """Return the commanded currents of the samples `good`, or the sensed ones over angle (n, 3)."""
+    if set(COMMANDS) <= set(ticks.dtype.names or ()):
+        commands = _columns(ticks, COMMANDS)[good]
+        if np.isfinite(commands).all():
+            return commands
+    return _over_angle(count, i_A, counts, min(end - first for first, end in turns))
 
 
 def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.identify.points import Samples
+from motord.identify.points import Samples, require_currents
 from motord.identify.verify import PointRipple, point_ripple, repeating_rms, ripple_of
 
 
@@ -45,7 +45,8 @@ class Explained:
 def explain(
     samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig, calibration: Calibration
 ) -> Explained:
-    """Return measured and reconstructed ripple of an operating point."""
+    """Return measured and reconstructed ripple of an operating point. Raises IdentifyError."""
+    require_currents(samples)
     measured = point_ripple(samples, motor, sensor)
     torque_Nm, rate_Nm_per_s = reconstructed_torque(samples, motor, calibration)
     seen = np.ones(measured.order.size)

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 from motord.identify import IdentifyError
 from motord.identify.align import CROWD, interpolate, uncrowded
-from motord.identify.points import PointData, good_points, prepare, split
+from motord.identify.calibrate import calibrate
+from motord.identify.points import PointData, good_points, prepare, require_currents, split
 
 from .synthetic_bench import TICKS, Bench
 
@@ -54,6 +55,23 @@ def test_repeated_samples_and_gaps_in_the_values_are_left_out() -> None:
     assert samples.t_s.size == 3000 - 5
     assert (np.diff(samples.t_s) > 0).all()
     assert np.isfinite(samples.i_A).all()
+
+
+@pytest.mark.parametrize("missing", [("i_a_A", "i_b_A", "i_c_A"), ("i_b_A",)])
+def test_without_currents_there_are_samples_but_no_calibration(missing: tuple[str, ...]) -> None:
+    bench = Bench()
+    point = bench.point(3.0, 1.0, turns=4, seed=1)
+    for name in missing:
+        point.ticks[name] = np.nan
+    samples = prepare(point, 4096)
+    assert len(samples.turns) == 3
+    assert np.isnan(samples.i_A).all()
+    assert np.isnan(samples.command_A).all()
+    assert np.isfinite(samples.torque_Nm).all()
+    with pytest.raises(IdentifyError, match="i_a_A, i_b_A, i_c_A were not recorded"):
+        require_currents(samples)
+    with pytest.raises(IdentifyError, match="3 Nm, 1 Hz: i_a_A"):
+        calibrate([point], bench.motor, bench.sensor)
 
 
 def test_currents_are_moved_to_the_torque_samples() -> None:

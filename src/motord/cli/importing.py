@@ -1,0 +1,85 @@
+"""`motord record import`: a run out of a CSV or TDMS file that was recorded elsewhere."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from motord.imports import Imported
+    from motord.imports.convert import Progress
+
+QUIET_S = 2.0
+"""Time after which progress is shown."""
+
+
+def import_recording(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording: CSV or TDMS.")],
+    map_file: Annotated[
+        Path, typer.Option("--map", metavar="MAP.toml", help="Which column is what.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="RUN.mcap")],
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Make a run of a recording from elsewhere; every `analyse` works on it."""
+    from motord.config import ConfigError
+    from motord.imports import import_run
+    from motord.record.errors import RecordError
+
+    try:
+        with _progress(silent=as_json) as progress:
+            done = import_run(file, map_file, output, strict=strict, progress=progress)
+    except (ConfigError, RecordError) as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{error.filename or output}: {error.strerror}")
+    if as_json:
+        print_json(done.to_json())
+    else:
+        typer.echo("\n".join(_lines(done)))
+
+
+@contextmanager
+def _progress(silent: bool) -> "Iterator[Progress]":
+    """Give a function that shows the share of the work done, and when it will be, after a while."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    bar = Progress(
+        TextColumn("importing"), BarColumn(), TimeRemainingColumn(),
+        console=Console(stderr=True), transient=True, disable=silent,
+    )  # fmt: skip
+    task = bar.add_task("import", total=1.0)
+    began_s = time.monotonic()
+
+    def show(done: float) -> None:
+        if not bar.live.is_started and time.monotonic() - began_s > QUIET_S:
+            bar.start()
+        bar.update(task, completed=done)
+
+    try:
+        yield show
+    finally:
+        bar.stop()
+
+
+def _lines(done: "Imported") -> Iterator[str]:
+    yield (
+        f"{done.path}: {done.ticks} ticks in {done.duration_s:.3f} s ({done.rate_Hz:.1f} Hz), "
+        f"{done.missed} missing"
+    )
+    for point in done.points:
+        yield (
+            f"  {point['index']:>3}  {point['torque_Nm']:6.2f} Nm {point['speed_Hz']:6.3f} Hz  "
+            f"{point['turns']:6.1f} turns  {point['quality']}"
+        )
+    yield from (f"- {words}" for words in done.notes)
+    yield from (f"! {words}" for words in done.problems)

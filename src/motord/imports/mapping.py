@@ -1,0 +1,194 @@
+"""The map file: which column of a foreign recording is which field of a tick."""
+
+import codecs
+import difflib
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from motord.config import (
+    ConfigError,
+    Finite,
+    MotorFile,
+    NonNegative,
+    Positive,
+    Section,
+    load,
+    load_motor,
+    read_toml,
+    resolve,
+    validate,
+)
+from motord.schema import TICK_DTYPE
+
+TICK_FIELDS = TICK_DTYPE.names or ()
+
+IN_OTHER_UNITS = {"speed_Hz": "speed_rad_s", "speed_set_Hz": "speed_set_rad_s"}
+"""Names in turns/s that a map may use, and the field of a tick that each becomes."""
+
+TIME_S = "t_s"
+SET_POINTS = ("torque_set_Nm", "speed_set_rad_s", "speed_set_Hz")
+"""Names that a recording is usually split by; one that it does not have does not split it."""
+
+KNOWN = (TIME_S, *IN_OTHER_UNITS, *TICK_FIELDS)
+NOT_CONSTANT = (TIME_S, "t_ns", "tick", "encoder_count", "encoder_gray", "angle_rad")
+
+
+def _known_field(name: str) -> str:
+    if name not in KNOWN:
+        near = difflib.get_close_matches(name, KNOWN, 1, 0.5)
+        raise ValueError("no field of a tick" + (f"; did you mean {near[0]}?" if near else ""))
+    return name
+
+
+FieldName = Annotated[str, AfterValidator(_known_field)]
+
+
+class Column(Section):
+    """A column by its name, or by its position from 1 on; the field is scale value + offset."""
+
+    column: str = ""
+    position: Annotated[int, Field(ge=1)] | None = None
+    scale: Finite = 1.0
+    offset: Finite = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            return {"column": value}
+        if isinstance(value, int) and not isinstance(value, bool):
+            return {"position": value}
+        return value
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Column":
+        if bool(self.column) == (self.position is not None):
+            raise ValueError("give either column (its name) or position (1 for the first)")
+        if self.scale == 0:
+            raise ValueError("scale must not be 0; give a fixed value in [constants]")
+        return self
+
+    @property
+    def as_it_is(self) -> bool:
+        """True if the field is the column's value without scale and offset."""
+        return self.scale == 1.0 and self.offset == 0.0
+
+
+class SplitMap(Section):
+    """`[split]`: where one operating point ends and the next begins.
+
+    by: fields or columns whose values are constant, to within `tolerance`, during an operating
+    point. settle_s: time left out at the beginning of each. min_turns: whole turns, from zero
+    point to zero point, that a good one has.
+    """
+
+    by: Annotated[tuple[str, ...], Field(min_length=1)]
+    tolerance: NonNegative = 0.0
+    settle_s: NonNegative = 0.0
+    min_turns: Annotated[int, Field(ge=1)] = 2
+
+
+class CsvMap(Section):
+    """`[csv]`: what cannot be seen from the file itself; None is: find out.
+
+    header_line counts from 1, 0 is a file without names of columns; skip_lines are left out at
+    the beginning, lines that begin with `comment` everywhere.
+    """
+
+    delimiter: Literal[",", ";", "\t", "|", " "] | None = None
+    decimal: Literal[".", ","] | None = None
+    header_line: Annotated[int, Field(ge=0)] | None = None
+    skip_lines: Annotated[int, Field(ge=0)] = 0
+    encoding: str | None = None
+    comment: str = "#"
+
+    @field_validator("encoding")
+    @classmethod
+    def _known_encoding(cls, name: str | None) -> str | None:
+        try:
+            return None if name is None else codecs.lookup(name).name
+        except (LookupError, ValueError):
+            raise ValueError("no encoding of this name; utf-8, latin-1, utf-16 are some") from None
+
+    @model_validator(mode="after")
+    def _comma_once(self) -> "CsvMap":
+        if self.delimiter == "," and self.decimal == ",":
+            raise ValueError("delimiter and decimal cannot both be a comma")
+        return self
+
+
+class TdmsMap(Section):
+    """`[tdms]`: the group that channel names without one are looked for in; None is: in all."""
+
+    group: str | None = None
+
+
+class ImportMap(Section):
+    """A map file. start: when t_s was 0; period_s: time between rows where no column tells it."""
+
+    motor: Path
+    columns: Annotated[dict[FieldName, Column], Field(min_length=1)]
+    constants: dict[FieldName, Finite] = Field(default={})
+    split: SplitMap | None = None
+    csv: CsvMap = CsvMap()
+    tdms: TdmsMap = TdmsMap()
+    start: datetime | None = None
+    period_s: Positive | None = None
+    notes: str = ""
+
+    @field_validator("start")
+    @classmethod
+    def _in_utc(cls, start: datetime | None) -> datetime | None:
+        if start is None:
+            return None
+        start = start if start.tzinfo else start.replace(tzinfo=UTC)
+        if start.year < 1971:
+            raise ValueError("must be after 1970")
+        return start
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "ImportMap":
+        given = (*self.columns, *self.constants)
+        for name in self.constants:
+            if name in self.columns:
+                raise ValueError(f"{name} is both in [columns] and in [constants]; leave one out")
+            if name in NOT_CONSTANT:
+                raise ValueError(f"{name} in [constants]: it cannot be constant in a recording")
+        for other, field in IN_OTHER_UNITS.items():
+            if other in given and field in given:
+                raise ValueError(f"{other} and {field} are the same; give one of them")
+        if not {"encoder_count", "angle_rad"} & set(self.columns):
+            raise ValueError("[columns] must have encoder_count or angle_rad")
+        times = [TIME_S in self.columns, "t_ns" in self.columns, self.period_s is not None]
+        if sum(times) > 1:
+            raise ValueError("give one of t_s, t_ns (in [columns]) and period_s, not several")
+        return self
+
+    @property
+    def has_time(self) -> bool:
+        """True if the map says what time it is; a TDMS file may say so itself."""
+        return bool({TIME_S, "t_ns"} & set(self.columns)) or self.period_s is not None
+
+
+def load_map(path: Path) -> tuple[str, ImportMap]:
+    """Return text and content of a map file. Raises ConfigError naming file, line and key."""
+    text, data = read_toml(path)
+    return text, validate(ImportMap, path, text, data)
+
+
+def load_mapped_motor(map_path: Path, mapping: ImportMap) -> tuple[str, MotorFile]:
+    """Return text and content of the motor file, or bench file, that a map names.
+
+    Raises ConfigError.
+    """
+    path = resolve(map_path, mapping.motor)
+    if not path.is_file():
+        raise ConfigError(f"{map_path}: motor: there is no file {path}")
+    text, data = read_toml(path)
+    if set(data) <= set(MotorFile.model_fields):
+        return text, load_motor(path)
+    bench = load(path)
+    return text, MotorFile(motor=bench.motor, torque_sensor=bench.torque_sensor)

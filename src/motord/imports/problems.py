@@ -1,0 +1,43 @@
+"""What is wrong with single rows: told by line, the first few of each kind and how many."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+LINES_TOLD = 5
+"""Lines that are named of each kind."""
+
+
+class Problems:
+    """Counts what is wrong, by kind; `unit` is what a row's number counts: line or row."""
+
+    def __init__(self, unit: str) -> None:
+        self.unit = unit
+        self._lines: dict[str, list[int]] = {}
+        self._counts: dict[str, int] = {}
+
+    def add(self, kind: str, lines: np.ndarray) -> None:
+        """Note that rows `lines` (n,) are of this kind, which says what becomes of them."""
+        if lines.size:
+            told = self._lines.setdefault(kind, [])
+            told += lines[: LINES_TOLD - len(told)].tolist()
+            self._counts[kind] = self._counts.get(kind, 0) + lines.size
+
+    def __bool__(self) -> bool:
+        return bool(self._counts)
+
+    def words(self) -> Iterator[str]:
+        """Yield each kind on a line."""
+        for kind, count in self._counts.items():
+            told = self._lines[kind]
+            more = f" and {count - len(told)} more" if count > len(told) else ""
+            plural = self.unit if count == 1 else self.unit + "s"
+            yield f"{plural} {', '.join(map(str, told))}{more}: {kind}"
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Return kinds with counts and first lines."""
+        return [
+            {"what": kind, "count": count, f"first_{self.unit}s": self._lines[kind]}
+            for kind, count in self._counts.items()
+        ]
