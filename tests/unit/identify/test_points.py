@@ -64,7 +64,7 @@ def test_without_currents_there_are_samples_but_no_calibration(missing: tuple[st
     for name in missing:
         point.ticks[name] = np.nan
     samples = prepare(point, 4096)
-    assert len(samples.turns) == 3
+    assert len(samples.turns) == 2
     assert np.isnan(samples.i_A).all()
     assert np.isnan(samples.command_A).all()
     assert np.isfinite(samples.torque_Nm).all()
