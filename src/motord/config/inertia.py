@@ -75,7 +75,7 @@ class AccelerationConfig(Section):
     torque_Nm: Positive = 1.0
     stop_speed_Hz: Positive = 1.0
     rest_s: Annotated[float, Field(ge=0.5, le=60)] = 3.0
-    coast_s: Annotated[float, Field(ge=0.2, le=10)] = 0.6
+    coast_s: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     timeout_s: Positive = 20.0
     gain_tolerance: Tolerance = 0.01
     highpass_tolerance: Tolerance = 0.05
