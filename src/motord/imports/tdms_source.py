@@ -7,7 +7,7 @@ memory is a piece of one channel at a time (all of it only where LabVIEW wrote i
 import logging
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,6 +24,8 @@ PIECE = 1 << 20
 """Values of a channel that are read at once, unless there would be more than PIECES."""
 
 PIECES = 64
+
+WARNING_LENGTH = 120
 
 INCREMENT, START = "wf_increment", "wf_start_time"
 
@@ -44,18 +46,22 @@ class TdmsSource:
         self.notes: list[str] = []
         if not _begins_as_tdms(path):
             raise RecordError(f"{path}: does not begin as a TDMS file does")
-        with _warnings_into(self.notes), _readable(path):
-            self._file = _tdms().open(path)
-            self._channels = [c for group in self._file.groups() for c in group.channels()]
-            self._lengths = [len(channel) for channel in self._channels]
+        opener, console = _tdms()
+        with ExitStack() as stack:
+            warnings = _Warnings(self.notes)
+            console.addFilter(warnings)
+            stack.callback(console.removeFilter, warnings)
+            with _readable(path):
+                file = stack.enter_context(opener.open(stack.enter_context(path.open("rb"))))
+                self._channels = [c for group in file.groups() for c in group.channels()]
+                self._lengths = [len(channel) for channel in self._channels]
+            self._open = stack.pop_all()
         self._rows = min(self._lengths, default=0)
         self.names = tuple(f"{c.group_name}/{c.name}" for c in self._channels)
 
     def close(self) -> None:
         """Let go of the file and of the scratch files. May be called twice."""
-        self._file.close()
-        for spool in self._spools.values():
-            spool.close()
+        self._open.close()
 
     def __enter__(self) -> "TdmsSource":
         return self
@@ -132,7 +138,8 @@ class TdmsSource:
             return
         dtype, channel = self._dtype(wanted.index), self._channels[wanted.index]
         as_ns = dtype.kind == "M" or (wanted.as_time and dtype.kind in "iu")
-        spool = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - closed in close()
+        scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - see close()
+        spool = self._open.enter_context(scratch)
         self._spools[wanted.index] = spool
         length = self._lengths[wanted.index]
         piece = max(PIECE, -(-length // PIECES))
@@ -149,14 +156,16 @@ class TdmsSource:
         return np.fromfile(spool, "i8" if wanted.as_time else "f8", count)
 
 
-def _tdms() -> Any:
+def _tdms() -> tuple[Any, logging.Handler]:
+    """Return the class that opens TDMS files, and the handler that prints its warnings."""
     try:
         from nptdms import TdmsFile
+        from nptdms.log import log_manager
     except ImportError as error:
         raise RecordError(
             "TDMS needs the package npTDMS: pip install 'motord[tdms]'; or save the file as CSV"
         ) from error
-    return TdmsFile
+    return TdmsFile, log_manager.console_handler
 
 
 def _begins_as_tdms(path: Path) -> bool:
@@ -164,17 +173,19 @@ def _begins_as_tdms(path: Path) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
-@contextmanager
-def _warnings_into(notes: list[str]) -> Iterator[None]:
-    """Collect what npTDMS warns of, which it would print."""
-    handler = logging.Handler(logging.WARNING)
-    handler.emit = lambda record: notes.append(record.getMessage())  # type: ignore[method-assign]
-    log = logging.getLogger("nptdms.reader")
-    printing, log.handlers, log.propagate = log.handlers, [handler], False
-    try:
-        yield
-    finally:
-        log.handlers, log.propagate = printing, True
+class _Warnings(logging.Filter):
+    """Turns what npTDMS warns of, which it would print, into notes: each kind once, in short."""
+
+    def __init__(self, notes: list[str]) -> None:
+        super().__init__()
+        self._notes = notes
+        self._told: set[object] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.msg not in self._told:
+            self._told.add(record.msg)
+            self._notes.append(f"npTDMS: {record.getMessage()[:WARNING_LENGTH]}")
+        return False
 
 
 @contextmanager
