@@ -159,9 +159,9 @@ def fill_shares(made: Page, shares: Shares) -> None:
     made.picture(
         rms_error([*panels, ("Rest", shares.rest)]),
         "RMS error of the measured torque (Poels 2008, Figure 4.10), of the torque reconstructed "
-        "from the sensed currents with the calibration (Figure 4.11), and of the difference of the "
-        "two. The second is what current control left; the third are errors of the current sensors and "
-        "of the model, which no current shows.",
+        "from the sensed currents with the calibration (Figure 4.11), and of the difference of "
+        "the two. The second is what current control left; the third are errors of the current "
+        "sensors and of the model, which no current shows.",
     )
 
 
