@@ -30,6 +30,9 @@ from tests.benchmarks import drive_peers
 from tests.benchmarks.figure import Figure
 
 MESH_HZ = 5000
+MESH_POINTS = 30
+"""Torques times speeds; what the plan takes besides is left out."""
+
 PEER_HZ = round(1 / drive_peers.PERIOD_S)
 REAL_TIME_RATIO_WANTED = 200.0
 PEER_RATIO_WANTED = 500.0
@@ -52,7 +55,7 @@ def at_rate(rate_Hz: int) -> config.Config:
 
 def the_mesh(bench: config.Config, quick: bool) -> Plan:
     """Return the plan of 30 points, 24 turns each; less of it if quick."""
-    return build("calibrate", bench, {"turns": 4} if quick else {})
+    return build("calibrate", bench, {"gain_steps": [], **({"turns": 4} if quick else {})})
 
 
 def pieces(quick: bool, pool: ProcessPoolExecutor | None) -> Iterator[Piece]:

@@ -71,9 +71,9 @@ class MountInverse:
 
         Samples that are missing are filled straight from their neighbours.
         """
-        index = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
+        index = np.empty(t_s.size, np.int64)
+        in_step = _place(t_s, self.period_s, index)
         whole = index[-1] + 1 == index.size
-        in_step = whole and bool((index == np.arange(index.size)).all())
         result = np.empty(values.shape)
         filtered = np.empty(index[-1] + 1)
         for target, source in zip(np.atleast_2d(result.T), np.atleast_2d(values.T), strict=True):
@@ -81,6 +81,16 @@ class MountInverse:
             _convolve(np.pad(grid, HALF_LENGTH, mode="edge"), self.taps[::-1].copy(), filtered)
             target[:] = filtered if in_step else filtered[index]
         return result
+
+
+@jit
+def _place(t_s: np.ndarray, period_s: float, index: np.ndarray) -> bool:
+    """Fill `index` (n,) with the periods since the first of t_s (n,); tell if it counts up."""
+    in_step = True
+    for n in range(t_s.size):
+        index[n] = int(np.rint((t_s[n] - t_s[0]) / period_s))
+        in_step = in_step and index[n] == n
+    return in_step
 
 
 @jit
