@@ -22,7 +22,9 @@ from tests.system.daemons import (
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-SHORT_PLAN = {"torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2}
+SHORT_PLAN = {
+    "torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2, "gain_steps": [],
+}  # fmt: skip
 
 
 @pytest.fixture

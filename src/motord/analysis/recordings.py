@@ -28,6 +28,7 @@ def explained(runs: Iterable[Run], subject: Subject, calibration: Calibration) -
         explain(prepare(point, motor.counts), motor, sensor, calibration)
         for run in runs
         for point in captures(run)
+        if not point.induced
     ]
 
 
@@ -38,4 +39,5 @@ def ripples(runs: Iterable[Run], subject: Subject) -> list[PointRipple]:
         point_ripple(prepare(point, motor.counts), motor, sensor)
         for run in runs
         for point in captures(run)
+        if not point.induced
     ]

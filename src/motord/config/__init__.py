@@ -39,7 +39,14 @@ from motord.config.inertia import (
     SpringConfig,
 )
 from motord.config.motor import MotorConfig, MotorFile, TorqueSensorConfig
-from motord.config.plans import DrivenConfig, MeshConfig, PlansConfig, SensitivityConfig
+from motord.config.plans import (
+    CalibrateConfig,
+    DrivenConfig,
+    LearnConfig,
+    MeshConfig,
+    PlansConfig,
+    SensitivityConfig,
+)
 from motord.config.reading import (
     load,
     load_motor,
@@ -56,6 +63,7 @@ __all__ = [
     "BenchConfig",
     "BrakeConfig",
     "BridgeConfig",
+    "CalibrateConfig",
     "CanConfig",
     "CanSignalMap",
     "Config",
@@ -66,6 +74,7 @@ __all__ = [
     "Finite",
     "Fraction",
     "InverterConfig",
+    "LearnConfig",
     "LimitsConfig",
     "LoopConfig",
     "MeshConfig",

@@ -2,14 +2,17 @@
 
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, field_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.inertia import AccelerationConfig, OscillationConfig
 
+SMALLEST_GAIN_STEP = 0.05
+"""Change of a phase's gain below which the common gain hardly shows."""
+
 
 class MeshConfig(Section):
-    """`[plans.calibrate]`, `[plans.verify]`: the operating points and how each is taken."""
+    """`[plans.verify]`, and the mesh of `[plans.calibrate]`: the points and how each is taken."""
 
     torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0, 3.0, 4.0, 5.0)
     speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -17,6 +20,26 @@ class MeshConfig(Section):
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
+
+
+class CalibrateConfig(MeshConfig):
+    """`[plans.calibrate]`: the mesh, and points at which one phase's current is scaled.
+
+    With equal currents the common gain delta epsilon makes mean torque only, which the sensor does
+    not see; at gain_torques_Nm (the mesh's middle torque if empty) and the mesh's middle speed one
+    phase after the other is given gain_steps times its current, and it shows. No steps: it is
+    assumed to be 1.
+    """
+
+    gain_steps: tuple[Annotated[float, Field(ge=0.5, le=1.5)], ...] = (0.8, 1.2)
+    gain_torques_Nm: tuple[Positive, ...] = ()
+
+    @field_validator("gain_steps")
+    @classmethod
+    def _are_steps(cls, steps: tuple[float, ...]) -> tuple[float, ...]:
+        if any(abs(step - 1) < SMALLEST_GAIN_STEP for step in steps):
+            raise ValueError(f"each must differ from 1 by {SMALLEST_GAIN_STEP:g} at least")
+        return steps
 
 
 class DrivenConfig(Section):
@@ -65,6 +88,12 @@ class SensitivityConfig(Section):
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
 
 
+class LearnConfig(MeshConfig):
+    """`[plans.learn]`: the mesh at whose points the kernel's corrections are learned."""
+
+    turns: Annotated[int, Field(ge=4, le=1000)] = 12
+
+
 def _with_dashes(name: str) -> str:
     return name.replace("_", "-")
 
@@ -74,10 +103,11 @@ class PlansConfig(Section):
 
     model_config = ConfigDict(alias_generator=_with_dashes, populate_by_name=True)
 
-    calibrate: MeshConfig = MeshConfig()
+    calibrate: CalibrateConfig = CalibrateConfig()
     verify: MeshConfig = MeshConfig()
     cogging: DrivenConfig = DrivenConfig()
     back_emf: DrivenConfig = DrivenConfig(speeds_Hz=(0.5, 1.0, 1.5))
     inertia_oscillation: OscillationConfig = OscillationConfig()
     inertia_acceleration: AccelerationConfig = AccelerationConfig()
     sensitivity: SensitivityConfig = SensitivityConfig()
+    learn: LearnConfig = LearnConfig()

@@ -1,14 +1,14 @@
 """`calibrate` and `verify`: the torque/speed mesh, point by point."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from motord.config import BrakeConfig, Config, MeshConfig
+from motord.config import BrakeConfig, CalibrateConfig, Config, MeshConfig
 from motord.plans.brake_servo import BrakeServo
 from motord.plans.limits import check_held
 from motord.plans.settings import chosen, compensation
-from motord.plans.steps import Enable, OperatingPoint, Plan, Rest, Steps
+from motord.plans.steps import Enable, Induced, OperatingPoint, Plan, Rest, Steps
 from motord.plans.take_point import TakePoint
 
 
@@ -20,9 +20,13 @@ def make(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
     own: MeshConfig = getattr(config.plans, name)
     mesh = chosen(name, own, given, "compensate")
     check_held(config, mesh.torques_Nm, mesh.speeds_Hz)
+    taken = points(mesh)
+    if isinstance(mesh, CalibrateConfig):
+        taken += gain_points(mesh, len(taken))
+        check_held(config, {p.torque_Nm for p in taken}, (middle(mesh.speeds_Hz),))
     return Plan(
         name=name,
-        points=points(mesh),
+        points=taken,
         make_steps=partial(steps, mesh, config.brake, int(compensate)),
         estimate_s=partial(seconds, mesh, config.brake),
         settings={**mesh.model_dump(mode="json"), "compensate": word},
@@ -39,6 +43,28 @@ def points(mesh: MeshConfig) -> tuple[OperatingPoint, ...]:
         OperatingPoint(index, torque_Nm, speed_Hz, mesh.turns)
         for index, (torque_Nm, speed_Hz) in enumerate(ordered)
     )
+
+
+def gain_points(mesh: CalibrateConfig, first_index: int) -> tuple[OperatingPoint, ...]:
+    """Return the points at which one phase's current is scaled, phase by phase in turn.
+
+    Then the phases' torques no longer add up to a constant, and their common gain shows.
+    """
+    torques_Nm = mesh.gain_torques_Nm or (middle(mesh.torques_Nm),)
+    places = [(torque_Nm, step) for torque_Nm in torques_Nm for step in mesh.gain_steps]
+    found = []
+    for number, (torque_Nm, step) in enumerate(places):
+        gain = [1.0, 1.0, 1.0]
+        gain[number % 3] = step
+        induced = Induced(gain=(gain[0], gain[1], gain[2]))
+        index, speed_Hz = first_index + number, middle(mesh.speeds_Hz)
+        found.append(OperatingPoint(index, torque_Nm, speed_Hz, mesh.turns, induced))
+    return tuple(found)
+
+
+def middle(values: Sequence[float]) -> float:
+    """Return the value in the middle, of two the larger."""
+    return sorted(values)[len(values) // 2]
 
 
 def steps(

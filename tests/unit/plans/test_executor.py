@@ -15,7 +15,7 @@ SMALL = {"torques_Nm": [1.0, 3.0], "speeds_Hz": [0.5, 1.0], "turns": 4, "settle_
 
 
 class Runner:
-    def __init__(self, settings=None, brake_factor=1.0, name="calibrate", **sections) -> None:
+    def __init__(self, settings=None, brake_factor=1.0, name="verify", **sections) -> None:
         self.config = make_config(**sections)
         self.bench = FakeBench(self.config.brake, brake_factor)
         self.executor = Executor(build(name, self.config, settings or SMALL))

@@ -193,7 +193,7 @@ def test_plans_are_listed_with_their_settings(motord):
 def test_a_dry_run_shows_points_and_time(motord):
     arguments = ("plan", "start", "calibrate", "--set", "torques_Nm=1,2", "--set", "speeds_Hz=0.5")
     text = motord(*arguments, "--dry-run").stdout
-    assert "2 points, about" in text
+    assert "4 points, about" in text  # two of the mesh, two with scaled currents
     assert printed(motord(*arguments, "--dry-run", "--json"))["settings"]["speeds_Hz"] == [0.5]
 
 
@@ -206,7 +206,7 @@ def test_settings_that_are_wrong_are_told(motord):
 
 @pytest.mark.slow
 def test_a_plan_is_followed_to_its_end(motord):
-    settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0")
+    settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
     given = [word for setting in settings for word in ("--set", setting)]
     result = motord("plan", "start", "calibrate", *given)
     assert result.exit_code == 0, result.output

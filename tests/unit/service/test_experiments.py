@@ -10,6 +10,7 @@ from motord.service.refusal import Refusal
 from tests.unit.service.virtual_service import START_NS, VirtualService
 
 SHORT = {"torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2}
+NO_STEPS = {"gain_steps": []}
 
 
 class BrakeOnTheWire:
@@ -42,9 +43,8 @@ def service():
 
 
 def start(service, token, detach=False, name="calibrate", **settings):
-    return service.ask(
-        "plan/start", token=token, name=name, settings={**SHORT, **settings}, detach=detach
-    )
+    settings = {**SHORT, **(NO_STEPS if name == "calibrate" else {}), **settings}
+    return service.ask("plan/start", token=token, name=name, settings=settings, detach=detach)
 
 
 def refused(service, code, name, /, **arguments):
@@ -79,7 +79,8 @@ def test_a_plan_runs_to_its_end(service):
 
 
 def test_a_dry_run_moves_nothing_and_needs_no_lease(service):
-    outline = service.ask("plan/start", name="calibrate", settings=SHORT, dry_run=True)
+    settings = {**SHORT, **NO_STEPS}
+    outline = service.ask("plan/start", name="calibrate", settings=settings, dry_run=True)
     assert len(outline["points"]) == 2
     assert outline["settings"]["turns"] == 2
     assert not service.bench.plans.active

@@ -11,7 +11,10 @@ from motord.virtual import rows
 from motord.virtual.mesh import Piece, processors, run_points
 from motord.virtual.plan import PlanFailed
 
-MESH = {"torques_Nm": [2.0, 3.0], "speeds_Hz": [0.9, 1.0], "turns": 2, "settle_s": 0.2}
+MESH = {
+    "torques_Nm": [2.0, 3.0], "speeds_Hz": [0.9, 1.0], "turns": 2, "settle_s": 0.2,
+    "gain_steps": [],
+}  # fmt: skip
 
 
 def test_many_processes_give_the_bits_of_one() -> None:

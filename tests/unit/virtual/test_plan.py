@@ -9,7 +9,9 @@ from motord.schema import State
 from motord.virtual import VirtualBench
 from motord.virtual.plan import PlanFailed, run_plan
 
-SMALL = {"torques_Nm": [2.0], "speeds_Hz": [0.9, 1.0], "turns": 3, "settle_s": 0.5}
+SMALL = {
+    "torques_Nm": [2.0], "speeds_Hz": [0.9, 1.0], "turns": 3, "settle_s": 0.5, "gain_steps": [],
+}  # fmt: skip
 
 
 def record(seed: int = 1, settings=None):

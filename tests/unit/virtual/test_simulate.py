@@ -15,7 +15,8 @@ def run(*arguments: object) -> tuple[int, str, str]:
     return result.exit_code, result.stdout, result.stderr
 
 
-SMALL = ("--set", "torques_Nm=2", "--set", "speeds_Hz=1", "--set", "turns=3")
+SETTINGS = ("torques_Nm=2", "speeds_Hz=1", "turns=3", "gain_steps=[]")
+SMALL = tuple(word for setting in SETTINGS for word in ("--set", setting))
 
 
 def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
