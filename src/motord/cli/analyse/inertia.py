@@ -1,0 +1,108 @@
+"""`motord analyse inertia`: the moment of inertia, by oscillation or by acceleration."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from motord.cli.analyse.inputs import (
+    AsJson,
+    BenchFile,
+    Output,
+    Report,
+    Runs,
+    explained,
+    open_runs,
+    say_files,
+)
+from motord.cli.console import print_json
+
+
+def inertia(
+    runs: Runs,
+    output: Output = None,
+    report: Report = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Calibration that knows the cogging torque, if the stator was on."
+        ),
+    ] = None,
+    config: BenchFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find the moment of inertia from releases of a bar or from steps of torque.
+
+    -c FILE: a bench file also says what bar and springs are, instead of the recording.
+    """
+    from motord.analysis import inertia as analysis
+    from motord.analysis.inertia_content import inertia_report
+    from motord.report.inertia import write
+
+    with explained():
+        opened, subject = open_runs(runs, config)
+        names = [run.name for run in runs]
+        plans = analysis.plans_of(config)
+        if analysis.experiment_of(opened) == analysis.OSCILLATION:
+            swing = plans.inertia_oscillation if plans is not None else None
+            swung = analysis.oscillation(opened, subject, swing, _cogging(calibration))
+            result = analysis.oscillation_json(swung, subject, names)
+            content = inertia_report(subject, names, oscillation=swung) if report else None
+        else:
+            push = plans.inertia_acceleration if plans is not None else None
+            pushed = analysis.acceleration(opened, subject, push)
+            result = analysis.acceleration_json(pushed, subject, names)
+            content = inertia_report(subject, names, acceleration=pushed) if report else None
+        if output:
+            output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        if report and content:
+            write(report, content)
+    if as_json:
+        print_json(result)
+        return
+    _print(result)
+    say_files(output, report)
+
+
+def _cogging(calibration: Path | None) -> Any:
+    """Return the cogging torque (counts,) of a calibration, None without one."""
+    import numpy as np
+
+    from motord.calibration import load
+
+    return None if calibration is None else np.array(load(calibration).tau_cog_Nm)
+
+
+def _print(result: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    value, u = result["inertia_kg_m2"], result["uncertainty_kg_m2"]
+    console = Console()
+    console.print(
+        f"J = {1e3 * value:.4f} +- {1e3 * 1.96 * u:.4f} e-3 kg m2 "
+        f"(95 %; {100 * 1.96 * u / value:.2f} %), {result['experiment']}",
+        highlight=False,
+    )
+    table = Table(title="where the uncertainty comes from")
+    table.add_column("source")
+    table.add_column("standard uncertainty, %", justify="right")
+    for row in result["budget"]:
+        table.add_row(row["source"], f"{100 * row['uncertainty']:.3f}")
+    console.print(table)
+    table = Table(title="other readings of the same recordings")
+    table.add_column("reading")
+    table.add_column("J (e-3 kg m2)", justify="right")
+    for label, reading in _readings(result):
+        table.add_row(label, f"{1e3 * reading:.4f}")
+    console.print(table)
+
+
+def _readings(result: dict[str, Any]) -> list[tuple[str, float]]:
+    if "readings" in result:
+        return [(row["label"], row["inertia_kg_m2"]) for row in result["readings"]]
+    return [
+        ("torque as commanded", result["commanded_kg_m2"]),
+        ("as commanded, friction neglected, eq. (2.1)", result["plain_kg_m2"]),
+    ]
