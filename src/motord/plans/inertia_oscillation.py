@@ -1,7 +1,7 @@
 """`inertia-oscillation`: the bar between its springs is let go, and swings; again and again.
 
 Somebody deflects the bar, holds it still and lets go; the plan sees that by itself and marks the
-swing. The power stage stays off: no current may act on the rotor.
+swing. The power stage is off: no current may act on the rotor.
 """
 
 from collections.abc import Mapping

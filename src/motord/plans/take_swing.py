@@ -37,7 +37,8 @@ class Phase(Enum):
 class TakeSwing:
     """Watches the angle; marks ticks while the bar is held and while it swings.
 
-    At rest the bar is still, too: then it is pulled, which is no swing since it does not come back.
+    A power stage that is on is switched off first: its currents would act on the rotor. At rest
+    the bar is still, too: then it is pulled, which is no swing since it does not come back.
     """
 
     point: OperatingPoint
@@ -67,11 +68,12 @@ class TakeSwing:
     def advance(self, seen: Observation, demand: Demand) -> Advance:
         """Go through the phases."""
         idle = replace(demand, enabled=False, torque_Nm=0.0, plan_point=-1)
-        if seen.state is State.ENABLED:
-            return Advance(idle, Outcome.FAILED, "the power stage is on; disable the bench first")
         if (seen.t_ns - self._began_ns) * 1e-9 > self.swing.timeout_s:
             why = f"{self.label}: nothing let go within {self.swing.timeout_s:g} s"
             return Advance(idle, Outcome.FAILED, why)
+        if seen.state is State.ENABLED:  # a fall of `enabled` disables, so it has to rise first
+            self.phase = Phase.STILL
+            return Advance(replace(idle, enabled=not demand.enabled))
         self._looks.append(seen)
         if self.phase is Phase.STILL:
             return Advance(self._wait_until_still(idle))

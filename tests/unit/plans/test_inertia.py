@@ -87,10 +87,28 @@ def test_the_bar_may_swing_already_when_the_plan_begins() -> None:
     assert executor.points[0]["tick_start"] > 4000
 
 
-def test_no_current_may_flow() -> None:
-    executor = watch(Bar(released, State.ENABLED), 4.0)
+def test_a_power_stage_that_is_on_is_switched_off() -> None:
+    plan = build("inertia-oscillation", load(packaged("inertia.toml")), {"repeats": 1})
+    executor, watcher, bar = Executor(plan), TickWatcher(), Bar(released, State.ENABLED)
+    asked = []
+    while bar.tick < 8000 and not executor.finished:
+        demand = executor.advance(watcher.take(bar.look(asked[-1].plan_point if asked else -1)))
+        asked.append(demand)
+        assert demand.torque_Nm == 0
+        if len(asked) > 1 and asked[-2].enabled and not demand.enabled:
+            bar.state = State.READY  # as the bench does when `enabled` falls
+    assert [demand.enabled for demand in asked[:3]] == [True, False, False]
+    assert executor.state is PlanState.DONE
+    assert len(executor.points) == 1
+
+
+def test_a_power_stage_that_stays_on_ends_it_in_time() -> None:
+    plan = build("inertia-oscillation", load(packaged("inertia.toml")), {"timeout_s": 1.0})
+    executor, watcher, bar = Executor(plan), TickWatcher(), Bar(released, State.ENABLED)
+    while bar.tick < 20_000 and not executor.finished:
+        demand = executor.advance(watcher.take(bar.look(-1)))
+        assert demand.plan_point == -1
     assert executor.state is PlanState.FAILED
-    assert "disable the bench first" in executor.message
 
 
 def test_after_a_pause_the_release_is_taken_again() -> None:
