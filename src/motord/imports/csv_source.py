@@ -109,7 +109,7 @@ def _rows(lines: list[str], first: int, dialect: Dialect) -> tuple[list[str], np
     """Return the lines that are rows, and their numbers."""
     numbers = np.arange(first, first + len(lines))
     comment = dialect.comment
-    if "" not in lines and not (comment and any(comment in line for line in lines)):
+    if "" not in lines and not (comment and comment in "\n".join(lines)):
         return lines, numbers
     keep = np.array([is_row(line, comment) for line in lines], bool)
     return [line for line, kept in zip(lines, keep, strict=True) if kept], numbers[keep]

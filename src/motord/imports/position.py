@@ -6,8 +6,11 @@ from motord.imports.source import Source
 from motord.imports.wiring import Wiring
 from motord.record.errors import RecordError
 
-JUMPS = 2
-"""Jumps back to the start of the range, in one direction, that tell a range."""
+JUMPS = 4
+"""Jumps through the range, all alike and in one direction, that tell that positions wrap."""
+
+ALIKE = 0.95
+"""Parts of the range, and of the largest, that such a jump has at least."""
 
 RANGE = (0.75, 1.02)
 """Range of positions, in parts of a turn, that a source may wrap at."""
@@ -42,9 +45,12 @@ class PositionReader:
     def check(self) -> None:
         """Raise RecordError if the positions start again after what is not a turn."""
         width = self._highest - self._lowest
-        jumps = self._jumps[np.abs(self._jumps) > 0.8 * width]
-        down, up = int((jumps < 0).sum()), int((jumps > 0).sum())
-        if max(down, up) < JUMPS or min(down, up) > 0:
+        down, up = self._jumps[:JUMPS], self._jumps[-JUMPS:]
+        wraps = [
+            jumps.size == JUMPS and np.abs(jumps).min() > ALIKE * max(width, np.abs(jumps).max())
+            for jumps in (down, up)
+        ]
+        if wraps[0] == wraps[1]:
             return
         if RANGE[0] * self._span <= width <= RANGE[1] * self._span:
             return

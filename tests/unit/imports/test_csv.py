@@ -190,7 +190,7 @@ def test_counts_of_an_incremental_encoder(tmp_path: Path) -> None:
 
 
 def test_positions_of_another_range_are_refused(tmp_path: Path) -> None:
-    columns = turning()
+    columns = turning(6000)
     columns["Position[rad]"] = np.degrees(columns["Position[rad]"]) % 360
     source = write_csv(tmp_path / "a.csv", columns)
     with pytest.raises(RecordError, match=r"starts again, but a turn has 6\.2832 rad"):
