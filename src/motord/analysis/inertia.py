@@ -151,6 +151,7 @@ def oscillation_json(found: Oscillation, subject: Subject, runs: Sequence[str]) 
             }
             for s in b.shares
         ],
+        "disturbed": [release.index for release in found.disturbed],
         "readings": [
             {"label": r.label, "inertia_kg_m2": r.inertia_kg_m2, "std_kg_m2": r.std_kg_m2}
             for r in found.readings
@@ -161,6 +162,7 @@ def oscillation_json(found: Oscillation, subject: Subject, runs: Sequence[str]) 
         ],
         "releases": [
             {
+                "index": r.index,
                 "period_s": r.five.period_s,
                 "decrement": r.five.decrement,
                 "damping_ratio": r.five.damping_ratio,

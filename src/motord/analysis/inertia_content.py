@@ -66,6 +66,7 @@ def _oscillation(found: Oscillation) -> OscillationReport:
         damping_ratio=found.damping_ratio,
         period_s=float(np.mean([release.five.period_s for release in found.releases])),
         repeatability=scatter,
+        disturbed=len(found.disturbed),
         swings=_swings(found.releases),
         periods=_periods(found.setup, b.inertia_kg_m2),
         readings=tuple((r.label, r.inertia_kg_m2, r.std_kg_m2) for r in found.readings),

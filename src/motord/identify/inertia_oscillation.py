@@ -20,6 +20,9 @@ REPORTS_WAY = "five periods, damped, m/3"
 """How Poels 2008 reads the swings."""
 
 
+DISTURBED = 1.25
+"""How much worse than those that fit best (a quarter of them) a release may fit and be used."""
+
 COGGING_UNCERTAINTY = 0.01
 """Standard uncertainty of a known cogging torque, in parts of it."""
 
@@ -49,7 +52,7 @@ class Oscillation:
 
     stator: it was in place, and its cogging torque known. budget: of the fitted decays with the
     chosen effective mass; readings: other ways of reading the swings; improvements: what changes
-    of the set-up would bring.
+    of the set-up would bring. disturbed: releases that were left out, as they fit worse.
     """
 
     setup: Setup
@@ -61,6 +64,7 @@ class Oscillation:
     readings: tuple[Reading, ...]
     curves: Curves
     improvements: tuple[Improvement, ...]
+    disturbed: tuple[Release, ...] = ()
 
     @property
     def inertia_kg_m2(self) -> float:
@@ -98,10 +102,12 @@ def combine(
 ) -> Oscillation:
     """Return the inertia from all releases. Raises IdentifyError if there are none.
 
-    cogging_Nm (3, n): what they were read with.
+    cogging_Nm (3, n): what they were read with. A release that fits clearly worse than others is
+    left out: somebody touched the bar, or a computer stalled.
     """
     if not releases:
         raise IdentifyError("no good release in there")
+    releases, disturbed = _apart(releases)
     frequency_rad_s, stderr_rad_s = mean_frequency([release.decay for release in releases])
     if cogging_Nm is not None:
         uncertain = _uncertain_cogging(releases[0], setup, cogging_Nm)
@@ -129,7 +135,16 @@ def combine(
             float(damping.mean()),
             float(damping.std(ddof=1)) if damping.size > 1 else 0.05 * float(damping[0]),
         ),
+        disturbed=tuple(disturbed),
     )
+
+
+def _apart(releases: Sequence[Release]) -> tuple[list[Release], list[Release]]:
+    """Return those that fit as well as the best, and the others."""
+    misfit_rad = np.array([np.std(release.decay.residual_rad) for release in releases])
+    worst_rad = DISTURBED * float(np.percentile(misfit_rad, 25))
+    good = [r for r, misfit in zip(releases, misfit_rad, strict=True) if misfit <= worst_rad]
+    return good, [r for r, misfit in zip(releases, misfit_rad, strict=True) if misfit > worst_rad]
 
 
 def _readings(releases: Sequence[Release], setup: Setup) -> tuple[Reading, ...]:

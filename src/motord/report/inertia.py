@@ -38,6 +38,7 @@ class OscillationReport:
     damping_ratio: float
     period_s: float
     repeatability: float
+    disturbed: int
     swings: Swings
     periods: Periods
     readings: tuple[tuple[str, float, float], ...]
@@ -122,8 +123,10 @@ def _against(value_kg_m2: float, truth_kg_m2: float | None) -> list[str]:
 
 def _oscillation(page: Page, data: OscillationReport, truth_kg_m2: float | None) -> None:
     page.heading("Moment of inertia by oscillation")
+    left_out = f" {data.disturbed} more fit worse and are left out." if data.disturbed else ""
     page.paragraph(
-        f"A bar between springs on the rotor is let go, {len(data.swings.releases)} times. The "
+        f"A bar between springs on the rotor is let go, {len(data.swings.releases)} times."
+        f"{left_out} The "
         f"period is {1e3 * data.period_s:.2f} ms, the damping ratio {data.damping_ratio:.4f}; the "
         f"frequency of one release repeats within {100 * data.repeatability:.4f} %."
     )

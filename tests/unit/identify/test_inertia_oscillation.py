@@ -6,7 +6,7 @@ import pytest
 from motord.identify import IdentifyError
 from motord.identify.inertia_oscillation import REPORTS_WAY, combine, read_release, waves_of
 from tests.campaigns.inertia import covered, with_stator
-from tests.unit.identify.inertia_runs import releases, swing_truth, told
+from tests.unit.identify.inertia_runs import read, releases, swing_bench, swing_truth, taken, told
 
 TRUTH_KG_M2 = swing_truth().rotor.inertia_kg_m2
 
@@ -36,6 +36,18 @@ def test_the_reports_reading_is_high_by_amplitude_and_effective_mass() -> None:
 def test_the_stated_interval_covers_the_truth_of_wrongly_told_set_ups() -> None:
     share = covered(releases(1, 6), draws=60, seed=3)
     assert 0.88 <= share <= 1.0
+
+
+def test_a_release_that_was_disturbed_is_left_out() -> None:
+    ticks = taken(swing_bench(), "inertia-oscillation", 1, repeats=3)
+    late = ticks[1].copy()
+    late["t_ns"][late.size // 2 :] += 4_000_000  # the clock, or the bar, stood still meanwhile
+    read_all = [read(n, block) for n, block in enumerate((ticks[0], late, ticks[2]))]
+    found = combine(read_all, told())
+    assert [release.index for release in found.disturbed] == [1]
+    assert [release.index for release in found.releases] == [0, 2]
+    assert found.inertia_kg_m2 == pytest.approx(TRUTH_KG_M2, rel=2e-3)
+    assert not combine(releases(1, 6), told()).disturbed
 
 
 def test_no_release_and_too_heavy_a_bar_are_refused() -> None:

@@ -85,6 +85,9 @@ def _print(result: dict[str, Any]) -> None:
         f"(95 %; {100 * 1.96 * u / value:.2f} %), {result['experiment']}",
         highlight=False,
     )
+    if result.get("disturbed"):
+        numbers = ", ".join(str(index + 1) for index in result["disturbed"])
+        console.print(f"left out, as they fit worse than the others: release {numbers}")
     table = Table(title="where the uncertainty comes from")
     table.add_column("source")
     table.add_column("standard uncertainty, %", justify="right")
