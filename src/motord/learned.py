@@ -38,16 +38,15 @@ class Verified(_Part):
 class LearnedPoint(_Part):
     """The correction of one operating point, sum of cos_Nm cos(h theta) + sin_Nm sin(h theta).
 
-    gain: share of an error that the next pass takes out, 0 once it has settled. passes: how often
-    it was measured. before_percent: RMS error of the first pass; best: what the best pass had.
+    gain: share of an error that is taken out next, 0 once the point has settled. best: of the pass
+    that left the least. history_percent: RMS error of the torque in every pass, eq. (4.16).
     """
 
     cos_Nm: tuple[Finite, ...]
     sin_Nm: tuple[Finite, ...]
     gain: Annotated[float, Field(ge=0, le=1)] = 0.0
-    passes: Annotated[int, Field(ge=0)] = 0
-    before_percent: NonNegative | None = None
     best: Verified | None = None
+    history_percent: tuple[NonNegative, ...] = ()
 
     @property
     def line_Nm(self) -> np.ndarray:

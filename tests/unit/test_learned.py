@@ -16,7 +16,7 @@ NOW = datetime(2026, 4, 1, tzinfo=UTC)
 def point(value: float, orders: int = 3) -> LearnedPoint:
     values = (value,) * orders
     best = Verified(cos_Nm=values, sin_Nm=values, rms_percent=0.2, stderr_percent=0.01)
-    return LearnedPoint(cos_Nm=values, sin_Nm=values, gain=0.7, passes=1, best=best)
+    return LearnedPoint(cos_Nm=values, sin_Nm=values, gain=0.7, best=best)
 
 
 def learned(**changes: object) -> LearnedTorque:

@@ -21,6 +21,7 @@ COMMANDS = {
     "reset": "motord.cli.operate:reset",
     "set": "motord.cli.operate:set_",
     "plan": "motord.cli.plan:app",
+    "learn": "motord.cli.learn:learn",
     "analyse": "motord.cli.analyse:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",

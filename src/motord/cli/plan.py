@@ -64,7 +64,7 @@ def start(
 ) -> None:
     """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
     with daemon(bench, connect) as client:
-        asked = {"name": name, "settings": _settings(client, name, settings or [])}
+        asked = {"name": name, "settings": settings_of(client, name, settings or [])}
         if dry_run:
             outline = client.rpc("plan/start", dry_run=True, **asked)
             say(outline, "\n".join(_outline_lines(outline)), as_json)
@@ -76,13 +76,13 @@ def start(
             if detach:
                 say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
-            view = _follow(client, command.token, progress, quiet=as_json)
+            view = follow(client, command.token, progress, quiet=as_json)
         say(view.model_dump(mode="json"), _end_line(view), as_json)
         if view.state != "done":
             fail(f"{view.plan} {view.state}: {view.message}")
 
 
-def _settings(client: "Client", name: str, given: list[str]) -> dict[str, Any]:
+def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]:
     """Return the settings as JSON values; one number for a list is a list of one."""
     if not given:
         return {}
@@ -127,7 +127,7 @@ def _end_line(view: "PlanView") -> str:
     return f"{view.plan}: {view.points_done} of {view.points} points{recording}"
 
 
-def _follow(
+def follow(
     client: "Client", token: str, progress: "Subscription[PlanView]", *, quiet: bool
 ) -> "PlanView":
     """Show progress until the plan is over; the first Ctrl-C aborts it."""

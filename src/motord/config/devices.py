@@ -50,14 +50,25 @@ class CanConfig(Section):
 
 
 class InverterConfig(Section):
-    """`[inverter]`: the drive's driver and timing."""
+    """`[inverter]`: the drive's driver and timing.
+
+    actuation_delay_s is from the start of a tick until its current flows, dead time and the lag
+    of the current loops together; lag_s is how much of it is that lag (1 / (2 pi bandwidth)).
+    """
 
     driver: str = "sim"
     can: CanConfig | None = None
     stale_after_s: Positive = 0.02
     timeout_s: Positive = 0.05
     actuation_delay_s: NonNegative = 0.0008
+    lag_s: NonNegative = 0.0
     feedback_age_s: NonNegative = 0.0
+
+    @model_validator(mode="after")
+    def _lag_is_part_of_the_delay(self) -> "InverterConfig":
+        if self.lag_s > self.actuation_delay_s:
+            raise ValueError("lag_s is part of actuation_delay_s and cannot be above it")
+        return self
 
     @model_validator(mode="after")
     def _needs_can(self) -> "InverterConfig":

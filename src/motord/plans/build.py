@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from motord.config import Config
-from motord.plans import driven, inertia_acceleration, inertia_oscillation, mesh, sensitivity
+from motord.plans import driven, inertia_acceleration, inertia_oscillation, learn, mesh, sensitivity
 from motord.plans.settings import PlanError
 from motord.plans.steps import Plan
 
@@ -47,6 +47,10 @@ PLANS: dict[str, Kind] = {
     "sensitivity": Kind(
         "known errors of gains, offsets and cogging torque, for what each costs in ripple",
         sensitivity.make,
+    ),
+    "learn": Kind(
+        "the mesh with all that is known applied, once, to learn what is left at each point",
+        learn.make,
     ),
 }
 """Name of a plan to what makes it; each plan is a module of this package."""

@@ -54,12 +54,17 @@ def true_torque(run: Run) -> Iterator[TrueTorque]:
     columns = ("angle_rad", "speed_rad_s", "torque_Nm")
     for point in good_points(run.operating_points()):
         truth = run.truth(columns, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
-        turned = np.abs(truth["angle_rad"] - truth["angle_rad"][0]) / (2 * np.pi)
-        whole = turned < np.floor(turned[-1])
-        yield TrueTorque(
-            torque_set_Nm=float(point["torque_Nm"]),
-            speed_Hz=float(point["speed_Hz"]),
-            angle_rad=truth["angle_rad"][whole],
-            torque_Nm=truth["torque_Nm"][whole].astype(float),
-            weights=np.abs(truth["speed_rad_s"][whole].astype(float)),
-        )
+        yield true_torque_of(point, truth)
+
+
+def true_torque_of(point: Mapping[str, Any], truth: np.ndarray) -> TrueTorque:
+    """Return the true torque of an operating point from the truth of its capture, in time order."""
+    turned = np.abs(truth["angle_rad"] - truth["angle_rad"][0]) / (2 * np.pi)
+    whole = turned < np.floor(turned[-1])
+    return TrueTorque(
+        torque_set_Nm=float(point["torque_Nm"]),
+        speed_Hz=float(point["speed_Hz"]),
+        angle_rad=truth["angle_rad"][whole],
+        torque_Nm=truth["torque_Nm"][whole].astype(float),
+        weights=np.abs(truth["speed_rad_s"][whole].astype(float)),
+    )

@@ -1,0 +1,133 @@
+"""`motord learn`: the passes of learning on a running daemon, one after the other."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from motord.cli.analyse.inputs import Output, Report, explained, say_files
+from motord.cli.analyse.learn import Gain, HighestOrder, print_pass, summary
+from motord.cli.command import in_command
+from motord.cli.console import fail, print_json
+from motord.cli.plan import follow, settings_of
+from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon
+
+if TYPE_CHECKING:
+    from motord.analysis.learn import LearnPass
+    from motord.calibration import Calibration
+    from motord.client import Client
+    from motord.identify.learn import Learning
+
+CLOSED_S = 15.0
+"""How long the recorder may take to close the recording of a pass."""
+
+
+def learn(
+    passes: Annotated[
+        int, typer.Option(min=2, max=50, help="Passes at most; the last one only measures.")
+    ] = 5,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the plan `learn`."),
+    ] = None,
+    gain: Gain = 0.7,
+    highest_order: HighestOrder = 256,
+    again: Annotated[
+        bool, typer.Option("--again", help="Learn on at points that had settled before.")
+    ] = False,
+    output: Output = None,
+    report: Report = None,
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Learn what the calibration in force leaves in the torque, and apply it.
+
+    Each pass is a run of the plan `learn`; what it teaches is installed before the next, with the
+    bench at rest. Ctrl-C aborts the pass, ramping down; what the passes before taught stays.
+    """
+    from datetime import UTC, datetime
+
+    from motord.analysis.learn import finish, learn_report, reopen
+    from motord.identify.learn import Learning
+    from motord.report.learn import write
+
+    learning = Learning(gain=gain, highest_order=highest_order)
+    with daemon(bench, connect) as client, in_command(client, force=force) as command, explained():
+        calibration = _in_force(client)
+        chosen = settings_of(client, "learn", settings or [])
+        if again:
+            calibration = reopen(calibration, datetime.now(UTC), learning)
+            _install(client, command.token, calibration)
+        for number in range(1, passes + 1):
+            done = _pass(client, command.token, chosen, calibration, learning, quiet=as_json)
+            if number == passes:
+                done = finish(done, datetime.now(UTC))
+            calibration = done.calibration
+            _install(client, command.token, calibration)
+            if not as_json:
+                typer.echo(f"pass {number}: {summary(done)}")
+            if done.finished:
+                break
+        if output:
+            calibration.save(output)
+        if report:
+            write(report, learn_report(done))
+    if as_json:
+        print_json(done.to_json())
+    else:
+        print_pass(done)
+        say_files(output, report)
+
+
+def _in_force(client: "Client") -> "Calibration":
+    from motord.calibration import load
+
+    view = client.state().calibration
+    if view is None:
+        fail("no calibration is in force; learning goes on from one: install one first")
+    return load(Path(view.path))
+
+
+def _install(client: "Client", token: str, calibration: "Calibration") -> None:
+    client.rpc("calibration/install", token=token, calibration=calibration.to_json())
+
+
+def _pass(
+    client: "Client",
+    token: str,
+    settings: dict[str, Any],
+    calibration: "Calibration",
+    learning: "Learning",
+    *,
+    quiet: bool,
+) -> "LearnPass":
+    """Run the plan once and learn from its recording."""
+    from datetime import UTC, datetime
+
+    from motord.analysis import Subject
+    from motord.analysis.learn import learn_from_runs
+    from motord.record.reader import open_run
+
+    with client.subscribe_plan() as progress:
+        client.rpc("plan/start", name="learn", settings=settings, token=token)
+        view = follow(client, token, progress, quiet=quiet)
+    if view.state != "done":
+        fail(f"learn {view.state}: {view.message}; calibration {calibration.id} is in force")
+    run = open_run(_closed(view.recording))
+    now = datetime.now(UTC)
+    return learn_from_runs([run], Subject.of_runs([run]), calibration, now, learning)
+
+
+def _closed(recording: str) -> Path:
+    """Return the file of a recording once the recorder has closed it."""
+    if not recording:
+        fail("the pass was not recorded, so there is nothing to learn from: is [recording] on?")
+    path, end_s = Path(recording), time.monotonic() + CLOSED_S
+    while not path.exists():
+        if time.monotonic() > end_s:
+            fail(f"{path}: not there {CLOSED_S:g} s after the pass; `motord record recover` helps")
+        time.sleep(0.05)
+    return path

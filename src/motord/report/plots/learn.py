@@ -1,0 +1,81 @@
+"""Learning: the error of every operating point pass by pass, and what was learned."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from motord.report.plots.mesh import Point
+from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure
+
+_TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
+"""Colours from the lowest to the highest torque."""
+
+LEAST_PERCENT = 0.02
+"""Smallest error that is drawn: less cannot be told from none."""
+
+
+def _colours(points: Sequence[Point]) -> dict[float, tuple[float, float, float, float]]:
+    torques_Nm = sorted({torque_Nm for torque_Nm, _ in points})
+    places = np.linspace(0, 1, len(torques_Nm)) if len(torques_Nm) > 1 else [0.0]
+    return {
+        torque_Nm: _TORQUES(float(place))
+        for torque_Nm, place in zip(torques_Nm, places, strict=True)
+    }
+
+
+def _legend(axes: Axes, colours: Mapping[float, tuple[float, float, float, float]]) -> None:
+    for torque_Nm, colour in colours.items():
+        axes.plot([], [], color=colour, marker="o", markersize=4, label=f"{torque_Nm:g} Nm")
+    axes.legend(loc="upper right", ncols=min(len(colours), 5))
+
+
+def convergence(passes: Mapping[Point, Sequence[float]]) -> Figure:
+    """Return RMS errors (percent) over the number of the pass, one line a point."""
+    colours = _colours(list(passes))
+    with drawing():
+        picture = figure(3.2)
+        axes = picture.subplots()
+        for (torque_Nm, _), errors in passes.items():
+            number, drawn = np.arange(1, len(errors) + 1), np.maximum(errors, LEAST_PERCENT)
+            axes.semilogy(
+                number, drawn, color=colours[torque_Nm], marker="o", markersize=3,
+                linewidth=1.0, alpha=0.8,
+            )  # fmt: skip
+        axes.axhline(1.0, color=INK, linewidth=0.8)
+        axes.axhline(0.2, color=SOFT, linewidth=0.8, linestyle=(0, (4, 3)))
+        longest = max(len(errors) for errors in passes.values())
+        axes.set_xticks(range(1, longest + 1))
+        axes.set_xlabel("pass")
+        axes.set_ylabel("RMS error (% of rated)")
+        largest = max(max(errors) for errors in passes.values())
+        axes.set_ylim(0.9 * LEAST_PERCENT, 2.5 * largest)
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        _legend(axes, colours)
+        return picture
+
+
+def corrections(points: Mapping[Point, Sequence[tuple[int, float]]]) -> Figure:
+    """Return amplitudes (Nm) over order, a dot for each point."""
+    colours = _colours(list(points))
+    with drawing():
+        picture = figure(3.0)
+        axes = picture.subplots()
+        for (torque_Nm, _), harmonics in points.items():
+            order = [h[0] for h in harmonics]
+            amplitude_mNm = [1e3 * h[1] for h in harmonics]
+            axes.plot(
+                order, amplitude_mNm, color=colours[torque_Nm], marker="o", markersize=3,
+                linestyle="none", alpha=0.8,
+            )  # fmt: skip
+        axes.set_ylim(bottom=0)
+        axes.set_xlim(left=0)
+        axes.set_xlabel("order per turn")
+        axes.set_ylabel("correction (mNm)")
+        _legend(axes, colours)
+        return picture
