@@ -7,7 +7,8 @@ was resident at once, modules included (VmHWM; `ru_maxrss` would tell that of it
 The same answer by a pseudo-inverse is made in two ways. `joint` adds up products of the columns
 turn by turn; instead, the columns of all samples can be stacked in one matrix, and numpy's `pinv`
 applied to it. `residual` averages at the encoder points first, as the report does; then the stacked
-matrix has 4096 rows a trial, however long the trials were, and most of the time goes into averages.
+matrix has 4096 rows a trial, however long the trials were. From these averages, its sums are
+compared with the matrix; from the samples, most of the time of either goes into averaging.
 """
 
 import json
@@ -24,10 +25,11 @@ import numpy as np
 from motord import config
 from motord.analysis import Subject, calibrator
 from motord.identify.basis import Basis, fill_columns, highpass
+from motord.identify.instruments import commands_over_angle, instruments
 from motord.identify.moments import BAND_MARGIN, accumulate, settled
 from motord.identify.orders import allowed_orders
 from motord.identify.points import Samples, prepare
-from motord.identify.residual import ResidualEstimator
+from motord.identify.residual import ResidualEstimator, Trial
 from motord.identify.sensor import MountInverse
 from motord.record.captures import captures
 from motord.record.metadata import describe
@@ -120,6 +122,7 @@ class Matrices:
         subject = Subject.of_runs([run])
         self.motor, self.sensor = subject.motor, subject.sensor
         self.samples = [prepare(point, self.motor.counts) for point in captures(run)]
+        self.trials = [Trial.of(samples, self.motor.counts) for samples in self.samples]
         every = max(len(self.samples) // STACKED_POINTS, 1)
         self.some = self.samples[::every]
         orders = allowed_orders(self.motor.slots, 2 * self.motor.pole_pairs, self.motor.counts // 4)
@@ -143,16 +146,31 @@ class Matrices:
         answer: np.ndarray = np.linalg.pinv(stacked[:, :-1]) @ stacked[:, -1]
         return answer
 
+    def trial_sums(self) -> np.ndarray:
+        """Return alpha - 1, beta and cogging torque of the residual estimator, from averages."""
+        estimator = ResidualEstimator(self.motor, self.orders)
+        for trial in self.trials:
+            estimator.take(trial)
+        y, left_Nm = estimator.least_squares()
+        return np.concatenate([y, left_Nm - left_Nm.mean()])
+
+    def trials_stacked(self) -> np.ndarray:
+        """Return the same from the same averages as the report does it: X (4.6) of all trials."""
+        k = self.motor.back_emf_table()
+        tables = [trial.table for trial in self.trials]
+        x = np.concatenate([np.column_stack([table[:3].T * k, k]) for table in tables])
+        return self._by_pinv(x, np.concatenate([table[3] for table in tables]))
+
     def residual_sums(self) -> np.ndarray:
-        """Return alpha - 1, beta and cogging torque of the residual estimator."""
+        """Return the same from the samples, averages included."""
         estimator = ResidualEstimator(self.motor, self.orders)
         for samples in self.samples:
             estimator.add(samples)
-        found = estimator.solve()
-        return np.concatenate([found.alpha - 1, found.beta_A, found.z_Nm])
+        y, left_Nm = estimator.least_squares()
+        return np.concatenate([y, left_Nm - left_Nm.mean()])
 
     def residual_stacked(self) -> np.ndarray:
-        """Return the same: averages at the encoder points, stacked, and their pseudo-inverse."""
+        """Return the same from the samples with numpy's averages, stacked."""
         k, counts = self.motor.back_emf_table(), self.motor.counts
         xs, torques_Nm = [], []
         for samples in self.samples:
@@ -162,19 +180,24 @@ class Matrices:
             means = [np.bincount(count, c, minlength=counts) / hits for c in columns]
             xs.append(np.column_stack([np.column_stack(means[1:]) * k, k]))
             torques_Nm.append(means[0] - means[0].mean())
-        y = np.linalg.pinv(np.concatenate(xs), rcond=1e-9) @ np.concatenate(torques_Nm)
-        left = [t - x @ y for x, t in zip(xs, torques_Nm, strict=True)]
-        cogging_Nm = np.mean(left, axis=0)
-        return np.concatenate([y, cogging_Nm - cogging_Nm.mean()])
+        return self._by_pinv(np.concatenate(xs), np.concatenate(torques_Nm))
+
+    def _by_pinv(self, x: np.ndarray, torque_Nm: np.ndarray) -> np.ndarray:
+        """Return y = pinv(X) tau (4.9) and what is left, averaged over the trials (4.14)."""
+        y = np.linalg.pinv(x, rcond=1e-9) @ torque_Nm
+        left_Nm = (torque_Nm - x @ y).reshape(-1, self.motor.counts).mean(axis=0)
+        return np.concatenate([y, left_Nm - left_Nm.mean()])
 
     def _columns(self, samples: Samples) -> np.ndarray:
         """Return columns and torque of all whole turns, freed of mean and slope over each."""
         band_Hz = BAND_MARGIN * max(self.orders) * samples.speed_Hz
         mount = MountInverse.of(self.sensor, samples.period_s, band_Hz)
         y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-        currents_A = np.concatenate([samples.i_A, samples.command_A], axis=1)
+        lines = commands_over_angle(samples, self.motor.counts)
+        commands_A, rates = instruments(lines, self.basis, samples.speed_Hz)
+        currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
         columns = np.empty((samples.t_s.size, self.basis.width - 1))
-        tables = self.basis.back_emf, self.basis.cogging
+        tables = self.basis.back_emf, self.basis.cogging, rates
         fill_columns(samples.count, samples.t_s, currents_A, 0, *tables, columns)
         dt_s = np.diff(samples.t_s, prepend=samples.t_s[0])
         state = settled(samples, self.basis)
@@ -228,12 +251,18 @@ def matrix_figures(path: Path, rounds: int) -> list[Figure]:
             f"{rows} samples of {len(matrices.some)} points by {matrices.chosen.size} columns",
         ),
         ratio(
-            "residual, to `pinv` of all encoder points stacked",
+            "residual from averages, to `pinv` of the stacked matrix of the report",
+            (matrices.trial_sums, matrices.trials_stacked),
+            5 * rounds,
+            PINV_RATIO_WANTED,
+            f"{len(matrices.trials)} trials by {matrices.motor.counts} encoder points, 6 columns",
+        ),
+        ratio(
+            "residual from samples, averages included, to the same with numpy",
             (matrices.residual_sums, matrices.residual_stacked),
             rounds,
-            PINV_RATIO_WANTED,
-            f"{every} samples averaged at {matrices.motor.counts} encoder points of "
-            f"{len(matrices.samples)} trials, then 6 columns",
+            None,
+            f"{every} samples: to average them takes most of the time, at the speed of memory",
         ),
     ]
 

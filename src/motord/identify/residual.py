@@ -13,6 +13,11 @@ from motord.config import MotorConfig
 from motord.identify import IdentifyError
 from motord.identify.encoder_points import EncoderSums, fill_gaps
 from motord.identify.points import Samples
+from motord.jit import jit_sums
+
+VALUE = (0, 1, 2, 4, 4, 4, 3)
+WAVE = (0, 1, 2, 0, 1, 2, 3)
+"""Rows of a trial's table and of the waves whose product is a column of [I* o K, K, torque]."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,38 @@ class ResidualFit:
     condition_number: float
 
 
+@dataclass(frozen=True)
+class Trial:
+    """Averages of one operating point: rows i_a, i_b, i_c (A), torque (Nm), 1 where there are any.
+
+    table: (5, counts); all rows are 0 at encoder points without a sample, and the mean of the
+    torque is 0, because the sensor does not see it.
+    """
+
+    table: np.ndarray
+
+    @classmethod
+    def of(cls, samples: Samples, counts: int) -> "Trial":
+        """Average over the whole turns: 24 recorded are 23 from the zero point."""
+        whole = samples.whole
+        values = np.concatenate([samples.i_A[whole], samples.torque_Nm[whole, None]], axis=1)
+        sums = EncoderSums.of(samples.count[whole], values, counts)
+        hit = sums.hits > 0
+        table = np.zeros((5, counts))
+        np.divide(sums.sums.T, sums.hits, out=table[:4], where=hit)
+        table[3, hit] -= table[3, hit].mean()
+        table[4] = hit
+        return cls(table)
+
+    def lines(self, k: np.ndarray, orders: np.ndarray) -> np.ndarray:
+        """Return the complex amplitudes (n, 7) of the columns of X (4.6) and of the torque."""
+        seen = np.where(self.table[4] > 0, self.table[:4], np.nan)
+        currents = np.array([fill_gaps(row) for row in seen[:3] * k])
+        rows = np.concatenate([currents, k, fill_gaps(seen[3])[None]])
+        lines: np.ndarray = np.fft.rfft(rows, axis=1)[:, orders].T * 2 / k.shape[1]
+        return lines
+
+
 class ResidualEstimator:
     """Takes trial by trial; memory does not grow with their length.
 
@@ -40,49 +77,48 @@ class ResidualEstimator:
     """
 
     def __init__(self, motor: MotorConfig, orders: tuple[int, ...]) -> None:
-        self._k = motor.back_emf_table()
+        self._k = np.ascontiguousarray(motor.back_emf_table().T)
+        self._waves = np.concatenate([self._k, np.ones((1, motor.counts))])
         self._orders = np.array(orders, int)
-        self._xx = np.zeros((6, 6))
-        self._xt = np.zeros(6)
-        self._tt = 0.0
-        self._rows = 0
-        self._sums = np.zeros((motor.counts, 7))
-        self._trials = np.zeros(motor.counts, int)
-        self._lines: list[np.ndarray] = []
+        self._products = np.zeros((7, 7))  # of the columns of X and the torque
+        self._sums = np.zeros((5, motor.counts))
+        self._trials: list[Trial] = []
 
     def add(self, samples: Samples) -> None:
-        """Take a trial: 24 turns recorded are 23 whole ones from the zero point."""
-        whole = samples.whole
-        count, counts = samples.count[whole], self._k.shape[0]
-        currents = EncoderSums.of(count, samples.i_A[whole], counts)
-        torque = EncoderSums.of(count, samples.torque_Nm[whole, None], counts)
-        hit, torque_Nm = torque.hits > 0, torque.means()[:, 0]
-        torque_Nm -= torque_Nm[hit].mean()  # the sensor does not see the mean
-        x = np.concatenate([currents.means() * self._k, self._k], axis=1)  # (4.6)
-        self._xx += x[hit].T @ x[hit]
-        self._xt += x[hit].T @ torque_Nm[hit]
-        self._tt += float(torque_Nm[hit] @ torque_Nm[hit])
-        self._rows += int(hit.sum())
-        table = np.column_stack([x, torque_Nm])
-        self._sums[hit] += table[hit]
-        self._trials += hit
-        filled = np.column_stack([fill_gaps(column) for column in table.T])
-        lines = np.fft.rfft(filled, axis=0)[self._orders] * 2 / filled.shape[0]
-        self._lines.append(lines)
+        """Take an operating point."""
+        self.take(Trial.of(samples, self._k.shape[1]))
+
+    def take(self, trial: Trial) -> None:
+        """Take the averages of an operating point."""
+        add_products(trial.table, self._waves, self._products)
+        self._sums += trial.table
+        self._trials.append(trial)
+
+    def least_squares(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return y (6,), eq. (4.7), and what is left, averaged over the trials (counts,), (4.14).
+
+        Encoder points without any sample are filled from their neighbours.
+        """
+        if not self._trials:
+            raise IdentifyError("no operating points to identify from")
+        y = np.linalg.pinv(self._products[:6, :6], rcond=1e-12, hermitian=True)
+        y = y @ self._products[:6, 6]
+        with np.errstate(invalid="ignore"):
+            means = self._sums[:4] / self._sums[4]
+        left_Nm = means[3] - y[:3] @ (means[:3] * self._k) - y[3:] @ self._k
+        return y, fill_gaps(left_Nm)
 
     def solve(self) -> ResidualFit:
         """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14)."""
-        if not self._lines:
-            raise IdentifyError("no operating points to identify from")
-        inverse = np.linalg.pinv(self._xx, rcond=1e-12, hermitian=True)
-        y = inverse @ self._xt
-        variance = (self._tt - self._xt @ y) / max(self._rows - 6, 1)
+        y, z_Nm = self.least_squares()
+        xx, xt = self._products[:6, :6], self._products[:6, 6]
+        rows = int(self._sums[4].sum())
+        variance = (self._products[6, 6] - xt @ y) / max(rows - 6, 1)
+        inverse = np.linalg.pinv(xx, rcond=1e-12, hermitian=True)
         stderr = np.sqrt(np.maximum(np.diag(inverse) * variance, 0))
-        with np.errstate(invalid="ignore"):
-            mean = self._sums / self._trials[:, None]
-        z_Nm = fill_gaps(mean[:, 6] - mean[:, :6] @ y)
-        lines = np.array([line[:, 6] - line[:, :6] @ y for line in self._lines])
-        values = np.linalg.eigvalsh(self._xx)
+        parts = [trial.lines(self._k, self._orders) for trial in self._trials]
+        lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
+        values = np.linalg.eigvalsh(xx)
         kept = values[values > 1e-12 * values[-1]]
         return ResidualFit(
             alpha=1 + y[:3],
@@ -94,3 +130,21 @@ class ResidualEstimator:
             line_stderr_Nm=lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1)),
             condition_number=float(np.sqrt(values[-1] / kept[0])),
         )
+
+
+@jit_sums
+def add_products(table: np.ndarray, waves: np.ndarray, products: np.ndarray) -> None:
+    """Add the products of all pairs of columns of X and the torque to `products` (7, 7).
+
+    table (5, counts) as in `Trial`; waves (4, counts): back-EMF of the phases, and 1. Column p of
+    [I* o K, K, torque] is the product of a row of each; it is never made.
+    """
+    for p in range(7):
+        a, wave_a = table[VALUE[p]], waves[WAVE[p]]
+        for q in range(p, 7):
+            b, wave_b = table[VALUE[q]], waves[WAVE[q]]
+            total = 0.0
+            for n in range(a.size):
+                total += a[n] * wave_a[n] * b[n] * wave_b[n]
+            products[p, q] += total
+            products[q, p] = products[p, q]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from motord.config import TorqueSensorConfig
 from motord.identify import IdentifyError
 from motord.identify.calibrate import Calibrator, calibrate, rated_current_A
+from motord.identify.residual import ResidualEstimator, Trial
 from motord.identify.result import CalibrationResult
 
 from .synthetic_bench import Bench, Truth, motor
@@ -304,3 +305,27 @@ def test_runs_with_and_without_compensation_together_measure_the_common_gain() -
     assert both.delta_epsilon_stderr < 0.01
     wrong = np.abs(first.alpha - gauged(truth.alpha)).max()
     assert np.abs(both.alpha - gauged(truth.alpha)).max() < 0.3 * wrong
+
+
+@pytest.mark.kernel
+def test_sums_over_trials_are_those_of_the_stacked_matrix() -> None:
+    """Also where some encoder points of a trial, or all of them, have no sample."""
+    rng = np.random.default_rng(8)
+    motor = Bench().motor
+    k, counts = motor.back_emf_table(), motor.counts
+    estimator = ResidualEstimator(motor, (16, 48))
+    stacked, torques_Nm = [], []
+    for scale in (1.0, 3.0):
+        hit = rng.random(counts) < 0.7
+        hit[:5] = False
+        i_A = scale * 8 * k + rng.normal(size=(counts, 3))
+        torque_Nm = rng.normal(size=counts)
+        torque_Nm -= torque_Nm[hit].mean()
+        estimator.take(Trial(np.vstack([i_A.T, torque_Nm, np.ones(counts)]) * hit))
+        stacked.append(np.hstack([i_A * k, k])[hit])
+        torques_Nm.append(torque_Nm[hit])
+    x, torque_Nm = np.concatenate(stacked), np.concatenate(torques_Nm)
+    y, left_Nm = estimator.least_squares()
+    assert np.allclose(y, np.linalg.pinv(x) @ torque_Nm, atol=1e-9)
+    assert left_Nm.shape == (counts,)
+    assert np.isfinite(left_Nm).all()
