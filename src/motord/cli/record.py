@@ -130,6 +130,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "plan": _plan_name(facts.get("plan")),
         "calibration": facts.get("calibration"),
         "notes": facts.get("notes"),
+        **_black_box(facts.get("blackbox")),
         "start": facts.get("start"),
         "ticks": _ticks(facts),
         "timing": facts["timing"]["words"] if facts["timing"] else None,
@@ -146,6 +147,17 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             f"  {p.get('index', '?'):>3}  {p.get('torque_Nm', 0):6.2f} Nm "
             f"{p.get('speed_Hz', 0):6.3f} Hz  {p.get('turns', 0):5.1f} turns  {p.get('quality')}"
         )
+
+
+def _black_box(account: object) -> dict[str, object]:
+    """Return the lines of a black box: what happened, its causes, what to do."""
+    if not isinstance(account, dict):
+        return {}
+    return {
+        "black box of": account.get("reason"),
+        "all causes": ", ".join(account.get("causes", [])),
+        "suggested": account.get("action"),
+    }
 
 
 def _plan_name(plan: object) -> object:

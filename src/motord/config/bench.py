@@ -18,11 +18,13 @@ class BenchConfig(Section):
     rig_patience_s is for the emulator on computers that stall: the rig's time stands still when the
     emulator has not run for so long and, with the power stage on, when no current command has come
     for so long, until one comes or the inverter's timeout is over. Without it the rig plays on, as
-    a real one does.
+    a real one does. faults is a timeline of faults to inject (`config.faults`), for a simulated or
+    an emulated bench.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
     rig: Path | None = None
+    faults: Path | None = None
     rig_patience_s: Positive | None = None
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
     notes: str = ""
@@ -43,7 +45,12 @@ class LoopConfig(Section):
 
 
 class LimitsConfig(Section):
-    """`[limits]`: what the loop never exceeds (references) and what it trips at."""
+    """`[limits]`: what the loop never exceeds (references) and what it trips at.
+
+    current_error_A is how far a sensed current may be from its command, by default a quarter of
+    current_A; torque_error_Nm how far the measured torque may be from the set-point, besides a
+    fifth of it, by default 0.3 torque_Nm; for current_error_s and torque_error_s on end.
+    """
 
     torque_Nm: Positive = 6.0
     torque_rate_Nm_per_s: Positive = 10.0
@@ -58,6 +65,10 @@ class LimitsConfig(Section):
     bus_V_max: Positive = 32.0
     link_errors_per_s: Positive = 50.0
     encoder_jump_rad: Positive = 0.15
+    current_error_A: Positive | None = None
+    current_error_s: Positive = 0.02
+    torque_error_Nm: Positive | None = None
+    torque_error_s: Positive = 0.1
 
     @model_validator(mode="after")
     def _trip_above_limit(self) -> "LimitsConfig":
@@ -96,6 +107,12 @@ class RecordingConfig(Section):
     file_max_s: Positive = 3600.0
     file_max_MB: Positive = 4096.0
     free_min_MB: NonNegative = 500.0
+    blackbox_keep: Annotated[int, Field(ge=1, le=10_000)] = 50
+
+    @property
+    def blackbox_directory(self) -> Path:
+        """Where black boxes go; the `blackbox_keep` newest of a bench are kept."""
+        return self.directory / "blackbox"
 
 
 class ZenohConfig(Section):

@@ -8,7 +8,7 @@ from motord.record.reader import Run
 from motord.record.recover import METADATA_RECOVERED
 from motord.runtime.timing import KIND, TimingSummary, total
 
-_FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes")
+_FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes", "blackbox")
 
 
 def describe(run: Run, *, check: bool = False) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from motord.record.blackbox import Wanted
 from motord.record.lines import LineReader
 from motord.record.plain import to_json
 from motord.runtime.rundir import RunDir
@@ -73,6 +74,14 @@ class RecorderLink:
     def metadata(self, name: str, values: Mapping[str, object]) -> None:
         """Record a metadata record, as in `motord.latency`."""
         self._send({"do": "metadata", "name": name, "content": values})
+
+    def blackbox(self, wanted: Wanted) -> None:
+        """Write a black box, beside any recording."""
+        self._send({"do": "blackbox", **wanted.command()})
+
+    def blackbox_event(self, event: Mapping[str, Any]) -> None:
+        """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""
+        self._send({"do": "blackbox_event", "t_ns": event["t_ns"], "content": event})
 
     def reports(self) -> list[dict[str, Any]]:
         """Return what the recorder has said since the last call, and send what waits."""

@@ -16,6 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load
+from motord.record.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
 from motord.record.errors import RecordError
 from motord.record.lines import LineReader
 from motord.record.metadata import describe
@@ -43,7 +44,8 @@ class Reporter:
 
     def tell(self, report: dict[str, object], now_s: float) -> None:
         """Write `report` if it is time for one, or something other than its numbers changed."""
-        essence = (report["recording"], report.get("file"), report.get("lost"), report["error"])
+        told = ("recording", "file", "lost", "error", "blackboxes")
+        essence = tuple(report.get(key) for key in told)
         if essence == self._last and now_s < self._due_s:
             return
         self._last, self._due_s = essence, now_s + REPORT_S
@@ -58,8 +60,12 @@ def run(
     stopping: Callable[[], bool],
     wait: Callable[[float], None],
     clock_s: Callable[[], float] = time.monotonic,
+    on_orphaned: Callable[[float], None] = lambda now_s: None,
 ) -> None:
-    """Record until `stopping()` or the end of the commands; `wait(s)` returns early for those."""
+    """Record until `stopping()` or the end of the commands; `wait(s)` returns early for those.
+
+    `on_orphaned` is called when the commands have ended without being asked to stop.
+    """
     end_s: float | None = None
     while True:
         now_s = clock_s()
@@ -69,10 +75,13 @@ def run(
         reporter.tell(session.report(), now_s)
         if end_s is None and (stopping() or commands.ended):
             end_s = now_s + LAST_TICKS_S
+            if not stopping():
+                on_orphaned(now_s)
         if end_s is not None and (session.over or now_s >= end_s):
             break
         wait(DRAIN_S)
     session.close("asked to stop" if stopping() else "the supervisor ended", clock_s())
+    session.boxes.finish()
     reporter.tell(session.report(), clock_s())
 
 
@@ -99,6 +108,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         Reporter(reports),
         lambda: bool(stopped),
         lambda wait_s: _wait(commands, lines, wait_s),
+        on_orphaned=lambda now_s: _box_of_the_daemons_end(session, config, options.config, now_s),
     )
     return 0
 
@@ -115,6 +125,26 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 def _metadata(config: Config, path: Path) -> dict[str, object]:
     return describe(config, path.read_text(encoding="utf-8"))
+
+
+def _box_of_the_daemons_end(session: Session, config: Config, path: Path, now_s: float) -> None:
+    """Keep what led to the daemon's death, if it left the bench enabled."""
+    now_ns = time.time_ns()
+    account = {
+        "cause": "daemon died",
+        "reason": "the daemon died while the bench was enabled",
+        "action": "look into the system's log for what ended it (out of memory, kill -9, a crash)",
+        "t_ns": now_ns,
+    }
+    box = Wanted(
+        path=path_of(config, now_ns),
+        tick=None,
+        ticks_before=round(BEFORE_S * config.loop.rate_Hz),
+        ticks_after=round(AFTER_S * config.loop.rate_Hz),
+        metadata={**_metadata(config, path), **session.about},
+        account=account,
+    )
+    session.boxes.ask(box, now_s, if_powered=True)
 
 
 def _wait(commands: int, lines: LineReader, wait_s: float) -> None:

@@ -7,6 +7,8 @@ from typing import Any
 
 from motord.config import RecordingConfig
 from motord.record.background import Background
+from motord.record.blackbox import Wanted, checked_event
+from motord.record.blackboxes import BlackBoxes
 from motord.record.errors import RecordError
 from motord.record.feed import Feed, Piece, last_mark
 from motord.record.recording import Recording, free_bytes
@@ -23,7 +25,8 @@ class Session:
     Commands are JSON objects, see `handle`. Files are written by a thread, so a disk that stalls
     keeps nobody from reading the ring; with more than `BACKLOG_BYTES` waiting for it, ticks stay
     in the ring, and what is overwritten there is counted as lost. Only to begin and to end a
-    recording waits for the disk. Nothing here reads a clock.
+    recording waits for the disk. `boxes` are the black boxes, with a thread of their own; `about`
+    is the metadata of the newest recording. Nothing here reads a clock.
     """
 
     def __init__(
@@ -39,6 +42,8 @@ class Session:
         self._recording: Recording | None = None
         self._disk = Background(BACKLOG_BYTES)
         self._error = ""
+        self.boxes = BlackBoxes(ring, settings)
+        self.about: Mapping[str, object] = {}
         self._commands: dict[str, Callable[[Mapping[str, Any], float], None]] = {
             "start": self._start,
             "stop": self._stop,
@@ -46,12 +51,14 @@ class Session:
             "plan": self._plan,
             "operating_point": self._operating_point,
             "metadata": self._metadata,
+            "blackbox": self._blackbox,
+            "blackbox_event": self._blackbox_event,
         }
 
     @property
     def over(self) -> bool:
-        """True if nothing more can come: not recording, or the loop has ended and all is read."""
-        return self._feed is None or self._feed.over
+        """True if nothing more can come: nothing is recorded, or the loop ended and all is read."""
+        return (self._feed is None or self._feed.over) and not self.boxes.filling
 
     def handle(self, line: bytes, now_s: float) -> None:
         """Carry out a command, one line of JSON with `do` and what belongs to it:
@@ -60,6 +67,8 @@ class Session:
         - stop: `reason`
         - event, plan, operating_point: `t_ns`, `content`
         - metadata: `name`, `content`
+        - blackbox: `path`, `tick`, `ticks_before`, `ticks_after`, `metadata`, `account`, `events`
+        - blackbox_event: `t_ns`, `content`
 
         What cannot be carried out shows in the report.
         """
@@ -82,6 +91,7 @@ class Session:
         """
         self.close(f"the recording {stem.name} began", now_s)
         mark = last_mark(stem) if resume else None
+        self.about = metadata
         self._recording = Recording(stem, metadata, self._settings, now_s, self._free)
         self._error = ""
         if self._feed is None:
@@ -89,6 +99,7 @@ class Session:
 
     def step(self, now_s: float) -> None:
         """Have the ticks that have come written, and what is due done."""
+        self.boxes.step(now_s)
         recording = self._recording
         if recording is None:
             return
@@ -124,6 +135,7 @@ class Session:
             "recording": recording is not None and recording.open,
             **tally,
             "error": self._error or (recording.error if recording else "") or problem,
+            **({"blackboxes": dict(self.boxes.outcomes)} if self.boxes.outcomes else {}),
         }
 
     def _start(self, command: Mapping[str, Any], now_s: float) -> None:
@@ -151,6 +163,12 @@ class Session:
     def _metadata(self, command: Mapping[str, Any], now_s: float) -> None:
         name, content = str(command["name"]), _mapping(command["content"])
         self._write(lambda recording: recording.add_metadata(name, content))
+
+    def _blackbox(self, command: Mapping[str, Any], now_s: float) -> None:
+        self.boxes.ask(Wanted.of(command), now_s)
+
+    def _blackbox_event(self, command: Mapping[str, Any], now_s: float) -> None:
+        self.boxes.event(checked_event({"t_ns": _time_ns(command), **command["content"]}))
 
     def _write(self, action: Callable[[Recording], None]) -> None:
         recording = self._recording

@@ -19,6 +19,7 @@ from motord.runtime.tables import TablesWriter
 from motord.service import priority
 from motord.service.api import Api
 from motord.service.bench import Bench
+from motord.service.blackbox import BlackBoxes
 from motord.service.calibrations import CalibrationStore
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
@@ -95,6 +96,9 @@ def assemble(
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     tables = TablesWriter(run_dir.tables, config.motor.counts)
     bench = Bench(config, mailbox, devices, events, recording)
+    boxes = BlackBoxes(config, events, recording.about, clock.now_ns)
+    recording.followers.append(boxes)
+    bench.watch.on_trip = boxes.trip
     store = CalibrationStore(config, state_dir)
     tables.write(*parameters.build(config, _installed(store, bench)))
 
@@ -103,6 +107,7 @@ def assemble(
         recording.loop_up()
 
     def loop_is_gone(why: str) -> None:
+        boxes.loop_died(why, bench.watch)
         recording.loop_down()
         tables.forget_loop()
         bench.loop_down(why)
@@ -135,7 +140,7 @@ def assemble(
         unix_ns=clock.now_ns,
     )
     publisher = Publisher(bench, state, telemetry)
-    events.listeners += [publisher.event, recording.event]
+    events.listeners += [publisher.event, recording.event, boxes.event]
     api = Api(
         config.bench.name,
         calls,

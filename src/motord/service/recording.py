@@ -8,10 +8,10 @@ of its predecessor end, as far back as the ring reaches.
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from motord.config import Config
 from motord.plans import Plan
@@ -29,6 +29,16 @@ KEPT_EVENTS = 1000
 FINISH_S = 2.0
 """How long a recorder may take to close its file before it is told to end."""
 _LOOK_S = 0.01
+
+
+class Follower(Protocol):
+    """Who also has something to tell the recorder."""
+
+    def recorder(self, link: RecorderLink | None) -> None:
+        """A recorder was started, or the one there was has ended (None)."""
+
+    def report(self, report: Mapping[str, Any]) -> None:
+        """The recorder has reported."""
 
 
 class Recording:
@@ -62,6 +72,7 @@ class Recording:
         self._error = ""
         self._loop_up = False
         self._timing = TimingLog(timing, self.event)
+        self.followers: list[Follower] = []
         self.calibration_id: Callable[[], str] = str
         self.realtime: Callable[[], dict[str, Any]] = dict
 
@@ -121,6 +132,11 @@ class Recording:
             detail={key: report[key] for key in ("ticks", "bytes", "lost") if key in report},
         )
 
+    def about(self) -> dict[str, Any]:
+        """Return the metadata of a recording that begins now."""
+        now = {"calibration": self.calibration_id(), "realtime": self.realtime()}
+        return {**self._described, **now}
+
     def event(self, event: Event) -> None:
         """Record an event."""
         if self._link is None or self._stem is None:
@@ -161,6 +177,8 @@ class Recording:
     def _take_reports(self, link: RecorderLink) -> None:
         for report in link.reports():
             self._report = report
+            for follower in self.followers:
+                follower.report(report)
             error = str(report.get("error", ""))
             if error and error != self._error:
                 self._events.emit("recording", f"the recorder says: {error}")
@@ -188,10 +206,8 @@ class Recording:
         folder = config.recording.directory.absolute()
         self._stem = folder / f"{config.bench.name}-{moment}{suffix}"
         self._metadata = {
-            **self._described,
+            **self.about(),
             "plan": plan,
-            "calibration": self.calibration_id(),
-            "realtime": self.realtime(),
             "notes": f"{config.bench.notes}\n{notes}".strip(),
         }
         self._send_start(self._stem, resume=False)
@@ -219,3 +235,5 @@ class Recording:
             self._link = RecorderLink(process)
             if self._stem is not None:
                 self._send_start(self._stem, resume=True)
+        for follower in self.followers:
+            follower.recorder(self._link)

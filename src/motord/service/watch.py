@@ -4,7 +4,7 @@ Pure: blocks of ticks go in, the view and events come out.
 """
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,9 @@ import numpy as np
 from motord.config import LimitsConfig
 from motord.schema import State, Trip
 from motord.service.events import EventLog
+from motord.service.trip_values import trip_values
 from motord.service.views import LoopView, TickView, TripView
-from motord.service.words import TRIP_MEANING, flag_names, trip_names, trip_words
+from motord.service.words import TRIP_MEANING, flag_names, trip_action, trip_names, trip_words
 
 TIMING_S = 1.0
 """Span over which the loop's lateness is summed up."""
@@ -21,28 +22,8 @@ REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
 """Missed ticks are reported with their number, after pauses that grow from the first to the last
 while there are new ones, so that they do not drown the other events."""
 
-_LIMITS: dict[Trip, tuple[str, Callable[[np.void], float], Callable[[LimitsConfig], float]]] = {
-    Trip.OVER_CURRENT: (
-        "largest phase current, A",
-        lambda t: max(abs(float(t[f"i_{phase}_A"])) for phase in "abc"),
-        lambda limits: limits.trip_current_A,
-    ),
-    Trip.OVER_SPEED: (
-        "speed, rad/s",
-        lambda t: abs(float(t["speed_rad_s"])),
-        lambda limits: limits.trip_speed_rad_s,
-    ),
-    Trip.OVER_TORQUE: (
-        "torque, Nm",
-        lambda t: abs(float(t["torque_Nm"])),
-        lambda limits: limits.trip_torque_Nm,
-    ),
-    Trip.TEMPERATURE: (
-        "inverter temperature, degC",
-        lambda t: float(t["temperature_C"]),
-        lambda limits: limits.trip_temperature_C,
-    ),
-}
+OnTrip = Callable[[int, int, Mapping[str, Any]], str]
+"""Called with time (Unix ns), tick and account of a trip; returns the path of its black box."""
 
 
 def _finite(value: float) -> float | None:
@@ -56,6 +37,7 @@ class TickWatch:
         self._rate_Hz = rate_Hz
         self._limits = limits
         self._events = events
+        self.on_trip: OnTrip = lambda t_ns, tick, account: ""
         self._timing: deque[np.ndarray] = deque()
         self.last: np.void | None = None
         self.seen_at_ns = 0  # monotonic, when the newest tick was read
@@ -122,7 +104,7 @@ class TickWatch:
                 added = int(tick["trip_bits"]) & ~first_bits
                 self._events.emit(
                     "trip", f"further cause: {trip_words(added)}", int(tick["t_ns"]),
-                    causes=trip_names(added), tick=int(tick["tick"]),
+                    causes=trip_names(added), action=trip_action(added), tick=int(tick["tick"]),
                 )  # fmt: skip
             before, first_bits = state, int(tick["trip_bits"])
 
@@ -133,20 +115,16 @@ class TickWatch:
             self._events.emit("state", f"{old.name} -> {new.name}", t_ns, **where)
             return
         bits, first = int(tick["trip_bits"]), int(tick["first_trip"])
-        values = self._values(bits, tick)
+        values = trip_values(bits, tick, self._limits)
         said = "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}"
                        for what, v in values.items())  # fmt: skip
-        self._events.emit(
-            "trip", f"{old.name} -> TRIPPED: {trip_words(first or bits)}{said}", t_ns, **where,
-            first=trip_names(first), causes=trip_names(bits), values=values,
-        )  # fmt: skip
-
-    def _values(self, bits: int, tick: np.void) -> dict[str, dict[str, float]]:
-        return {
-            what: {"value": value(tick), "limit": limit(self._limits)}
-            for trip, (what, value, limit) in _LIMITS.items()
-            if bits & trip
-        }
+        account = {
+            "first": trip_names(first), "causes": trip_names(bits), "values": values,
+            "action": trip_action(first or bits),
+        }  # fmt: skip
+        reason = f"{old.name} -> TRIPPED: {trip_words(first or bits)}{said}"
+        box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **account})
+        self._events.emit("trip", reason, t_ns, **where, **account, blackbox=box)
 
     def _remember_timing(self, block: np.ndarray) -> None:
         timing = np.empty((len(block), 2))

@@ -25,6 +25,51 @@ TRIP_MEANING: dict[Trip, str] = {
 """What each cause of a trip means, with the key of the bench file that sets its limit."""
 
 
+TRIP_ACTION: dict[Trip, str] = {
+    Trip.OVER_CURRENT: "look at the phase currents before the trip: a peak in one phase points to "
+    "its sensor or a short, a swing of all to the current controller; lower limits.current_A if "
+    "the command itself came close",
+    Trip.OVER_SPEED: "check that the brake answers and holds; lower the torque or raise the brake "
+    "before the torque",
+    Trip.OVER_TORQUE: "look for a blow or a stop in the torque; check the sensor's gain and "
+    "mounting; lower limits.torque_Nm if the command itself came close",
+    Trip.I2T: "let the motor cool; lower the torque or rest between operating points; correct "
+    "limits.i2t_current_A only by the motor's data sheet",
+    Trip.ENCODER_STALE: "check cable and power of the bridge; if the loop was late at the same "
+    "time, see `motord check --rt`",
+    Trip.ENCODER_IMPLAUSIBLE: "look at encoder_gray before the trip: one bit that stands still or "
+    "flickers is a broken line; check coupling and screen of the encoder's cable",
+    Trip.TORQUE_STALE: "check the torque sensor's amplifier for saturation and its supply; check "
+    "the bridge's ADC",
+    Trip.INVERTER_STALE: "check the CAN bus (cable, termination, load) and that the inverter is "
+    "on; if the loop was late at the same time, see `motord check --rt`",
+    Trip.INVERTER_FAULT: "read the fault in the inverter's own tool (inverter_status in the ticks "
+    "is its status word), clear it there, then reset",
+    Trip.BUS_OFF: "check the CAN bus: bit rate, termination, a short; reset the CAN interface",
+    Trip.LOOP_OVERRUN: "see what kept the loop from running: `motord check --rt`, other programs "
+    "on its processor",
+    Trip.SUPERVISOR_STALE: "see in the daemon's log what held it up: memory, a stopped process, "
+    "a busy computer",
+    Trip.TEMPERATURE: "let the inverter cool; check its fan and heat sink; lower the torque",
+    Trip.LINK_ERRORS: "check cables, screens and termination of both links; keep motor cables "
+    "away from them",
+    Trip.BUS_VOLTAGE: "too high: the rotor fed energy back, so brake more gently or give the "
+    "supply a braking resistor; too low: check the supply's current limit and its cables",
+    Trip.ENABLE_TIMEOUT: "check the enable line, the emergency stop and the inverter's status; "
+    "raise loop.enable_timeout_s if the inverter takes longer",
+    Trip.BRIDGE_FAULT: "check the encoder's lines and the bridge's supply; bridge_status in the "
+    "ticks says what the board found",
+    Trip.FEEDBACK_INVALID: "find in the ticks which value is not a number; check the signal map "
+    "and scaling of that device",
+}
+"""What to do after each cause of a trip, before the reset."""
+
+
+def trip_action(bits: int) -> str:
+    """Return what to do about the causes in `bits`, in one line."""
+    return "; ".join(TRIP_ACTION[trip] for trip in Trip if bits & trip)
+
+
 def trip_names(bits: int) -> list[str]:
     """Return the names of the causes in `bits`, the lowest bit first."""
     return [trip.name for trip in Trip if bits & trip and trip.name]

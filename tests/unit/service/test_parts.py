@@ -18,14 +18,21 @@ from motord.service.log import log_to_stderr
 from motord.service.messages import NoArguments, Set, Stop
 from motord.service.refusal import Refusal
 from motord.service.setpoint import UNSEEN_NS, Setpoint
-from motord.service.words import TRIP_MEANING, trip_names, trip_words
+from motord.service.words import (
+    TRIP_ACTION,
+    TRIP_MEANING,
+    trip_action,
+    trip_names,
+    trip_words,
+)
 
 
 def test_every_trip_has_a_meaning():
-    assert set(TRIP_MEANING) == set(Trip)
+    assert set(TRIP_MEANING) == set(TRIP_ACTION) == set(Trip)
     everything = sum(Trip)
     assert trip_names(everything) == [trip.name for trip in Trip]
     assert all(meaning in trip_words(everything) for meaning in TRIP_MEANING.values())
+    assert all(action in trip_action(everything) for action in TRIP_ACTION.values())
     assert trip_words(0) == "no cause"
 
 

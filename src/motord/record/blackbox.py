@@ -1,0 +1,177 @@
+"""A black box: the ticks around a trip and what was known of it, in a file of its own.
+
+The ring always holds the last seconds, recorded or not. A box takes from it what came before the
+trip and for a moment after it; then it is written as a recording like any other.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motord.config import Config, RecordingConfig
+from motord.record.container import PART, part_of
+from motord.record.errors import RecordError
+from motord.record.writer import RunWriter
+from motord.runtime.ring import RingReader
+from motord.runtime.shared import SharedFileError
+from motord.schema import State, Trip
+from motord.wire.blocks import Block
+
+BEFORE_S = 10.0
+"""Ticks before the trip that a box holds, as far as the ring reaches (`[loop] ring_s`)."""
+AFTER_S = 1.0
+LATE_S = 1.0
+"""How long after that a box waits for ticks that do not come."""
+KIND = "blackbox"
+"""Kind of the event that holds a box's account, and key of it in the metadata."""
+
+
+def path_of(config: Config, t_ns: int) -> Path:
+    """Return the name of the black box of a trip at `t_ns` (Unix ns)."""
+    moment = datetime.fromtimestamp(t_ns / 1e9, UTC)
+    stamp = f"{moment:%Y%m%dT%H%M%S}{moment.microsecond // 1000:03d}Z"
+    folder = config.recording.blackbox_directory.absolute()
+    return folder / f"blackbox-{config.bench.name}-{stamp}.mcap"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a box should be: file, tick of the trip (None: the newest), ticks before and after.
+
+    account: what is known of the trip, with `reason` in words. events: as in a recording, each
+    with `t_ns`, `kind`, `message`, `data`; more may be added while the box is open.
+    """
+
+    path: Path
+    tick: int | None
+    ticks_before: int
+    ticks_after: int
+    metadata: Mapping[str, Any]
+    account: Mapping[str, Any]
+    events: list[Mapping[str, Any]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, command: Mapping[str, Any]) -> "Wanted":
+        """Return what a command asks for. Raises KeyError, TypeError, ValueError."""
+        tick = command["tick"]
+        return cls(
+            path=Path(command["path"]),
+            tick=None if tick is None else int(tick),
+            ticks_before=int(command["ticks_before"]),
+            ticks_after=int(command["ticks_after"]),
+            metadata=dict(command["metadata"]),
+            account=dict(command["account"]),
+            events=[checked_event(event) for event in command["events"]],
+        )
+
+    def command(self) -> dict[str, Any]:
+        """Return what `of` reads."""
+        return {**vars(self), "path": str(self.path)}
+
+
+def checked_event(event: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an event with what a recording needs of it. Raises KeyError, TypeError, ValueError."""
+    return {
+        "t_ns": int(event["t_ns"]),
+        "kind": str(event["kind"]),
+        "message": str(event["message"]),
+        "data": dict(event.get("data", {})),
+    }
+
+
+class BlackBox:
+    """A box in the making, filled from the ring at `ring`. Times are monotonic seconds.
+
+    Raises RecordError if there is no ring or nothing in it.
+    """
+
+    def __init__(self, wanted: Wanted, ring: Path, now_s: float) -> None:
+        self.wanted = wanted
+        try:
+            self._reader = RingReader(ring, "oldest")
+        except SharedFileError as error:
+            raise RecordError(f"no black box: {error}") from error
+        block, _ = self._reader.read()
+        if not len(block):
+            raise RecordError("no black box: the loop has not published any tick")
+        tick = int(block["tick"][-1]) if wanted.tick is None else wanted.tick
+        self._first, self._last = max(tick - wanted.ticks_before, 0), tick + wanted.ticks_after
+        self._blocks = [self._of_the_box(block)]
+        self._deadline_s = now_s + AFTER_S + LATE_S
+        self._newest = block[-1]
+
+    @property
+    def powered(self) -> bool:
+        """True if the bench was enabled in the newest tick, or has just lost its supervisor."""
+        tripped = int(self._newest["first_trip"]) == Trip.SUPERVISOR_STALE
+        return bool(self._newest["state"] == State.ENABLED) or tripped
+
+    def complete(self, now_s: float) -> bool:
+        """Take the ticks that have come; return whether these were all."""
+        if int(self._newest["tick"]) < self._last:
+            closed = self._reader.closed
+            block, _ = self._reader.read()
+            if len(block):
+                self._newest = block[-1]
+                self._blocks.append(self._of_the_box(block))
+            return closed or int(self._newest["tick"]) >= self._last or now_s >= self._deadline_s
+        return True
+
+    def write(self, settings: RecordingConfig) -> None:
+        """Write the file, if it is not there, and remove the oldest ones. Raises RecordError."""
+        path, ticks = self.wanted.path, np.concatenate(self._blocks)
+        if path.exists():
+            return
+        try:
+            make_room(path, settings.blackbox_keep)
+            part_of(path).unlink(missing_ok=True)  # of a recorder that was killed over it
+        except OSError as error:
+            raise RecordError(f"{path.parent}: {error.strerror}") from error
+        try:
+            self._write(path, ticks, settings)
+        except RecordError:
+            part_of(path).unlink(missing_ok=True)
+            raise
+
+    def _write(self, path: Path, ticks: Block, settings: RecordingConfig) -> None:
+        account = {**self.wanted.account, **_causes(ticks)}
+        about = {**self.wanted.metadata, "reason": account["reason"], KIND: account}
+        with RunWriter(
+            path, about, compression=settings.compression, chunk_s=settings.chunk_s
+        ) as writer:
+            for event in self.wanted.events:
+                writer.event(event["t_ns"], event["kind"], event["message"], event["data"])
+            writer.event(int(account["t_ns"]), KIND, str(account["reason"]), account)
+            writer.flush()
+            writer.ticks(ticks)
+
+    def _of_the_box(self, block: Block) -> Block:
+        return block[(block["tick"] >= self._first) & (block["tick"] <= self._last)]
+
+
+def make_room(path: Path, keep: int) -> None:
+    """Remove the oldest boxes beside `path`, so that with it there are `keep`. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    bench = path.name.rpartition("-")[0]
+    pattern = re.compile(rf"{re.escape(bench)}-\d{{8}}T\d{{9}}Z\.mcap({re.escape(PART)})?")
+    boxes = sorted(p for p in path.parent.iterdir() if pattern.fullmatch(p.name))
+    for old in boxes[: max(len(boxes) - keep + 1, 0)]:
+        old.unlink(missing_ok=True)
+
+
+def _causes(ticks: Block) -> dict[str, Any]:
+    """Return first cause and all causes as the ticks have them; nothing if there was no trip."""
+    tripped = ticks[ticks["state"] == State.TRIPPED]
+    if not len(tripped):
+        return {}
+    bits = int(np.bitwise_or.reduce(tripped["trip_bits"]))
+    return {"first": _names(int(tripped["first_trip"][0])), "causes": _names(bits)}
+
+
+def _names(bits: int) -> list[str]:
+    return [trip.name for trip in Trip if trip & bits and trip.name]

@@ -1,0 +1,121 @@
+"""What is left of a trip when nobody was recording, and of processes that were killed."""
+
+import signal
+import subprocess
+
+import numpy as np
+import pytest
+
+from motord.record.reader import open_run
+from motord.schema import State
+from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+BEFORE_S = 9.0
+
+
+@pytest.fixture
+def running(tmp_path):
+    path = write_sim(tmp_path)
+    path.write_text(path.read_text() + "\n[recording]\nauto = false\n")
+    with daemon(tmp_path, path) as program:
+        yield program
+
+
+def boxes(running):
+    return sorted((running.folder / "runs" / "blackbox").glob("*.mcap"))
+
+
+def the_box(running):
+    wait_until(lambda: boxes(running), "a black box")
+    [path] = boxes(running)
+    run = open_run(path)
+    assert run.check() is None
+    assert run.metadata["bench"] == "system"
+    assert "[motor]" in run.metadata["config"]
+    return run
+
+
+def has_run_for(client, seconds):
+    loop = client.state().loop
+    wanted = loop.ticks + loop.missed + seconds * loop.rate_Hz
+    wait_for(client, lambda s: s.loop.ticks + s.loop.missed > wanted, f"{seconds} s of ticks")
+
+
+def check_ticks(ticks):
+    numbers, missed = ticks["tick"].astype(int), ticks["missed"].astype(int)
+    assert np.array_equal(np.diff(numbers) - 1, np.diff(missed))
+
+
+def kill(pid):
+    subprocess.run(["kill", "-9", str(pid)], check=True)
+
+
+def test_a_trip_leaves_a_black_box_though_nothing_is_recorded(running):
+    with running.connect() as client:
+        has_run_for(client, BEFORE_S + 1.0)
+        with client.lease("anna") as lease:
+            client.rpc("enable", token=lease.token)
+            client.rpc("set", token=lease.token, torque_Nm=3.0, brake=0.0)  # it runs away
+            wait_for(client, lambda s: s.state == "TRIPPED", "a trip")
+        [event] = [e for e in client.events() if e.kind == "trip"]
+        wait_until(
+            lambda: any(e.kind == "blackbox" for e in client.events()), "word of the black box"
+        )
+    run = the_box(running)
+    assert event.data["blackbox"] == str(run.path)
+    account = run.metadata["blackbox"]
+    assert account["first"] == event.data["first"] == ["OVER_SPEED"]
+    assert account["values"] == event.data["values"]
+    assert account["action"]
+    ticks = run.ticks(("tick", "state", "missed", "speed_rad_s"))
+    check_ticks(ticks)
+    tripped = ticks["tick"][ticks["state"] == State.TRIPPED]
+    rate_Hz = running.config.loop.rate_Hz
+    assert tripped[0] == event.data["tick"]
+    assert tripped[0] - ticks["tick"][0] >= BEFORE_S * rate_Hz
+    assert ticks["tick"][-1] - tripped[0] >= 0.9 * rate_Hz
+    assert ticks["speed_rad_s"].max() > running.config.limits.trip_speed_rad_s
+    kinds = [e["kind"] for e in run.events()]
+    assert {"request", "state", "trip", "blackbox"} <= set(kinds)
+    assert not list((running.folder / "runs").glob("*.mcap*"))
+    assert running.end() == 0
+
+
+def test_a_killed_loop_leaves_a_black_box(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        has_run_for(client, 1.0)
+        kill(client.state().processes["loop"].pid)
+        wait_for(client, lambda s: s.fault, "the fault")
+        run = the_box(running)
+        assert run.metadata["blackbox"]["cause"] == "loop died"
+        assert "SIGKILL" in run.metadata["reason"]
+        ticks = run.ticks(("tick", "state", "missed"))
+        check_ticks(ticks)
+        assert ticks["state"][-1] == State.ENABLED
+        assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
+    assert running.end() == 0
+    assert len(boxes(running)) == 1
+
+
+def test_a_killed_daemon_that_left_the_bench_enabled_leaves_a_black_box(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        has_run_for(client, 1.0)
+        assert running.end(signal.SIGKILL) == -signal.SIGKILL
+        run = the_box(running)
+    assert run.metadata["blackbox"]["cause"] == "daemon died"
+    ticks = run.ticks(("tick", "state", "missed"))
+    check_ticks(ticks)
+    assert State.ENABLED in ticks["state"]
+
+
+def test_an_orderly_end_leaves_none(running):
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        has_run_for(client, 1.0)
+        assert running.end() == 0
+        assert lease.lost.wait(60)
+    assert boxes(running) == []
