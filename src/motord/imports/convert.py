@@ -13,6 +13,7 @@ from motord.imports.csv_source import CsvSource
 from motord.imports.mapping import ImportMap, load_map, load_mapped_motor
 from motord.imports.points import PointTeller
 from motord.imports.problems import Problems
+from motord.imports.remarks import on_rows, on_speed_and_points, on_torque
 from motord.imports.rows import usable_rows
 from motord.imports.source import Source
 from motord.imports.survey import Survey, survey
@@ -165,7 +166,13 @@ class _Job:
             progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * rows.done)
         if strict and problems:
             raise RecordError(f"{self.source.path}: {'; '.join(problems.words())}")
-        seen = self.survey
+        seen, rated_Nm = self.survey, self.motor_file.motor.rated_torque_Nm
+        given = {*self.wiring.fields, *self.wiring.constants}
+        remarks = [
+            *on_rows(problems, seen),
+            *on_torque(given, points, maker.torque_largest_Nm, rated_Nm),
+            *on_speed_and_points(given, points),
+        ]
         result = Imported(
             path=writer.path,
             ticks=seen.rows,
@@ -174,7 +181,7 @@ class _Job:
             missed=missed,
             points=tuple(points),
             problems=tuple(problems.words()),
-            notes=(*self.source.notes, *self.wiring.notes, *notes, *self._assumed(points)),
+            notes=(*self.source.notes, *self.wiring.notes, *notes, *remarks),
         )
         account = {"problems": problems.to_json(), "notes": result.notes}
         end_ns = seen.last_ns + self.anchor_ns
@@ -190,17 +197,3 @@ class _Job:
             self.motor_file.torque_sensor.highpass_time_constant_s == 0,
             motor.rated_torque_Nm,
         )
-
-    def _assumed(self, points: list[dict[str, Any]]) -> Iterator[str]:
-        """Yield what the source did not tell, and what was made of it."""
-        if not self.survey.regular:
-            yield "the rows are not evenly spaced: no missing ones are counted"
-        given = {*self.wiring.fields, *self.wiring.constants}
-        if not {"speed_rad_s", "speed_Hz"} & given:
-            yield "speed: from angle and time"
-        if "torque_Nm" not in given:
-            yield "no torque: of the experiments only those that do without can be analysed"
-        if "torque_set_Nm" not in given and points:
-            yield f"torque of the operating points: {points[0]['torque_source']}"
-        if not points:
-            yield "no operating point: nothing turns a whole turn at constant set-points"

@@ -27,6 +27,10 @@ class Problems:
     def __bool__(self) -> bool:
         return bool(self._counts)
 
+    def count(self, kind: str) -> int:
+        """Return how many rows are of this kind."""
+        return self._counts.get(kind, 0)
+
     def words(self) -> Iterator[str]:
         """Yield each kind on a line."""
         for kind, count in self._counts.items():

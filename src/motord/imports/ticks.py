@@ -30,6 +30,7 @@ class TickMaker:
         self._last_tick = -1
         self._missed = 0
         self._names = (*wiring.fields, *wiring.constants)
+        self.torque_largest_Nm = 0.0
         self._speed: SpeedReader | None = None
         if not {"speed_rad_s", "speed_Hz"} & set(self._names):
             self._speed = SpeedReader(span_s(survey.period_s, survey.counts_per_s))
@@ -55,6 +56,8 @@ class TickMaker:
         ticks["plan_point"] = self._plan_points(ticks.size)
         self._number(ticks, rows.line)
         self._row += ticks.size
+        largest_Nm = np.fmax.reduce(np.abs(ticks["torque_Nm"]))
+        self.torque_largest_Nm = float(np.fmax(self.torque_largest_Nm, largest_Nm))
         return ticks
 
     def _without(

@@ -6,6 +6,9 @@ from motord.imports.problems import Problems
 from motord.imports.source import MISSING_NS, RawBlock
 from motord.imports.wiring import Wiring
 
+STANDING = "same time as the row before: left out"
+BACK = "earlier than a row before: left out"
+
 FARTHEST_NS = 4 * 10**18
 """Times beyond are none: the year 2096 in Unix time."""
 
@@ -55,8 +58,8 @@ class TimeReader:
         before = np.maximum.accumulate(np.concatenate([[self._latest_ns], known]))
         self._latest_ns = int(before[-1])
         lines = block.line[use]
-        problems.add("same time as the row before: left out", lines[known == before[:-1]])
-        problems.add("earlier than a row before: left out", lines[known < before[:-1]])
+        problems.add(STANDING, lines[known == before[:-1]])
+        problems.add(BACK, lines[known < before[:-1]])
         use[use] = known > before[:-1]
         return t_ns, use
 

@@ -337,3 +337,55 @@ def test_times_without_a_date_end_with_the_file(tmp_path: Path) -> None:
     done, run = imported(tmp_path, source, MAP.replace("start = 2007-05-01T12:00:00Z\n", ""))
     assert run.ticks()["t_ns"][-1] == source.stat().st_mtime_ns
     assert any("as old as the file" in note for note in done.notes)
+
+
+def test_probable_mistakes_are_pointed_out(tmp_path: Path) -> None:
+    columns = turning()
+    columns["Time"] = np.floor(columns["Time"] * 100) / 100
+    columns["Iq"] = columns["Iq"] * 1000
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+    assert any("give period_s" in note for note in done.notes)
+    assert any("is its scale right?" in note for note in done.notes)
+    (tmp_path / "run.mcap").unlink()
+    columns = turning()
+    columns["Time"] = columns["Time"] % 2
+    del columns["Iq"]
+    text = "\n".join(MAP.splitlines()[:-1])
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    assert any("must be cut apart" in note for note in done.notes)
+    assert any(note.startswith("no torque:") for note in done.notes)
+    assert done.ticks == 2000
+
+
+def test_files_that_are_no_tables(tmp_path: Path) -> None:
+    source = tmp_path / "a.csv"
+    with pytest.raises(RecordError, match=r"a\.csv: No such file"):
+        imported(tmp_path, source)
+    for content, words in (
+        (b"", "has no lines of text"),
+        (b"\0\1" * 100, "not a table of text"),
+        (b"Time,Position[rad],Iq\n", "no rows of numbers"),
+        (b"Time,Position[rad],Iq\n1,2,3\n" + b"4" * 4_000_000, "line 3 is longer than"),
+        (b"Time,Position[rad],Iq\n1,2,3\n1,2,3\n", "fewer than two rows"),
+    ):
+        source.write_bytes(content)
+        with pytest.raises(RecordError, match=words):
+            imported(tmp_path, source)
+
+
+def test_a_bench_file_names_the_motor(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning())
+    _, run = imported(tmp_path, source, MAP.replace("motor.toml", "package:sim.toml"))
+    assert run.metadata["motor"]["name"] == "axial-flux 48/16"
+    assert run.metadata["config"].startswith("# The packaged simulated bench")
+
+
+def test_channels_of_a_table_may_be_in_other_units(tmp_path: Path) -> None:
+    columns = turning() | {"n": np.full(4000, 60.0)}
+    text = MAP + 'speed_Hz = {column = "n", scale = 0.016666666666666666}\n'
+    text += "[constants]\nspeed_set_Hz = 1.0\nstate = 2\n"
+    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    ticks = run.ticks()
+    assert ticks["speed_rad_s"] == pytest.approx(2 * np.pi)
+    assert ticks["speed_set_rad_s"] == pytest.approx(2 * np.pi)
+    assert (ticks["state"] == 2).all()
