@@ -1,6 +1,7 @@
 """The moment of inertia from recordings of `inertia-oscillation` or `inertia-acceleration`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -16,7 +17,15 @@ from motord.config import (
     load,
     read_toml,
 )
-from motord.identify.inertia_oscillation import Oscillation, combine, read_release, waves_of
+from motord.identify import IdentifyError
+from motord.identify.inertia_find import find_releases
+from motord.identify.inertia_oscillation import (
+    Oscillation,
+    Release,
+    combine,
+    read_release,
+    waves_of,
+)
 from motord.identify.inertia_push import Acceleration, PushData, accelerate
 from motord.identify.inertia_springs import Setup
 from motord.identify.points import good_points
@@ -30,8 +39,14 @@ ACCELERATION: Experiment = "inertia-acceleration"
 _Settings = TypeVar("_Settings", bound=Section)
 
 
-def experiment_of(runs: Sequence[Run]) -> Experiment:
-    """Return which experiment the runs are of. Raises AnalysisError if of another, or of both."""
+def experiment_of(runs: Sequence[Run], named: Experiment | None = None) -> Experiment:
+    """Return which experiment the runs are of; `named` is that of runs that do not say.
+
+    Raises AnalysisError if they are of another, or of both.
+    """
+    unnamed = all(not run.metadata.get("plan", {}).get("name") for run in runs)
+    if named is not None and unnamed and runs:
+        return named
     names = {str(run.metadata.get("plan", {}).get("name", "")) for run in runs}
     for known in (OSCILLATION, ACCELERATION):
         if names == {known}:
@@ -41,8 +56,12 @@ def experiment_of(runs: Sequence[Run]) -> Experiment:
     for run in runs:
         name = str(run.metadata.get("plan", {}).get("name", ""))
         if name not in (OSCILLATION, ACCELERATION):
-            said = f"is of the plan {name}" if name else "names no plan"
-            raise AnalysisError(f"{run.path}: {said}; needed: {OSCILLATION} or {ACCELERATION}")
+            if name:
+                said, hint = f"is of the plan {name}", ""
+            else:
+                said, hint = "names no plan", ", or --experiment to say which it is"
+            needed = f"{OSCILLATION} or {ACCELERATION}"
+            raise AnalysisError(f"{run.path}: {said}; needed: {needed}{hint}")
     raise AnalysisError("no recording")
 
 
@@ -76,11 +95,28 @@ def oscillation(
             "cannot tell the two apart; give a calibration that knows it, or take the stator off"
         )
     waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
-    releases = [
-        read_release(number, ticks["t_ns"], ticks["encoder_count"], counts, setup, waves)
-        for number, (_, ticks) in enumerate(_captures(runs, ("t_ns", "encoder_count")))
-    ]
+    releases: list[Release] = []
+    for run in runs:
+        if run.operating_points():
+            for ticks in _captures(run, ("t_ns", "encoder_count")):
+                place = len(releases), ticks["t_ns"], ticks["encoder_count"]
+                releases.append(read_release(*place, counts, setup, waves))
+        else:
+            releases += _searched(run, counts, setup, waves, len(releases))
     return combine(releases, setup, waves)
+
+
+def _searched(
+    run: Run, counts: int, setup: Setup, waves: np.ndarray | None, first: int
+) -> list[Release]:
+    """Return the releases of a recording that marks none; what is no swing is passed over."""
+    ticks = run.ticks(("t_ns", "encoder_count"))
+    found: list[Release] = []
+    for part in find_releases(ticks["t_ns"], ticks["encoder_count"], counts):
+        place = first + len(found), ticks["t_ns"][part], ticks["encoder_count"][part]
+        with suppress(IdentifyError):
+            found.append(read_release(*place, counts, setup, waves))
+    return found
 
 
 def acceleration(
@@ -91,7 +127,7 @@ def acceleration(
     columns = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
     pushes = [
         PushData(number, *(ticks[name] for name in columns))
-        for number, (_, ticks) in enumerate(_captures(runs, columns))
+        for number, ticks in enumerate(t for run in runs for t in _captures(run, columns))
     ]
     return accelerate(pushes, subject.motor.counts, subject.sensor, settings)
 
@@ -108,18 +144,15 @@ def _recorded(run: Run, kind: type[_Settings]) -> _Settings:
         ) from None
 
 
-def _captures(
-    runs: Sequence[Run], columns: tuple[str, ...]
-) -> Iterator[tuple[Mapping[str, Any], np.ndarray]]:
-    """Yield the good operating points with the ticks of their capture, in time order."""
-    for run in runs:
-        for point in good_points(run.operating_points()):
-            ticks = run.ticks(
-                ("plan_point", *columns),
-                from_ns=int(point["t_start_ns"]),
-                to_ns=int(point["t_end_ns"]),
-            )
-            yield point, ticks[ticks["plan_point"] == int(point["index"])]
+def _captures(run: Run, columns: tuple[str, ...]) -> Iterator[np.ndarray]:
+    """Yield the ticks of each good operating point, in time order."""
+    for point in good_points(run.operating_points()):
+        ticks = run.ticks(
+            ("plan_point", *columns),
+            from_ns=int(point["t_start_ns"]),
+            to_ns=int(point["t_end_ns"]),
+        )
+        yield ticks[ticks["plan_point"] == int(point["index"])]
 
 
 def oscillation_json(found: Oscillation, subject: Subject, runs: Sequence[str]) -> dict[str, Any]:

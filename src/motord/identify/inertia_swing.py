@@ -153,11 +153,13 @@ def _rough_crossings(t_s: np.ndarray, x_rad: np.ndarray, resolution_rad: float) 
     sure = np.flatnonzero(sign)
     change = np.flatnonzero(np.diff(sign[sure]))
     before, after = sure[change], sure[change + 1]
-    crossings = []
+    if change.size == 0:
+        return np.zeros(0)
     sizes = [
         float(np.abs(x_rad[a:b]).max())
         for a, b in zip(after, [*before[1:], x_rad.size], strict=True)
     ]
+    crossings = []
     for number, (first, last) in enumerate(zip(before, after, strict=True)):
         crossings.append(float(np.interp(0.0, *_rising(x_rad[[first, last]], t_s[[first, last]]))))
         if sizes[number] < max(FEWEST_COUNTS * resolution_rad, FADED_PART * sizes[0]):

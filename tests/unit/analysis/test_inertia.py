@@ -168,6 +168,28 @@ def calibrated(path: Path) -> None:
     ).save(path)
 
 
+def test_a_recording_that_marks_nothing_is_searched_for_releases(
+    swings: Path, tmp_path: Path
+) -> None:
+    marked = open_run(swings)
+    bare = tmp_path / "bare.mcap"
+    with RunWriter(bare, {**marked.metadata, "plan": {}}) as writer:
+        for block in marked.blocks():
+            writer.ticks(block)
+    code, output = invoke(bare)
+    assert code == 1
+    assert "--experiment" in output
+    bench = packaged("inertia.toml")
+    code, output = invoke(bare, "--experiment", "inertia-oscillation", "-c", bench, "--json")
+    assert code == 0, output
+    result = json.loads(output)
+    assert len(result["releases"]) + len(result["disturbed"]) == 3
+    assert result["inertia_kg_m2"] == pytest.approx(TRUTH_KG_M2, rel=2e-3)
+    code, output = invoke(bare, "--experiment", "inertia-acceleration")
+    assert code == 1
+    assert "no good step" in output
+
+
 def test_other_recordings_are_refused(swings: Path, steps: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.mcap"
     for plan, message in (({"name": "verify"}, "is of the plan verify"), ({}, "names no plan")):

@@ -141,6 +141,7 @@ def test_late_and_repeated_samples_do_no_harm() -> None:
         (lambda t_ns: damped(t_ns, zeta=0.3), "periods only, 5.5 are needed"),
         (lambda t_ns: damped(t_ns[:20]), "20 samples only"),
         (lambda t_ns: np.linspace(0, 1, t_ns.size), "periods only"),
+        (lambda t_ns: np.where(np.arange(t_ns.size) < 300, 1.0, 1.2), "for 0 periods only"),
     ],
 )
 def test_what_is_no_swing_is_refused(angle_rad, message: str) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -29,6 +29,10 @@ def inertia(
             metavar="FILE", help="Calibration that knows the cogging torque, if the stator was on."
         ),
     ] = None,
+    experiment: Annotated[
+        Literal["inertia-oscillation", "inertia-acceleration"] | None,
+        typer.Option(help="Which it is, for recordings that name no plan: imported ones."),
+    ] = None,
     config: BenchFile = None,
     as_json: AsJson = False,
 ) -> None:
@@ -44,7 +48,7 @@ def inertia(
         opened, subject = open_runs(runs, config)
         names = [run.name for run in runs]
         plans = analysis.plans_of(config)
-        if analysis.experiment_of(opened) == analysis.OSCILLATION:
+        if analysis.experiment_of(opened, experiment) == analysis.OSCILLATION:
             swing = plans.inertia_oscillation if plans is not None else None
             swung = analysis.oscillation(opened, subject, swing, _cogging(calibration))
             result = analysis.oscillation_json(swung, subject, names)
