@@ -1,12 +1,16 @@
 """The columns of the torque model at each sample, as the torque sensor sees them.
 
-Columns: [ i*_p k_p (3) | k_p (3) | di*_p/dt k_p (3) | cos, sin of each cogging order (2 n) |
+Columns: [ i*_p k_p (3) | k_p (3) | di*_p/dt k_p (3) | bend | cos, sin of each cogging order (2 n) |
 i_cmd,p k_p (3) | di_cmd,p/dt k_p (3) | y ].
 
 The first six are those of Poels 2008, eq. (4.6). The rates tell how much older or younger the
-currents are than the recording says. The cogging torque is one for all operating points. The
-commanded currents serve as instruments: the noise of the sensed currents, used as regressors,
-would pull alpha towards zero. y is the measured torque.
+currents are than the recording says. Currents change in steps between their samples, and the mount
+lets some of the steps' images through; with age d(t) within a step its effect is d i' k, which the
+rates take up, and (d^2 / 2) i'' k and a part that grows with frequency, of the form (i' k)'. The
+bend, sum_p (i''_p k_p + i'_p k'_p / 2), stands for these two together. The cogging torque is one
+for all operating points. The
+commanded currents serve as instruments (see there): the noise of the sensed currents, used as
+regressors, would pull alpha towards zero. y is the measured torque.
 """
 
 from dataclasses import dataclass
@@ -19,7 +23,8 @@ from motord.jit import jit, jit_sums
 CURRENT = slice(0, 3)
 BACK_EMF = slice(3, 6)
 RATE = slice(6, 9)
-FIRST_WAVE = 9
+BEND = 9
+FIRST_WAVE = 10
 
 
 @dataclass(frozen=True)
@@ -82,14 +87,16 @@ def fill_columns(
     first: int,
     back_emf: np.ndarray,
     cogging: np.ndarray,
+    rates: np.ndarray,
     columns: np.ndarray,
 ) -> None:
     """Fill `columns` (m, width - 1), all but the torque's, for the samples from `first` on.
 
     count, t_s (n,) and currents_A (n, 6), sensed and commanded, are of all samples: the rates of
-    the currents are taken from the neighbours on either side.
+    the sensed currents are taken from the neighbours on either side, those of the commanded ones
+    and the bend from the table `rates` (counts, 4).
     """
-    waves = cogging.shape[1]
+    command, command_rate = 10 + cogging.shape[1], 13 + cogging.shape[1]
     for row in range(columns.shape[0]):
         here = first + row
         before, after = max(here - 1, 0), min(here + 1, count.size - 1)
@@ -100,12 +107,11 @@ def fill_columns(
             columns[row, p] = currents_A[here, p] * k
             columns[row, 3 + p] = k
             columns[row, 6 + p] = (currents_A[after, p] - currents_A[before, p]) * per_s * k
-            columns[row, 9 + waves + p] = currents_A[here, 3 + p] * k
-            columns[row, 12 + waves + p] = (
-                (currents_A[after, 3 + p] - currents_A[before, 3 + p]) * per_s * k
-            )
-        for j in range(waves):
-            columns[row, 9 + j] = cogging[n, j]
+            columns[row, command + p] = currents_A[here, 3 + p] * k
+            columns[row, command_rate + p] = rates[n, p]
+        columns[row, 9] = rates[n, 3]
+        for j in range(cogging.shape[1]):
+            columns[row, 10 + j] = cogging[n, j]
 
 
 @jit

@@ -22,7 +22,7 @@ MIN_POINTS = 6
 
 @dataclass(frozen=True)
 class Solution:
-    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, delta cogging."""
+    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, bend, delta cogging."""
 
     theta: np.ndarray
     alpha: np.ndarray

@@ -10,6 +10,7 @@ import numpy as np
 
 from motord.config import TorqueSensorConfig
 from motord.identify.basis import CURRENT, Basis, add_products, fill_columns, highpass
+from motord.identify.instruments import commands_over_angle, instruments
 from motord.identify.points import Samples
 from motord.identify.sensor import MountInverse
 from motord.jit import jit
@@ -49,7 +50,9 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Po
     band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-    currents_A = np.concatenate([samples.i_A, _in_band(samples, band_Hz)], axis=1)
+    lines = commands_over_angle(samples, basis.back_emf.shape[0])
+    commands_A, rates = instruments(lines, basis, samples.speed_Hz)
+    currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
     turns = np.array(samples.turns)
     torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
     currents = np.zeros((len(turns), 8, 8))
@@ -61,6 +64,7 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Po
         turns,
         basis.back_emf,
         basis.cogging,
+        rates,
         sensor.highpass_time_constant_s,
         settled(samples, basis),
         torque,
@@ -101,6 +105,7 @@ def sum_up_turns(
     turns: np.ndarray,
     back_emf: np.ndarray,
     cogging: np.ndarray,
+    rates: np.ndarray,
     tau_s: float,
     state: np.ndarray,
     torque: np.ndarray,
@@ -112,7 +117,7 @@ def sum_up_turns(
     triangles hold. tau_s, state (2, .): the high-pass, see `highpass`; 0 for none. A strip of
     samples at a time, small enough for the processor's cache.
     """
-    width = 15 + cogging.shape[1]
+    width = 16 + cogging.shape[1]
     columns = np.empty((STRIP, width))
     dt_s = np.empty(STRIP)
     lanes, current_lanes = np.zeros((torque.shape[1], STRIP)), np.zeros((8, STRIP))
@@ -122,7 +127,7 @@ def sum_up_turns(
         middle_s, span_s = _middle_and_span(t_s, first, end)
         for start in range(first, end, STRIP):
             rows = min(STRIP, end - start)
-            fill_columns(count, t_s, currents_A, start, back_emf, cogging, columns[:rows])
+            fill_columns(count, t_s, currents_A, start, back_emf, cogging, rates, columns[:rows])
             if tau_s > 0:
                 for row in range(rows):
                     dt_s[row] = t_s[start + row] - t_s[max(start + row - 1, 0)]
@@ -138,16 +143,6 @@ def sum_up_turns(
                 lanes[width + 2, row] = (t_s[start + row] - middle_s) / span_s
             add_products(lanes, rows, torque[turn])
             add_products(current_lanes, rows, currents[turn])
-
-
-def _in_band(samples: Samples, band_Hz: float) -> np.ndarray:
-    """Return the commanded currents without what the filtered torque cannot follow.
-
-    The commands jump from sample to sample, and jitter with the encoder's counts; instruments
-    that held it would compare it with a torque that does not.
-    """
-    low_pass = MountInverse.of(TorqueSensorConfig(), samples.period_s, band_Hz)
-    return low_pass.apply(samples.t_s, samples.command_A)
 
 
 def settled(samples: Samples, basis: Basis) -> np.ndarray:

@@ -10,9 +10,9 @@ from .synthetic_bench import motor
 def test_columns_lie_where_they_should() -> None:
     basis = Basis.of(motor(counts=256), (16, 48))
     assert basis.cogging.shape == (256, 4)
-    assert basis.command == slice(13, 16)
-    assert basis.command_rate == slice(16, 19)
-    assert basis.width == 20
+    assert basis.command == slice(14, 17)
+    assert basis.command_rate == slice(17, 20)
+    assert basis.width == 21
 
 
 def test_no_orders_is_no_cogging() -> None:
@@ -41,16 +41,18 @@ def test_columns_hold_the_torque_of_each_parameter() -> None:
     count = np.array([0, 5, 9, 12, 20])
     t_s = np.array([0.0, 0.1, 0.2, 0.3, 0.5])
     currents = np.random.default_rng(2).normal(size=(5, 6))
+    rates = np.random.default_rng(3).normal(size=(64, 4))
     columns = np.full((3, basis.width - 1), np.nan)
-    fill_columns(count, t_s, currents, 2, basis.back_emf, basis.cogging, columns)
+    fill_columns(count, t_s, currents, 2, basis.back_emf, basis.cogging, rates, columns)
     k = basis.back_emf[count[2:]]
     assert np.allclose(columns[:, 0:3], currents[2:, :3] * k)
     assert np.allclose(columns[:, 3:6], k)
-    assert np.allclose(columns[:, 9:11], basis.cogging[count[2:]])
+    assert np.allclose(columns[:, 10:12], basis.cogging[count[2:]])
     assert np.allclose(columns[:, basis.command], currents[2:, 3:] * k)
     rate = (currents[4] - currents[2]) / (t_s[4] - t_s[2])
     assert np.allclose(columns[1, 6:9], rate[:3] * k[1])
-    assert np.allclose(columns[1, basis.command_rate], rate[3:] * k[1])
+    assert np.allclose(columns[:, basis.command_rate], rates[count[2:], :3])
+    assert np.allclose(columns[:, 9], rates[count[2:], 3])
     last = (currents[4] - currents[3]) / (t_s[4] - t_s[3])
     assert np.allclose(columns[2, 6:9], last[:3] * k[2])
     assert np.isfinite(columns).all()

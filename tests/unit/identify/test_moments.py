@@ -45,8 +45,8 @@ def test_each_turn_is_the_products_of_its_columns(tau_s: float) -> None:
     s = samples(STRIP // 8 + 3, 2, 5)
     basis = Basis.of(motor(counts=64), (16,))
     currents_A = np.concatenate([s.i_A, s.command_A], axis=1)
-    torque, currents = np.zeros((2, 20, 20)), np.zeros((2, 8, 8))
-    tables = basis.back_emf, basis.cogging
+    torque, currents = np.zeros((2, 24, 24)), np.zeros((2, 8, 8))
+    tables = basis.back_emf, basis.cogging, np.random.default_rng(3).normal(size=(64, 4))
     state = np.zeros((2, basis.width - 1))
     sum_up_turns(
         s.count, s.t_s, currents_A, s.torque_Nm, np.array(s.turns), *tables, tau_s, state,
