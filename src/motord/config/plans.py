@@ -106,7 +106,7 @@ class PlansConfig(Section):
     calibrate: CalibrateConfig = CalibrateConfig()
     verify: MeshConfig = MeshConfig()
     cogging: DrivenConfig = DrivenConfig()
-    back_emf: DrivenConfig = DrivenConfig(speeds_Hz=(0.5, 1.0, 1.5))
+    back_emf: DrivenConfig = DrivenConfig(speeds_Hz=(0.53, 0.87, 1.37))
     inertia_oscillation: OscillationConfig = OscillationConfig()
     inertia_acceleration: AccelerationConfig = AccelerationConfig()
     sensitivity: SensitivityConfig = SensitivityConfig()

@@ -1,0 +1,46 @@
+"""Back-EMF: the phases over an electrical period, and their harmonics."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, drawing, figure
+
+PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
+
+
+def waves(
+    measured: np.ndarray,
+    told: np.ndarray,
+    pole_pairs: int,
+    harmonics: Sequence[tuple[int, float, float]],
+) -> Figure:
+    """Return k (counts, 3), measured and told, over a period; (order, amplitude, error) as bars."""
+    with drawing():
+        picture = figure(3.2)
+        left, right = picture.subplots(1, 2, width_ratios=[1.2, 1.0])
+        counts = measured.shape[0]
+        shown = min(-(-counts // pole_pairs) + 1, counts)
+        degrees = 360.0 * pole_pairs * np.arange(shown) / counts
+        for phase, (colour, name) in enumerate(PHASES):
+            k = measured[:shown, phase]
+            left.plot(degrees, k, color=colour, label=f"phase {name}", linewidth=1.8)
+            left.plot(degrees, told[:shown, phase], color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+        left.set_xlim(0, 360)
+        left.set_xticks(range(0, 361, 60))
+        left.set_xlabel("electrical angle from the zero point (degrees)")
+        left.set_ylabel("back-EMF over speed (V s/rad)")
+        handles, labels = left.get_legend_handles_labels()
+        picture.legend(handles, labels, loc="outside upper left", ncols=3)
+        order = np.array([h[0] for h in harmonics])
+        percent = 100 * np.array([h[1] for h in harmonics]) / harmonics[0][1]
+        noise = 100 * 1.96 * np.array([h[2] for h in harmonics]) / harmonics[0][1]
+        right.bar(order, percent, 0.7, color=AFTER)
+        right.plot(order, noise, color=SOFT, linewidth=1.2, label="noise, 95 %")
+        right.set_yscale("log")
+        right.set_xlabel("electrical order")
+        right.set_ylabel("amplitude (% of fundamental)")
+        right.grid(visible=False, axis="x")
+        right.legend(loc="upper right")
+        return picture
