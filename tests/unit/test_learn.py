@@ -1,0 +1,143 @@
+"""Learning as a whole: in virtual time, and the command that runs the passes on a daemon."""
+
+import json
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from motord.calibration import Calibration, from_json, load
+from motord.cli import learn as module
+from motord.demo.learn import calibrate_virtual, learn_virtual, learned_report, verify_virtual
+from motord.plans import build
+from tests.unit.analysis.learning import nonlinear, record_pass, true_calibration
+
+
+def test_learning_in_virtual_time_smooths_the_true_torque() -> None:
+    config = nonlinear()
+    mesh = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.8, 1.0], "turns": 6, "settle_s": 1.0}
+    calibration = calibrate_virtual(config, 1, mesh)
+    learned = learn_virtual(config, calibration, 2, 4, {**mesh, "speeds_Hz": [1.0]})
+    assert min(learned.before.values()) > 0.5
+    assert max(learned.after.values()) < 0.25
+    assert learned.passes[-1].finished
+    verify = build("verify", config, {**mesh, "speeds_Hz": [1.0]})
+    again = verify_virtual(config, learned.calibration, 3, verify)
+    assert max(again.values()) < 0.25
+    report = learned_report(learned)
+    assert report.torque_meaning == "true torque"
+    assert len(report.passes[2.0, 1.0]) == len(learned.truth)
+
+
+class Daemon:
+    """What the command needs of a daemon: the calibration in force, and passes recorded with it."""
+
+    def __init__(self, folder: Path, calibration: Calibration | None) -> None:
+        self.folder, self.calibration = folder, calibration
+        self.installed: list[str] = []
+        self.passes = 0
+        self.ends = "done"
+
+    def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
+        if name == "calibration/install":
+            self.calibration = from_json(arguments["calibration"], "given")
+            self.installed.append(self.calibration.id)
+        return {}
+
+    def state(self) -> SimpleNamespace:
+        if self.calibration is None:
+            return SimpleNamespace(calibration=None)
+        path = self.folder / "in-force.json"
+        self.calibration.save(path)
+        return SimpleNamespace(calibration=SimpleNamespace(path=str(path)))
+
+    @contextmanager
+    def subscribe_plan(self) -> Any:
+        yield None
+
+    def follow(self, client: Any, token: str, progress: Any, *, quiet: bool) -> SimpleNamespace:
+        self.passes += 1
+        path = self.folder / f"pass-{self.passes}.mcap"
+        if self.ends == "done" and self.calibration is not None:
+            record_pass(path, self.calibration, self.passes, speeds_Hz=[1.0])
+        recording = "" if self.ends == "unrecorded" else str(path)
+        state = "done" if self.ends in ("done", "unrecorded", "lost") else self.ends
+        return SimpleNamespace(state=state, message="by the operator", recording=recording)
+
+
+@pytest.fixture
+def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Daemon:
+    played = Daemon(tmp_path, true_calibration())
+
+    @contextmanager
+    def given(*arguments: Any, **options: Any) -> Any:
+        yield played
+
+    @contextmanager
+    def in_command(client: Any, *, force: bool) -> Any:
+        yield SimpleNamespace(token="t")
+
+    monkeypatch.setattr(module, "daemon", given)
+    monkeypatch.setattr(module, "in_command", in_command)
+    monkeypatch.setattr(module, "follow", played.follow)
+    monkeypatch.setattr(module, "settings_of", lambda *_: {})
+    monkeypatch.setattr(module, "CLOSED_S", 0.1)
+    return played
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    app = typer.Typer()
+    app.command()(module.learn)
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+def test_passes_follow_each_other_with_what_was_learned_installed(
+    daemon: Daemon, tmp_path: Path
+) -> None:
+    files = ("-o", tmp_path / "c.json", "--report", tmp_path / "r.html")
+    code, out, _ = run("--passes", 2, *files)
+    assert code == 0
+    assert daemon.passes == len(set(daemon.installed)) == 2
+    assert "pass 1:" in out
+    assert "all have settled" in out
+    learned = load(tmp_path / "c.json").learned
+    assert learned is not None
+    assert len(learned.points[0].history_percent) == 2
+    assert (tmp_path / "r.html").exists()
+    code, out, _ = run("--passes", 2, "--json")
+    assert json.loads(out)["finished"]
+    assert daemon.passes == 3  # settled: one more look, and the end
+    code, out, _ = run("--passes", 2, "--again", "--json")
+    assert len(json.loads(out)["points"][0]["rms_percent"]) == 5
+
+
+@pytest.mark.parametrize(
+    ("ends", "message"),
+    [
+        ("aborted", "learn aborted: by the operator; calibration"),
+        ("unrecorded", "was not recorded"),
+        ("lost", "not there 0.1 s after the pass"),
+    ],
+)
+def test_a_pass_that_ends_otherwise_ends_it_in_a_line(
+    daemon: Daemon, ends: str, message: str
+) -> None:
+    daemon.ends = ends
+    code, _, error = run("--passes", 2)
+    assert code == 1
+    assert message in error
+    assert not daemon.installed
+
+
+def test_there_has_to_be_a_calibration(daemon: Daemon) -> None:
+    daemon.calibration = None
+    code, _, error = run()
+    assert code == 1
+    assert "install one first" in error
