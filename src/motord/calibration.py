@@ -51,12 +51,16 @@ class CalibratedMotor(_Part):
 
 
 class Harmonic(_Part):
-    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad)."""
+    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad).
+
+    stderr_Nm: of the amplitude; phase_stderr_rad: of the phase, None in files that do not tell.
+    """
 
     order: Annotated[int, Field(ge=1)]
     amplitude_Nm: Finite
     phase_rad: Finite
     stderr_Nm: NonNegative
+    phase_stderr_rad: NonNegative | None = None
 
 
 class RmsSummary(_Part):
@@ -184,9 +188,16 @@ class Calibration(_Part):
         return in_words(self.age_s(now or datetime.now(UTC)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of the file; without `learned` where nothing was learned."""
+        """Return the content of the file; without `learned` where nothing was learned.
+
+        Nor is there an error of a phase where none is known: files from before have no such key.
+        """
         nothing = {"learned"} if self.learned is None else set()
-        return self.model_dump(mode="json", by_alias=True, exclude=nothing)
+        content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
+        for harmonic in content["tau_cog_harmonics"]:
+            if harmonic["phase_stderr_rad"] is None:
+                del harmonic["phase_stderr_rad"]
+        return content
 
     def save(self, path: Path) -> None:
         """Write the file: a temporary one beside it, synced, then renamed. Raises CalibrationError.

@@ -160,13 +160,19 @@ def _harmonics(fitted: Fit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:
         cosine, sine = fitted.solution.theta[place]
         amplitude = float(np.hypot(cosine, sine))
         direction = np.array([cosine, sine]) / max(amplitude, 1e-300)
-        variance = direction @ fitted.covariance[place, place] @ direction
+        across = np.array([-direction[1], direction[0]])
+        variance, variance_across = (
+            d @ fitted.covariance[place, place] @ d for d in (direction, across)
+        )
         found.append(
             Harmonic(
                 order=order,
                 amplitude_Nm=amplitude,
                 phase_rad=float(np.arctan2(cosine, sine)),
                 stderr_Nm=float(np.sqrt(variance)),
+                phase_stderr_rad=min(
+                    float(np.sqrt(variance_across)) / max(amplitude, 1e-300), np.pi
+                ),
             )
         )
     return tuple(found)
