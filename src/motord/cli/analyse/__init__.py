@@ -2,13 +2,16 @@
 
 import typer
 
+from motord.cli.analyse.back_emf import back_emf
 from motord.cli.analyse.calibrate import calibrate
+from motord.cli.analyse.cogging import cogging
 from motord.cli.analyse.inertia import inertia
+from motord.cli.analyse.learn import learn
 from motord.cli.analyse.sensitivity import sensitivity
 from motord.cli.analyse.verify import verify
 
 app = typer.Typer(
     no_args_is_help=True, pretty_exceptions_enable=False, help="Identify, verify, report."
 )
-for command in (calibrate, verify, inertia, sensitivity):
+for command in (calibrate, learn, verify, cogging, back_emf, inertia, sensitivity):
     app.command()(command)
