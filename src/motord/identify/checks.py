@@ -28,6 +28,10 @@ ALPHA_RANGE = (0.5, 2.0)
 """Gains that an inverter's current sensors can have; anything else is a fault."""
 
 
+COMMON_GAIN_RANGE = (0.5, 2.0)
+"""Products of torque sensor's and current sensors' gain errors that there can be."""
+
+
 def check_points(points: Sequence[PointMoments]) -> None:
     """Raise IdentifyError if the points cannot tell alpha, beta and cogging apart."""
     if not points:
@@ -94,3 +98,10 @@ def check_fit(fitted: Fit) -> None:
                 f"phase {'abc'[phase]} comes out with a gain of {alpha[phase]:.2f} relative to the "
                 "others: no sensor error is that large; check wiring, back-EMF and encoder offset"
             )
+    common = fitted.solution.delta_epsilon
+    if not COMMON_GAIN_RANGE[0] <= common <= COMMON_GAIN_RANGE[1]:
+        raise IdentifyError(
+            f"the torque that the currents make comes out {common:.2f} times as large as the "
+            "back-EMF says: no sensor error is that large; check [torque_sensor] gain_Nm_per_V, "
+            "the back-EMF and the scale of the currents"
+        )

@@ -37,3 +37,13 @@ def test_a_solution_keeps_the_gauge(gauge: Gauge) -> None:
 def test_absurd_samples_are_refused_in_words() -> None:
     with pytest.raises(IdentifyError, match="no motor has"):
         solve(np.full((9, 9), np.nan), np.ones(9), Gauge(COMMON, offset_seen=False))
+
+
+@pytest.mark.parametrize("common", [0.3, 3.0])
+def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
+    theta = np.concatenate([np.full(3, common), np.zeros(6)])
+    gauge = Gauge(None, offset_seen=True)
+    solution = Solution(theta, np.ones(3), common)
+    fitted = Fit(solution, 1e-6 * np.eye(10), gauge, np.full(2, 0.02), 1.0, 1e-4)
+    with pytest.raises(IdentifyError, match=f"{common:.2f} times as large as the back-EMF says"):
+        check_fit(fitted)
