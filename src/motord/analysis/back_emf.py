@@ -8,7 +8,8 @@ import numpy as np
 from motord.analysis.content import facts
 from motord.analysis.driven import driven_points
 from motord.analysis.subject import Subject
-from motord.identify.back_emf import VOLTAGES, MeasuredBackEmf, measure
+from motord.identify.back_emf import MeasuredBackEmf, measure
+from motord.identify.back_emf_fit import VOLTAGES
 from motord.record.reader import Run
 from motord.report.back_emf import BackEmfReport, BackEmfRow
 

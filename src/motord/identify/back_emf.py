@@ -15,12 +15,18 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.identify import IdentifyError
-from motord.identify.clusters import Fit, Regressors
+from motord.identify.back_emf_fit import (
+    VOLTAGES,
+    VoltageSamples,
+    fit_delay,
+    fit_phases,
+    joined,
+    voltage_samples,
+)
+from motord.identify.clusters import Fit
 from motord.identify.driven import Driven, prepare, require
 from motord.identify.harmonics import lines_at
 from motord.identify.points import PointData
-
-VOLTAGES = ("u_a_V", "u_b_V", "u_c_V")
 
 MOST_HARMONICS = 31
 """Electrical orders that are fitted, at most."""
@@ -87,16 +93,6 @@ class MeasuredBackEmf:
         return k
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """Voltages at their own instants, all points: n samples."""
-
-    u_V: np.ndarray
-    angle_rad: np.ndarray
-    speed_rad_s: np.ndarray
-    turn: np.ndarray
-
-
 def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     """Return the back-EMF from driven points. Raises IdentifyError."""
     driven = [_ready(point, motor) for point in points]
@@ -106,13 +102,13 @@ def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     order = _electrical_orders(driven, motor)
     delay = None
     if max(speeds) >= SPEED_RATIO * min(speeds):
-        delay = _delay(_joined([_samples(one, 0.0) for one in driven]), order)
-    samples = [_samples(one, delay[0] if delay else 0.0) for one in driven]
-    fits = [_fits(one, order) for one in samples]
+        delay = fit_delay(joined([voltage_samples(one, 0.0) for one in driven]), order)
+    samples = [voltage_samples(one, delay[0] if delay else 0.0) for one in driven]
+    fits = [fit_phases(one, order) for one in samples]
     others = _others(samples, fits, order, driven, motor)
     if others:
         order = np.array(sorted({*order.tolist(), *others}))
-        fits = [_fits(one, order) for one in samples]
+        fits = [fit_phases(one, order) for one in samples]
     return _result(fits, order, delay, driven, motor)
 
 
@@ -134,70 +130,8 @@ def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:
     return motor.pole_pairs * np.arange(1, harmonics + 1)
 
 
-def _samples(driven: Driven, delay_s: float) -> _Samples:
-    """Return the voltages of the whole turns, with angle and speed `delay_s` before they say."""
-    u_V = np.column_stack([driven.ticks[name].astype(float) for name in VOLTAGES])
-    at_s = driven.t_s
-    if "i_age_ns" in (driven.ticks.dtype.names or ()):
-        at_s = at_s - driven.ticks["i_age_ns"] * 1e-9
-    newest_s = np.maximum.accumulate(np.concatenate([[-np.inf], at_s[:-1]]))
-    fresh = at_s > newest_s
-    at_s = at_s - delay_s
-    fresh &= (at_s >= driven.t_s[0]) & (at_s <= driven.t_s[-1])
-    rows = [first + np.flatnonzero(fresh[first:end]) for first, end in driven.turns]
-    turn = np.repeat(np.arange(len(rows)), [places.size for places in rows])
-    chosen = np.concatenate(rows)
-    angle_rad, speed_rad_s = driven.motion.at(at_s[chosen])
-    return _Samples(u_V[chosen], angle_rad, speed_rad_s, turn)
-
-
-def _joined(parts: list[_Samples]) -> _Samples:
-    """Return the samples of all points, their turns numbered on."""
-    before = np.cumsum([0, *(int(part.turn[-1]) + 1 for part in parts)])
-    return _Samples(
-        np.concatenate([part.u_V for part in parts]),
-        np.concatenate([part.angle_rad for part in parts]),
-        np.concatenate([part.speed_rad_s for part in parts]),
-        np.concatenate([part.turn + first for part, first in zip(parts, before, strict=False)]),
-    )
-
-
-def _columns(samples: _Samples, order: np.ndarray) -> np.ndarray:
-    """Return speed times cos and sin of each order, and 1 (n, 2 m + 1)."""
-    columns = np.empty((samples.turn.size, 2 * order.size + 1))
-    for place, h in enumerate(order):
-        columns[:, 2 * place] = samples.speed_rad_s * np.cos(h * samples.angle_rad)
-        columns[:, 2 * place + 1] = samples.speed_rad_s * np.sin(h * samples.angle_rad)
-    columns[:, -1] = 1.0
-    return columns
-
-
-def _fits(samples: _Samples, order: np.ndarray) -> list[Fit]:
-    regressors = Regressors.of(_columns(samples, order), samples.turn)
-    return [regressors.fit(u_V) for u_V in samples.u_V.T]
-
-
-def _delay(samples: _Samples, order: np.ndarray) -> tuple[float, float]:
-    """Return by how much the voltages are older than the recording says, and its error (s).
-
-    u(t) was k at theta - speed delay: the slope of k times speed^2 is one more column.
-    """
-    regressors = Regressors.of(_columns(samples, order), samples.turn)
-    found = []
-    for u_V in samples.u_V.T:
-        fit = regressors.fit(u_V)
-        a, b = fit.solution[:-1].reshape(-1, 2).T
-        around = np.column_stack([order * b, -order * a]).ravel()
-        slope = regressors.columns[:, :-1] @ around
-        found.append(regressors.one_more(fit, -samples.speed_rad_s * slope))
-    delay_s, variance = np.array(found).T
-    weight = 1 / variance
-    mean_s = float((weight * delay_s).sum() / weight.sum())
-    return mean_s, float(np.sqrt(1 / weight.sum()))
-
-
 def _others(
-    samples: list[_Samples],
+    samples: list[VoltageSamples],
     fits: list[list[Fit]],
     order: np.ndarray,
     driven: list[Driven],
@@ -209,11 +143,11 @@ def _others(
         motor.counts // COUNTS_PER_PERIOD,
         OTHER_ORDERS,
     )
-    joined = _joined(samples)
-    cell = np.rint(joined.angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64)
+    every = joined(samples)
+    cell = np.rint(every.angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64)
     ratio = np.zeros(highest)
     for phase in range(3):
-        rest = np.concatenate([fit[phase].rest for fit in fits]) / joined.speed_rad_s
+        rest = np.concatenate([fit[phase].rest for fit in fits]) / every.speed_rad_s
         size = np.abs(lines_at(cell % motor.counts, rest, motor.counts, highest)[1:])
         least = OTHER_SHARE / OTHER_STANDS_OUT * np.hypot(*fits[0][phase].solution[:2])
         ratio = np.maximum(ratio, size / max(float(np.median(size)) / 1.177, least))
