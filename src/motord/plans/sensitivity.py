@@ -14,17 +14,26 @@ import numpy as np
 from motord.config import BrakeConfig, Config, MeshConfig, SensitivityConfig
 from motord.plans.brake_servo import BrakeServo
 from motord.plans.limits import check_held
-from motord.plans.settings import PlanError, chosen
+from motord.plans.settings import Compensation, PlanError, chosen, compensation
 from motord.plans.steps import NOTHING_INDUCED, Enable, Induced, OperatingPoint, Plan, Rest, Steps
 from motord.plans.take_point import TakePoint
-from motord.schema import Compensate
 
 NAME = "sensitivity"
+
+COMPENSATE: Compensation = "calibration"
+"""What is applied: the calibration, but nothing learned, which would be of a torque without error.
+"""
 
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     """Return the plan of `[plans.sensitivity]` with `settings`. Raises PlanError."""
-    own = chosen(NAME, config.plans.sensitivity, settings)
+    given = dict(settings)
+    if given.pop("compensate", COMPENSATE) != COMPENSATE:
+        raise PlanError(
+            f"{NAME}: errors are induced where all else is compensated: compensate is always "
+            f"{COMPENSATE!r}"
+        )
+    own = chosen(NAME, config.plans.sensitivity, given)
     taken = points(own)
     if not taken:
         raise PlanError(f"{NAME}: all steps are 0 and there is no mesh: nothing to do")
@@ -41,7 +50,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         points=taken,
         make_steps=partial(_steps, hold, config.brake),
         estimate_s=partial(_seconds, hold, config.brake),
-        settings=own.model_dump(mode="json"),
+        settings={**own.model_dump(mode="json"), "compensate": COMPENSATE},
     )
 
 
@@ -89,7 +98,7 @@ def _mean_torque_Nm(point: OperatingPoint) -> float:
 
 def _steps(hold: MeshConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]) -> Steps:
     servo = BrakeServo(brake)
-    yield Enable(compensate=int(Compensate.CURRENTS | Compensate.COGGING))
+    yield Enable(compensate=int(compensation(COMPENSATE)))
     for point in points:
         yield TakePoint(point, hold, servo)
     yield Rest()

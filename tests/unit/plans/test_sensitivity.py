@@ -36,7 +36,10 @@ def test_the_mesh_for_another_calibration_follows() -> None:
 
 
 def test_all_is_compensated_as_far_as_it_is_known() -> None:
-    first = next(build("sensitivity", load()).steps())
+    plan = build("sensitivity", load())
+    assert plan.settings["compensate"] == "calibration"
+    assert build("sensitivity", load(), plan.settings).points == plan.points
+    first = next(plan.steps())
     assert first.compensate == Compensate.CURRENTS | Compensate.COGGING
 
 
@@ -45,6 +48,7 @@ def test_all_is_compensated_as_far_as_it_is_known() -> None:
     [
         ({"delta_epsilon": [0.3, 1.4]}, "limits. torque_Nm"),
         ({"speed_Hz": 0.01}, "brake holds"),
+        ({"compensate": "off"}, "always 'calibration'"),
         ({"alpha_a_steps": -1}, "alpha_a_steps"),
         (
             {
