@@ -100,6 +100,9 @@ class Trip(IntFlag):
     ENABLE_TIMEOUT = 1 << 15
     BRIDGE_FAULT = 1 << 16
     FEEDBACK_INVALID = 1 << 17
+    CURRENT_IMPLAUSIBLE = 1 << 18
+    TORQUE_IMPLAUSIBLE = 1 << 19
+    BRAKE_TEMPERATURE = 1 << 20
 
 
 class Flag(IntFlag):
@@ -138,6 +141,11 @@ class BridgeStatus(IntFlag):
     TORQUE_INVALID = 1 << 2  # the torque sample is not to be trusted (saturated, ADC error)
     ENCODER_INVALID = 1 << 3  # the encoder lines are not to be trusted
     FAULT = 1 << 4  # the board's self-test failed
+
+
+FAULT_COUNT_SHIFT = 8
+"""In a simulated or emulated bench, `bridge_status` from this bit on counts the faults injected so
+far, modulo 128, so that every recording tells when each began."""
 
 
 def _tick_fields() -> tuple[Field, ...]:

@@ -69,7 +69,12 @@ def _load(path: Path, model: type[_Model]) -> _Model:
 
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:
     """Make the file names of a bench absolute: they are relative to the bench file."""
-    for keys in (("bench", "rig"), ("inverter", "can", "dbc"), ("motor", "back_emf")):
+    for keys in (
+        ("bench", "rig"),
+        ("bench", "faults"),
+        ("inverter", "can", "dbc"),
+        ("motor", "back_emf"),
+    ):
         table: Any = data
         for key in keys[:-1]:
             table = table.get(key) if isinstance(table, dict) else None

@@ -1,31 +1,24 @@
 """Trip conditions, evaluated every tick in compiled code. Latching is `step`'s and `states`' work.
 
-Each condition has a bit of `schema.Trip`, a limit of `[limits]`, and the number of ticks that it
-must last (`DEBOUNCE`; 0 acts at once). What a sensor says is counted by its samples, not by ticks:
-a sample that is seen again is no further evidence.
+Each condition has a bit of `schema.Trip`, a limit of the bench file, and the number of ticks or
+samples that it must outlast (`control.interlock_table`). What a sensor says is counted by its
+samples, not by ticks: a sample that is seen again is no further evidence.
 """
 
 import math
 
 import numpy as np
 
+from motord.control.interlock_table import INTERLOCKS
+from motord.control.plausible import current_error, torque_error
 from motord.control.states import ENABLED, OFF
+from motord.control.tracks import watch_tracks
 from motord.jit import jit
 from motord.schema import BridgeStatus, Flag, InverterStatus, Trip
 
-DEBOUNCE = {
-    Trip.OVER_CURRENT: 1,
-    Trip.OVER_SPEED: 2,
-    Trip.OVER_TORQUE: 5,
-    Trip.BUS_VOLTAGE: 20,
-    Trip.TEMPERATURE: 20,
-    Trip.TORQUE_STALE: 5,
-    Trip.INVERTER_FAULT: 2,
-}
-"""Ticks or samples that a condition may last without a trip; 0 for those not named."""
-
 TRIPS = tuple(Trip)
-_DEBOUNCE = np.array([DEBOUNCE.get(trip, 0) for trip in TRIPS], dtype=np.int64)
+_LASTS = {interlock.trip: interlock.lasts for interlock in INTERLOCKS}
+_DEBOUNCE = np.array([_LASTS[trip] for trip in TRIPS], dtype=np.int64)
 
 _NEW_BRIDGE = int(Flag.NEW_ENCODER)
 _NEW_INVERTER = int(Flag.NEW_INVERTER)
@@ -59,6 +52,14 @@ def _sampled(trip_index: int, condition: bool, new: int, m: np.record) -> int:
 
 
 @jit
+def _sampled_for(trip_index: int, condition: bool, new: int, lasts: int, m: np.record) -> int:
+    """As `_sampled`, with the number of samples that the bench file's time comes to."""
+    if new:
+        m.debounce[trip_index] = m.debounce[trip_index] + 1 if condition else 0
+    return (1 << trip_index) if m.debounce[trip_index] > lasts else 0
+
+
+@jit
 def heat_up(p: np.record, m: np.record, f: np.record) -> None:
     """Advance the I2t accumulators: seconds at sqrt(2) times the continuous current."""
     for phase in range(3):
@@ -80,7 +81,13 @@ def count_link_errors(p: np.record, m: np.record, link_errors: int) -> None:
 
 @jit
 def causes(
-    p: np.record, m: np.record, f: np.record, missed: int, new: int, supervisor_late: bool
+    p: np.record,
+    m: np.record,
+    f: np.record,
+    missed: int,
+    new: int,
+    supervisor_late: bool,
+    brake_C: float,
 ) -> int:
     """Return the trip bits that hold now. Advances the debounce counters in `m`.
 
@@ -97,7 +104,8 @@ def causes(
     bits |= _sampled(2, abs(f.torque_Nm) > p.trip_torque_Nm, new & _NEW_BRIDGE, m)
     bits |= _bit(3, max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s, m)
     bits |= _bit(4, bridge_age_s > p.bridge_stale_s, m)
-    bits |= _bit(5, m.implausible >= IMPLAUSIBLE_SAMPLES, m)
+    stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
+    bits |= (1 << 5) if stuck or m.implausible >= IMPLAUSIBLE_SAMPLES else 0
     bits |= _sampled(6, (f.bridge_status & _TORQUE_INVALID) != 0, new & _NEW_BRIDGE, m)
     bits |= _bit(7, inverter_age_s > p.inverter_stale_s, m)
     bits |= _bit(8, (status & _FAULT) != 0 or lost_power, m)
@@ -110,7 +118,12 @@ def causes(
     bits |= _bit(15, m.arming_s > p.enable_timeout_s, m)
     bits |= _bit(16, (f.bridge_status & (_BRIDGE_FAULT | _ENCODER_INVALID)) != 0, m)
     bits |= _bit(17, not finite, m)
-    return bits
+    astray = current_error(p, m, f) > p.current_error_A
+    bits |= _sampled_for(18, astray, new & _NEW_INVERTER, p.current_error_samples, m)
+    astray = torque_error(p, m, f.torque_Nm) > p.torque_error_Nm
+    astray = astray and m.state == ENABLED and not m.limited
+    bits |= _sampled_for(19, astray, new & _NEW_BRIDGE, p.torque_error_samples, m)
+    return bits | _bit(20, brake_C > p.brake_trip_C, m)
 
 
 @jit

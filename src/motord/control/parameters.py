@@ -6,11 +6,18 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.learned import VALUES
+from motord.control.tracks import watched_tracks
 from motord.control.types import PARAMETERS
 from motord.learned import LearnedTorque
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
+
+CURRENT_ERROR, TORQUE_ERROR = 0.25, 0.3
+"""Parts of limits.current_A and limits.torque_Nm by which currents and torque may be off."""
+
+BRAKE_MARGIN_K = 10.0
+"""Further than temperature_max_C, at which the supervisor takes the torque away."""
 
 
 def build(
@@ -65,6 +72,14 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.bus_V_min, p.bus_V_max = limits.bus_V_min, limits.bus_V_max
     p.encoder_jump_rad = limits.encoder_jump_rad
     p.link_errors_per_s = limits.link_errors_per_s
+    p.current_error_A = limits.current_error_A or CURRENT_ERROR * limits.current_A
+    p.torque_error_Nm = limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm
+    p.current_error_samples = round(limits.current_error_s / p.period_s)
+    p.torque_error_samples = round(limits.torque_error_s / p.period_s)
+    tau_s = config.torque_sensor.highpass_time_constant_s
+    p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
+    p.brake_trip_C = config.brake.temperature_max_C + BRAKE_MARGIN_K
+    p.tracks = watched_tracks(config.motor.counts)
     p.bridge_stale_s = config.bridge.stale_after_s
     p.inverter_stale_s = config.inverter.stale_after_s
     p.supervisor_timeout_s = config.loop.supervisor_timeout_s

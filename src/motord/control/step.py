@@ -8,6 +8,7 @@ import numpy as np
 
 from motord.control import interlocks, observer, reference, states
 from motord.control.learned import learned_torque
+from motord.control.plausible import remember_command
 from motord.control.types import MEMORY
 from motord.jit import jit
 from motord.schema import Flag, State
@@ -118,7 +119,7 @@ def _decide(
     if m.started and s.request_seq != m.request_seq:
         request = s.request
     m.request_seq = s.request_seq
-    bits = interlocks.causes(p, m, f, missed, new, supervisor_late)
+    bits = interlocks.causes(p, m, f, missed, new, supervisor_late, s.brake_temperature_C)
     interlocks.latch(m, bits)
     state, arming, stopping = states.transition(
         m.state,
@@ -213,6 +214,7 @@ def step(
     c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0
     if m.state == _ENABLED:
         flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
+    remember_command(m, s, c.i_A, flags & _CURRENT_LIMITED != 0)
     c.enable = 1 if m.state == _ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s

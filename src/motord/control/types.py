@@ -86,6 +86,13 @@ PARAMETERS = record_dtype(
         ("bus_V_max", "f8"),
         ("encoder_jump_rad", "f8"),
         ("link_errors_per_s", "f8"),
+        ("current_error_A", "f8"),
+        ("torque_error_Nm", "f8"),
+        ("current_error_samples", "i8"),
+        ("torque_error_samples", "i8"),
+        ("torque_decay", "f8"),  # of the torque sensor's high-pass over a period
+        ("brake_trip_C", "f8"),
+        ("tracks", "i8"),  # of the encoder, watched for being stuck
         ("bridge_stale_s", "f8"),
         ("inverter_stale_s", "f8"),
         ("supervisor_timeout_s", "f8"),
@@ -108,6 +115,19 @@ MEMORY = record_dtype(
         ("link_errors", "i8"),
         ("missed", "i8"),
         ("arming_s", "f8"),  # time since enabling began
+        ("i_last_A", "f8", (3,)),  # newest command, and the one before it
+        ("i_before_A", "f8", (3,)),
+        ("torque_expected_Nm", "f8"),  # set-point as the torque sensor should show it
+        ("torque_asked_Nm", "f8"),  # set-point with the gain that is induced
+        ("torque_before_Nm", "f8"),  # the same a tick before
+        # encoder tracks: time and angle of the newest code, angle since the start, and at which
+        # angle each track last changed
+        ("tracks_ns", "i8"),
+        ("tracks_rad", "f8"),
+        ("turned_rad", "f8"),
+        ("track_rad", "f8", (32,)),
+        ("gray", "u4"),
+        ("track_samples", "u4"),
         ("state", "u4"),
         ("trip_bits", "u4"),
         ("first_trip", "u4"),
@@ -115,6 +135,7 @@ MEMORY = record_dtype(
         ("debounce", "u4", (32,)),  # ticks that each trip's condition has lasted
         ("implausible", "u4"),  # encoder samples in a row that the speed cannot explain
         ("encoder_count", "i4"),
+        ("limited", "u1"),  # the newest command makes less torque than asked for
         ("started", "u1"),  # the first tick is over
         ("tracking", "u1"),  # the observer has an angle
         ("arming", "u1"),  # READY, on the way to ENABLED

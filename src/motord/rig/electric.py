@@ -13,6 +13,7 @@ import numpy as np
 
 from motord.jit import jit
 from motord.rig.bend import bent, bent_common_part, bent_slope, straightened
+from motord.rig.faults import disturbed_currents
 from motord.rig.types import QUEUE_LENGTH
 
 
@@ -176,6 +177,19 @@ def _set_flow(p: np.record, s: np.record, i_a: float, i_b: float, i_c: float) ->
 
 
 @jit
+def _flow_disturbed(p: np.record, s: np.record, speed_rad_s: float) -> None:
+    """As `_flow`, with an open phase or one that runs away (`rig.faults`)."""
+    before_a, before_b, before_c = s.i_A[0], s.i_A[1], s.i_A[2]
+    _flow(p, s, speed_rad_s)
+    after_a, after_b, after_c = s.i_A[0], s.i_A[1], s.i_A[2]
+    s.i_A[0], s.i_A[1], s.i_A[2] = before_a, before_b, before_c
+    i_a, i_b, i_c = disturbed_currents(p, s, after_a, after_b, after_c)
+    _set_flow(p, s, i_a, i_b, i_c)
+    if s.tripped:
+        s.wanted = 0
+
+
+@jit
 def _freewheel(p: np.record, s: np.record) -> None:
     """Switched off: the diodes put the bus against the currents until these have died away."""
     largest_A = max(abs(s.i_A[0]), abs(s.i_A[1]), abs(s.i_A[2]))
@@ -191,7 +205,9 @@ def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
     s.on_steps = s.on_steps + 1 if s.wanted else 0
     s.inverter_on = 1 if s.on_steps > p.ready_steps else 0
     _run_loops(p, s)
-    if s.inverter_on:
+    if s.inverter_on and s.phase_open | s.current_runaway:
+        _flow_disturbed(p, s, speed_rad_s)
+    elif s.inverter_on:
         _flow(p, s, speed_rad_s)
     else:
         _freewheel(p, s)

@@ -40,3 +40,12 @@ def gaussian(s: np.record) -> float:
         state = _A * (state & _LOW) + (state >> _SHIFT)
     s.random = state
     return (total - _MEAN) * _SCALE
+
+
+@jit
+def uniform(s: np.record) -> float:
+    """Return a number of [0, 1) in steps of 2^-32, steps `s.random`."""
+    state = s.random
+    word = (state & _LOW) ^ (state >> _SHIFT)
+    s.random = _A * (state & _LOW) + (state >> _SHIFT)
+    return float(word) / 4294967296.0

@@ -6,6 +6,7 @@ import numpy as np
 
 from motord.jit import jit
 from motord.rig.electric import step_currents, take_command
+from motord.rig.faults import disturb_readings, drift, is_off, take_faults
 from motord.rig.mechanics import step_brake, step_drive, step_rotor
 from motord.rig.noise import gaussian
 from motord.rig.sensors import (
@@ -50,11 +51,15 @@ def _within(value: float, low: float, high: float) -> float:
 @jit
 def _take_input(p: np.record, s: np.record, i: np.record) -> None:
     take_command(p, s, i.i_command_A)
-    s.brake_set = _within(i.brake, 0.0, 1.0)
+    take_faults(s, i)
+    if not s.brake_silent:
+        s.brake_set = _within(i.brake, 0.0, 1.0)
     s.drive_set_rad_s = _within(i.drive_rad_s, -p.drive_max_rad_s, p.drive_max_rad_s)
     s.enable_line = 1 if i.enable_line else 0
     s.fault = 1 if i.fault else 0
     s.wanted = 1 if i.enable_command and i.enable_line and not i.fault else 0
+    if s.faults and is_off(s):
+        s.wanted = 0
     if not s.wanted:
         s.on_steps = 0
         s.inverter_on = 0
@@ -82,6 +87,8 @@ def _substep(p: np.record, s: np.record) -> None:
     if p.swing:
         step_hand(p, s, angle_rad)
     step_torque_sensor(p, s, before_Nm, after_Nm)
+    if s.faults:
+        drift(p, s)
     s.step += 1
     if s.step % p.slow_every == 0:
         _change_slowly(p, s)
@@ -115,6 +122,8 @@ def sense(parameters: np.ndarray, state: np.ndarray, rig_output: np.ndarray) -> 
     o.brake = s.excitation
     o.brake_temperature_C = s.brake_temperature_C
     o.drive_rad_s = s.drive_rad_s
+    if s.faults:
+        disturb_readings(p, s, o)
 
 
 @jit

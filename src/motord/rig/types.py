@@ -6,6 +6,7 @@ rig, `RIG_OUTPUT` what its sensors say. SI units; [3] is phases a, b, c.
 
 import numpy as np
 
+from motord.rig.faults import FAULT_INPUTS, FAULT_STATE
 from motord.rig.truth import MAX_ORDERS, MAX_SPRINGS
 from motord.schema import record_dtype
 
@@ -20,6 +21,7 @@ RIG_INPUT = record_dtype(
         ("enable_command", "u4"),  # the inverter is told to switch on
         ("enable_line", "u4"),  # the hardware enable line is closed
         ("fault", "u4"),  # not 0: the inverter has a fault and stays off
+        *FAULT_INPUTS,
     ]
 )
 
@@ -188,6 +190,8 @@ RIG_STATE = record_dtype(
         ("hand", "i8"),  # 0 off the bar, 1 pulling, 2 holding
         ("hand_s", "f8"),  # until it does something else
         ("hand_target_rad", "f8"),
+        *FAULT_INPUTS,
+        *FAULT_STATE,
     ]
 )
 

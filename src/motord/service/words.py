@@ -1,27 +1,9 @@
 """Trips, flags and requests in words, for events, state and refusals."""
 
+from motord.control.interlock_table import INTERLOCKS
 from motord.schema import Flag, Trip
 
-TRIP_MEANING: dict[Trip, str] = {
-    Trip.OVER_CURRENT: "a phase current was above limits.trip_current_A",
-    Trip.OVER_SPEED: "the rotor turned faster than limits.trip_speed_rad_s",
-    Trip.OVER_TORQUE: "the measured torque was above limits.trip_torque_Nm",
-    Trip.I2T: "the currents heated the motor more than limits.i2t_current_A and i2t_time_s allow",
-    Trip.ENCODER_STALE: "no new encoder sample came within bridge.stale_after_s",
-    Trip.ENCODER_IMPLAUSIBLE: "the encoder jumped further than the speed can explain",
-    Trip.TORQUE_STALE: "the torque sample is not valid",
-    Trip.INVERTER_STALE: "no feedback came from the inverter within inverter.stale_after_s",
-    Trip.INVERTER_FAULT: "the inverter reports a fault, or its power stage went off",
-    Trip.BUS_OFF: "the CAN controller is off the bus",
-    Trip.LOOP_OVERRUN: "the loop missed loop.overrun_ticks periods in a row",
-    Trip.SUPERVISOR_STALE: "the supervisor gave no sign of life within loop.supervisor_timeout_s",
-    Trip.TEMPERATURE: "the inverter is hotter than limits.trip_temperature_C",
-    Trip.LINK_ERRORS: "more frames were lost or corrupt than limits.link_errors_per_s",
-    Trip.BUS_VOLTAGE: "the DC bus voltage is outside limits.bus_V_min to bus_V_max",
-    Trip.ENABLE_TIMEOUT: "the inverter was not ready within loop.enable_timeout_s of being enabled",
-    Trip.BRIDGE_FAULT: "the bridge reports a fault or an encoder that cannot be trusted",
-    Trip.FEEDBACK_INVALID: "a feedback value is not a number",
-}
+TRIP_MEANING: dict[Trip, str] = {row.trip: row.meaning for row in INTERLOCKS}
 """What each cause of a trip means, with the key of the bench file that sets its limit."""
 
 
@@ -61,6 +43,13 @@ TRIP_ACTION: dict[Trip, str] = {
     "ticks says what the board found",
     Trip.FEEDBACK_INVALID: "find in the ticks which value is not a number; check the signal map "
     "and scaling of that device",
+    Trip.CURRENT_IMPLAUSIBLE: "compare i_a_A to i_c_A with the commands before the trip: one phase "
+    "that does not move is an open line or a broken sensor; all too small is a bus voltage too low "
+    "for the speed",
+    Trip.TORQUE_IMPLAUSIBLE: "compare torque_Nm with torque_set_Nm: a slow drift points to the "
+    "sensor's amplifier; a torque that goes with the angle to the encoder (frozen, slipped, wrong "
+    "offset) or a phase without current",
+    Trip.BRAKE_TEMPERATURE: "let the brake's disc cool; rest between operating points",
 }
 """What to do after each cause of a trip, before the reset."""
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motord.config import Config, ConfigError
+from motord.config.faults import Fault, Timeline, load_timeline
 from motord.control import parameters as control_parameters
 from motord.control.step import new_memory, step
 from motord.control.types import COMMAND, FEEDBACK
@@ -15,7 +16,15 @@ from motord.rig.feedback import apply_command, fill_feedback
 from motord.rig.step import advance, fill_truth, sense
 from motord.rig.truth import RigTruth, load
 from motord.rig.types import new_input, new_output
-from motord.schema import TICK_DTYPE, TRUTH_DTYPE
+from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
+from motord.virtual.faults import (
+    Player,
+    deliver,
+    deliver_command,
+    expire,
+    new_link,
+    new_ring,
+)
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -29,7 +38,9 @@ class VirtualBench:
 
     `truth` is by default the rig file of `[bench] rig`, or the packaged rig; `seed` by default
     that of `[bench]`. The same config, truth, seed and calls give the same bits. The supervisor's
-    heartbeat is always fresh here. Raises ConfigError where rig and told motor cannot fit.
+    heartbeat is fresh unless a fault says otherwise. `faults` is by default the timeline of
+    `[bench] faults`, counted from the start of virtual time. Raises ConfigError where rig and told
+    motor cannot fit.
     """
 
     def __init__(
@@ -38,6 +49,7 @@ class VirtualBench:
         truth: RigTruth | None = None,
         seed: int | None = None,
         calibration: "Calibration | None" = None,
+        faults: Timeline | None = None,
     ) -> None:
         self.config = config
         self.truth = truth or load(config.bench.rig)
@@ -47,6 +59,7 @@ class VirtualBench:
                 f"{self.truth.encoder.counts} counts, [motor] counts says {config.motor.counts}"
             )
         self.tick = 0
+        self.missed = 0
         self._rig = build(
             self.truth, config.bench.seed if seed is None else seed, self._fitting_substep_s()
         )
@@ -56,7 +69,30 @@ class VirtualBench:
         self._torque_Nm_per_count = (
             config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
         )
+        self._link = new_link(
+            config.bench.seed if seed is None else seed,
+            config.inverter.timeout_s,
+            config.bridge.heartbeat_timeout_s,
+            config.loop.rate_Hz,
+        )
+        self._ring, self._fresh = new_ring(), np.zeros(1, FEEDBACK)
+        if faults is None and config.bench.faults is not None:
+            faults = load_timeline(config.bench.faults)
+        self._player = None
+        if faults is not None:
+            self._player = Player(faults, config.loop.rate_Hz, self._link)
         self.install(calibration)
+
+    @property
+    def fault_events(self) -> list[dict[str, object]]:
+        """Every fault injected so far: t_ns, tick, kind and parameters."""
+        return self._player.events if self._player else []
+
+    def inject(self, fault: Fault) -> None:
+        """Let a fault begin `at_s` from now. Raises ValueError for one not possible here."""
+        if self._player is None:
+            self._player = Player(Timeline(), self.config.loop.rate_Hz, self._link)
+        self._player.inject(fault, self.tick)
 
     @property
     def t_ns(self) -> int:
@@ -84,6 +120,35 @@ class VirtualBench:
 
     def fill(self, setpoint: np.ndarray, tick_block: np.ndarray, truth_block: np.ndarray) -> None:
         """Run one period for each row of two blocks of equal length; they must be zero before."""
+        if self._player is None:
+            self._run_rows(setpoint, tick_block, truth_block)
+            return
+        row = 0
+        while row < tick_block.size:
+            stalled = self._player.play(self.tick, self.t_ns, self._input)
+            if stalled:
+                self._stall(stalled)
+                tick_block["flags"][row] |= Flag.LATE | Flag.AFTER_GAP
+                continue
+            end = min(row + self._player.next_edge(self.tick), tick_block.size)
+            tick_block["missed"][row:end] = self.missed
+            self._run_rows(setpoint, tick_block[row:end], truth_block[row:end])
+            row = end
+
+    def _stall(self, ticks: int) -> None:
+        """Let time pass without the loop: its last command stays, until devices time out."""
+        for _ in range(ticks):
+            self._link["command_age"] += 1
+            self._link["beat_age"] += 1
+            expire(self._link, self._input)
+            advance(*self._rig, self._input, 1.0 / self.config.loop.rate_Hz)
+        self._link["tick"] += ticks
+        self.tick += ticks
+        self.missed += ticks
+
+    def _run_rows(
+        self, setpoint: np.ndarray, tick_block: np.ndarray, truth_block: np.ndarray
+    ) -> None:
         _run(
             *self._rig,
             self._input,
@@ -93,6 +158,9 @@ class VirtualBench:
             self._feedback,
             setpoint.copy(),
             self._command,
+            self._link,
+            self._ring,
+            self._fresh,
             self._torque_Nm_per_count,
             self.tick,
             self.config.loop.rate_Hz,
@@ -121,6 +189,9 @@ def _run(
     feedback: np.ndarray,
     setpoint: np.ndarray,
     command: np.ndarray,
+    link: np.ndarray,
+    ring: np.ndarray,
+    fresh: np.ndarray,
     torque_Nm_per_count: float,
     first_tick: int,
     rate_Hz: int,
@@ -128,13 +199,21 @@ def _run(
     truth_block: np.ndarray,
 ) -> None:
     """Sense, decide, act, let a period pass; once for every row of the blocks."""
-    s, period_s = setpoint[0], 1.0 / rate_Hz
+    s, lk, period_s = setpoint[0], link[0], 1.0 / rate_Hz
+    disturbed = lk.active != 0
     for row in range(tick_block.size):
         number = first_tick + row
         t_ns = EPOCH_NS + number * 1_000_000_000 // rate_Hz
         sense(rig_parameters, rig_state, rig_output)
-        fill_feedback(rig_output, t_ns, torque_Nm_per_count, feedback)
-        s.heartbeat_ns = t_ns
+        if disturbed:
+            fill_feedback(rig_output, t_ns, torque_Nm_per_count, fresh)
+            deliver(link, ring, fresh, feedback)
+            if not lk.supervisor_silent:
+                lk.heartbeat_ns = t_ns
+            s.heartbeat_ns = lk.heartbeat_ns
+        else:
+            fill_feedback(rig_output, t_ns, torque_Nm_per_count, feedback)
+            s.heartbeat_ns = t_ns
         s.brake_temperature_C = rig_output[0].brake_temperature_C
         tick_block[row].tick = number
         step(
@@ -149,5 +228,8 @@ def _run(
             tick_block[row : row + 1],
         )
         fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
-        apply_command(command, rig_input)
+        if disturbed:
+            deliver_command(link, command, rig_input)
+        else:
+            apply_command(command, rig_input)
         advance(rig_parameters, rig_state, rig_input, period_s)

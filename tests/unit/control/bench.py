@@ -28,6 +28,9 @@ def make_config(**sections: Any) -> Config:
         ],
     }
     motor.update(sections.pop("motor", {}))
+    # the bench below does not answer its commands: no current flows, no torque is made
+    lenient = {"current_error_A": 1e6, "torque_error_Nm": 1e6}
+    sections["limits"] = lenient | sections.get("limits", {})
     return Config.model_validate({"motor": motor, **sections})
 
 

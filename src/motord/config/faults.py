@@ -1,0 +1,228 @@
+"""Faults to inject into a simulated or emulated bench: one strict model, kinds in one table.
+
+A timeline is a TOML file of `[[fault]]` tables: `kind`, `at_s` after the start, `for_s` (the
+kind's own duration if left out), and the parameters of the kind.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from motord.config.base import Finite, NonNegative, Section
+from motord.config.reading import read_toml, validate
+
+EVERYWHERE = frozenset({"virtual", "sim", "emulate"})
+WIRES = frozenset({"virtual", "emulate"})
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of fault: what it does, how long it lasts unless told, its parameters' defaults.
+
+    `places` tells which benches can have it: in virtual time, simulated in the loop, emulated.
+    """
+
+    meaning: str
+    for_s: float
+    parameters: dict[str, Any] = field(default_factory=dict)
+    places: frozenset[str] = EVERYWHERE
+
+
+KINDS: dict[str, Kind] = {
+    "inverter_fault": Kind("the drive reports a fault and switches off", 0.2),
+    "inverter_off": Kind("the power stage goes off without a word", 0.2),
+    "current_stuck": Kind("the reading of a current sensor sticks", 0.5, {"phase": "a"}),
+    "current_noise": Kind(
+        "the reading of a current sensor is noisy", 0.5, {"phase": "a", "noise_A": 25.0}
+    ),
+    "current_runaway": Kind(
+        "the current loop of a phase loses its sensor: the current runs away to the drive's own "
+        "limit, which switches it off",
+        0.2,
+        {"phase": "a"},
+    ),
+    "phase_open": Kind("no current can flow in a phase", 0.5, {"phase": "a"}),
+    "encoder_bit": Kind("a Gray track is stuck", 2.0, {"bit": 9, "level": 1}),
+    "encoder_frozen": Kind("the encoder says the same for ever", 1.0),
+    "encoder_skew": Kind("every other Gray track is displaced", 2.0, {"counts": 120}),
+    "index_slip": Kind("the code disc slips on the shaft", 1.0, {"counts": 300}),
+    "torque_drift": Kind("the torque signal drifts", 2.0, {"drift_Nm_per_s": 10.0}),
+    "torque_saturated": Kind("the torque converter is at its end", 0.2),
+    "inverter_hot": Kind("the inverter is this hot", 0.2, {"temperature_C": 120.0}),
+    "brake_hot": Kind("the brake's disc is this hot", 1.0, {"temperature_C": 200.0}),
+    "bus_voltage": Kind("the DC bus has this voltage", 0.2, {"bus_V": 12.0}),
+    "brake_silent": Kind("the brake does not answer; its excitation stays", 1.5),
+    "host_stall": Kind("whoever runs the bench gets no processor", 0.05),
+    "can_drop": Kind("frames to and from the inverter are lost", 0.3, {"fraction": 1.0}, WIRES),
+    "can_corrupt": Kind(
+        "frames to and from the inverter arrive changed", 0.3, {"fraction": 1.0}, WIRES
+    ),
+    "can_duplicate": Kind("frames from the inverter come twice", 0.3, {"fraction": 1.0}, WIRES),
+    "can_late": Kind("frames from the inverter come late", 0.3, {"delay_s": 0.04}, WIRES),
+    "can_bus_off": Kind("the CAN controller goes off the bus", 0.3, {}, WIRES),
+    "bridge_drop": Kind("frames to and from the bridge are lost", 0.3, {"fraction": 1.0}, WIRES),
+    "bridge_corrupt": Kind(
+        "frames to and from the bridge arrive changed", 0.3, {"fraction": 1.0}, WIRES
+    ),
+    "bridge_duplicate": Kind("frames from the bridge come twice", 0.3, {"fraction": 1.0}, WIRES),
+    "bridge_late": Kind("frames from the bridge come late", 0.3, {"delay_s": 0.04}, WIRES),
+    "bridge_reboot": Kind("the board starts anew, silent for that long", 0.3, {}, WIRES),
+    "bridge_clock": Kind("the board's clock jumps", 0.0, {"jump_s": 0.3}, frozenset({"emulate"})),
+    "supervisor_silent": Kind(
+        "the supervisor gives no sign of life", 0.6, {}, frozenset({"virtual"})
+    ),
+}
+"""Every kind of fault."""
+
+PARAMETERS = tuple(dict.fromkeys(name for kind in KINDS.values() for name in kind.parameters))
+
+
+class Fault(Section):
+    """One fault: its kind, when it begins and how long it lasts; a kind's parameters have defaults.
+
+    for_s left out is the kind's own duration.
+    """
+
+    kind: Annotated[str, Field(json_schema_extra={"enum": list(KINDS)})]
+    at_s: NonNegative = 0.0
+    for_s: NonNegative | None = None
+    phase: Literal["a", "b", "c"] | None = None
+    bit: Annotated[int, Field(ge=0, le=31)] | None = None
+    level: Literal[0, 1] | None = None
+    counts: Annotated[int, Field(ge=-(2**20), le=2**20)] | None = None
+    noise_A: NonNegative | None = None
+    drift_Nm_per_s: Finite | None = None
+    temperature_C: Finite | None = None
+    bus_V: NonNegative | None = None
+    fraction: Annotated[float, Field(gt=0, le=1)] | None = None
+    delay_s: Annotated[float, Field(gt=0, le=1)] | None = None
+    jump_s: Finite | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("kind") not in KINDS:
+            return data
+        kind = KINDS[data["kind"]]
+        return {"for_s": kind.for_s, **kind.parameters, **_given(data)}
+
+    @model_validator(mode="after")
+    def _is_known(self) -> "Fault":
+        if self.kind not in KINDS:
+            raise ValueError(f'"{self.kind}" is no kind of fault; known: {", ".join(KINDS)}')
+        wanted = KINDS[self.kind].parameters
+        for name in PARAMETERS:
+            if getattr(self, name) is not None and name not in wanted:
+                known = ", ".join(wanted) or "none"
+                raise ValueError(f"{self.kind} has no parameter {name}; it has: {known}")
+        return self
+
+    @property
+    def duration_s(self) -> float:
+        """How long it lasts."""
+        return KINDS[self.kind].for_s if self.for_s is None else self.for_s
+
+    @property
+    def end_s(self) -> float:
+        """When it ends."""
+        return self.at_s + self.duration_s
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters of its kind."""
+        return {name: getattr(self, name) for name in KINDS[self.kind].parameters}
+
+    def words(self) -> str:
+        """Return the fault in one line."""
+        told = "".join(f", {name} {value}" for name, value in self.parameters().items())
+        return f"{self.kind} for {self.duration_s:g} s{told}: {KINDS[self.kind].meaning}"
+
+    def told(self) -> dict[str, Any]:
+        """Return the fault as it goes into a log."""
+        return {"kind": self.kind, "at_s": self.at_s, "for_s": self.duration_s, **self.parameters()}
+
+
+def _given(data: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in data.items() if value is not None}
+
+
+class Timeline(Section):
+    """Faults in the order of their beginnings."""
+
+    fault: tuple[Fault, ...] = ()
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Timeline":
+        ordered = tuple(sorted(self.fault, key=lambda fault: fault.at_s))
+        object.__setattr__(self, "fault", ordered)
+        return self
+
+    def check_place(self, place: str) -> None:
+        """Raise ValueError for a fault that a bench of this kind cannot have."""
+        for fault in self.fault:
+            if place not in KINDS[fault.kind].places:
+                possible = ", ".join(sorted(KINDS[fault.kind].places))
+                raise ValueError(f"fault {fault.kind} is not possible here, only in: {possible}")
+
+
+def load_timeline(path: Path) -> Timeline:
+    """Read and check a timeline. Raises ConfigError naming file and line."""
+    text, data = read_toml(path)
+    return validate(Timeline, path, text, data)
+
+
+def random_timeline(
+    seed: int, span_s: float, place: str, most: int = 4, kinds: tuple[str, ...] = tuple(KINDS)
+) -> Timeline:
+    """Return 1 to `most` faults of `kinds` possible at `place`, begun within `span_s`; seeded."""
+    draw = np.random.default_rng(seed)
+    possible = [kind for kind in kinds if place in KINDS[kind].places]
+    faults = []
+    for _ in range(int(draw.integers(1, most + 1))):
+        kind = str(draw.choice(possible))
+        faults.append(
+            Fault.model_validate(
+                {
+                    "kind": kind,
+                    "at_s": round(float(draw.uniform(0, span_s)), 3),
+                    "for_s": _random_duration_s(draw, kind),
+                    **_random_parameters(draw, kind),
+                }
+            )
+        )
+    return Timeline(fault=tuple(faults))
+
+
+def _random_duration_s(draw: np.random.Generator, kind: str) -> float:
+    if kind == "host_stall":
+        return round(float(draw.uniform(0.005, 0.1)), 3)
+    return round(float(10 ** draw.uniform(-2.5, 0.3)), 3)
+
+
+_RANGES: dict[str, tuple[float, float]] = {
+    "noise_A": (1.0, 30.0),
+    "drift_Nm_per_s": (-20.0, 20.0),
+    "temperature_C": (60.0, 250.0),
+    "bus_V": (5.0, 45.0),
+    "fraction": (0.05, 1.0),
+    "delay_s": (0.002, 0.1),
+    "jump_s": (-1.0, 1.0),
+}
+
+
+def _random_parameters(draw: np.random.Generator, kind: str) -> dict[str, Any]:
+    drawn: dict[str, Any] = {}
+    for name in KINDS[kind].parameters:
+        if name == "phase":
+            drawn[name] = str(draw.choice(["a", "b", "c"]))
+        elif name == "bit":
+            drawn[name] = int(draw.integers(0, 12))
+        elif name == "level":
+            drawn[name] = int(draw.integers(0, 2))
+        elif name == "counts":
+            drawn[name] = int(draw.integers(-2000, 2001))
+        else:
+            drawn[name] = round(float(draw.uniform(*_RANGES[name])), 3)
+    return drawn

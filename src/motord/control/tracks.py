@@ -1,0 +1,53 @@
+"""Encoder tracks that are stuck: compiled.
+
+A reflected Gray code's track b changes every 2^(b+1) counts. One that has not changed over 2.5
+times as much is stuck, even where the jumps that it causes are small enough to be plausible.
+"""
+
+import numpy as np
+
+from motord.control.observer import STEADY_S, TWO_PI, wrap_difference
+from motord.jit import jit
+
+FAR = 2.5
+STUCK_SAMPLES = 3
+ALL = 0xFFFFFFFF
+
+
+def watched_tracks(counts: int) -> int:
+    """Return how many tracks, from the finest on, change at least twice a turn."""
+    return max((counts // 4).bit_length(), 0)
+
+
+@jit
+def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
+    """Take in a code read at `t_ns`, after the observer has; True where a track is stuck.
+
+    Tracks too fine for the speed and the time between samples are left out. Once found, or after a
+    gap in the samples, the watch starts over.
+    """
+    dt_s = (t_ns - m.tracks_ns) * 1e-9
+    if dt_s == 0.0:
+        return False
+    moved_rad = wrap_difference(m.angle_rad - m.tracks_rad)
+    m.tracks_ns, m.tracks_rad = t_ns, m.angle_rad
+    m.turned_rad += moved_rad
+    changed = np.int64(gray) ^ np.int64(m.gray)
+    m.gray = gray
+    counts_per_rad = p.counts / TWO_PI
+    step_counts = abs(m.speed_rad_s) * dt_s * counts_per_rad
+    if not 0.0 < dt_s <= STEADY_S or abs(moved_rad) > p.encoder_jump_rad:
+        changed = np.int64(ALL)
+    far = False
+    for track in range(p.tracks):
+        if changed >> track & 1 or step_counts >= 1 << track:
+            m.track_rad[track] = m.turned_rad
+        elif abs(m.turned_rad - m.track_rad[track]) * counts_per_rad > FAR * (2 << track):
+            far = True
+    m.track_samples = m.track_samples + 1 if far else 0
+    if m.track_samples < STUCK_SAMPLES:
+        return False
+    m.track_samples = 0
+    for track in range(p.tracks):
+        m.track_rad[track] = m.turned_rad
+    return True
