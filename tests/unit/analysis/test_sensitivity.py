@@ -99,7 +99,7 @@ def test_from_the_command_line(recording: Path, tmp_path: Path) -> None:
     arguments = ("sensitivity", recording, "-o", output, "--report", report)
     code, out, _ = run(analyse, *arguments)
     assert code == 0
-    assert "calibrated again from known errors" in " ".join(out.split())
+    assert "induced, and calibrated again" in " ".join(out.split())
     content = json.loads(output.read_text())
     assert content["schema"] == "motord.sensitivity/1"
     assert content["torque_Nm"] == 3.0

@@ -4,6 +4,7 @@ import pytest
 
 from motord.hal.base import DeviceError, DeviceReading
 from motord.plans.settings import COMPENSATE
+from motord.plans.steps import NOTHING_INDUCED
 from motord.schema import Compensate, State
 from motord.service.devices import SlowDevice
 from motord.service.refusal import Refusal
@@ -108,6 +109,32 @@ def test_verify_needs_a_calibration(service):
     start(service, token, name="verify")
     service.run_s(2.0, token)
     assert service.bench.setpoint.compensate == COMPENSATE["on"]
+
+
+def test_errors_are_induced_at_their_points_and_nowhere_else(service):
+    token = service.acquire()
+    start(service, token, speeds_Hz=[1.0], gain_steps=[0.8])
+    run_to_end(service, token)
+    told = [point.get("induced") for point in service.sink.points]
+    assert told[0] is None
+    assert tuple(told[1]["gain"]) == (0.8, 1.0, 1.0)
+    assert service.bench.setpoint.induced == NOTHING_INDUCED
+
+
+def test_induced_errors_need_a_calibration_to_be_induced_beside(service):
+    token = service.acquire()
+    name = "sensitivity"
+    assert "no calibration" in refused(service, "refused", "plan/start", token=token, name=name)
+    service.bench.calibration_installed()
+    settings = {
+        "turns": 2, "settle_s": 0.2, "speed_Hz": 1.0, "alpha_a_steps": 0, "beta_a_steps": 2,
+        "cogging_steps": 0, "delta_epsilon_steps": 0, "again_torques_Nm": [],
+    }  # fmt: skip
+    service.ask("plan/start", token=token, name=name, settings=settings)
+    run_to_end(service, token)
+    offsets_A = [tuple(point["induced"]["offset_A"]) for point in service.sink.points]
+    assert offsets_A == [(-1.0, 0.5, 0.5), (1.0, -0.5, -0.5)]
+    assert {point["compensate"] for point in service.sink.points} == {3}
 
 
 def test_what_hand_operation_compensates_comes_back_after_a_plan(service):

@@ -111,8 +111,8 @@ def _print_again(console: "object", again: "Again") -> None:
     from rich.table import Table
 
     assert isinstance(console, Console)
-    table = Table(title="calibrated again from known errors")
-    for heading in ("phase", "alpha induced", "found", "beta induced (A)", "found (A)"):
+    table = Table(title="errors that were induced, and calibrated again")
+    for heading in ("phase", "alpha", "found", "beta (A)", "found (A)"):
         table.add_column(heading, justify="right")
     found = again.found
     for p in range(3):
