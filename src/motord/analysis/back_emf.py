@@ -119,7 +119,8 @@ def notes(found: MeasuredBackEmf) -> list[str]:
     else:
         back = balanced(found)[0]
         apart = float(np.abs(own * turned.conj() - back).max() / np.abs(back))
-        if apart > UNBALANCED:
+        noise = 4 * float(found.stderr[places[0]].max() / np.abs(back))
+        if apart > max(UNBALANCED, noise):
             words.append(
                 f"a phase differs from the mean of the three by {100 * apart:.2f} % of the "
                 "fundamental: use the table, not the harmonics"

@@ -1,0 +1,49 @@
+"""Cogging and back-EMF over the wires: drive by Modbus, voltages by CAN, encoder by serial line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.analysis import Subject
+from motord.analysis.back_emf import measured_back_emf
+from motord.analysis.cogging import measured_cogging
+from motord.config import load
+from motord.record.reader import open_run
+from tests.system.daemons import daemon, emulator, patient, wait_until
+from tests.unit.emulate.benches import write_bench
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+
+def run_plan(client, name, **settings):
+    """Run a plan to its end; return its recording."""
+    with client.lease("anna") as lease:
+        view = client.rpc("plan/start", token=lease.token, name=name, settings=settings)
+        wait_until(lambda: client.state().plan.state not in ("running", "ending"), name)
+        done = client.state().plan
+        assert done.state == "done", done.message
+        return view["recording"]
+
+
+def test_a_driven_rotor_on_the_wire(tmp_path):
+    bench = write_bench(tmp_path)
+    text = patient(bench.read_text(), "wire", 500).replace(
+        "[drive]\n", "[drive]\nstale_after_s = 5.0\n"
+    )
+    bench.write_text(text)
+    truth = tmp_path / "truth.mcap"
+    with emulator(tmp_path, bench, truth), daemon(tmp_path, bench) as running:
+        with running.connect() as client:
+            emf = run_plan(client, "back-emf", speeds_Hz=[0.8, 1.2], turns=5, settle_s=0.5)
+            cogging = run_plan(client, "cogging", speeds_Hz=[0.8], turns=5, settle_s=0.5)
+        assert running.end() == 0, running.said()
+    run = open_run(Path(emf))
+    found = measured_back_emf([run], Subject.of_runs([run]))
+    told = load(bench).motor.back_emf_table()
+    assert np.abs(found.table() - told).max() < 0.06 * 0.206
+    run = open_run(Path(cogging))
+    measured = measured_cogging([run], Subject.of_runs([run]))
+    place = int(np.flatnonzero(measured.order == 48)[0])
+    assert measured.amplitude_Nm[place] == pytest.approx(0.33, rel=0.1)
+    assert measured.phase_rad[place] == pytest.approx(0.3, abs=0.2)
