@@ -77,9 +77,13 @@ def start(
                 say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
             view = follow(client, command.token, progress, quiet=as_json)
-        say(view.model_dump(mode="json"), _end_line(view), as_json)
-        if view.state != "done":
-            fail(f"{view.plan} {view.state}: {view.message}")
+        _say_end(view, as_json)
+
+
+def _say_end(view: "PlanView", as_json: bool) -> None:
+    say(view.model_dump(mode="json"), _end_line(view), as_json)
+    if view.state != "done":
+        fail(f"{view.plan} {view.state}: {view.message}")
 
 
 def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]:
@@ -183,10 +187,38 @@ def pause(
 
 @app.command()
 def resume(
+    detach: Annotated[
+        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
+    ] = False,
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Go on after a pause; or take what is missing of a plan that was interrupted, and follow it.
+
+    A plan that failed or was aborted can be resumed as well.
+    """
+    with daemon(bench, connect) as client:
+        view = client.plan()
+        under_way = view is not None and not view.over
+        with in_command(client, force=force) as command, client.subscribe_plan() as progress:
+            answer = client.rpc("plan/resume", token=command.token, detach=detach)
+            if under_way or detach or answer["state"] == "done":
+                say(answer, f"{answer['plan']}: {answer['state']}", as_json)
+                return
+            end = follow(client, command.token, progress, quiet=as_json)
+        _say_end(end, as_json)
+
+
+@app.command()
+def discard(
     bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
 ) -> None:
-    """Go on after a pause."""
-    _steer("plan/resume", bench, connect, force=force, as_json=as_json)
+    """Forget a plan that was interrupted; its recordings stay."""
+    with daemon(bench, connect) as client, in_command(client, force=force) as command:
+        answer = client.rpc("plan/discard", token=command.token)
+        say(answer, f"{answer['plan']}: discarded", as_json)
 
 
 @app.command()

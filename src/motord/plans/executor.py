@@ -1,5 +1,6 @@
 """Walks through a plan: one observation in, one demand out. The same in virtual and real time."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from enum import Enum
 from typing import Any
@@ -16,6 +17,12 @@ from motord.plans.steps import (
     Steps,
 )
 from motord.schema import State, Trip
+
+GOOD = "ok"
+"""Quality of an operating point that was taken as it should be."""
+
+TAKES_MAX = 3
+"""A point of poor quality is taken again until it is good or was taken so often."""
 
 
 class PlanState(Enum):
@@ -34,14 +41,25 @@ def _only(step: Step) -> Steps:
     yield step
 
 
+def final(point: Mapping[str, Any]) -> bool:
+    """Return whether an operating point, as it was taken, is not to be taken again."""
+    return point.get("quality", GOOD) == GOOD or int(point.get("take", 1)) >= TAKES_MAX
+
+
 class Executor:
-    """Carries out one plan. Call `advance` with each observation until `finished`."""
+    """Carries out one plan. Call `advance` with each observation until `finished`.
+
+    `points` holds every take of every operating point, each with its number `take`; of several
+    takes the last counts. `points_done`: points that are not to be taken again.
+    """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
         self.state = PlanState.RUNNING
         self.message = ""
         self.points: list[dict[str, Any]] = []
+        self.points_done = 0
+        self._take = 1
         self._steps = plan.steps()
         self._step: Step | None = None
         self._demand = Demand()
@@ -70,8 +88,7 @@ class Executor:
         if self._step is None:
             self._next_step(seen, None)
         elif self._step_began_ns == 0:
-            self._step_began_ns = seen.t_ns
-            self._step.begin(seen)
+            self._begin_step(seen)
         while self._step is not None:
             advance = self._step.advance(seen, self._demand)
             self._demand = advance.demand
@@ -112,7 +129,7 @@ class Executor:
             "step": self._step.label if self._step is not None else "",
             "message": self.message,
             "points": len(self.plan.points),
-            "points_done": len(self.points),
+            "points_done": self.points_done,
             "fraction": round(fraction, 4),
             "elapsed_s": round(elapsed_s, 2),
             "eta_s": 0.0 if self.finished else round(max(self.plan.seconds - done_s, 0.0), 1),
@@ -127,6 +144,10 @@ class Executor:
             self._step = None
             self.state = self._end
             return
+        self._begin_step(seen)
+
+    def _begin_step(self, seen: Observation) -> None:
+        assert self._step is not None
         self._step_began_ns = seen.t_ns
         self._step.begin(seen)
 
@@ -140,7 +161,14 @@ class Executor:
                 self._next_step(seen, None)
             return
         if advance.point is not None:
-            self.points.append(advance.point)
+            point = {**advance.point, "take": self._take}
+            self.points.append(point)
+            if not final(point):
+                self._take += 1
+                self._begin_step(seen)
+                return
+            self.points_done += 1
+        self._take = 1
         self._seconds_done += self._step.seconds()
         self._enabled_once = self._enabled_once or seen.state is State.ENABLED
         self._next_step(seen, advance.point)

@@ -1,5 +1,6 @@
 """Names of the files of a recording: NAME-000.mcap, NAME-001.mcap and so on."""
 
+import re
 from pathlib import Path
 
 from motord.record.container import PART
@@ -10,6 +11,12 @@ _SUFFIX = ".mcap"
 def file_name(stem: Path, number: int) -> Path:
     """Return the name of file `number` of the recording `stem`."""
     return stem.with_name(f"{stem.name}-{number:03d}{_SUFFIX}")
+
+
+def stem_of(path: Path) -> Path | None:
+    """Return the recording that a file is of, None if it has no number."""
+    match = re.fullmatch(rf"(.+)-\d{{3,}}{re.escape(_SUFFIX)}", path.name)
+    return path.with_name(match[1]) if match else None
 
 
 def numbers(stem: Path) -> list[int]:

@@ -24,14 +24,17 @@ from motord.service.calibrations import CalibrationStore
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
 from motord.service.devices import DeviceThread, SlowDevice
+from motord.service.durable import Durable
 from motord.service.events import EventLog
 from motord.service.experiments import Experiments
 from motord.service.installation import Installation
+from motord.service.journal_file import Journal
 from motord.service.loop_link import LOOP, LoopLink
 from motord.service.operate import Operate
 from motord.service.processes import Children, ChildSpec, spawn
 from motord.service.publisher import Publisher
 from motord.service.recording import RECORDER, Recording
+from motord.service.resumption import Resumption
 from motord.service.state_view import StateView
 from motord.service.supervisor import Supervisor
 from motord.service.telemetry import Telemetry
@@ -93,14 +96,18 @@ def assemble(
     devices = slow_devices(config)
     children = Children(process_table(config_path, run_dir))
     recording = Recording(config, toml, children, events, clock.now_ns, run_dir.timing)
+    journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
+    resumption = Resumption(config, journal, lambda: recording.calibration_id(), clock.now_ns)
+    sink = Durable(recording, journal, resumption, events, clock.now_ns)
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     tables = TablesWriter(run_dir.tables, config.motor.counts)
-    bench = Bench(config, mailbox, devices, events, recording)
+    bench = Bench(config, mailbox, devices, events, sink)
     boxes = BlackBoxes(config, events, recording.about, clock.now_ns)
     recording.followers.append(boxes)
     bench.watch.on_trip = boxes.trip
     store = CalibrationStore(config, state_dir)
     tables.write(*parameters.build(config, _installed(store, bench)))
+    _take_up(journal, resumption, bench)
 
     def loop_came_up() -> None:
         bench.loop_up()
@@ -116,10 +123,11 @@ def assemble(
     loop = LoopLink(children, run_dir, loop_came_up, loop_is_gone)
     recording.calibration_id = lambda: store.current.id if store.current is not None else ""
     recording.realtime = loop.realtime
+    experiments = Experiments(bench, resumption)
     installation = Installation(bench, store, tables.write, toml)
     handlers = {
         **Operate(bench, lambda: loop.start(time.monotonic_ns())).handlers,
-        **Experiments(bench).handlers,
+        **experiments.handlers,
         **installation.handlers,
     }
     calls, zenoh = CallQueue(), config.zenoh
@@ -144,7 +152,10 @@ def assemble(
     api = Api(
         config.bench.name,
         calls,
-        slow={"calibration/install": (installation.prepare, installation.keep)},
+        slow={
+            "calibration/install": (installation.prepare, installation.keep),
+            "plan/resume": (experiments.look_for_rest, lambda rest, answer: answer),
+        },
         documents={
             "state": publisher.state_document,
             "event": publisher.event_document,
@@ -158,6 +169,16 @@ def assemble(
         devices=devices,
         device_thread=DeviceThread(list(devices.values())),
     )
+
+
+def _take_up(journal: Journal, resumption: Resumption, bench: Bench) -> None:
+    """Show the plan that was under way when the daemon ended, and say how it can go on."""
+    journal.load()
+    if journal.error:
+        bench.events.emit("journal", f"cannot read it: {journal.error}")
+    if resumption.interrupted:
+        bench.plans.show(resumption.view())
+        bench.events.emit("plan", resumption.words())
 
 
 def _installed(store: CalibrationStore, bench: Bench) -> Calibration | None:

@@ -1,4 +1,4 @@
-"""RPCs of plans: start, pause, resume, abort, list."""
+"""RPCs of plans: start, pause, resume, abort, discard, list."""
 
 from typing import Any
 
@@ -6,21 +6,25 @@ from motord.plans import PLANS, Plan, PlanError
 from motord.plans import build as build_plan
 from motord.service.bench import Bench
 from motord.service.calls import Answer, Call
-from motord.service.desk import Handler, expect, need_ready, need_zero_torque
-from motord.service.messages import PlanStart, WithToken
+from motord.service.desk import Handler, expect, need_no_plan, need_ready, need_zero_torque
+from motord.service.messages import PlanResume, PlanStart, Request, WithToken
+from motord.service.plan_runner import Before
 from motord.service.refusal import Refusal
+from motord.service.resumption import Rest, Resumption
 
 
 class Experiments:
-    """Starts plans and steers the one under way."""
+    """Starts plans, steers the one under way, resumes one that was interrupted."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, resumption: Resumption) -> None:
         self._bench = bench
+        self._resumption = resumption
         self.handlers: dict[str, Handler] = {
             "plan/start": self._start,
             "plan/pause": self._pause,
             "plan/resume": self._resume,
             "plan/abort": self._abort,
+            "plan/discard": self._discard,
             "plan/list": self._list,
         }
 
@@ -31,10 +35,9 @@ class Experiments:
         if asked.dry_run:
             return outline
         who = bench.lease.require(asked.token, now_ns).holder
-        need_ready(bench)
-        need_zero_torque(bench, "a plan begins with an open brake")
-        if bench.trouble:
-            raise Refusal("refused", f"not started: {bench.trouble}")
+        self._need_free_bench()
+        if self._resumption.interrupted:
+            raise Refusal("refused", f"not started: {self._resumption.words()}")
         detached = ", detached" if asked.detach else ""
         bench.events.emit("plan", f"{plan.name} started by {who}{detached}", settings=plan.settings)
         bench.hand.rest()
@@ -46,6 +49,10 @@ class Experiments:
             plan = build_plan(asked.name, self._bench.config, asked.settings)
         except PlanError as error:
             raise Refusal("invalid", str(error)) from None
+        self._need_devices(plan)
+        return plan
+
+    def _need_devices(self, plan: Plan) -> None:
         if plan.needs and not self._bench.has(plan.needs):
             raise Refusal("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
         if plan.settings.get("compensate", "off") != "off" and not self._bench.calibrated:
@@ -54,7 +61,13 @@ class Experiments:
                 f"{plan.name} compensates, but no calibration is installed; install one, or set "
                 "compensate=off",
             )
-        return plan
+
+    def _need_free_bench(self) -> None:
+        bench = self._bench
+        need_ready(bench)
+        need_zero_torque(bench, "a plan begins with an open brake")
+        if bench.trouble:
+            raise Refusal("refused", f"not started: {bench.trouble}")
 
     def _need_plan(self, call: Call, now_ns: int) -> str:
         who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder
@@ -72,11 +85,49 @@ class Experiments:
         self._bench.plans.pause()
         return self._progress()
 
+    def look_for_rest(self, request: Request) -> Rest | None:
+        """Return what is missing of an interrupted plan; None if one is under way.
+
+        For the request's own thread, before `plan/resume`: it reads recordings. Raises Refusal.
+        """
+        return None if self._bench.plans.active else self._resumption.rest()
+
     def _resume(self, call: Call, now_ns: int) -> Answer:
-        who = self._need_plan(call, now_ns)
-        self._bench.events.emit("plan", f"resumed by {who}")
-        self._bench.plans.resume()
+        asked, bench = expect(PlanResume, call), self._bench
+        who = bench.lease.require(asked.token, now_ns).holder
+        if bench.plans.active:
+            bench.events.emit("plan", f"resumed by {who}")
+            bench.plans.resume()
+            return self._progress()
+        rest: Rest = call.prepared if call.prepared is not None else self._resumption.rest()
+        if rest.plan.points:
+            self._go_on(rest, who, detached=asked.detach)
+        else:
+            self._resumption.complete()
+            bench.plans.show(self._resumption.view())
         return self._progress()
+
+    def _go_on(self, rest: Rest, who: str, *, detached: bool) -> None:
+        """Take what is missing of an interrupted plan."""
+        self._need_free_bench()
+        self._need_devices(rest.plan)
+        note, bench = rest.story.plan, self._bench
+        bench.events.emit(
+            "plan",
+            f"{note.name} resumed by {who}: {rest.taken} of {note.points} points are taken",
+            run_id=note.run_id,
+        )
+        bench.hand.rest()
+        before = Before(note.run_id, rest.story.recordings[-1], rest.taken)
+        bench.plans.start(rest.plan, who, note.notes, detached=detached, before=before)
+
+    def _discard(self, call: Call, now_ns: int) -> Answer:
+        who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder
+        need_no_plan(self._bench)
+        name = self._resumption.discard()
+        self._bench.events.emit("plan", f"{name} discarded by {who}: it cannot be resumed any more")
+        self._bench.plans.show(None)
+        return {"plan": name}
 
     def _abort(self, call: Call, now_ns: int) -> Answer:
         who = self._need_plan(call, now_ns)

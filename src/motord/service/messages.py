@@ -34,7 +34,7 @@ class LeaseAcquire(Request):
 
 
 class WithToken(Request):
-    """`lease/renew`, `lease/release`, `enable`, `disable`, `reset`, `plan/pause|resume|abort`."""
+    """`lease/renew`, `lease/release`, `enable`, `disable`, `reset`, `plan/pause|abort|discard`."""
 
     token: Token
 
@@ -81,6 +81,12 @@ class PlanStart(Request):
     notes: Annotated[str, Field(max_length=4000)] = ""
 
 
+class PlanResume(WithToken):
+    """`plan/resume`: after a pause, or a plan that was interrupted; `detach` is for the latter."""
+
+    detach: bool = False
+
+
 class CalibrationInstall(Request):
     """`calibration/install`: the file's content, or its path as the daemon's host sees it."""
 
@@ -106,8 +112,9 @@ REQUESTS: dict[str, type[Request]] = {
     "set": Set,
     "plan/start": PlanStart,
     "plan/pause": WithToken,
-    "plan/resume": WithToken,
+    "plan/resume": PlanResume,
     "plan/abort": WithToken,
+    "plan/discard": WithToken,
     "plan/list": NoArguments,
     "config": NoArguments,
     "calibration/install": CalibrationInstall,

@@ -5,7 +5,9 @@ held by the plan, and losing a lease does not end it. Any other plan ends with t
 is in command.
 """
 
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol
+from uuid import uuid4
 
 from motord.plans import Demand, Executor, Observation, Plan
 from motord.schema import Compensate, Request
@@ -29,6 +31,15 @@ class PlanSink(Protocol):
         """The plan has ended."""
 
 
+@dataclass(frozen=True)
+class Before:
+    """What there was of a plan that goes on: its run, its last recording, how many points."""
+
+    run_id: str
+    recording: str
+    points: int
+
+
 class PlanRunner:
     """The plan under way, or the last one."""
 
@@ -39,6 +50,7 @@ class PlanRunner:
         self._demand = Demand()
         self._handed_on = 0
         self._compensate_before = Compensate(0)
+        self._points_before = 0
         self._view: PlanView | None = None
         self.active = False
 
@@ -52,14 +64,32 @@ class PlanRunner:
         """Progress of the plan under way or of the last one."""
         return self._view
 
-    def start(self, plan: Plan, started_by: str, notes: str, *, detached: bool) -> PlanView:
-        """Begin a plan with the next look. None may be under way."""
+    def show(self, view: PlanView | None) -> None:
+        """Show the progress of a plan of which there is no more than that, or of none."""
+        self._executor, self._view = None, view
+
+    def start(
+        self,
+        plan: Plan,
+        started_by: str,
+        notes: str,
+        *,
+        detached: bool,
+        before: Before | None = None,
+    ) -> PlanView:
+        """Begin a plan with the next look. None may be under way.
+
+        `before` is what there was of it, if `plan` is only its rest.
+        """
         self._executor, self._demand, self._handed_on = Executor(plan), Demand(), 0
+        self._points_before = before.points if before is not None else 0
         self._view = PlanView(
-            **self._executor.progress(),
+            **self._counted(self._executor.progress()),
             detached=detached,
             started_by=started_by,
             settings=plan.settings,
+            run_id=before.run_id if before is not None else uuid4().hex,
+            continues=before.recording if before is not None else "",
         )
         self.active = True
         self._compensate_before = self._setpoint.compensate
@@ -118,8 +148,14 @@ class PlanRunner:
 
     def _show(self, progress: dict[str, Any]) -> None:
         if self._view is not None:
-            self._view = PlanView.model_validate({**self._view.model_dump(), **progress})
+            counted = self._counted(progress)
+            self._view = PlanView.model_validate({**self._view.model_dump(), **counted})
             self._sink.plan_progress(self._view)
+
+    def _counted(self, progress: dict[str, Any]) -> dict[str, Any]:
+        """Return progress with the points of the whole plan."""
+        counts = {key: progress[key] + self._points_before for key in ("points", "points_done")}
+        return {**progress, **counts}
 
     def _finish(self) -> None:
         self.active = False

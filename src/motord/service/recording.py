@@ -151,6 +151,8 @@ class Recording:
             "settings": plan.settings,
             "points": len(plan.points),
             "started_by": view.started_by,
+            "run_id": view.run_id,
+            **({"continues": view.continues} if view.continues else {}),
         }
         self._plan_told = ()
         return self._begin(f"-{plan.name}", described, notes)

@@ -111,10 +111,16 @@ class CalibrationView(Reply):
 
 
 class PlanView(Reply):
-    """`motord/<bench>/plan`: a plan's progress. It is over in done, aborted and failed."""
+    """`motord/<bench>/plan`: a plan's progress. It is over in done, aborted and failed.
+
+    In interrupted the daemon had ended meanwhile; it can be resumed. `run_id` stays the same then,
+    and `continues` names the recording that the one of now goes on from.
+    """
 
     plan: str
-    state: Literal["running", "pausing", "paused", "ending", "done", "aborted", "failed"]
+    state: Literal[
+        "running", "pausing", "paused", "ending", "done", "aborted", "failed", "interrupted"
+    ]
     step: str = ""
     message: str = ""
     points: int = 0
@@ -128,11 +134,13 @@ class PlanView(Reply):
     started_by: str = ""
     recording: str = ""
     settings: dict[str, Any] = {}
+    run_id: str = ""
+    continues: str = ""
 
     @property
     def over(self) -> bool:
-        """True once the plan has ended, well or not."""
-        return self.state in ("done", "aborted", "failed")
+        """True once the plan is no longer under way, well or not."""
+        return self.state in ("done", "aborted", "failed", "interrupted")
 
 
 class RecordingView(Reply):

@@ -129,7 +129,7 @@ def _run(task: _Task, on_block: BlockSink) -> dict[str, Any]:
     point = task.plan.points[task.index]
     seed = int(np.random.SeedSequence([task.seed, task.index]).generate_state(1)[0])
     bench = VirtualBench(task.config, seed=seed, calibration=task.calibration)
-    return run_plan(bench, task.plan.part((point,)), on_block)[0]
+    return run_plan(bench, task.plan.part((point,)), on_block)[-1]
 
 
 def _shifted(piece: Piece, first_tick: int, rate_Hz: int) -> Piece:

@@ -55,14 +55,18 @@ class LiveService(VirtualService):
             "plan": self.publisher.plan_document,
         }
         installation = Installation(self.bench, store, lambda *tables: None, "the text")
+        experiments = Experiments(self.bench, self.resumption)
         self.desk = Desk(
             {
                 **Operate(self.bench, self._restart).handlers,
-                **Experiments(self.bench).handlers,
+                **experiments.handlers,
                 **installation.handlers,
             }
         )
-        slow = {"calibration/install": (installation.prepare, installation.keep)}
+        slow = {
+            "calibration/install": (installation.prepare, installation.keep),
+            "plan/resume": (experiments.look_for_rest, lambda rest, answer: answer),
+        }
         self.api = Api(self.config.bench.name, self.calls, slow, documents)
         self.paused = threading.Event()
         self._done = threading.Event()

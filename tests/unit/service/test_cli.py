@@ -214,6 +214,36 @@ def test_a_plan_is_followed_to_its_end(motord):
     assert "calibrate done, 100 %" in motord("plan", "status").stdout
 
 
+@pytest.mark.slow
+def test_an_aborted_plan_is_resumed_and_followed_to_its_end(motord):
+    settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
+    given = [word for setting in settings for word in ("--set", setting)]
+    assert motord("plan", "start", "calibrate", "--detach", *given).exit_code == 0
+    motord("stop")
+    assert "calibrate aborted" in motord("plan", "status").stdout
+    result = motord("plan", "resume")
+    assert result.exit_code == 0, result.output
+    assert "calibrate: 1 of 1 points" in result.stdout
+    assert "none was interrupted" in failed(motord("plan", "resume"))
+
+
+def test_a_plan_that_is_not_to_be_resumed_is_discarded(motord):
+    assert motord("plan", "start", "calibrate", "--detach").exit_code == 0
+    assert "abort it first" in failed(motord("plan", "discard"))
+    motord("stop")
+    assert motord("plan", "discard").stdout == "calibrate: discarded\n"
+    assert motord("plan", "status").stdout.startswith("no plan has run")
+    assert "no interrupted plan" in failed(motord("plan", "discard"))
+
+
+def test_a_plan_resumed_in_the_background_is_left_alone(motord):
+    assert motord("plan", "start", "calibrate", "--detach").exit_code == 0
+    motord("stop")
+    assert motord("plan", "resume", "--detach").stdout == "calibrate: running\n"
+    assert printed(motord("plan", "status", "--json"))["detached"] is True
+    assert motord("plan", "abort").stdout == "calibrate: ending\n"
+
+
 def test_ctrl_c_aborts_the_plan_that_is_followed(motord, monkeypatch):
     interrupts = [KeyboardInterrupt]
     get = Subscription.get

@@ -1,6 +1,7 @@
 """The supervisor's core on a virtual bench: the real kernel and rig, time that only steps."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -9,11 +10,14 @@ from motord.control.types import SETPOINT
 from motord.service.bench import Bench
 from motord.service.calls import Call
 from motord.service.desk import Desk
+from motord.service.durable import Durable
 from motord.service.events import EventLog
 from motord.service.experiments import Experiments
+from motord.service.journal_file import Journal
 from motord.service.messages import parse
 from motord.service.operate import Operate
 from motord.service.refusal import Refusal
+from motord.service.resumption import Resumption
 from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000
@@ -38,6 +42,28 @@ class PlanLog:
 
     def plan_over(self, view):
         self.over.append(view)
+
+
+class NoDisk:
+    """What a journal writes to when nothing is to be kept."""
+
+    error, size = "", 0
+
+    def begin(self, line):
+        pass
+
+    def append(self, line):
+        pass
+
+    def remove(self):
+        pass
+
+
+def journal_in_memory():
+    """A journal that is on no disk."""
+    journal = Journal(Path("none"))
+    journal._disk = NoDisk()
+    return journal
 
 
 class VirtualLoop:
@@ -76,7 +102,7 @@ class Pending:
 class VirtualService:
     """Bench and desk over a virtual loop; `devices` are slow devices on a wire."""
 
-    def __init__(self, devices=None, bench_config=None, **changes):
+    def __init__(self, devices=None, bench_config=None, journal=None, **changes):
         base = (bench_config or config.load()).model_dump()
         for section, values in changes.items():
             base[section].update(values)
@@ -85,10 +111,18 @@ class VirtualService:
         self.loop = VirtualLoop(self.config)
         self.events = EventLog(lambda: self.now_ns)
         self.sink = PlanLog()
-        self.bench = Bench(self.config, self.loop, devices or {}, self.events, self.sink)
+        self.journal = journal or journal_in_memory()
+        self.calibration_id = ""
+        self.resumption = Resumption(
+            self.config, self.journal, lambda: self.calibration_id, lambda: self.now_ns
+        )
+        durable = Durable(
+            self.sink, self.journal, self.resumption, self.events, lambda: self.now_ns
+        )
+        self.bench = Bench(self.config, self.loop, devices or {}, self.events, durable)
         self.restarts = 0
         handlers = Operate(self.bench, self._restart).handlers
-        self.desk = Desk({**handlers, **Experiments(self.bench).handlers})
+        self.desk = Desk({**handlers, **Experiments(self.bench, self.resumption).handlers})
         self.bench.loop_up()
         self.step(2)
 

@@ -1,0 +1,121 @@
+"""The journal of a plan: what has been taken, on the disk point by point.
+
+A file of JSON lines, one for each thing that happened: the plan as it was started, every operating
+point, every time that it was resumed, its end. Each line is on the disk before the next is written.
+A line that was cut off by a crash does not count, nor does anything after it.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from motord.plans.executor import final
+
+FORMAT = 1
+
+
+class PlanNote(BaseModel):
+    """What a plan was started with.
+
+    bench_parts: digest of each part of the bench that matters to it; points_digest: of its points.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    format: int = FORMAT
+    run_id: str
+    name: str
+    settings: dict[str, Any]
+    points: int
+    points_digest: str
+    bench_parts: dict[str, str]
+    calibration: str
+    started_by: str
+    notes: str
+    t_ns: int
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A plan from its start, or from where it was resumed, to its end: recording and points.
+
+    state: done, aborted or failed; "" if it did not come to an end in order.
+    """
+
+    recording: str
+    points: tuple[Mapping[str, Any], ...] = ()
+    state: str = ""
+    message: str = ""
+
+    @property
+    def taken(self) -> set[int]:
+        """Numbers of the points that are not to be taken again."""
+        return {int(point["index"]) for point in self.points if final(point)}
+
+
+@dataclass(frozen=True)
+class Story:
+    """What a journal tells of a plan."""
+
+    plan: PlanNote
+    stretches: tuple[Stretch, ...]
+
+    @property
+    def state(self) -> str:
+        """How the plan ended last, "" if it is under way or was interrupted."""
+        return self.stretches[-1].state
+
+    @property
+    def taken(self) -> set[int]:
+        """Numbers of the points that are not to be taken again."""
+        return set().union(*(stretch.taken for stretch in self.stretches))
+
+    @property
+    def recordings(self) -> tuple[str, ...]:
+        """Where the plan was recorded, in order."""
+        return tuple(stretch.recording for stretch in self.stretches)
+
+    def told(self, line: Mapping[str, Any]) -> "Story":
+        """Return the story with one more line. Raises KeyError, TypeError, ValueError."""
+        kind, last = line["kind"], self.stretches[-1]
+        if kind == "point":
+            int(line["point"]["index"])
+            last = replace(last, points=(*last.points, dict(line["point"])))
+        elif kind == "end":
+            last = replace(last, state=str(line["state"]), message=str(line["message"]))
+        elif kind == "resumed":
+            return replace(self, stretches=(*self.stretches, Stretch(str(line["recording"]))))
+        else:
+            raise ValueError(f"no line of kind {kind}")
+        return replace(self, stretches=(*self.stretches[:-1], last))
+
+
+@dataclass(frozen=True)
+class Text:
+    """A journal's file as far as it makes sense: its story, and the bytes that tell it."""
+
+    story: Story | None = None
+    size: int = 0
+
+
+def read(content: bytes) -> Text:
+    """Return what a journal's file tells, up to the first line that is not whole."""
+    text = Text()
+    for line in content.split(b"\n")[:-1]:  # what follows the last newline is not whole
+        try:
+            text = Text(_next(text.story, json.loads(line)), text.size + len(line) + 1)
+        except (ValueError, KeyError, TypeError, RecursionError):  # ValidationError among them
+            break
+    return text
+
+
+def _next(story: Story | None, line: Mapping[str, Any]) -> Story:
+    if story is not None:
+        return story.told(line)
+    note = PlanNote.model_validate(line["plan"])
+    if line["kind"] != "plan" or note.format != FORMAT:
+        raise ValueError("not the beginning of a journal of this format")
+    return Story(note, (Stretch(str(line["recording"])),))

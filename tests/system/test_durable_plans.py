@@ -1,0 +1,110 @@
+"""A plan whose daemon was killed, with everything that belongs to it, and goes on afterwards."""
+
+import os
+import signal
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from motord.client import ClientError
+from motord.identify.points import split
+from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+PLAN = {
+    "torques_Nm": [1.0, 2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2,
+    "gain_steps": [],
+}  # fmt: skip
+COLUMNS = ("tick", "t_ns", "plan_point", "missed", "encoder_count", "torque_Nm")
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def kill_everything(running, client):
+    """Kill -9 of supervisor, loop and recorder."""
+    pids = [view.pid for view in client.state().processes.values()]
+    for pid in (running.process.pid, *pids):
+        os.kill(pid, signal.SIGKILL)
+    assert running.wait() == -signal.SIGKILL
+    wait_until(lambda: not any(map(alive, pids)), "the processes to be gone")
+
+
+def followed(client, token, condition):
+    with client.subscribe_plan() as progress:
+        while True:
+            view = progress.get(PATIENCE_S)
+            assert view is not None, client.plan()
+            if condition(view):
+                return view
+
+
+def points_of(runs):
+    """Return index and number of ticks of each point that the analyses would use."""
+    found = []
+    for run in runs:
+        ticks = run.ticks(COLUMNS)
+        found += [
+            (int(p.ticks["plan_point"][0]), len(p.ticks))
+            for p in split(ticks, run.operating_points())
+            if len(p.ticks)
+        ]
+    return found
+
+
+def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path):
+    path = write_sim(tmp_path)
+    with daemon(tmp_path, path) as first, first.connect() as client:
+        with client.lease("anna") as lease:
+            client.rpc(
+                "plan/start", token=lease.token, name="calibrate", settings=PLAN, detach=True
+            )
+        begun = followed(client, lease.token, lambda view: view.points_done == 2)
+        kill_everything(first, client)
+    with daemon(tmp_path, path) as second:
+        assert "calibrate was interrupted with 2 of 4 points taken" in second.said()
+        with second.connect() as client, client.lease("ben") as lease:
+            view = client.plan()
+            assert (view.state, view.points_done, view.points) == ("interrupted", 2, 4)
+            assert view.run_id == begun.run_id
+            with pytest.raises(ClientError, match="plan resume"):
+                client.rpc("plan/start", token=lease.token, name="calibrate", settings=PLAN)
+            answer = client.rpc("plan/resume", token=lease.token, detach=True)
+            assert answer["points"] == 4
+            end = followed(client, lease.token, lambda view: view.over)
+            assert (end.state, end.points_done) == ("done", 4)
+            wait_for(client, lambda s: s.recording.path != end.recording, "the next recording")
+        assert second.end() == 0
+    runs = [run for run in second.runs() if run.metadata["plan"]]
+    assert [run.metadata["plan"]["run_id"] for run in runs] == [begun.run_id] * 2
+    assert runs[1].metadata["plan"]["continues"] == str(runs[0].path).removesuffix(".part")
+    found = points_of(runs)
+    assert Counter(index for index, _ in found) == dict.fromkeys(range(4), 1)
+    rate_Hz, slowest_Hz = second.config.loop.rate_Hz, 1.0
+    assert min(ticks for _, ticks in found) > 0.5 * PLAN["turns"] / slowest_Hz * rate_Hz
+    numbers = np.concatenate([run.ticks(("t_ns",))["t_ns"] for run in runs])
+    assert (np.diff(numbers) > 0).all()
+
+
+def test_a_plan_that_was_interrupted_can_be_discarded(tmp_path):
+    path = write_sim(tmp_path)
+    with daemon(tmp_path, path) as first, first.connect() as client:
+        with client.lease("anna") as lease:
+            client.rpc("plan/start", token=lease.token, name="calibrate", settings=PLAN)
+            followed(client, lease.token, lambda view: view.state == "running")
+        kill_everything(first, client)
+    with daemon(tmp_path, path) as second:
+        with second.connect() as client, client.lease("ben") as lease:
+            assert client.rpc("plan/discard", token=lease.token) == {"plan": "calibrate"}
+            assert client.plan() is None
+        assert second.end() == 0
+    with daemon(tmp_path, path) as third:
+        assert "interrupted" not in third.said()
+        assert third.end() == 0

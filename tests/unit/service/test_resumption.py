@@ -1,0 +1,324 @@
+"""Plans that go on after the daemon has died, on the virtual bench."""
+
+from pathlib import Path
+
+import pytest
+
+from motord.config import load
+from motord.plans import PLANS, build
+from motord.record.container import part_of
+from motord.record.writer import RunWriter
+from motord.schema import Compensate
+from motord.service import assembly
+from motord.service.journal import Stretch
+from motord.service.journal_file import Journal
+from motord.service.refusal import Refusal
+from motord.service.resumption import bench_parts, points_digest, recorded
+from tests.unit.record.runs import METADATA, START_NS, tick_block
+from tests.unit.service.virtual_service import VirtualService
+
+SHORT = {
+    "torques_Nm": [2.0], "speeds_Hz": [0.8, 0.9, 1.0], "turns": 2, "settle_s": 0.2,
+    "gain_steps": [],
+}  # fmt: skip
+
+
+class Days:
+    """One daemon after the other with the same journal."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "sim.jsonl"
+
+    def daemon(self, calibration_id="", **changes):
+        journal = Journal(self.path)
+        service = VirtualService(journal=journal, **changes)
+        service.calibration_id = calibration_id
+        assembly._take_up(journal, service.resumption, service.bench)
+        return service
+
+    def crash(self, service):
+        """What the daemon did so far is on the disk; it does no more."""
+        service.journal.settle()
+
+
+@pytest.fixture
+def days(tmp_path):
+    return Days(tmp_path)
+
+
+def start(service, token, **more):
+    return service.ask("plan/start", token=token, name="calibrate", settings=SHORT, **more)
+
+
+def until(service, token, condition, limit_s=120.0):
+    for _ in range(round(limit_s / 0.1)):
+        if condition():
+            return
+        service.run_s(0.1, token)
+    raise AssertionError(f"not reached: {service.bench.plans.view}")
+
+
+def interrupted(days, points=1, **changes):
+    """Let a daemon take `points` of three points and die."""
+    service = days.daemon(**changes)
+    token = service.acquire()
+    start(service, token, notes="by night")
+    until(service, token, lambda: len(service.sink.points) == points)
+    days.crash(service)
+    return service
+
+
+def refused(service, name, /, **arguments):
+    with pytest.raises(Refusal) as caught:
+        service.ask(name, **arguments)
+    assert caught.value.code == "refused"
+    return caught.value.message
+
+
+def run_to_end(service, token):
+    until(service, token, lambda: not service.bench.plans.active)
+    return service.bench.plans.view
+
+
+def test_a_plan_goes_on_with_what_is_missing(days):
+    first = interrupted(days)
+    again = days.daemon()
+    view = again.bench.plans.view
+    assert (view.state, view.over, view.points_done, view.points) == ("interrupted", True, 1, 3)
+    assert "interrupted with 1 of 3 points taken; motord plan resume" in again.messages()[-1]
+    assert view.run_id == first.bench.plans.view.run_id != ""
+    token = again.acquire()
+    answer = again.ask("plan/resume", token=token)
+    assert (answer["state"], answer["points_done"], answer["points"]) == ("running", 1, 3)
+    view = run_to_end(again, token)
+    assert (view.state, view.points_done, view.points) == ("done", 3, 3)
+    assert [p["index"] for p in [*first.sink.points, *again.sink.points]] == [0, 1, 2]
+    assert view.run_id == first.bench.plans.view.run_id
+    [(plan, started, notes)] = again.sink.started
+    assert [point.index for point in plan.points] == [1, 2]
+    assert (started.continues, notes) == ("/runs/calibrate.mcap", "by night")
+    again.journal.settle()
+    third = days.daemon()
+    assert third.bench.plans.view is None
+    start(third, third.acquire())
+
+
+def test_it_may_be_interrupted_more_than_once(days):
+    taken = [interrupted(days).sink.points]
+    for _ in range(2):
+        service = days.daemon()
+        token = service.acquire()
+        service.ask("plan/resume", token=token, detach=True)
+        assert service.bench.plans.detached
+        until(service, token, lambda s=service: s.sink.points)
+        days.crash(service)
+        taken.append(service.sink.points[:1])
+    assert [[p["index"] for p in points] for points in taken] == [[0], [1], [2]]
+
+
+def test_with_an_interrupted_plan_no_other_begins_until_it_is_discarded(days):
+    interrupted(days)
+    service = days.daemon()
+    token = service.acquire()
+    message = refused(
+        service, "plan/start", token=token, name="calibrate", settings=SHORT
+    )  # fmt: skip
+    assert "1 of 3 points taken; motord plan resume takes the rest, motord plan discard" in message
+    assert service.ask("plan/start", name="calibrate", settings=SHORT, dry_run=True)
+    assert service.ask("plan/discard", token=token) == {"plan": "calibrate"}
+    assert service.bench.plans.view is None
+    assert "interrupted" in refused(service, "plan/resume", token=token)
+    assert "no interrupted plan" in refused(service, "plan/discard", token=token)
+    start(service, token)
+    with pytest.raises(Refusal, match="abort it first"):
+        service.ask("plan/discard", token=token)
+
+
+@pytest.mark.parametrize("how", ["plan/abort", "stop"])
+def test_a_plan_that_was_aborted_can_go_on_too_but_stands_in_nobodys_way(days, how):
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    service.ask(how, **({"token": token} if how == "plan/abort" else {}))
+    run_to_end(service, token)
+    service.run_s(1.0, token)
+    assert not service.resumption.interrupted
+    service.ask("plan/resume", token=token)
+    assert run_to_end(service, token).state == "done"
+    assert [p["index"] for p in service.sink.points] == [0, 1, 2]
+
+
+def test_commands_need_the_lease(days):
+    interrupted(days)
+    service = days.daemon()
+    for name in ("plan/resume", "plan/discard"):
+        with pytest.raises(Refusal) as caught:
+            service.ask(name, token="guess")
+        assert caught.value.code == "no_lease"
+    assert service.resumption.interrupted
+
+
+def test_on_another_bench_it_does_not_go_on_and_the_change_is_named(days):
+    interrupted(days)
+    service = days.daemon(limits={"trip_current_A": 41.0}, plans={})
+    message = refused(service, "plan/resume", token=service.acquire())
+    assert "[limits] of the bench file changed" in message
+    faster = days.daemon(loop={"rate_Hz": 2000})
+    assert "[loop]" in refused(faster, "plan/resume", token=faster.acquire())
+
+
+def test_what_does_not_matter_to_a_plan_may_change(days):
+    interrupted(days)
+    service = days.daemon(bench={"notes": "new"}, recording={"chunk_s": 0.5}, zenoh={"lease_s": 3})
+    service.ask("plan/resume", token=service.acquire())
+
+
+def test_with_another_calibration_it_does_not_go_on(days):
+    interrupted(days)
+    service = days.daemon(calibration_id="c2")
+    message = refused(service, "plan/resume", token=service.acquire())
+    assert "began with calibration none, and c2 is in force" in message
+    service.calibration_id = ""
+    service.ask("plan/resume", token=service.acquire("ben", force=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"name": "dance"}, "no plan 'dance'"),
+        ({"points_digest": "x"}, "other points"),
+        ({"settings": {"dance": 1}}, "setting dance"),
+    ],
+)
+def test_a_plan_that_this_version_makes_otherwise_does_not_go_on(days, change, words):
+    interrupted(days)
+    service = days.daemon()
+    story = service.journal.story
+    note = story.plan.model_copy(update=change)
+    service.journal.story = type(story)(note, story.stretches)
+    assert words in refused(service, "plan/resume", token=service.acquire())
+
+
+def test_a_bench_that_is_not_free_is_not_given_to_it(days):
+    interrupted(days)
+    service = days.daemon()
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
+    service.run_s(1.5, token)
+    assert "torque_Nm = 0 first" in refused(service, "plan/resume", token=token)
+    assert service.resumption.interrupted
+
+
+def test_a_plan_of_which_nothing_is_missing_is_done(days):
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: len(service.sink.points) == 3)
+    days.crash(service)
+    again = days.daemon()
+    token = again.acquire()
+    answer = again.ask("plan/resume", token=token)
+    assert (answer["state"], answer["points_done"]) == ("done", 3)
+    assert again.sink.started == []
+    start(again, token)
+
+
+def test_what_was_found_in_the_requests_thread_is_used(days):
+    interrupted(days)
+    service = days.daemon()
+    [experiments] = {handler.__self__ for name, handler in service.desk._handlers.items()
+                     if name == "plan/resume"}  # fmt: skip
+    rest = experiments.look_for_rest(None)
+    assert [point.index for point in rest.plan.points] == [1, 2]
+    token = service.acquire()
+    service.ask("plan/resume", token=token)
+    assert experiments.look_for_rest(None) is None
+
+
+def test_a_journal_that_cannot_be_written_is_told_once_and_the_plan_goes_on(days, tmp_path):
+    (tmp_path / "file").write_text("")
+    days.path = tmp_path / "file" / "sim.jsonl"
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    service.journal.settle()
+    service.run_s(1.0, token)
+    told = [m for m in service.messages() if m.startswith("journal: cannot write")]
+    assert len(told) == 1
+    assert service.bench.plans.view.state == "running"
+
+
+def test_a_journal_that_cannot_be_read_is_told(days):
+    days.path.mkdir()
+    assert any("journal: cannot read" in m for m in days.daemon().messages())
+
+
+@pytest.mark.parametrize("name", sorted(PLANS))
+def test_every_plan_is_made_again_from_its_own_settings(name):
+    plan = build(name, load())
+    again = build(name, load(), plan.settings)
+    assert points_digest(again) == points_digest(plan)
+    assert points_digest(again.part(again.points[:1])) != points_digest(plan)
+    assert again.settings == plan.settings
+
+
+def test_the_parts_of_a_bench_are_told_apart():
+    bench = load()
+    parts = bench_parts(bench)
+    warmer = bench.limits.model_copy(update={"trip_temperature_C": 91.0})
+    other = bench_parts(bench.model_copy(update={"limits": warmer}))
+    assert [name for name in parts if parts[name] != other[name]] == ["limits"]
+
+
+# --- what the recordings hold
+
+
+def point(index, first, last, quality="ok", take=1):
+    return {
+        "index": index, "tick_start": first, "tick_end": last, "quality": quality, "take": take,
+        "t_start_ns": START_NS, "t_end_ns": START_NS, "compensate": int(Compensate(0)),
+    }  # fmt: skip
+
+
+def record(path, points, first, count, *, finished=True):
+    writer = RunWriter(path, METADATA)
+    writer.ticks(tick_block(count, first))
+    for taken in points:
+        writer.operating_point(START_NS, taken)
+    if finished:
+        writer.close()
+    else:
+        writer.abandon()
+
+
+def test_what_the_recording_holds_counts_and_not_what_the_journal_says(tmp_path):
+    name = tmp_path / "a-000.mcap"
+    stretch = Stretch(str(name), (point(0, 10, 20), point(1, 30, 40)))
+    assert recorded(stretch) == {0, 1}  # no files: the journal is believed
+    record(name, [point(0, 10, 20), point(7, 21, 29)], 0, 50)
+    assert recorded(stretch) == {0, 7}
+    ended = Stretch(str(name), stretch.points, state="aborted")
+    assert recorded(ended) == {0, 1}
+    assert recorded(Stretch("", stretch.points)) == {0, 1}
+
+
+def test_a_point_whose_last_ticks_were_lost_is_missing(tmp_path):
+    name = tmp_path / "a-000.mcap"
+    record(name, [point(0, 0, 10), point(1, 20, 49), point(2, 20, 50)], 0, 50, finished=False)
+    assert part_of(name).exists()
+    assert recorded(Stretch(str(name))) == {0, 1}
+
+
+def test_all_files_of_a_recording_count_as_far_as_they_can_be_read(tmp_path):
+    record(tmp_path / "a-000.mcap", [point(0, 0, 10), point(1, 10, 55)], 0, 50)
+    (tmp_path / "a-001.mcap.part").write_bytes(b"")
+    record(
+        tmp_path / "a-002.mcap", [point(2, 57, 60, "noisy"), point(3, 60, 61, "noisy", 3)], 50, 20
+    )
+    assert recorded(Stretch(str(tmp_path / "a-000.mcap"))) == {0, 1, 3}
+
+
+def test_a_recording_without_ticks_has_no_points(tmp_path):
+    record(tmp_path / "a-000.mcap", [point(0, 0, 10)], 0, 0)
+    assert recorded(Stretch(str(tmp_path / "a-000.mcap"))) == set()
