@@ -9,6 +9,7 @@ from typer.core import TyperGroup
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
+    "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
     "emulate": "motord.cli.emulate:emulate",
     "check": "motord.cli.check:check",

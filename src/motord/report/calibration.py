@@ -87,6 +87,16 @@ def page(data: CalibrationReport) -> Page:
     """Put the page together."""
     made = Page(data.title, data.lead)
     _key_figures(made, data)
+    fill(made, data)
+    made.heading("About these figures")
+    if data.observable:
+        made.points(data.observable)
+    made.table((), data.facts)
+    return made
+
+
+def fill(made: Page, data: CalibrationReport) -> None:
+    """Add ripple, gains and cogging torque to a page."""
     if data.before or data.after:
         _mesh(made, data)
     if data.view is not None:
@@ -96,11 +106,6 @@ def page(data: CalibrationReport) -> Page:
     if data.estimates:
         _gains(made, data)
         _cogging(made, data)
-    made.heading("About these figures")
-    if data.observable:
-        made.points(data.observable)
-    made.table((), data.facts)
-    return made
 
 
 def write(path: Path, data: CalibrationReport) -> None:

@@ -16,6 +16,8 @@ body{margin:0;background:var(--paper);color:var(--ink);
 main{max-width:62rem;margin:0 auto;padding:2rem 1.25rem 4rem}
 h1{font-size:1.7rem;line-height:1.2;margin:0 0 .25rem}
 h2{font-size:1.2rem;margin:2.5rem 0 .5rem;padding-top:.5rem;border-top:1px solid var(--grid)}
+h2.part{font-size:1.45rem;margin-top:4rem;border-top:3px solid var(--ink)}
+h3{font-size:1.05rem;margin:1.75rem 0 .25rem}
 p{margin:.5rem 0;max-width:46rem}
 .lead{color:var(--soft);margin-bottom:1rem}
 figure{margin:1rem 0 1.5rem;break-inside:avoid}
@@ -58,6 +60,14 @@ class Page:
     def heading(self, text: str) -> None:
         """Begin a section."""
         self._parts.append(f"<h2>{escape(text)}</h2>")
+
+    def part(self, text: str) -> None:
+        """Begin a part of several sections."""
+        self._parts.append(f'<h2 class="part">{escape(text)}</h2>')
+
+    def subheading(self, text: str) -> None:
+        """Begin a part of a section."""
+        self._parts.append(f"<h3>{escape(text)}</h3>")
 
     def paragraph(self, text: str) -> None:
         """Add a paragraph."""

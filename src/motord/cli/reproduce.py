@@ -1,0 +1,80 @@
+"""`motord reproduce`: the report's experiments on the simulated rig, on one page."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+if TYPE_CHECKING:
+    from motord.reproduce import Found
+
+
+def reproduce(
+    out: Annotated[Path, typer.Option(help="New or empty folder for runs and page.")] = Path(
+        "reproduce-out"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rigs' noise and drift.")] = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="Small meshes, to see the page.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
+    from motord.analysis import AnalysisError
+    from motord.identify import IdentifyError
+    from motord.plans import PlanError
+    from motord.record.errors import RecordError
+    from motord.reproduce import write_page
+    from motord.virtual.plan import PlanFailed
+
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
+    try:
+        found = _run(out, seed, quick, silent=as_json)
+        page = write_page(out, found)
+    except (AnalysisError, IdentifyError, PlanError, PlanFailed, RecordError) as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
+    if as_json:
+        from motord.reproduce.beside import as_json as rows
+
+        print_json({"page": str(page), "wall_s": round(found.wall_s, 2), **rows(found)})
+    else:
+        _print(found, page)
+
+
+def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Found":
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from motord.reproduce import STAGES, reproduce
+
+    columns = TextColumn("{task.description:<18}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, disable=silent) as bars:
+        tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
+
+        def progress(stage: str, fraction: float) -> None:
+            bars.start_task(tasks[stage])
+            bars.update(tasks[stage], completed=fraction)
+
+        return reproduce(out, seed, quick, progress)
+
+
+def _print(found: "Found", page: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from motord.reproduce.beside import chapters
+
+    console = Console()
+    for name, rows in chapters(found).items():
+        table = Table(title=name, title_justify="left", show_lines=True)
+        for heading in ("", "", "report", "here"):
+            table.add_column(heading)
+        for row in rows:
+            table.add_row(row.where, row.what, row.report, row.here)
+        console.print(table)
+    console.print(
+        f"{found.bench_s:.0f} s on the bench took {found.wall_s:.0f} s; page: {page}",
+        highlight=False,
+    )

@@ -1,0 +1,118 @@
+"""The page of `motord reproduce`: every figure and table of the report from our own data."""
+
+from pathlib import Path
+
+from motord.analysis import shares_of
+from motord.analysis.back_emf import back_emf_report
+from motord.analysis.cogging import cogging_report
+from motord.analysis.content import calibration_report, estimate_of_result, estimate_of_truth
+from motord.analysis.inertia_content import inertia_report
+from motord.analysis.sensitivity_content import sensitivity_report
+from motord.demo.learn import learned_report
+from motord.report import back_emf, cogging_run, inertia, learn, sensitivity
+from motord.report import calibration as calibration_page
+from motord.report.html import Page
+from motord.reproduce.beside import Row, as_json, chapters
+from motord.reproduce.run import Found, save_summary
+
+TITLE = "The report of Poels 2008, reproduced on the simulated rig"
+LEAD = (
+    "P.W. Poels, Cogging Torque Measurement, Moment of Inertia Determination and Sensitivity "
+    "Analysis of an Axial Flux Permanent Magnet AC motor, TU/e DCT 2007.147. Every experiment was "
+    "run on motord's simulated rig, recorded, and analysed from its recording."
+)
+NOT_REDRAWN = (
+    "Figures 1.1, 2.1, 2.3, 3.1, 4.1 and 4.2 are photographs, CAD drawings and block diagrams of "
+    "that rig, not data; they are not redrawn."
+)
+
+
+def write_page(folder: Path, found: Found) -> Path:
+    """Write `reproduce.html` and `reproduce.json`; return the page's path. Raises OSError."""
+    made = Page(TITLE, LEAD)
+    rows = chapters(found)
+    made.heading("The report's numbers, and ours")
+    made.paragraph(
+        "A difference is told with its reason, where there is one. What is true of a simulated rig "
+        "is known, so errors here are errors against the truth; the report could only compare "
+        "measurements with each other. " + NOT_REDRAWN
+    )
+    for name, ones in rows.items():
+        made.subheading(name)
+        _table(made, ones)
+    _inertia(made, found)
+    names = tuple(run.name for run in found.runs)
+    made.part("Chapter 3: cogging torque")
+    comparison = found.calibration, found.comparison
+    cogging_run.fill(made, cogging_report(found.subject, names, found.cogging, *comparison))
+    back_emf.fill(made, back_emf_report(found.subject, names, found.back_emf))
+    _calibration(made, found)
+    made.part("Chapter 4: sensitivity of the calibration")
+    sensitivity.fill(made, sensitivity_report(found.sensitivity))
+    _remains(made, found)
+    made.heading("About these figures")
+    made.table((), _facts(found))
+    path = folder / "reproduce.html"
+    made.write(path)
+    save_summary(folder / "reproduce.json", found, as_json(found))
+    return path
+
+
+def _table(made: Page, rows: list[Row]) -> None:
+    made.table(
+        ["", "", "report", "here", "why"],
+        [[row.where, row.what, row.report, row.here, row.why] for row in rows],
+    )
+
+
+def _inertia(made: Page, found: Found) -> None:
+    made.part("Chapter 2: moment of inertia")
+    content = inertia_report(
+        found.inertia_subject,
+        tuple(run.name for run in found.runs[:2]),
+        oscillation=found.oscillation,
+        acceleration=found.acceleration,
+        truth_kg_m2=found.inertia_truth.rotor.inertia_kg_m2,
+    )
+    inertia.fill(made, content)
+
+
+def _calibration(made: Page, found: Found) -> None:
+    made.part("Chapter 4: calibration")
+    truth = found.truth
+    estimates = [
+        estimate_of_result(found.joint, "joint estimator"),
+        estimate_of_result(found.residual, "the report's estimator"),
+    ]
+    reference = estimate_of_truth(
+        truth.inverter.alpha,
+        truth.inverter.beta_A,
+        [(h.order, h.amplitude_Nm, h.phase_rad) for h in truth.motor.cogging],
+        found.subject.motor.counts,
+    )
+    content = calibration_report(
+        found.subject, (), found.calibration, found.joint.ripples, estimates, reference
+    )
+    calibration_page.fill(made, content)
+
+
+def _remains(made: Page, found: Found) -> None:
+    made.part("Chapter 4: what remains, and learning")
+    titles = ("Linear current sensors", "Current sensors of \u00b10.7 %")
+    for title, points in zip(titles, found.explained, strict=True):
+        shares = shares_of(points)
+        if shares is not None:
+            made.subheading(title)
+            calibration_page.fill_shares(made, shares)
+    learn.fill(made, learned_report(found.learned))
+
+
+def _facts(found: Found) -> tuple[tuple[str, str], ...]:
+    motor = found.subject.motor
+    poles = 2 * motor.pole_pairs
+    return (
+        ("motor", f"{motor.name}, {motor.slots} slots, {poles} poles, {motor.counts} counts"),
+        ("calibration", found.calibration.id),
+        ("recordings", ", ".join(run.name for run in found.runs)),
+        ("bench time", f"{found.bench_s:.0f} s, computed and analysed in {found.wall_s:.0f} s"),
+    )

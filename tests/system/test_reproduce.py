@@ -1,0 +1,75 @@
+"""`motord reproduce` in its quick form: every figure and table of the report is on the page."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+FIGURES = (
+    "2.2",
+    "2.4",
+    "2.5",
+    "2.6",
+    "2.9",
+    "3.2",
+    "3.3",
+    "3.4",
+    "4.3",
+    "4.4",
+    "4.5",
+    "4.6",
+    "4.9",
+)
+FIGURES += ("4.10", "4.11")
+
+
+def reproduce(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "motord", "reproduce", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+    folder = tmp_path_factory.mktemp("reproduce") / "out"
+    ran = reproduce("--quick", "--json", "--out", folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder, json.loads(ran.stdout)
+
+
+def test_every_figure_and_table_is_there(done: tuple[Path, dict]) -> None:
+    folder, _ = done
+    page = (folder / "reproduce.html").read_text()
+    assert page.count("<svg") >= 20
+    words = re.sub(r"<svg.*?</svg>", " ", page, flags=re.DOTALL)
+    for figure in FIGURES:
+        assert re.search(rf"Figures?[^.]*? [^<]*?\b{re.escape(figure)}\b", words), figure
+    for table in ("Table 4.1", "Table 4.2"):
+        assert table in words
+    assert "http://" not in page.replace("http://www.w3.org", "")
+
+
+def test_the_numbers_stand_beside_the_reports(done: tuple[Path, dict]) -> None:
+    folder, told = done
+    kept = json.loads((folder / "reproduce.json").read_text())
+    assert kept["beside"] == told["beside"]
+    assert list(told["beside"]) == [
+        "Moment of inertia", "Cogging torque", "Calibration", "Sensitivity", "What remains",
+        "Beyond the report",
+    ]  # fmt: skip
+    rows = [row for chapter in told["beside"].values() for row in chapter]
+    assert all(row["report"] and row["here"] for row in rows)
+    assert len([row for row in rows if row["why"]]) >= 10
+    assert len(list(folder.glob("*.mcap"))) == 9
+
+
+def test_nothing_is_overwritten(done: tuple[Path, dict]) -> None:
+    folder, _ = done
+    again = reproduce("--quick", "--out", folder)
+    assert again.returncode == 1
+    assert "is not empty" in again.stderr
+    assert len(again.stderr.strip().splitlines()) == 1
