@@ -24,7 +24,7 @@ import numpy as np
 
 from motord import config
 from motord.analysis import Subject, calibrator
-from motord.identify.basis import Basis, fill_columns, highpass
+from motord.identify.basis import FIRST_WAVE, Basis, fill_columns, highpass
 from motord.identify.instruments import commands_over_angle, instruments
 from motord.identify.moments import BAND_MARGIN, accumulate, settled
 from motord.identify.orders import allowed_orders
@@ -128,7 +128,7 @@ class Matrices:
         orders = allowed_orders(self.motor.slots, 2 * self.motor.pole_pairs, self.motor.counts // 4)
         self.orders = orders
         self.basis = Basis.of(self.motor, orders)
-        self.chosen = np.r_[0:6, 9 : 9 + 2 * len(orders)]
+        self.chosen = np.r_[0:6, FIRST_WAVE : FIRST_WAVE + 2 * len(orders)]
 
     def joint_sums(self) -> np.ndarray:
         """Solve for alpha, beta and cogging from the sums over turns."""
