@@ -23,7 +23,8 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
 def _kernel_digest(package: Path) -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    single = ("jit.py", "schema.py", "virtual/bench.py", "virtual/faults.py", "runtime/histogram.py")
+    virtual = ("virtual/bench.py", "virtual/faults.py")
+    single = ("jit.py", "schema.py", "runtime/histogram.py", *virtual)
     sources = [package / name for name in single]
     for name in KERNEL_PACKAGES:
         sources += sorted((package / name).glob("*.py"))

@@ -105,7 +105,7 @@ def main() -> int:
          common.interval[1] >= DIFFERENCE),
     )  # fmt: skip
     for label, value, kept in rows:
-        print(f"{label:58s} {100 * value:8.3f} %  {'' if kept else 'OUT OF BOUNDS'}")  # noqa: T201
+        print(f"{label:58s} {100 * value:8.3f} %  {'' if kept else 'OUT OF BOUNDS'}")
     return 0 if all(kept for _, _, kept in rows) else 1
 
 
