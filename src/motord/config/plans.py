@@ -12,7 +12,10 @@ SMALLEST_GAIN_STEP = 0.05
 
 
 class MeshConfig(Section):
-    """`[plans.verify]`, and the mesh of `[plans.calibrate]`: the points and how each is taken."""
+    """`[plans.verify]`, and the mesh of `[plans.calibrate]`: the points and how each is taken.
+
+    temperature_C: band of the inverter's; outside, a point is poor and taken again. None: any.
+    """
 
     torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0, 3.0, 4.0, 5.0)
     speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -20,6 +23,14 @@ class MeshConfig(Section):
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
+    temperature_C: tuple[Finite, Finite] | None = None
+
+    @field_validator("temperature_C")
+    @classmethod
+    def _is_a_band(cls, band_C: tuple[float, float] | None) -> tuple[float, float] | None:
+        if band_C is not None and band_C[0] >= band_C[1]:
+            raise ValueError("the lower temperature comes first")
+        return band_C
 
 
 class CalibrateConfig(MeshConfig):

@@ -6,6 +6,7 @@ from enum import Enum
 from typing import Any
 
 from motord.plans.observation import Observation
+from motord.plans.quality import GOOD
 from motord.plans.steps import (
     NOTHING_INDUCED,
     Advance,
@@ -17,9 +18,6 @@ from motord.plans.steps import (
     Steps,
 )
 from motord.schema import State, Trip
-
-GOOD = "ok"
-"""Quality of an operating point that was taken as it should be."""
 
 TAKES_MAX = 3
 """A point of poor quality is taken again until it is good or was taken so often."""

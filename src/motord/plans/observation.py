@@ -37,6 +37,12 @@ class Observation:
     turned_rad: float = 0.0  # since the first look, backwards negative
     lowest_rad: float = 0.0  # of turned_rad within the block
     highest_rad: float = 0.0
+    point_ticks: int = 0  # since the first tick with this plan_point
+    point_missed: int = 0  # periods without a tick since then
+    point_link_errors: int = 0
+    point_slowest_Hz: float = 0.0  # of the means over whole turns since then
+    point_fastest_Hz: float = 0.0
+    temperature_C: float = float("nan")  # of the inverter
 
 
 class TickWatcher:
@@ -52,6 +58,8 @@ class TickWatcher:
         self._point_turned_rad = 0.0
         self._point_ticks = 0
         self._point_speed_rad_s = 0.0
+        self._point_counts = (0, 0)  # missed, link_errors at its first tick
+        self._point_turn_speeds_Hz: tuple[float, float] | None = None
 
     def take(self, ticks: np.ndarray) -> Observation:
         """Return what the block `ticks` (TICK_DTYPE, at least one) shows."""
@@ -67,13 +75,15 @@ class TickWatcher:
         self._point_ticks += ticks.size
         self._point_speed_rad_s += speed_sum_rad_s
         last = ticks[-1]
+        turn_speed_Hz = self._turn_speed_Hz(ticks.size, speed_sum_rad_s)
+        slowest_Hz, fastest_Hz = self._range_of_turn_speeds(turn_speed_Hz)
         return Observation(
             t_ns=int(last["t_ns"]),
             tick=int(last["tick"]),
             state=State(int(last["state"])),
             trip_bits=int(last["trip_bits"]),
             speed_Hz=speed_sum_rad_s / ticks.size / (2 * np.pi),
-            turn_speed_Hz=self._turn_speed_Hz(ticks.size, speed_sum_rad_s),
+            turn_speed_Hz=turn_speed_Hz,
             torque_set_Nm=float(last["torque_set_Nm"]),
             plan_point=int(last["plan_point"]),
             point_first_tick=self._point_first[0],
@@ -83,6 +93,12 @@ class TickWatcher:
             turned_rad=self._turned_rad,
             lowest_rad=float(turned_rad.min()),
             highest_rad=float(turned_rad.max()),
+            point_ticks=self._point_ticks,
+            point_missed=int(last["missed"]) - self._point_counts[0],
+            point_link_errors=int(last["link_errors"]) - self._point_counts[1],
+            point_slowest_Hz=slowest_Hz,
+            point_fastest_Hz=fastest_Hz,
+            temperature_C=float(last["temperature_C"]),
         )
 
     def _watch_point(self, ticks: np.ndarray, turned_rad: np.ndarray) -> None:
@@ -94,6 +110,15 @@ class TickWatcher:
         self._point_first = (int(ticks["tick"][first]), int(ticks["t_ns"][first]))
         self._point_turned_rad = float(turned_rad[first])
         self._point_ticks, self._point_speed_rad_s = 0, 0.0
+        self._point_turn_speeds_Hz = None
+        self._point_counts = (int(ticks["missed"][first]), int(ticks["link_errors"][first]))
+
+    def _range_of_turn_speeds(self, speed_Hz: float) -> tuple[float, float]:
+        """Return the range of the means over turns that were all turned with this plan_point."""
+        if abs(self._turned_rad - self._point_turned_rad) >= WINDOW_TURNS * 2 * np.pi:
+            slowest_Hz, fastest_Hz = self._point_turn_speeds_Hz or (speed_Hz, speed_Hz)
+            self._point_turn_speeds_Hz = min(slowest_Hz, speed_Hz), max(fastest_Hz, speed_Hz)
+        return self._point_turn_speeds_Hz or (speed_Hz, speed_Hz)
 
     def _turn_speed_Hz(self, ticks: int, speed_sum_rad_s: float) -> float:
         """Return the mean of the ticks' speeds over the blocks of the last turn."""

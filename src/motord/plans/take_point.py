@@ -7,6 +7,7 @@ from typing import Any
 from motord.config import MeshConfig
 from motord.plans.brake_servo import BrakeServo
 from motord.plans.observation import Observation
+from motord.plans.quality import of_capture
 from motord.plans.steps import (
     NOTHING_INDUCED,
     Advance,
@@ -137,9 +138,6 @@ class TakePoint:
 
     def _account(self, seen: Observation, demand: Demand) -> dict[str, Any]:
         """Return the operating point as it was taken (topic `/operating_point`)."""
-        speed_Hz = seen.point_speed_Hz
-        error = abs(speed_Hz / self.point.speed_Hz - 1.0)
-        drifted = error > 2 * self.mesh.speed_tolerance
         return {
             "index": self.point.index,
             "torque_Nm": self.point.torque_Nm,
@@ -149,10 +147,10 @@ class TakePoint:
             "t_start_ns": seen.point_first_t_ns,
             "t_end_ns": seen.t_ns,
             "turns": round(seen.point_turns, 3),
-            "speed_mean_Hz": round(speed_Hz, 5),
+            "speed_mean_Hz": round(seen.point_speed_Hz, 5),
             "brake": round(demand.brake, 5),
             "compensate": demand.compensate,
-            "quality": f"speed off by {100 * error:.1f} %" if drifted else "ok",
+            "quality": of_capture(seen, self.point.speed_Hz, self.mesh),
             **_told(self.point.induced),
         }
 
