@@ -19,7 +19,7 @@ from motord.identify.basis import cell_gain, highpass
 from motord.identify.clusters import Fit, Regressors
 from motord.identify.driven import Driven, prepare, require
 from motord.identify.harmonics import lines_at
-from motord.identify.orders import allowed_orders
+from motord.identify.orders import allowed_orders, order_limit
 from motord.identify.points import PointData
 from motord.identify.sensor import response
 
@@ -34,9 +34,6 @@ COUNTS_PER_PERIOD = 3
 
 MOUNT_SHARE = 0.7
 """Part of the mount's resonance frequency up to which its response is undone."""
-
-MAX_ORDER = 512
-"""Highest order that is looked at."""
 
 STANDS_OUT = 6.0
 """Amplitude, in standard errors, from which an order that is not allowed is told."""
@@ -71,7 +68,7 @@ def highest_order(driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig
     highest = min(
         int(driven.samples_per_turn / SAMPLES_PER_PERIOD),
         motor.counts // COUNTS_PER_PERIOD,
-        MAX_ORDER,
+        order_limit(motor.slots, 2 * motor.pole_pairs),
     )
     if sensor.resonance_Hz > 0:
         highest = min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / driven.speed_Hz))

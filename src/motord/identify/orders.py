@@ -2,6 +2,9 @@
 
 from math import gcd, lcm
 
+ORDER_LIMIT = 512
+"""Highest order that is looked at, where the main order allows."""
+
 MAIN_MULTIPLES = 4
 """Multiples of the main order that are looked for."""
 
@@ -17,6 +20,11 @@ def periods_per_slot_pitch(slots: int, poles: int) -> int:
 def main_order(slots: int, poles: int) -> int:
     """Return Q Np = LCM(Q, 2p): the order of a motor whose slots, and magnets, are all alike."""
     return slots * periods_per_slot_pitch(slots, poles)
+
+
+def order_limit(slots: int, poles: int) -> int:
+    """Return the highest order worth looking at: ORDER_LIMIT, or twice the main order if more."""
+    return max(ORDER_LIMIT, 2 * main_order(slots, poles))
 
 
 def allowed_orders(slots: int, poles: int, highest: int) -> tuple[int, ...]:

@@ -13,12 +13,10 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identify.basis import cell_gain
 from motord.identify.encoder_points import EncoderSums, without_drift
 from motord.identify.harmonics import lines_at
+from motord.identify.orders import order_limit
 from motord.identify.points import SAMPLES_PER_ORDER, Samples
 from motord.identify.ripple import rms_error_percent
 from motord.identify.sensor import response
-
-MAX_ORDER = 512
-"""Highest order that counts as ripple."""
 
 RESONANCE_SHARE = 0.7
 """Part of the mount's resonance frequency up to which its response is divided out."""
@@ -55,7 +53,7 @@ class PointRipple:
 
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
     """Return the ripple of an operating point; with one whole turn only, noise is not told."""
-    order = np.arange(1, highest_order(samples, motor.counts, sensor) + 1)
+    order = np.arange(1, highest_order(samples, motor, sensor) + 1)
     seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
     return ripple_of(samples, samples.torque_Nm, seen, motor)
 
@@ -104,10 +102,11 @@ def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: 
     return np.array([lines_at(count[h], steady_Nm[h], counts, highest)[1:] for h in halves])
 
 
-def highest_order(samples: Samples, counts: int, sensor: TorqueSensorConfig) -> int:
+def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> int:
     """Return the highest order that sampling, encoder and mount let through."""
     fewest = min(end - first for first, end in samples.turns)
-    highest = min(MAX_ORDER, int(fewest / SAMPLES_PER_ORDER), (counts - 1) // 2)
+    limit = order_limit(motor.slots, 2 * motor.pole_pairs)
+    highest = min(limit, int(fewest / SAMPLES_PER_ORDER), (motor.counts - 1) // 2)
     if sensor.resonance_Hz > 0:
         highest = min(highest, int(RESONANCE_SHARE * sensor.resonance_Hz / samples.speed_Hz))
     return max(highest, 1)

@@ -4,7 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.identify.orders import allowed_orders, main_order, periods_per_slot_pitch
+from motord.identify.orders import (
+    allowed_orders,
+    main_order,
+    order_limit,
+    periods_per_slot_pitch,
+)
 
 
 @pytest.mark.parametrize(
@@ -14,6 +19,11 @@ from motord.identify.orders import allowed_orders, main_order, periods_per_slot_
 def test_periods_of_known_motors(slots: int, poles: int, periods: int, main: int) -> None:
     assert periods_per_slot_pitch(slots, poles) == periods
     assert main_order(slots, poles) == main
+
+
+def test_no_main_order_is_beyond_the_limit() -> None:
+    assert order_limit(48, 16) == 512
+    assert order_limit(108, 96) == 2 * 864
 
 
 def test_the_reports_motor() -> None:

@@ -114,13 +114,19 @@ def test_one_turn_only_and_slow_sampling() -> None:
     assert ripple.turns == 1
     assert ripple.order[-1] <= 100
     assert ripple.noise_Nm.max() == 0.0
-    assert highest_order(samples, 41, bench.sensor) == 20
+    assert highest_order(samples, motor(counts=41), bench.sensor) == 20
 
 
 def test_the_mount_limits_the_orders() -> None:
     bench = Bench(motor=motor(), rate_Hz=2000)
     samples = prepare(bench.point(2.0, 2.0, 4, 1), 4096)
-    assert highest_order(samples, 4096, bench.sensor) == pytest.approx(245, abs=2)
+    assert highest_order(samples, bench.motor, bench.sensor) == pytest.approx(245, abs=2)
+
+
+def test_many_poles_have_their_main_order_looked_at() -> None:
+    bench = Bench(motor=motor(108, 48), rate_Hz=4000)
+    samples = prepare(bench.point(2.0, 0.5, 4, 1), 4096)
+    assert highest_order(samples, bench.motor, bench.sensor) > 864
 
 
 def test_rms_errors_by_set_point() -> None:
