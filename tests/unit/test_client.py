@@ -182,7 +182,7 @@ def test_events_are_remembered_and_published(client):
 
 def test_plan_progress_is_published(client):
     assert client.plan() is None
-    settings = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2}
+    settings = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
     with client.lease("anna") as lease, client.subscribe_plan() as progress:
         outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=settings)
         assert len(outline["points"]) == 1
