@@ -9,6 +9,7 @@ import typer
 
 from motord.cli.command import in_command
 from motord.cli.console import fail
+from motord.cli.preflight import preflight
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Experiments: list, start, steer.",
 )
+
+
+app.command()(preflight)
 
 
 @app.command("list")

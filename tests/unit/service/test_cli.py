@@ -205,6 +205,27 @@ def test_settings_that_are_wrong_are_told(motord):
 
 
 @pytest.mark.slow
+def test_a_plan_is_tried_out_before_it_is_run(motord):
+    quick = ("--set", "turns=2", "--set", "settle_s=0.2", "--set", "gain_steps=[]")
+    given = ("--set", "torques_Nm=2", "--set", "speeds_Hz=0.8,1.0", *quick)
+    result = motord("plan", "preflight", "calibrate", *given)
+    assert result.exit_code == 0, result.output
+    assert result.stdout == "   0  2 Nm  0.8 Hz  ok\n   1  2 Nm  1 Hz  ok\n"
+    poor = motord(
+        "plan", "preflight", "calibrate", *given, "--set", "temperature_C=80,90", "--json"
+    )
+    assert "2 of 2 points of calibrate would fail, be poor" in failed(poor)
+    assert "outside 80 to 90" in json.loads(poor.stdout)[1]["quality"]
+
+
+def test_what_cannot_be_tried_out_is_one_line(motord):
+    assert "torque_Nm = 6" in failed(
+        motord("plan", "preflight", "calibrate", "--set", "torques_Nm=9")
+    )
+    assert "no calibration is installed" in failed(motord("plan", "preflight", "verify"))
+
+
+@pytest.mark.slow
 def test_a_plan_is_followed_to_its_end(motord):
     settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
     given = [word for setting in settings for word in ("--set", setting)]

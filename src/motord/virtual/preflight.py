@@ -1,0 +1,80 @@
+"""A plan tried out in virtual time before it is run: which points would fail, and why."""
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.calibration import Calibration
+from motord.config import Config
+from motord.plans import OperatingPoint, Plan
+from motord.plans.quality import GOOD
+from motord.virtual.bench import VirtualBench
+from motord.virtual.plan import PlanFailed, run_plan
+from motord.virtual.told import as_told
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What became of a point in the simulation.
+
+    trouble: why it would fail, "" if it would not; quality: of its last take; simulated: False if
+    there was no time for it.
+    """
+
+    point: OperatingPoint
+    trouble: str = ""
+    quality: str = GOOD
+    simulated: bool = True
+
+    @property
+    def fine(self) -> bool:
+        """True if the point was simulated, did not fail and would be good."""
+        return self.simulated and not self.trouble and self.quality == GOOD
+
+
+class _TooLongError(Exception):
+    """There is no time left."""
+
+
+def forecasts(
+    config: Config,
+    plan: Plan,
+    calibration: Calibration | None,
+    pool: Executor,
+    limit_s: float,
+) -> Iterator[Forecast]:
+    """Yield what becomes of each point of `plan` on the rig `as_told`, in order.
+
+    Each point is taken on a rig of its own, from standstill, so nothing is told of the ways
+    between points. After `limit_s` of elapsed time those that are left are not simulated.
+    """
+    deadline_s = time.monotonic() + limit_s
+    tries = [
+        pool.submit(_try, config, plan.part((point,)), calibration, deadline_s)
+        for point in plan.points
+    ]
+    for each in tries:
+        yield each.result()
+
+
+def _try(
+    config: Config, part: Plan, calibration: Calibration | None, deadline_s: float
+) -> Forecast:
+    def keep_time(_ticks: np.ndarray, _truth: np.ndarray) -> None:
+        if time.monotonic() > deadline_s:
+            raise _TooLongError
+
+    [point] = part.points
+    told, truth = as_told(config)
+    try:
+        keep_time(np.empty(0), np.empty(0))
+        bench = VirtualBench(told, truth, calibration=calibration)
+        takes = run_plan(bench, part, keep_time)
+    except PlanFailed as failed:
+        return Forecast(point, trouble=str(failed).removeprefix(f"{part.name}: "))
+    except _TooLongError:
+        return Forecast(point, simulated=False)
+    return Forecast(point, quality=str(takes[-1].get("quality", GOOD)))

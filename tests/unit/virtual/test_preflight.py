@@ -1,0 +1,121 @@
+"""Plans tried out before they are run: what would fail is told, with the reason."""
+
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.config import ConfigError, load
+from motord.config.back_emf import BackEmfTable
+from motord.plans import build
+from motord.virtual import preflight
+from motord.virtual.preflight import forecasts
+from motord.virtual.told import as_told
+
+REAL = Path(__file__).parents[3] / "config" / "bench.toml"
+QUICK = {"turns": 2, "settle_s": 0.2, "gain_steps": []}
+
+
+class Here(Executor):
+    """Does everything at once, in this process."""
+
+    def submit(self, work, /, *arguments):
+        future = Future()
+        try:
+            future.set_result(work(*arguments))
+        except ConfigError as error:
+            future.set_exception(error)
+        return future
+
+
+def changed(config, **sections):
+    updates = {
+        name: getattr(config, name).model_copy(update=values) for name, values in sections.items()
+    }
+    return config.model_copy(update=updates)
+
+
+def forecast(config, torques_Nm=(2.0,), speeds_Hz=(1.0,), limit_s=1e6, **settings):
+    mesh = {"torques_Nm": list(torques_Nm), "speeds_Hz": list(speeds_Hz), **QUICK, **settings}
+    plan = build("calibrate", config, mesh)
+    return list(forecasts(config, plan, None, Here(), limit_s))
+
+
+@pytest.mark.parametrize("bench", [None, REAL], ids=["with a rig file", "as told"])
+def test_what_can_be_done_is_fine(bench):
+    found = forecast(load(bench), speeds_Hz=(0.8, 1.0))
+    assert [each.point.index for each in found] == [0, 1]
+    assert all(each.fine for each in found), found
+
+
+def test_a_point_that_would_trip_is_named_with_the_cause_and_the_others_are_not():
+    config = changed(load(), limits={"trip_current_A": 12.0})
+    low, high = forecast(config, torques_Nm=(1.0, 5.0))
+    assert low.fine
+    assert not high.fine
+    assert high.trouble == "the bench tripped: OVER_CURRENT"
+
+
+def test_a_supply_that_is_out_of_bounds_is_found():
+    [each] = forecast(changed(load(), limits={"bus_V_min": 25.0}))
+    assert "BUS_VOLTAGE" in each.trouble or "not enabled" in each.trouble
+
+
+def test_a_brake_that_is_too_weak_is_found():
+    config = changed(load(), brake={"torque_max_Nm": 60.0})  # it is 20 Nm strong
+    [each] = forecast(config, torques_Nm=(5.0,))
+    assert each.trouble == "the bench tripped: OVER_SPEED"
+
+
+def test_a_speed_that_is_not_reached_in_time_is_found():
+    [each] = forecast(load(), settle_timeout_s=0.5, speed_tolerance=1e-4)
+    assert each.trouble.startswith("2 Nm, 1 Hz: the speed was still")
+
+
+def test_a_point_that_stays_poor_is_told():
+    [each] = forecast(load(), temperature_C=[80.0, 90.0])
+    assert (each.trouble, each.fine) == ("", False)
+    assert "outside 80 to 90" in each.quality
+
+
+def test_without_time_nothing_is_simulated(monkeypatch):
+    assert [each.simulated for each in forecast(load(), limit_s=-1.0)] == [False]
+    now_s = iter(range(1000))
+    monkeypatch.setattr(preflight.time, "monotonic", lambda: float(next(now_s)))
+    [each] = forecast(load(), limit_s=4.0, turns=50)
+    assert (each.simulated, each.fine) == (False, False)
+    assert next(now_s) < 20
+
+
+def test_a_rig_file_that_is_gone_is_told(tmp_path):
+    config = changed(load(), bench={"rig": tmp_path / "gone.toml"})
+    with pytest.raises(ConfigError, match=r"gone\.toml"):
+        forecast(config)
+
+
+def test_the_rig_is_what_the_bench_file_says():
+    told, truth = as_told(load(REAL))
+    assert truth.encoder.counts == told.motor.counts
+    assert truth.motor.pole_pairs == told.motor.pole_pairs
+    assert truth.motor.back_emf == told.motor.back_emf
+    assert truth.brake.torque_max_Nm == told.brake.torque_max_Nm
+    assert told.limits.bus_V_min < truth.inverter.bus_V < told.limits.bus_V_max
+    assert (told.motor.encoder_offset_rad, told.motor.encoder_direction) == (0.0, 1)
+    assert told.bench.faults is None
+    delay_s = truth.inverter.dead_time_s + 1 / (2 * np.pi * truth.inverter.bandwidth_Hz)
+    assert delay_s == pytest.approx(told.inverter.actuation_delay_s, abs=1e-4)
+
+
+def test_a_measured_back_emf_becomes_harmonics():
+    harmonics = load().motor
+    table = BackEmfTable(k_V_s_per_rad=tuple(map(tuple, harmonics.back_emf_table())))
+    config = changed(load(REAL), motor={**dict(harmonics), "back_emf": table})
+    _, truth = as_told(config)
+    assert [h.order for h in truth.motor.back_emf] == [1, 3, 5, 7]
+    theta_rad = 2 * np.pi * np.arange(harmonics.counts) / harmonics.counts
+    again = sum(
+        h.amplitude_V_s_per_rad * np.sin(h.order * harmonics.pole_pairs * theta_rad + h.phase_rad)
+        for h in truth.motor.back_emf
+    )
+    assert np.allclose(again, table.values[:, 0], atol=1e-9)
