@@ -40,6 +40,7 @@ FAULT_STATE = [
     ("frozen_gray", "u4"),
     ("torque_drift_Nm", "f8"),
     ("tripped", "u4"),  # the drive's own limit has switched it off
+    ("fault_peak_A", "f8"),  # largest current of any phase while a fault was in force
 ]
 """Fields of RIG_STATE in which faults remember."""
 
@@ -97,13 +98,12 @@ def disturbed_currents(
     if s.current_runaway & 4:
         i_c = _run_away(p, s, s.i_A[2], rise_A)
     is_open = s.phase_open
-    if p.star and is_open:
-        i_a, i_b, i_c = _closed_star(int(is_open), i_a, i_b, i_c)
-    return (
-        0.0 if is_open & 1 else i_a,
-        0.0 if is_open & 2 else i_b,
-        0.0 if is_open & 4 else i_c,
-    )
+    i_a = 0.0 if is_open & 1 else i_a
+    i_b = 0.0 if is_open & 2 else i_b
+    i_c = 0.0 if is_open & 4 else i_c
+    if p.star:
+        i_a, i_b, i_c = _sum_to_zero(int(is_open | s.current_runaway), i_a, i_b, i_c)
+    return i_a, i_b, i_c
 
 
 @jit
@@ -117,21 +117,27 @@ def _run_away(p: np.record, s: np.record, i_A: float, rise_A: float) -> float:
 
 
 @jit
-def _closed_star(is_open: int, i_a: float, i_b: float, i_c: float) -> tuple[float, float, float]:
-    """Return the currents of a star of which some phases are open: the sum of the others is 0."""
-    closed = 3 - (is_open & 1) - (is_open >> 1 & 1) - (is_open >> 2 & 1)
-    if closed < 2:
+def _sum_to_zero(fixed: int, i_a: float, i_b: float, i_c: float) -> tuple[float, float, float]:
+    """Return the currents of a star some of whose phases are fixed: the others make up for them.
+
+    An open phase counts as fixed at zero here; one that runs away at what it has.
+    """
+    free = 3 - (fixed & 1) - (fixed >> 1 & 1) - (fixed >> 2 & 1)
+    if free == 0:
         return 0.0, 0.0, 0.0
-    total = 0.0 if is_open & 1 else i_a
-    total += 0.0 if is_open & 2 else i_b
-    total += 0.0 if is_open & 4 else i_c
-    mean = total / closed
-    return i_a - mean, i_b - mean, i_c - mean
+    excess = (i_a + i_b + i_c) / free
+    return (
+        i_a if fixed & 1 else i_a - excess,
+        i_b if fixed & 2 else i_b - excess,
+        i_c if fixed & 4 else i_c - excess,
+    )
 
 
 @jit
-def drift(p: np.record, s: np.record) -> None:
-    """Let the torque signal drift over a substep."""
+def step_faults(p: np.record, s: np.record) -> None:
+    """Let the torque signal drift over a substep; keep the largest current."""
+    largest_A = max(abs(s.i_A[0]), abs(s.i_A[1]), abs(s.i_A[2]))
+    s.fault_peak_A = max(s.fault_peak_A, largest_A)
     s.torque_drift_Nm += s.torque_drift_Nm_per_s * p.substep_s
 
 

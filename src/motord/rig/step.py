@@ -6,7 +6,7 @@ import numpy as np
 
 from motord.jit import jit
 from motord.rig.electric import step_currents, take_command
-from motord.rig.faults import disturb_readings, drift, is_off, take_faults
+from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
 from motord.rig.mechanics import step_brake, step_drive, step_rotor
 from motord.rig.noise import gaussian
 from motord.rig.sensors import (
@@ -88,7 +88,7 @@ def _substep(p: np.record, s: np.record) -> None:
         step_hand(p, s, angle_rad)
     step_torque_sensor(p, s, before_Nm, after_Nm)
     if s.faults:
-        drift(p, s)
+        step_faults(p, s)
     s.step += 1
     if s.step % p.slow_every == 0:
         _change_slowly(p, s)

@@ -88,10 +88,16 @@ class VirtualBench:
         """Every fault injected so far: t_ns, tick, kind and parameters."""
         return self._player.events if self._player else []
 
+    @property
+    def fault_peak_A(self) -> float:
+        """Largest true current of a phase, at any instant at which a fault of the rig was on."""
+        return float(self._rig[1]["fault_peak_A"][0])
+
     def inject(self, fault: Fault) -> None:
         """Let a fault begin `at_s` from now. Raises ValueError for one not possible here."""
         if self._player is None:
             self._player = Player(Timeline(), self.config.loop.rate_Hz, self._link)
+            self._link["heartbeat_ns"] = self.t_ns
         self._player.inject(fault, self.tick)
 
     @property

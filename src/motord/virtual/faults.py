@@ -45,6 +45,7 @@ LINK = record_dtype(
 
 _TIMED_OUT = int(InverterStatus.COMMAND_TIMEOUT)
 _BUS_OFF = int(InverterStatus.BUS_OFF)
+_NOT_BUS_OFF = 0xFFFFFFFF ^ _BUS_OFF
 _BEAT_LOST = int(BridgeStatus.HEARTBEAT_LOST)
 _COUNT_MODULUS = 128
 
@@ -71,7 +72,7 @@ def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.
         f.u_bus_V, f.temperature_C = r.u_bus_V, r.temperature_C
         f.t_inverter_ns = r.t_inverter_ns
         f.inverter_status = r.inverter_status | (_TIMED_OUT if lk.timed_out else 0)
-    f.inverter_status = (f.inverter_status & ~_BUS_OFF) | (_BUS_OFF if lk.bus_off else 0)
+    f.inverter_status = (f.inverter_status & _NOT_BUS_OFF) | (_BUS_OFF if lk.bus_off else 0)
     if _arrives(lk, n, lk.bridge_late, lk.bridge_drop, lk.bridge_duplicate) and not lk.board_down:
         r = ring[(n - lk.bridge_late) % LATE_TICKS_MAX]
         f.t_ns, f.encoder_gray, f.torque_Nm = r.t_ns, r.encoder_gray, r.torque_Nm

@@ -1,0 +1,254 @@
+"""Faults: `python -m tests.campaigns.faults [--write] [--random N] [--seed S]`.
+
+Without options the matrix of `fault_table` is run in virtual time. `--write` puts it into
+docs/faults.md, `--random N` runs N random timelines. Exits with 1 if anything is not as it must be.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from motord.config.faults import KINDS, Timeline, random_timeline
+from motord.control.interlock_table import INTERLOCKS
+from motord.schema import Request, State, Trip
+from tests.campaigns.fault_bench import (
+    BRAKE,
+    STATES,
+    TORQUE_NM,
+    ZERO_A,
+    Driver,
+    Outcome,
+    largest_A,
+    outcome,
+)
+from tests.campaigns.fault_table import TABLE, Cell, Row
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
+MARK = "<!-- measured: below this line by python -m tests.campaigns.faults --write -->"
+ZERO_MS = 20.0
+DRIVE_LIMIT_A = 60.0
+"""The simulated drive's own limit, at which it switches itself off ([inverter] current_max_A)."""
+
+SPAN_S = 4.0
+
+
+def wrong(row: Row, state: str, found: Outcome) -> list[str]:
+    """Return what is not as the table says; nothing if all is well."""
+    cell, faults = row.cells[state], []
+    first = found.first & -found.first
+    if cell.cause is None and found.detected_ms is not None:
+        faults.append(f"tripped: {Trip(first).name}")
+    elif cell.cause is not None and found.detected_ms is None:
+        faults.append("not detected")
+    elif cell.cause is not None and found.detected_ms is not None:
+        if first != cell.cause:
+            faults.append(f"first cause {Trip(first).name}")
+        if found.detected_ms > cell.within_ms:
+            faults.append(f"detected after {found.detected_ms:g} ms, not {cell.within_ms:g} ms")
+    if found.zero_ms > ZERO_MS:
+        faults.append(f"current for {found.zero_ms:g} ms after that")
+    if found.most_A > limit_A(row.fault.kind):
+        faults.append(f"{found.most_A:.1f} A")
+    if not found.recovered:
+        faults.append("not enabled again")
+    if found.lost:
+        faults.append(f"{found.lost} ticks lost")
+    return faults
+
+
+def limit_A(*kinds: str) -> float:
+    """Return the current that must never be exceeded with faults of these kinds."""
+    trip_A = Driver().bench.config.limits.trip_current_A
+    return DRIVE_LIMIT_A if "current_runaway" in kinds else trip_A
+
+
+def random_run(seed: int) -> tuple[Timeline, list[str], State, Trip]:
+    """Run a random timeline under an operator who always tries again.
+
+    Returns the timeline, what was not as it must be, and how it ended.
+    """
+    timeline = random_timeline(seed, SPAN_S, "virtual")
+    driver = Driver(seed=seed)
+    for fault in timeline.fault:
+        driver.bench.inject(fault)
+    driver.set(brake=BRAKE)
+    driver.run(0.8)
+    driver.ask(Request.ENABLE, torque_Nm=TORQUE_NM)
+    while driver.bench.t_s < SPAN_S + 1.0:
+        if driver.run(0.25).state == State.TRIPPED:
+            driver.ask(Request.RESET)
+        elif driver.ticks[-1]["state"][-1] in (State.OFF, State.READY):
+            driver.ask(Request.ENABLE)
+    driver.ask(Request.STOP)
+    last = driver.run(0.3)
+    faults = _broken(driver, timeline)
+    state, first = State(int(last.state)), Trip(int(last.first_trip))
+    if state is not State.OFF and not (state is State.TRIPPED and first):
+        faults.append(f"ended in {state.name}")
+    return timeline, faults, state, first
+
+
+def _broken(driver: Driver, timeline: Timeline) -> list[str]:
+    """Return which promises a run did not keep."""
+    faults = []
+    ticks, truth = np.concatenate(driver.ticks), np.concatenate(driver.truth)
+    largest = largest_A(truth)
+    most_A = max(float(largest.max()), driver.bench.fault_peak_A)
+    if most_A > limit_A(*(fault.kind for fault in timeline.fault)):
+        faults.append(f"{most_A:.1f} A")
+    numbers, allowed = ticks["tick"].astype(np.int64), _allowed_ticks(driver, timeline)
+    on = (ticks["state"] == State.ENABLED) | (ticks["state"] == State.READY)  # or arming
+    turned_off = np.append(False, on[:-1] & ~on[1:])
+    off_for = np.where(on, 0, numbers - np.maximum.accumulate(np.where(turned_off, numbers, 0)))
+    late = (off_for > allowed) & (largest > ZERO_A)
+    if late.any():
+        faults.append(f"current {int(off_for[late].max())} ticks after the trip")
+    if driver.lost():
+        faults.append(f"{driver.lost()} ticks lost")
+    if len(driver.bench.fault_events) != len(timeline.fault):
+        faults.append(f"{len(driver.bench.fault_events)} faults told of")
+    return faults
+
+
+def _allowed_ticks(driver: Driver, timeline: Timeline) -> int:
+    """Return how long current may flow after a trip: the devices' own timeouts if both links go.
+
+    Then neither the command nor the open enable line reaches the inverter.
+    """
+    kinds = {fault.kind.split("_")[0] for fault in timeline.fault}
+    config = driver.bench.config
+    both = {"can", "bridge"} <= kinds
+    timeout_s = min(config.inverter.timeout_s, config.bridge.heartbeat_timeout_s)
+    return round(((timeout_s if both else 0.0) + ZERO_MS * 1e-3) * driver.rate_Hz)
+
+
+def matrix() -> tuple[list[list[Outcome]], int]:
+    """Run the matrix; print and count what is wrong."""
+    found = [[outcome(row.fault, state) for state in STATES] for row in TABLE]
+    bad = 0
+    for row, outcomes in zip(TABLE, found, strict=True):
+        for state, one in zip(STATES, outcomes, strict=True):
+            for what in wrong(row, state, one):
+                print(f"{row.name}, {state}: {what}")
+                bad += 1
+    return found, bad
+
+
+def _cell(cell: Cell) -> str:
+    return f"{cell.cause.name} {cell.within_ms:g} ms" if cell.cause is not None else "-"
+
+
+def static_part() -> str:
+    """Return the part of docs/faults.md that follows from the tables alone."""
+    lines = [_HEAD, "## Kinds", "", "| kind | what it does | lasts | parameters | where |"]
+    lines.append("|---|---|---|---|---|")
+    for name, kind in KINDS.items():
+        told = ", ".join(f"{key} = {value!r}" for key, value in kind.parameters.items())
+        where = ", ".join(sorted(kind.places))
+        lines.append(f"| `{name}` | {kind.meaning} | {kind.for_s:g} s | {told} | {where} |")
+    lines += ["", "## Interlocks", "", "| cause | trips when | outlasting |", "|---|---|---|"]
+    for lock in INTERLOCKS:
+        lasts = f"`{lock.lasts_s}`" if lock.lasts_s else f"{lock.lasts} {lock.counted}"
+        lines.append(
+            f"| {lock.trip.name} | {lock.meaning} | {lasts if lock.lasts or lock.lasts_s else ''} |"
+        )
+    lines += ["", _MATRIX, f"| fault | {' | '.join(STATES)} | if it does not trip, it shows in |"]
+    lines.append("|---" * (len(STATES) + 2) + "|")
+    for row in TABLE:
+        cells = " | ".join(_cell(row.cells[state]) for state in STATES)
+        lines.append(f"| {row.name} | {cells} | {row.without} |")
+    return "\n".join([*lines, ""])
+
+
+_HEAD = """# Faults: how they are injected, and what they lead to
+
+A timeline is a TOML file; times count from the start of the rig:
+
+```toml
+[[fault]]
+kind = "can_drop"
+at_s = 2.0
+for_s = 0.5      # left out: as long as the kind usually lasts
+fraction = 0.3   # left out: the kind's default
+```
+
+- `[bench] faults = "timeline.toml"`: for a bench simulated in the loop (`sim`), one in virtual time
+  (`virtual`), or an emulated one.
+- `motord emulate -c FILE --faults timeline.toml`: the emulator's, instead of the bench file's.
+- `motord fault inject -c FILE KIND --for-s 0.3 fraction=0.5`: into a running emulator, now. It
+  listens on a socket beside the bridge's port, which only its own user can open.
+
+`config/faults/` has examples. Each injected fault is in the log: the emulator prints a line for it
+(`--json`: an object with `t_ns`, `kind` and the parameters), a virtual bench returns it in
+`fault_events`, and `bridge_status` counts them from bit 8 on (modulo 128), so every recording has
+the tick at which each began, and the daemon makes an event `fault_injected` of it.
+A supervisor, recorder or loop that is killed or stopped is a matter of signals, not of a timeline.
+"""
+
+_MATRIX = f"""## What each leads to
+
+First cause, and the time within which it must be found; in OFF, where nothing is latched, the cause
+that stands against enabling; in TRIPPED the cause that joins the first, which stays. `idle` is
+ENABLED at zero torque, `torque` {TORQUE_NM:g} Nm at 0.7 turns a second, `ramping` on the way there.
+In every cell besides: no current {ZERO_MS:g} ms after the detection, never more than
+`limits.trip_current_A` in a phase ({DRIVE_LIMIT_A:g} A with `current_runaway`: the drive's own
+limit), no tick lost, and after a reset the bench can be enabled again. The bench is the packaged
+one.
+"""
+
+
+def measured_part(found: list[list[Outcome]]) -> str:
+    """Return the measured part of docs/faults.md."""
+    lines = [MARK, "", "## Measured, in virtual time", ""]
+    lines.append("Detection / from there until no current flows, in ms; and the largest current.")
+    lines += ["", f"| fault | {' | '.join(STATES)} | A |", "|---" * (len(STATES) + 2) + "|"]
+    for row, outcomes in zip(TABLE, found, strict=True):
+        cells = " | ".join(
+            "-" if one.detected_ms is None else f"{one.detected_ms:g} / {one.zero_ms:g}"
+            for one in outcomes
+        )
+        most_A = max(one.most_A for one in outcomes)
+        lines.append(f"| {row.name} | {cells} | {most_A:.0f} |")
+    return "\n".join([*lines, ""])
+
+
+def run_random(count: int, seed: int) -> int:
+    """Run `count` random timelines; print what is wrong and a summary. Returns how many failed."""
+    ends: dict[str, int] = {}
+    failed, begun_s = 0, time.monotonic()
+    for number in range(seed, seed + count):
+        timeline, faults, state, first = random_run(number)
+        end = state.name if state is State.OFF else f"TRIPPED, {first.name}"
+        ends[end] = ends.get(end, 0) + 1
+        if faults:
+            failed += 1
+            print(f"seed {number}: {'; '.join(faults)}")
+            for fault in timeline.fault:
+                print(f"    at {fault.at_s:g} s {fault.words()}")
+    took_s = time.monotonic() - begun_s
+    print(f"{count} random timelines in {took_s:.0f} s, {failed} not as they must be")
+    for end, number in sorted(ends.items(), key=lambda item: -item[1]):
+        print(f"  {number:4d} ended {end}")
+    return failed
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", action="store_true", help="write docs/faults.md")
+    parser.add_argument("--random", type=int, default=0, metavar="N", help="random timelines")
+    parser.add_argument("--seed", type=int, default=1, help="of the first random timeline")
+    options = parser.parse_args()
+    if options.random:
+        return 1 if run_random(options.random, options.seed) else 0
+    found, bad = matrix()
+    print(f"{len(TABLE)} faults in {len(STATES)} states, {bad} not as they must be")
+    if options.write and not bad:
+        DOCUMENT.write_text(static_part() + "\n" + measured_part(found))
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,192 @@
+"""Interlocks of what should be, beside what is measured: currents, torque, tracks, brake."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motord.control.interlock_table import INTERLOCKS
+from motord.control.tracks import watched_tracks
+from motord.schema import Compensate, State, Trip
+from tests.unit.control.bench import Bench, make_config
+
+
+class Answering(Bench):
+    """A bench whose currents follow a tick later, and whose sensor shows the torque asked for."""
+
+    def __init__(self, **sections: object) -> None:
+        limits = {"current_error_A": 5.0, "torque_error_Nm": 1.5} | dict(
+            sections.pop("limits", {})  # type: ignore[arg-type]
+        )
+        super().__init__(make_config(limits=limits, **sections))
+        self.error_A = np.zeros(3)
+        self.error_Nm = 0.0
+        self.shown_Nm = 0.0
+        self.before_Nm = 0.0
+        self.stuck = (0, 0)  # mask of tracks, their level
+
+    def ticks(self, count: int) -> np.record:
+        tau_s = self.config.torque_sensor.highpass_time_constant_s
+        decay = math.exp(-1 / self.config.loop.rate_Hz / tau_s) if tau_s else 1.0
+        tick = self.tick[0]
+        for _ in range(count):
+            set_Nm = float(self.memory["torque_set_Nm"][0])
+            self.shown_Nm = decay * (self.shown_Nm + set_Nm - self.before_Nm)
+            self.before_Nm = set_Nm
+            self.feedback["torque_Nm"] = self.shown_Nm + self.error_Nm
+            self.feedback["i_A"] = self.command["i_A"] + self.error_A
+            tick = self.run()
+        return tick
+
+    def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
+        if self.stuck[0]:
+            self.now_ns += self.period_ns
+            self.angle_rad += self.speed_rad_s * self.period_ns * 1e-9
+            count = self.count_at(self.angle_rad)
+            gray = count ^ (count >> 1)
+            f = self.feedback[0]
+            f.encoder_gray = (gray & ~self.stuck[0]) | self.stuck[1]
+            f.t_ns = f.t_inverter_ns = self.now_ns
+            self.now_ns -= self.period_ns
+            self.angle_rad -= self.speed_rad_s * self.period_ns * 1e-9
+            return super().run(ticks, False, supervised)
+        return super().run(ticks, healthy, supervised)
+
+
+def until_trip(bench: Answering, most: int = 2000) -> tuple[int, Trip]:
+    for number in range(1, most + 1):
+        tick = bench.ticks(1)
+        if tick.state == State.TRIPPED:
+            return number, Trip(int(tick.first_trip))
+    return 0, Trip(0)
+
+
+def at_torque(torque_Nm: float = 3.0, **sections: object) -> Answering:
+    bench = Answering(**sections)
+    bench.enable(torque_Nm=torque_Nm)
+    bench.ticks(800)
+    assert bench.tick["state"][0] == State.ENABLED
+    return bench
+
+
+def test_the_table_has_every_trip_once_in_order() -> None:
+    assert [row.trip for row in INTERLOCKS] == list(Trip)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("connection", ["independent", "star"])
+@pytest.mark.parametrize(("error_A", "trips"), [(4.9, False), (5.1, True)])
+def test_current_beside_its_command(connection: str, error_A: float, trips: bool) -> None:
+    bench = at_torque(motor={"connection": connection})
+    bench.error_A[1] = error_A * (1.5 if connection == "star" else 1.0)  # less its mean
+    number, first = until_trip(bench, 60)
+    if trips:
+        assert first is Trip.CURRENT_IMPLAUSIBLE
+        assert 20 <= number <= 23
+        assert not bench.currents_A().any()
+    else:
+        assert number == 0
+
+
+def test_current_may_be_wrong_for_a_moment_and_samples_count_not_ticks() -> None:
+    bench = at_torque()
+    for _ in range(5):
+        bench.error_A[0] = 20.0
+        bench.ticks(19)
+        bench.error_A[0] = 0.0
+        bench.ticks(2)
+    assert bench.tick["state"][0] == State.ENABLED
+    bench.error_A[0] = 20.0
+    bench.ticks(3)
+    bench.run(15, healthy=False)  # stale, not yet for stale_after_s: no further evidence
+    assert bench.tick["state"][0] == State.ENABLED
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(("error_Nm", "trips"), [(2.05, False), (2.15, True), (-2.15, True)])
+def test_torque_beside_its_set_point(error_Nm: float, trips: bool) -> None:
+    bench = at_torque(3.0)  # a fifth of it is free besides 1.5 Nm
+    bench.error_Nm = error_Nm
+    number, first = until_trip(bench, 150)
+    assert bool(number) == trips
+    if trips:
+        assert first is Trip.TORQUE_IMPLAUSIBLE
+        assert 100 <= number <= 103
+
+
+def test_torque_means_nothing_while_none_is_applied() -> None:
+    bench = Answering()
+    bench.error_Nm = 8.0
+    bench.run(5)
+    assert until_trip(bench, 300)[0] == 0
+    assert bench.tick["trip_bits"][0] == 0
+
+
+def test_torque_that_is_limited_on_purpose_is_no_fault() -> None:
+    bench = at_torque(4.0, limits={"current_A": 3.0, "trip_current_A": 40.0})
+    bench.error_Nm = -3.0
+    assert until_trip(bench, 300)[0] == 0
+
+
+@pytest.mark.kernel
+def test_a_gain_that_is_induced_is_asked_for() -> None:
+    bench = at_torque(3.0)
+    bench.setpoint["induced_gain"] = 0.9
+    bench.shown_Nm += 2.7  # at once, as the currents
+    assert until_trip(bench, 150)[0] == 0
+
+
+@pytest.mark.kernel
+def test_a_hot_brake() -> None:
+    bench = at_torque(1.0)
+    bench.setpoint["brake_temperature_C"] = bench.config.brake.temperature_max_C + 9.0
+    assert until_trip(bench, 60)[0] == 0
+    bench.setpoint["brake_temperature_C"] = bench.config.brake.temperature_max_C + 11.0
+    assert until_trip(bench, 60) == (21, Trip.BRAKE_TEMPERATURE)
+
+
+@pytest.mark.parametrize(("counts", "tracks"), [(4096, 11), (1024, 9), (4000, 10), (8, 2)])
+def test_watched_tracks_change_twice_a_turn(counts: int, tracks: int) -> None:
+    assert watched_tracks(counts) == tracks
+    assert 2 << (tracks - 1) <= counts // 2 < 2 << tracks
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("track", [3, 5])
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_stuck_track_whose_jumps_are_plausible(track: int, level: int) -> None:
+    bench = Answering(limits={"encoder_jump_rad": 0.3})
+    bench.speed_rad_s = 4.4 if track == 5 else 1.0
+    bench.enable()
+    bench.ticks(50)
+    bench.stuck = (1 << track, level << track)
+    number, first = until_trip(bench, 600)
+    assert first is Trip.ENCODER_IMPLAUSIBLE
+    counts = number * 1e-3 * bench.speed_rad_s * 4096 / (2 * math.pi)
+    assert counts < 4.0 * (2 << track)
+
+
+@given(
+    speed_rad_s=st.floats(-20.0, 20.0),
+    swing=st.floats(0.0, 1.0),
+    hz=st.floats(0.2, 4.0),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=30)
+def test_no_false_trips_in_normal_operation(
+    speed_rad_s: float, swing: float, hz: float, seed: int
+) -> None:
+    """Any speed up to the limit, turning back and forth, samples that jitter, a count of noise."""
+    bench = Answering()
+    bench.speed_rad_s = speed_rad_s
+    bench.enable(torque_Nm=2.0, compensate=Compensate(0))
+    draw = np.random.default_rng(seed)
+    for number in range(1500):
+        wave = math.sin(2 * math.pi * hz * number * 1e-3)
+        bench.speed_rad_s = speed_rad_s * (1 - swing + swing * wave * min(1.0, 0.5 / hz))
+        bench.error_A = draw.normal(0.0, 0.1, 3)
+        bench.error_Nm = draw.normal(0.0, 0.1)
+        tick = bench.ticks(1)
+        assert tick.state == State.ENABLED, (number, Trip(int(tick.trip_bits)))
