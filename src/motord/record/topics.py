@@ -112,6 +112,7 @@ OPERATING_POINTS = _json_topic(
         "speed_mean_Hz": _number("mean speed, turns a second"),
         "quality": _text("ok, or what is wrong with it"),
         "compensate": _integer("what was compensated: 1 currents, 2 cogging"),
+        "take": _integer("which take of the point this is; of several the last good one counts"),
     },
 )
 ALL = (TICKS, TRUTHS, EVENTS, PLANS, OPERATING_POINTS)

@@ -176,9 +176,9 @@ def _take_up(journal: Journal, resumption: Resumption, bench: Bench) -> None:
     journal.load()
     if journal.error:
         bench.events.emit("journal", f"cannot read it: {journal.error}")
-    if resumption.interrupted:
+    if words := resumption.words():
         bench.plans.show(resumption.view())
-        bench.events.emit("plan", resumption.words())
+        bench.events.emit("plan", words)
 
 
 def _installed(store: CalibrationStore, bench: Bench) -> Calibration | None:

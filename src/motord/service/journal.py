@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from motord.plans.executor import final
 
 FORMAT = 1
+ENDS = ("done", "aborted", "failed")
 
 
 class PlanNote(BaseModel):
@@ -85,7 +86,9 @@ class Story:
             int(line["point"]["index"])
             last = replace(last, points=(*last.points, dict(line["point"])))
         elif kind == "end":
-            last = replace(last, state=str(line["state"]), message=str(line["message"]))
+            if line["state"] not in ENDS:
+                raise ValueError(f"no end of a plan: {line['state']}")
+            last = replace(last, state=line["state"], message=str(line["message"]))
         elif kind == "resumed":
             return replace(self, stretches=(*self.stretches, Stretch(str(line["recording"]))))
         else:

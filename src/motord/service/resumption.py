@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from motord.config import Config
 from motord.plans import Plan, PlanError
@@ -24,6 +24,14 @@ from motord.service.journal import PlanNote, Story, Stretch
 from motord.service.journal_file import Journal
 from motord.service.refusal import Refusal
 from motord.service.views import PlanView
+
+_STATES: dict[str, Literal["interrupted", "done", "aborted", "failed"]] = {
+    "": "interrupted",
+    "done": "done",
+    "aborted": "aborted",
+    "failed": "failed",
+}
+"""State of a plan that is not under way, by how its journal ends."""
 
 HOW = "motord plan resume takes the rest, motord plan discard forgets it"
 
@@ -92,6 +100,7 @@ class Resumption:
         self._journal = journal
         self._calibration_id = calibration_id
         self._unix_ns = unix_ns
+        self._parts = bench_parts(config)  # a large back-EMF table takes a while
 
     @property
     def interrupted(self) -> bool:
@@ -107,7 +116,7 @@ class Resumption:
             settings=plan.settings,
             points=len(plan.points),
             points_digest=points_digest(plan),
-            bench_parts=bench_parts(self._config),
+            bench_parts=self._parts,
             calibration=self._calibration_id(),
             started_by=view.started_by,
             notes=notes,
@@ -115,26 +124,27 @@ class Resumption:
         )
 
     def words(self) -> str:
-        """Return what was interrupted and how it can go on, in one line."""
+        """Return what was interrupted and how it can go on, in one line; "" if nothing can."""
         story = self._journal.story
-        if story is None:
+        if story is None or story.state == "done":
             return ""
-        plan = story.plan
-        return (
-            f"{plan.name} was interrupted with {len(story.taken)} of {plan.points} points taken; "
-            f"{HOW}"
-        )
+        plan, last = story.plan, story.stretches[-1]
+        how = f"{last.state} ({last.message})" if last.state else "interrupted"
+        done = f"{len(story.taken)} of {plan.points} points taken"
+        return f"{plan.name} was {how} with {done}; {HOW}"
 
     def view(self) -> PlanView | None:
-        """Return the plan that was interrupted, or found complete, as clients see it."""
+        """Return the plan in the journal as clients see it, None if there is none."""
         story = self._journal.story
-        if story is None or story.state not in ("", "done"):
+        if story is None:
             return None
-        plan, done = story.plan, len(story.taken) if not story.state else story.plan.points
+        plan, done = story.plan, len(story.taken)
+        if story.state == "done":
+            done = plan.points
         return PlanView(
             plan=plan.name,
-            state="done" if story.state else "interrupted",
-            message=story.stretches[-1].message if story.state else self.words(),
+            state=_STATES[story.state],
+            message=self.words() or story.stretches[-1].message,
             points=plan.points,
             points_done=done,
             fraction=round(done / max(plan.points, 1), 4),
@@ -172,8 +182,8 @@ class Resumption:
     def _same_plan(self, note: PlanNote) -> Plan:
         """Return the whole plan as it was. Raises Refusal if it would not be the same."""
         what = f"{note.name} cannot be resumed"
-        parts = bench_parts(self._config)
-        changed = [f"[{name}]" for name in parts if parts[name] != note.bench_parts.get(name)]
+        told = note.bench_parts
+        changed = [f"[{name}]" for name, digest in self._parts.items() if digest != told.get(name)]
         if changed:
             raise Refusal(
                 "refused",

@@ -149,6 +149,23 @@ def test_a_plan_that_was_aborted_can_go_on_too_but_stands_in_nobodys_way(days, h
     assert [p["index"] for p in service.sink.points] == [0, 1, 2]
 
 
+def test_a_daemon_that_was_shut_down_over_a_plan_says_how_it_can_go_on(days):
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    service.bench.stop("the daemon shut down")
+    days.crash(service)
+    again = days.daemon()
+    view = again.bench.plans.view
+    assert (view.state, view.points_done) == ("aborted", 1)
+    assert view.message.startswith(
+        "calibrate was aborted (the daemon shut down) with 1 of 3 points taken; motord plan resume"
+    )
+    token = again.acquire()
+    start(again, token)  # it stands in nobody's way
+
+
 def test_commands_need_the_lease(days):
     interrupted(days)
     service = days.daemon()
