@@ -1,11 +1,13 @@
-"""Faults: `python -m tests.campaigns.faults [--write] [--random N] [--seed S]`.
+"""Faults: `python -m tests.campaigns.faults [--write] [--random N] [--seed S] [--wire]`.
 
 Without options the matrix of `fault_table` is run in virtual time. `--write` puts it into
-docs/faults.md, `--random N` runs N random timelines. Exits with 1 if anything is not as it must be.
+docs/faults.md, `--random N` runs N random timelines, `--wire` the matrix of `fault_wire` with
+daemon and emulator in real time (some minutes). Exits with 1 if anything is not as it must be.
 """
 
 import argparse
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -14,6 +16,7 @@ import numpy as np
 from motord.config.faults import KINDS, Timeline, random_timeline
 from motord.control.interlock_table import INTERLOCKS
 from motord.schema import Request, State, Trip
+from tests.campaigns import fault_wire
 from tests.campaigns.fault_bench import (
     BRAKE,
     STATES,
@@ -235,12 +238,32 @@ def run_random(count: int, seed: int) -> int:
     return failed
 
 
+def run_wire(late_ms: float) -> int:
+    """Run the matrix on the wire; print it. Returns how many cells are not as they must be."""
+    with tempfile.TemporaryDirectory(prefix="motord-faults-") as folder:
+        outcomes = fault_wire.session(Path(folder), fault_wire.WIRE_TABLE, fault_wire.STATES)
+    bad = 0
+    for one in outcomes:
+        found = "-"
+        if one.detected_ms is not None:
+            found = f"{one.first.name} {one.detected_ms:.0f} / {one.zero_ms:.0f} ms"
+        faults = fault_wire.wrong(one, late_ms)
+        bad += bool(faults)
+        print(f"{one.row.name:60} {one.state:8} {found:40} {'; '.join(faults)}")
+    print(f"{len(outcomes)} cells on the wire, {bad} not as they must be")
+    return bad
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", action="store_true", help="write docs/faults.md")
     parser.add_argument("--random", type=int, default=0, metavar="N", help="random timelines")
     parser.add_argument("--seed", type=int, default=1, help="of the first random timeline")
+    parser.add_argument("--wire", action="store_true", help="on the wire, in real time")
+    parser.add_argument("--late-ms", type=float, default=100.0, help="this computer's lateness")
     options = parser.parse_args()
+    if options.wire:
+        return 1 if run_wire(options.late_ms) else 0
     if options.random:
         return 1 if run_random(options.random, options.seed) else 0
     found, bad = matrix()

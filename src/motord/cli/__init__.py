@@ -12,6 +12,7 @@ COMMANDS = {
     "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
     "emulate": "motord.cli.emulate:emulate",
+    "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
     "status": "motord.cli.operate:status",
     "watch": "motord.cli.operate:watch",

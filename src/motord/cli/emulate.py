@@ -2,6 +2,7 @@
 
 import json
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,15 +27,21 @@ def emulate(
         Path | None,
         typer.Option(metavar="FILE.mcap", help="Record what the rig truly does."),
     ] = None,
+    faults: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A timeline of faults, instead of the bench file's."),
+    ] = None,
     duration_s: Annotated[
         float | None, typer.Option("--duration-s", min=0, help="End after this time.")
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="One line of JSON when ready, one at the end.")
+        bool,
+        typer.Option("--json", help="Lines of JSON: when ready, each fault, at the end."),
     ] = False,
 ) -> None:
     """Be the devices of a bench on the wire: inverter, bridge, brake and external drive."""
     from motord.config import ConfigError, load
+    from motord.config.faults import load_timeline
     from motord.emulate import EmulatorError
     from motord.emulate.process import Emulator
     from motord.record.errors import RecordError
@@ -43,7 +50,11 @@ def emulate(
     try:
         bench = load(config)
         with _sink(truth, bench.bench.name) as sink:
-            emulator = Emulator(bench, load_rig(bench.bench.rig), sink)
+            timeline = load_timeline(faults) if faults else None
+            rig = load_rig(bench.bench.rig)
+            emulator = Emulator(
+                bench, rig, sink, timeline, lambda told: _say(told, _fault_line(told), as_json)
+            )
             with _signals_stop(emulator), emulator:
                 _say(emulator.ready(), _ready_line(emulator.ready()), as_json)
                 emulator.run(duration_s)
@@ -81,6 +92,7 @@ def _signals_stop(emulator: "Emulator") -> Iterator[None]:
 
 def _say(data: dict[str, object], line: str, as_json: bool) -> None:
     typer.echo(json.dumps(data) if as_json else line)
+    sys.stdout.flush()
 
 
 def _ready_line(ready: dict[str, object]) -> str:
@@ -91,6 +103,11 @@ def _ready_line(ready: dict[str, object]) -> str:
         f"ready: bench {ready['bench']}, inverter on CAN {ready['can']}, "
         f"bridge on {ready['bridge']} ({ready['pty']}){places}"
     )
+
+
+def _fault_line(told: dict[str, object]) -> str:
+    parts = ", ".join(f"{name} {value}" for name, value in told.items() if name != "kind")
+    return f"fault: {told['kind']}, {parts}"
 
 
 def _summary_line(summary: dict[str, object]) -> str:

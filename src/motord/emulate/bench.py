@@ -75,8 +75,8 @@ class EmulatedBench:
         self._temperature_max_C = config.brake.temperature_max_C
         self._parameters, self._state = build.build(truth, config.bench.seed)
         self._output = new_output()
-        self._input = new_input()
-        self._fields = {name: self._input[name] for name in self._input.dtype.names or ()}
+        self.rig_input = new_input()
+        self._fields = {name: self.rig_input[name] for name in self.rig_input.dtype.names or ()}
         self._arrivals: list[tuple[int, Command | Numbered]] = []
 
     def wake(self, now_ns: int) -> None:
@@ -149,7 +149,7 @@ class EmulatedBench:
         fields["drive_rad_s"][0] = self.drive.setpoint
         played_ns = self._played_ns(to_ns)
         if played_ns > 0:
-            step.advance(self._parameters, self._state, self._input, played_ns * 1e-9)
+            step.advance(self._parameters, self._state, self.rig_input, played_ns * 1e-9)
         self.played_ns += played_ns
         self.paused_ns += duration_ns - played_ns
         self.now_ns = to_ns

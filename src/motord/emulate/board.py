@@ -5,7 +5,7 @@ All times are monotonic nanoseconds, handed in; nothing here reads a clock.
 
 from motord.config import Config
 from motord.emulate.devices import NEVER_NS
-from motord.schema import BridgeStatus
+from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus
 from motord.wire import frames
 
 BOARD_NAME = b"motord-emulate"
@@ -15,6 +15,7 @@ CLOCK_OFFSET_US = 3_000_000_000
 CLOCK_DRIFT = 35e-6
 """How much faster than the host's clock the board's clock runs."""
 RATES_HZ = (1, 20_000)
+_FAULTS_MODULUS = 128
 
 
 class Board:
@@ -32,9 +33,11 @@ class Board:
         self.deadline_ns = NEVER_NS
         self.errors = 0
         self.dropped = 0
+        self.faults_begun = 0
+        self._configured_ns = round(config.bridge.heartbeat_timeout_s * 1e9)
         self._counts = config.motor.counts
         self._serial = serial
-        self._timeout_ns = round(config.bridge.heartbeat_timeout_s * 1e9)
+        self._timeout_ns = self._configured_ns
         self._reset_ns = reset_ns
         self._lost = False
         self._heartbeats = 0
@@ -90,13 +93,14 @@ class Board:
     ) -> frames.Sample:
         """Return the sample of this instant."""
         status = int(self._status_bits()) | (BridgeStatus.TORQUE_INVALID if torque_clipped else 0)
-        return frames.Sample(self.clock_us(now_ns), encoder_gray, torque_counts, status)
+        told = status | self._faults_told()
+        return frames.Sample(self.clock_us(now_ns), encoder_gray, torque_counts, told)
 
     def status(self, now_ns: int) -> frames.Status:
         """Return the board's account of itself."""
         return frames.Status(
             t_us=self.clock_us(now_ns),
-            status=int(self._status_bits()),
+            status=int(self._status_bits()) | self._faults_told(),
             heartbeat_sequence=self._heartbeat_sequence,
             heartbeat_t_us=self._heartbeat_t_us,
             heartbeats=self._heartbeats,
@@ -105,6 +109,21 @@ class Board:
             rate_Hz=self.rate_Hz,
             streaming=int(self.streaming),
         )
+
+    def restart(self, now_ns: int) -> None:
+        """Start anew: a clock from the start, no samples, the line open."""
+        self._stop()
+        self._reset_ns = now_ns
+        self._timeout_ns = self._configured_ns
+        self._lost = False
+        self._heartbeats = self._heartbeat_sequence = self._heartbeat_t_us = 0
+
+    def jump(self, by_ns: int) -> None:
+        """Let the board's clock jump."""
+        self._reset_ns -= by_ns
+
+    def _faults_told(self) -> int:
+        return self.faults_begun % _FAULTS_MODULUS << FAULT_COUNT_SHIFT
 
     def _status_bits(self) -> BridgeStatus:
         line = BridgeStatus.ENABLE_LINE if self.line_closed else BridgeStatus(0)

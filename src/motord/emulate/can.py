@@ -10,6 +10,8 @@ import can
 from motord.config import CanConfig
 from motord.emulate import EmulatorError
 from motord.emulate.bench import Command
+from motord.emulate.devices import NEVER_NS
+from motord.emulate.disturbance import Disturbance
 from motord.wire.can_codec import EXTENDED, InverterCodec, MessageCodec
 from motord.wire.sequence import SequenceCheck
 
@@ -18,6 +20,7 @@ logging.getLogger("can").addHandler(logging.NullHandler())
 
 FRAMES_AT_ONCE = 4096
 BUFFER_BYTES = 1 << 20
+ERROR_BUS_OFF, ERROR_RESTARTED = 0x40, 0x100  # linux/can/error.h
 
 
 class CanPort:
@@ -27,6 +30,8 @@ class CanPort:
         """Open the bus. Raises EmulatorError."""
         self.send_errors = 0
         self.corrupt = 0
+        self.faults = Disturbance()
+        self._was_off = False
         self._codec = codec
         self._check = SequenceCheck(codec.command.checks.counter_modulus)
         self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
@@ -50,7 +55,10 @@ class CanPort:
                 return
             key = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
             if key == self._codec.command.key:
-                command = self._understand(bytes(message.data))
+                payload: bytes | None = bytes(message.data)
+                if self.faults.active:
+                    payload = self.faults.to_device(bytes(message.data))
+                command = self._understand(payload) if payload is not None else None
                 if command is not None:
                     yield round(message.timestamp * 1e9), command
 
@@ -64,10 +72,37 @@ class CanPort:
         (i_a_A, i_b_A, i_c_A), enable = decoded
         return Command((i_a_A, i_b_A, i_c_A), enable)
 
-    def send(self, codec: MessageCodec, values: Mapping[str, float]) -> None:
-        """Send a feedback message; what the bus has no room for is lost and counted."""
+    def send(self, codec: MessageCodec, values: Mapping[str, float], now_ns: int = 0) -> None:
+        """Send a feedback message; what the bus has no room for is lost and counted.
+
+        `now_ns` (monotonic) matters to frames that a fault makes late.
+        """
+        message = self._outgoing[codec.name].fill(values)
+        if not self.faults.active and self.faults.next_ns == NEVER_NS:
+            self._transmit(message)
+            return
+        for payload in self.faults.to_host(now_ns, codec.name, bytes(message.data)):
+            message.data = bytearray(payload)
+            self._transmit(message)
+
+    def play(self, now_ns: int) -> None:
+        """Send late frames that are due; tell the host's controller if it goes off the bus."""
+        for name, payload in self.faults.due(now_ns):
+            self._transmit(self._outgoing[name].late(payload))
+        if self.faults.off != self._was_off:
+            self._was_off = self.faults.off
+            self._transmit(
+                can.Message(
+                    arbitration_id=ERROR_BUS_OFF if self._was_off else ERROR_RESTARTED,
+                    is_extended_id=False,
+                    is_error_frame=True,
+                    data=bytes(8),
+                )
+            )
+
+    def _transmit(self, message: can.Message) -> None:
         try:
-            self._bus.send(self._outgoing[codec.name].fill(values), timeout=0)
+            self._bus.send(message, timeout=0)
         except can.CanError:
             self.send_errors += 1
 
@@ -94,6 +129,11 @@ class _Outgoing:
         codec = self._codec
         payload = codec.encode([values[slot] for slot in codec.slots], self._counter)
         self._counter = (self._counter + 1) % (codec.checks.counter_modulus or 1)
+        self._message.data = bytearray(payload)
+        return self._message
+
+    def late(self, payload: bytes) -> can.Message:
+        """Return the message with what it should have carried before."""
         self._message.data = bytearray(payload)
         return self._message
 

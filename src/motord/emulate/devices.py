@@ -60,6 +60,7 @@ class RegisterDevice:
         self.setpoint = 0.0
         self.value = 0.0
         self.status = DeviceStatus.READY
+        self.silent = False  # a fault: requests get no answer
         self.watchdog_drops = 0
         self._limits = (low, high)
         self._read_table = config.read_table

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from motord.emulate.devices import NEVER_NS
+from motord.emulate.disturbance import Disturbance
 from motord.emulate.pty import Pty
 from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, encode
 from motord.wire.stream import StreamDecoder
@@ -17,6 +19,7 @@ class BoardLink:
         self._decoder = StreamDecoder()
         self._sequence = 0
         self._polled_ns = 0
+        self.faults = Disturbance()
 
     @property
     def errors(self) -> int:
@@ -41,17 +44,34 @@ class BoardLink:
         waiting_ns = now_ns - self._polled_ns
         self._polled_ns = now_ns
         data = self._pty.read()
+        if self.faults.active and data:
+            data = self.faults.to_device(data) or b""
         if not data:
             return
         numbered = self._decoder.feed(data)
         for place, frame in enumerate(numbered, start=1):
             yield now_ns - waiting_ns * (len(numbered) - place) // len(numbered), frame
 
-    def send(self, frame: Frame) -> bool:
-        """Send a frame; False if the host has let the line fill up and there is no room."""
+    def send(self, frame: Frame, now_ns: int = 0) -> bool:
+        """Send a frame; False if the host has let the line fill up and there is no room.
+
+        `now_ns` (monotonic) matters to frames that a fault makes late.
+        """
         encoded = encode(frame, self._sequence)
         self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
-        return self._pty.write(encoded)
+        if not self.faults.active and self.faults.next_ns == NEVER_NS:
+            return self._pty.write(encoded)
+        sent = [self._pty.write(each) for each in self.faults.to_host(now_ns, None, encoded)]
+        return all(sent)
+
+    def play(self, now_ns: int) -> None:
+        """Send late frames that are due."""
+        for _, encoded in self.faults.due(now_ns):
+            self._pty.write(encoded)
+
+    def restart(self) -> None:
+        """Number frames anew, as a board does that was reset."""
+        self._sequence = 0
 
     def close(self) -> None:
         """Remove the port; may be called twice."""

@@ -27,6 +27,9 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 READ_INPUT = 4
 """Function code "read input registers"; every other one that is served concerns holding ones."""
 
+SILENT_LOOK_S = 0.02
+"""Time between two looks whether a device that is silent answers again."""
+
 
 class ModbusServers:
     """All Modbus devices of a bench: a server for each port, a unit for each device."""
@@ -127,6 +130,8 @@ def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
         registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
+        while device.silent:
+            await asyncio.sleep(SILENT_LOOK_S)
         if values is not None and not device.write(
             address, [int(v) for v in values], time.monotonic_ns()
         ):

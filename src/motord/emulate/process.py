@@ -9,13 +9,18 @@ leaves instants out.
 import gc
 import select
 import time
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import Any
 
 from motord.config import Config
+from motord.config.faults import Timeline, load_timeline
 from motord.emulate.bench import EmulatedBench, Reading, compile_kernels
 from motord.emulate.can import CanPort
 from motord.emulate.clock import HostClock
+from motord.emulate.control import ControlSocket, control_path
+from motord.emulate.faults import Injector, check_timeline
 from motord.emulate.link import BoardLink
 from motord.emulate.modbus import ModbusServers, place_of
 from motord.emulate.schedule import Schedule
@@ -34,9 +39,25 @@ INVERTER_STATUS_HZ = 100
 class Emulator:
     """The devices of one bench on the wire. Use as a context manager: it opens and closes ports."""
 
-    def __init__(self, config: Config, truth: RigTruth, sink: TruthSink | None = None) -> None:
-        """Prepare; `sink` takes blocks of TRUTH_DTYPE. Raises EmulatorError, ConfigError."""
+    def __init__(
+        self,
+        config: Config,
+        truth: RigTruth,
+        sink: TruthSink | None = None,
+        faults: Timeline | None = None,
+        tell: Callable[[dict[str, Any]], None] = lambda told: None,
+    ) -> None:
+        """Prepare. Raises EmulatorError, ConfigError.
+
+        `sink` takes blocks of TRUTH_DTYPE; `faults` is by default the timeline of the bench file,
+        from the start of `run` on; `tell` takes the account of each fault when it begins.
+        """
         check_drivers(config)
+        if faults is None:
+            faults = load_timeline(config.bench.faults) if config.bench.faults else Timeline()
+        check_timeline(faults)
+        self._timeline = faults
+        self._tell = tell
         assert config.inverter.can is not None
         self._config = config
         self._can_config = config.inverter.can
@@ -72,7 +93,17 @@ class Emulator:
             ports.callback(self._link.close)
             self._can = CanPort(self._can_config, self._codec)
             ports.callback(self._can.close)
+            self._control = ControlSocket(control_path(self._config))
+            ports.callback(self._control.close)
             self._ports = ports.pop_all()
+        self._faults = Injector(
+            self.bench,
+            self._can.faults,
+            self._link.faults,
+            self._tell_fault,
+            time.sleep,
+            self._restart_board,
+        )
         self._link.send(self.bench.board.hello())
         return self
 
@@ -118,6 +149,7 @@ class Emulator:
             "heartbeat_drops": bench.board.heartbeat_drops,
             "link_errors": bench.board.errors,
             "samples_dropped": bench.board.dropped,
+            "faults": self._faults.begun,
             "cpu_s": time.process_time() - self._cpu_s,
         }
 
@@ -126,17 +158,20 @@ class Emulator:
         now_ns = time.monotonic_ns()
         end_ns = now_ns + round(duration_s * 1e9) if duration_s is not None else None
         self._start(now_ns)
-        link = [self._link]
+        inputs = (self._link.fileno(), self._control.fileno())
         while not self._stopped and (end_ns is None or now_ns < end_ns):
             self.bench.wake(now_ns)
             self._listen(now_ns)
-            next_ns = self._produce(now_ns)
+            if self._faults.next_ns <= now_ns:
+                self._play_faults(now_ns)
+            next_ns = min(self._produce(now_ns), self._faults.next_ns)
             self._log.flush_if_full()
             self._clock.refresh(now_ns)
             wait_s = (next_ns - time.monotonic_ns()) * 1e-9
             if wait_s > 0:
-                select.select(link, (), (), wait_s)
+                select.select(inputs, (), (), wait_s)
             now_ns = time.monotonic_ns()
+            self._obey(now_ns)
 
     def _start(self, now_ns: int) -> None:
         with suppress(OSError):
@@ -145,6 +180,8 @@ class Emulator:
         self._cpu_s = time.process_time()
         self.bench.now_ns = self._start_ns = now_ns
         self.bench.wake(now_ns)
+        for fault in self._timeline.fault:
+            self._faults.add(fault, now_ns)
         self._samples = Schedule(now_ns, self.bench.board.rate_Hz)
         self._feedback = Schedule(now_ns, self._config.loop.rate_Hz)
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
@@ -155,6 +192,34 @@ class Emulator:
             self._slow_feedback,
             self._board_status,
         )
+
+    def _play_faults(self, now_ns: int) -> None:
+        self._faults.play(now_ns)
+        self._can.play(now_ns)
+        self._link.play(now_ns)
+
+    def _tell_fault(self, now_ns: int, told: dict[str, Any]) -> None:
+        self._tell({"t_ns": self._clock.unix_ns(now_ns), **told})
+
+    def _restart_board(self) -> None:
+        """Let the board, which was silent, say who it is."""
+        self._link.faults.clear()
+        self._link.restart()
+        self._link.send(self.bench.board.hello())
+
+    def _obey(self, now_ns: int) -> None:
+        """Carry out the commands that have come."""
+        while (request := self._control.receive()) is not None:
+            fault, sender = request
+            if isinstance(fault, str):
+                self._control.answer(sender, {"error": fault})
+                continue
+            try:
+                self._faults.add(fault, now_ns)
+            except ValueError as error:
+                self._control.answer(sender, {"error": str(error)})
+            else:
+                self._control.answer(sender, {"ok": True, **fault.told()})
 
     def _listen(self, now_ns: int) -> None:
         """Take in what the host has sent, with the times at which it arrived."""
@@ -188,20 +253,22 @@ class Emulator:
             sample = board.sample(
                 at_ns, reading.encoder_gray, reading.torque_counts, reading.torque_clipped != 0
             )
-            board.dropped += not self._link.send(sample)
+            board.dropped += not self._link.send(sample, at_ns)
         if self._feedback.due(at_ns):
-            self._send(self._fast, reading, status)
+            self._send(self._fast, reading, status, at_ns)
             self.ticks += 1
             if self.bench.played_ns != self._logged_ns:  # no rows while the rig's time stands still
                 self._logged_ns = self.bench.played_ns
                 self.bench.fill_truth(self._clock.unix_ns(at_ns), self._log.next_row())
         if self._slow_feedback.due(at_ns) or status != self._status:
-            self._send(self._slow, reading, status)
+            self._send(self._slow, reading, status, at_ns)
             self._status = status
         if self._board_status.due(at_ns) and board.streaming:
-            self._link.send(board.status(at_ns))
+            self._link.send(board.status(at_ns), at_ns)
 
-    def _send(self, messages: list[MessageCodec], reading: Reading, status: InverterStatus) -> None:
+    def _send(
+        self, messages: list[MessageCodec], reading: Reading, status: InverterStatus, at_ns: int
+    ) -> None:
         currents_A, voltages_V = reading.i_sensed_A.tolist(), reading.u_V.tolist()
         values = (
             *currents_A,
@@ -212,4 +279,4 @@ class Emulator:
         )
         named = dict(zip(FEEDBACK_SLOTS, values, strict=True))
         for message in messages:
-            self._can.send(message, named)
+            self._can.send(message, named, at_ns)

@@ -1,0 +1,80 @@
+"""`motord fault`: faults for an emulated bench, by command."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from motord.cli.console import fail, print_json
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Inject faults into an emulated bench.",
+)
+
+
+@app.command()
+def inject(
+    kind: Annotated[str, typer.Argument(help="What happens; see `motord fault kinds`.")],
+    parameters: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME=VALUE]...", help="Its parameters.")
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", "-c", metavar="FILE", help="The bench that is emulated."),
+    ] = None,
+    for_s: Annotated[
+        float | None, typer.Option("--for-s", min=0, help="How long; else as its kind does.")
+    ] = None,
+    at_s: Annotated[float, typer.Option("--at-s", min=0, help="How long from now.")] = 0.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Let a fault happen to the running emulator of a bench."""
+    from motord.config import ConfigError, load
+    from motord.config.faults import Fault
+    from motord.emulate import EmulatorError
+    from motord.emulate.control import inject as send
+
+    wanted: dict[str, Any] = {"kind": kind, "at_s": at_s}
+    if for_s is not None:
+        wanted["for_s"] = for_s
+    for parameter in parameters or ():
+        name, equals, value = parameter.partition("=")
+        if not equals:
+            fail(f"{parameter!r} is not NAME=VALUE")
+        wanted[name] = value
+    try:
+        told = send(load(config), wanted)
+    except (ConfigError, EmulatorError) as error:
+        fail(str(error))
+    if as_json:
+        print_json(told)
+    else:
+        told.pop("ok", None)
+        typer.echo(f"injected: {Fault.model_validate(told).words()}")
+
+
+@app.command()
+def kinds(
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the kinds of faults and their parameters."""
+    from motord.config.faults import KINDS
+
+    if as_json:
+        print_json(
+            {
+                name: {
+                    "meaning": kind.meaning,
+                    "for_s": kind.for_s,
+                    "parameters": kind.parameters,
+                    "places": sorted(kind.places),
+                }
+                for name, kind in KINDS.items()
+            }
+        )
+        return
+    for name, kind in KINDS.items():
+        told = " ".join(f"{key}={value}" for key, value in kind.parameters.items())
+        typer.echo(f"{name:18} {kind.meaning}" + (f" [{told}]" if told else ""))

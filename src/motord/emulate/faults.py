@@ -1,0 +1,122 @@
+"""Faults of the emulated bench: a timeline and commands, put into rig, board, wires and host.
+
+All times are monotonic nanoseconds, handed in; what waits for the host is handed in, too.
+"""
+
+import heapq
+from collections.abc import Callable
+from itertools import count
+from typing import Any
+
+from motord.config import ConfigError
+from motord.config.faults import Fault, Timeline
+from motord.emulate.bench import EmulatedBench
+from motord.emulate.devices import NEVER_NS
+from motord.emulate.disturbance import Disturbance
+from motord.rig import faults as rig_faults
+
+Teller = Callable[[int, dict[str, Any]], None]
+"""Takes the time (monotonic ns) and the account of a fault that begins."""
+
+
+def check_timeline(timeline: Timeline) -> None:
+    """Raise ConfigError for faults that the emulator cannot have."""
+    try:
+        timeline.check_place("emulate")
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+class Injector:
+    """Plays faults into a bench and its wires; `begun` counts them."""
+
+    def __init__(
+        self,
+        bench: EmulatedBench,
+        can: Disturbance,
+        bridge: Disturbance,
+        tell: Teller,
+        stall: Callable[[float], None],
+        restart_board: Callable[[], None],
+    ) -> None:
+        """`stall` lets the process sleep (s); `restart_board` makes the board's link start anew."""
+        self.begun = 0
+        self._bench = bench
+        self._can = can
+        self._bridge = bridge
+        self._tell = tell
+        self._stall = stall
+        self._restart_board = restart_board
+        self._edges: list[tuple[int, int, bool, Fault]] = []
+        self._number = count()
+        self._active: list[Fault] = []
+
+    def add(self, fault: Fault, start_ns: int) -> None:
+        """Let a fault begin its `at_s` after `start_ns`. Raises ValueError if it cannot be."""
+        Timeline(fault=(fault,)).check_place("emulate")
+        begin_ns = start_ns + round(fault.at_s * 1e9)
+        heapq.heappush(self._edges, (begin_ns, next(self._number), True, fault))
+
+    @property
+    def next_ns(self) -> int:
+        """When something begins or ends, or a frame that is late is due."""
+        edge_ns = self._edges[0][0] if self._edges else NEVER_NS
+        return min(edge_ns, self._can.next_ns, self._bridge.next_ns)
+
+    def play(self, now_ns: int) -> None:
+        """Put in force what has begun by `now_ns`, and end what is over."""
+        changed = False
+        while self._edges and self._edges[0][0] <= now_ns:
+            _, _, begins, fault = heapq.heappop(self._edges)
+            changed = True
+            if begins:
+                self._begin(fault, now_ns)
+            else:
+                self._active.remove(fault)
+                if fault.kind == "bridge_reboot":
+                    self._restart_board()
+        if changed:
+            self._put()
+
+    def _begin(self, fault: Fault, now_ns: int) -> None:
+        self.begun += 1
+        self._bench.board.faults_begun = self.begun
+        self._tell(now_ns, {"fault": self.begun, **fault.told()})
+        self._active.append(fault)
+        end_ns = now_ns + round(fault.duration_s * 1e9)
+        heapq.heappush(self._edges, (end_ns, next(self._number), False, fault))
+        if fault.kind == "host_stall":
+            self._stall(fault.duration_s)
+        elif fault.kind == "bridge_clock":
+            self._bench.board.jump(round((fault.jump_s or 0.0) * 1e9))
+        elif fault.kind == "bridge_reboot":
+            self._bench.board.restart(now_ns)
+
+    def _put(self) -> None:
+        """Make rig, brake and wires what the faults that are active want."""
+        rig_faults.clear(self._bench.rig_input)
+        self._bench.brake.silent = False
+        self._can.clear()
+        self._bridge.clear()
+        for fault in self._active:
+            rig_faults.put(self._bench.rig_input, fault)
+            if fault.kind == "brake_silent":
+                self._bench.brake.silent = True
+            wire, _, what = fault.kind.partition("_")
+            if wire in ("can", "bridge"):
+                _disturb(self._can if wire == "can" else self._bridge, what, fault)
+
+
+def _disturb(wire: Disturbance, what: str, fault: Fault) -> None:
+    fraction = fault.fraction or 0.0
+    if what == "drop":
+        wire.drop = max(wire.drop, fraction)
+    elif what == "corrupt":
+        wire.corrupt = max(wire.corrupt, fraction)
+    elif what == "duplicate":
+        wire.duplicate = max(wire.duplicate, fraction)
+    elif what == "late":
+        wire.delay_ns = max(wire.delay_ns, round((fault.delay_s or 0.0) * 1e9))
+    elif what in ("bus_off", "reboot"):
+        wire.off = True
+    wire.active = True

@@ -1,0 +1,247 @@
+"""Faults on the wire: daemon and emulator in real time, faults by command, one after the other."""
+
+import json
+import re
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from motord.client import ClientError
+from motord.config import load
+from motord.config.faults import Fault
+from motord.emulate.control import inject
+from motord.record.reader import open_run
+from motord.schema import FAULT_COUNT_SHIFT, Flag, State, Trip
+from tests.system.daemons import daemon, emulator, patient, wait_for
+from tests.unit.emulate.benches import write_bench
+
+STATES = ("OFF", "READY", "idle", "torque", "ramping", "TRIPPED")
+RATE_HZ = 500
+STALE_S = 1.0
+TORQUE_NM = 2.0
+TRIES_S = 60.0
+NO_TRIP = Trip(0)
+
+
+@dataclass(frozen=True)
+class WireRow:
+    """A fault, the first causes that are right, and where it shows if it does not trip."""
+
+    fault: Fault
+    causes: Trip = NO_TRIP
+    within_ms: float = 0.0
+    without: str = ""
+
+    @property
+    def name(self) -> str:
+        """The fault with its parameters."""
+        told = ", ".join(f"{key} {value}" for key, value in self.fault.parameters().items())
+        return f"{self.fault.kind} {self.fault.duration_s:g} s" + (f" ({told})" if told else "")
+
+
+@dataclass(frozen=True)
+class WireOutcome:
+    """What the recording and the rig's truth say of one fault in one state."""
+
+    row: WireRow
+    state: str
+    told: bool  # by the emulator, and in the recording's bridge_status
+    first: Trip
+    detected_ms: float | None
+    zero_ms: float
+    recovered: bool
+
+
+def _row(kind: str, causes: Trip = NO_TRIP, within_ms: float = 0.0, without: str = "",
+         **parameters: Any) -> WireRow:  # fmt: skip
+    return WireRow(Fault.model_validate({"kind": kind, **parameters}), causes, within_ms, without)
+
+
+_STALE_MS = STALE_S * 1e3 + 5
+_OFF_LINE = Trip.INVERTER_FAULT | Trip.ENCODER_STALE
+
+WIRE_TABLE = (
+    _row("can_drop", Trip.INVERTER_STALE, _STALE_MS, for_s=1.3),
+    _row("can_drop", without="`link_errors`", fraction=0.05),
+    _row("can_corrupt", Trip.INVERTER_STALE | Trip.LINK_ERRORS, _STALE_MS, for_s=1.3),
+    _row("can_duplicate", without="`link_errors`", fraction=0.3),
+    _row("can_late", without="`i_age_ns`", delay_s=0.02),
+    _row("can_bus_off", Trip.BUS_OFF, 10),
+    _row("bridge_drop", Trip.ENCODER_STALE | Trip.INVERTER_FAULT, _STALE_MS, for_s=1.3),
+    _row("bridge_drop", without="`link_errors`", fraction=0.05),
+    _row("bridge_corrupt", Trip.ENCODER_STALE | Trip.INVERTER_FAULT, _STALE_MS, for_s=1.3),
+    _row("bridge_duplicate", without="`link_errors`", fraction=0.3),
+    _row("bridge_late", without="`sample_age_ns`", delay_s=0.02),
+    _row("bridge_reboot", _OFF_LINE, _STALE_MS, for_s=1.3),
+    _row("bridge_clock", without="the clock filter's resets", jump_s=0.3),
+    _row("inverter_fault", Trip.INVERTER_FAULT, 20),
+    _row("current_runaway", Trip.INVERTER_FAULT, 20),
+    _row("torque_saturated", Trip.OVER_TORQUE, 30),
+    _row("inverter_hot", Trip.TEMPERATURE, 120, for_s=0.5),
+    _row("bus_voltage", Trip.BUS_VOLTAGE, 120, for_s=0.5),
+    _row("host_stall", without="ages of the samples", for_s=0.05),
+)
+"""Faults on the wire; times beyond those in virtual time are those of the emulated bench's file."""
+
+NEEDS_CURRENT = ("current_runaway", "bridge_reboot", "bridge_drop", "bridge_corrupt")
+FEW = ("can_bus_off", "bridge_reboot", "inverter_fault", "torque_saturated", "bridge_clock")
+
+
+def expected(row: WireRow, state: str) -> Trip:
+    """Return the first causes that are right in a state; none where it must not trip."""
+    if row.fault.kind == "current_runaway" and state in ("OFF", "READY", "TRIPPED"):
+        return Trip(0)
+    if state == "TRIPPED" and row.fault.kind == "bus_voltage":
+        return Trip(0)
+    return row.causes
+
+
+def bench_file(folder: Path) -> Path:
+    """Write the bench of a session."""
+    path = write_bench(folder)
+    text = patient(path.read_text(), "faults", RATE_HZ)
+    text = text.replace("encoder_jump_rad = 3.0", "encoder_jump_rad = 0.5")
+    text = re.sub(r"^link_errors_per_s = .*$", "link_errors_per_s = 2000.0", text, flags=re.M)
+    path.write_text(text)
+    return path
+
+
+def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) -> list[WireOutcome]:
+    """Inject every fault in every state; return what came of it. Fails if ticks were lost."""
+    bench, truth = bench_file(folder), folder / "truth.mcap"
+    config = load(bench)
+    recovered = []
+    with emulator(folder, bench, truth) as devices, daemon(folder, bench) as running:
+        with running.connect() as client, client.lease("faults") as lease:
+            for row in rows:
+                for state in states:
+                    _bring_to(client, lease.token, state, config)
+                    inject(config, row.fault.model_dump(exclude_none=True))
+                    time.sleep(row.fault.duration_s + 0.4)
+                    recovered.append(_recover(client, lease.token))
+            client.rpc("stop")
+        assert running.end() == 0, running.said()
+        devices.process.send_signal(signal.SIGTERM)
+        said = devices.process.stdout.read().decode().splitlines()
+        assert devices.wait() == 0, devices.said()
+        ticks = np.concatenate([run.ticks() for run in running.runs()])
+    events = [told for told in map(json.loads, said) if "kind" in told]
+    events = [told for told in events if told["for_s"] != SETUP_S]
+    _check_ticks(ticks)
+    plan = [(row, state) for row in rows for state in states]
+    assert len(events) == len(plan) == len(recovered)
+    rig = open_run(truth).truth()
+    return [
+        _outcome(row, state, event, ticks, rig, well)
+        for (row, state), event, well in zip(plan, events, recovered, strict=True)
+    ]
+
+
+SETUP_S = 0.0625
+"""How long the fault lasts that brings a bench to TRIPPED: by this it is known."""
+
+
+def _bring_to(client: Any, token: str, state: str, config: Any) -> None:
+    """Bring the bench, which is OFF, into a state of STATES."""
+    if state == "OFF":
+        client.rpc("stop")
+        return
+    _enable(client, token)
+    if state == "READY":
+        client.rpc("disable", token=token)
+    elif state in ("torque", "ramping"):
+        client.rpc("set", token=token, torque_Nm=TORQUE_NM, speed_Hz=0.7)
+        if state == "torque":
+            wait_for(client, lambda s: s.tick.torque_set_Nm > TORQUE_NM - 0.01, "the torque")
+    elif state == "TRIPPED":
+        inject(config, {"kind": "bus_voltage", "for_s": SETUP_S})
+        wait_for(client, lambda s: s.state == "TRIPPED", "a trip")
+        time.sleep(0.3)
+
+
+def _enable(client: Any, token: str) -> None:
+    """Enable; a computer so busy that the bench trips meanwhile costs another try."""
+    deadline_s = time.monotonic() + TRIES_S
+    while True:
+        try:
+            client.rpc("reset", token=token)
+            client.rpc("enable", token=token)
+            return
+        except ClientError:
+            if time.monotonic() > deadline_s:
+                raise
+            time.sleep(0.2)
+
+
+def _recover(client: Any, token: str) -> bool:
+    """Reset, enable at no torque, stop; True if that works."""
+    try:
+        client.rpc("set", token=token, torque_Nm=0.0)
+    except ClientError as error:
+        if error.code not in ("tripped", "refused"):
+            raise
+    try:
+        _enable(client, token)
+        return bool(client.state().state == "ENABLED")
+    finally:
+        client.rpc("stop")
+
+
+def _check_ticks(ticks: np.ndarray) -> None:
+    """Every tick is there once, or counted as missed."""
+    steps = np.diff(ticks["tick"].astype(np.int64))
+    assert (steps >= 1).all()
+    assert np.array_equal(steps - 1, np.diff(ticks["missed"].astype(np.int64)))
+    assert np.array_equal(ticks["flags"][1:] & Flag.AFTER_GAP > 0, steps > 1)
+
+
+def _outcome(
+    row: WireRow, state: str, event: dict[str, Any], ticks: np.ndarray, truth: np.ndarray,
+    recovered: bool,
+) -> WireOutcome:  # fmt: skip
+    """Read off the recording what a fault did, from its event until 0.3 s after its end."""
+    period_ns = round(1e9 / RATE_HZ)
+    now_ns = ticks["t_ns"] + ticks["sample_age_ns"]
+    begun_ns = int(event["t_ns"])
+    end_ns = begun_ns + round((row.fault.duration_s + 0.3) * 1e9)
+    during = np.flatnonzero((now_ns >= begun_ns - period_ns) & (now_ns <= end_ns))
+    here = ticks[during]
+    told = bool(((here["bridge_status"] >> FAULT_COUNT_SHIFT) == event["fault"] % 128).any())
+    before = int(ticks["trip_bits"][max(int(during[0]) - 1, 0)])
+    new = (here["trip_bits"] & ~np.uint32(before)) != 0
+    if state not in ("OFF", "TRIPPED"):
+        new &= here["state"] == State.TRIPPED
+    rows = np.flatnonzero(new)
+    if not rows.size:
+        return WireOutcome(row, state, told, Trip(0), None, 0.0, recovered)
+    tick = here[int(rows[0])]
+    first = int(tick["trip_bits"]) & ~before
+    first = int(tick["first_trip"]) if state not in ("OFF", "TRIPPED") else first & -first
+    at_ns = int(now_ns[during[rows[0]]])
+    then = truth[(truth["t_ns"] >= at_ns) & (truth["t_ns"] <= end_ns)]
+    largest = np.max([np.abs(then[f"i_{phase}_A"]) for phase in "abc"], axis=0)
+    flowing = np.flatnonzero(largest > 1e-3)
+    zero_ms = (int(then["t_ns"][flowing[-1]]) - at_ns) * 1e-6 if flowing.size else 0.0
+    return WireOutcome(row, state, told, Trip(first), (at_ns - begun_ns) * 1e-6, zero_ms, recovered)
+
+
+def wrong(one: WireOutcome, late_ms: float) -> list[str]:
+    """Return what is not as it must be; `late_ms` is what the computer may add to the times."""
+    causes, faults = expected(one.row, one.state), []
+    if not one.told:
+        faults.append("not told of in the recording")
+    if causes and one.detected_ms is None:
+        faults.append("not detected")
+    elif one.detected_ms is not None and not causes & one.first:
+        faults.append(f"tripped: {one.first.name}")
+    elif one.detected_ms is not None and one.detected_ms > one.row.within_ms + late_ms:
+        faults.append(f"detected after {one.detected_ms:.0f} ms, not {one.row.within_ms:g} ms")
+    if one.zero_ms > 20.0 + late_ms:
+        faults.append(f"current for {one.zero_ms:.0f} ms after that")
+    if not one.recovered:
+        faults.append("not enabled again")
+    return faults
