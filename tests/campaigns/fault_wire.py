@@ -23,6 +23,9 @@ STATES = ("OFF", "READY", "idle", "torque", "ramping", "TRIPPED")
 RATE_HZ = 500
 STALE_S = 1.0
 TORQUE_NM = 2.0
+BRAKE = 0.47
+"""Excitation that holds this torque at about 0.7 turns a second."""
+BRAKE_S = 0.8
 TRIES_S = 60.0
 NO_TRIP = Trip(0)
 
@@ -154,7 +157,9 @@ def _bring_to(client: Any, token: str, state: str, config: Any) -> None:
     if state == "READY":
         client.rpc("disable", token=token)
     elif state in ("torque", "ramping"):
-        client.rpc("set", token=token, torque_Nm=TORQUE_NM, speed_Hz=0.7)
+        client.rpc("set", token=token, brake=BRAKE)
+        time.sleep(BRAKE_S)
+        client.rpc("set", token=token, torque_Nm=TORQUE_NM)
         if state == "torque":
             wait_for(client, lambda s: s.tick.torque_set_Nm > TORQUE_NM - 0.01, "the torque")
     elif state == "TRIPPED":
@@ -163,14 +168,13 @@ def _bring_to(client: Any, token: str, state: str, config: Any) -> None:
         time.sleep(0.3)
 
 
-def _enable(client: Any, token: str) -> None:
+def _enable(client: Any, token: str) -> bool:
     """Enable; a computer so busy that the bench trips meanwhile costs another try."""
     deadline_s = time.monotonic() + TRIES_S
     while True:
         try:
             client.rpc("reset", token=token)
-            client.rpc("enable", token=token)
-            return
+            return bool(client.rpc("enable", token=token) == {"state": "ENABLED"})
         except ClientError:
             if time.monotonic() > deadline_s:
                 raise
@@ -185,8 +189,7 @@ def _recover(client: Any, token: str) -> bool:
         if error.code not in ("tripped", "refused"):
             raise
     try:
-        _enable(client, token)
-        return bool(client.state().state == "ENABLED")
+        return _enable(client, token)
     finally:
         client.rpc("stop")
 

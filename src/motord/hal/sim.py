@@ -3,8 +3,10 @@
 import numpy as np
 
 from motord.config import Config
+from motord.config.faults import Timeline, load_timeline
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.base import InverterStatus
+from motord.hal.sim_faults import SimFaults
 from motord.jit import Frame, jit_holding_gil, records_at
 from motord.rig.build import build
 from motord.rig.feedback import apply_command, fill_feedback
@@ -47,7 +49,7 @@ class SimRig:
     """A `hal.base.Rig` without hardware; `[bench] rig` names its truth. Raises ConfigError.
 
     As a real inverter does, it switches off if no command comes for `[inverter] timeout_s`, and
-    stays off until a command has told it to be off.
+    stays off until a command has told it to be off. `[bench] faults` happen from the first read on.
     """
 
     def __init__(self, config: Config) -> None:
@@ -62,6 +64,8 @@ class SimRig:
         self._t_ns: int | None = None
         self._deadline_ns: int | None = None
         self._timed_out = False
+        faults = config.bench.faults
+        self._faults = SimFaults(load_timeline(faults) if faults else Timeline(), self._input)
 
     def open(self) -> None:
         """Compile or load the kernels, so that the first read does not wait for it."""
@@ -81,7 +85,11 @@ class SimRig:
         passed_ns = now_ns - self._t_ns
         if passed_ns > 0:
             self._t_ns = now_ns
+        if now_ns >= self._faults.due_ns:
+            self._faults.play(now_ns)
         _read(self._frame.address, passed_ns * 1e-9, now_ns, self._torque_Nm_per_count)
+        if self._faults.status_bits:
+            feedback[0].bridge_status |= self._faults.status_bits
         if self._timed_out:
             feedback[0].inverter_status |= _TIMEOUT
 

@@ -16,6 +16,7 @@ from motord.schema import Request, State
 from motord.service.devices import SlowDevice
 from motord.service.events import EventLog
 from motord.service.hand import Hand
+from motord.service.injected import InjectedFaults
 from motord.service.lease import Lease
 from motord.service.plan_runner import PlanRunner, PlanSink
 from motord.service.setpoint import RAD_PER_TURN, Mailbox, Setpoint
@@ -58,6 +59,7 @@ class Bench:
         self.devices = devices
         self.setpoint = Setpoint(mailbox)
         self.watch = TickWatch(config.loop.rate_Hz, config.limits, events)
+        self.injected = InjectedFaults(config, events)
         self.lease = Lease(config.zenoh.lease_s)
         self.hand = Hand(config, self.setpoint)
         self.plans = PlanRunner(self.setpoint, sink)
@@ -73,6 +75,7 @@ class Bench:
 
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
         """Take in a block of ticks and do everything that is due; ends with the heartbeat."""
+        self.injected.update(block)
         self.watch.update(block, lost, now_ns)
         self._expire_lease(now_ns)
         self._watch_devices(now_ns)

@@ -13,6 +13,7 @@ _LOG = logging.getLogger("motord")
 _LOG_LEVEL = {
     "trip": logging.ERROR,
     "fault": logging.ERROR,
+    "fault_injected": logging.WARNING,
     "process": logging.WARNING,
     "device": logging.WARNING,
     "missed": logging.WARNING,

@@ -39,8 +39,8 @@ class VirtualBench:
     `truth` is by default the rig file of `[bench] rig`, or the packaged rig; `seed` by default
     that of `[bench]`. The same config, truth, seed and calls give the same bits. The supervisor's
     heartbeat is fresh unless a fault says otherwise. `faults` is by default the timeline of
-    `[bench] faults`, counted from the start of virtual time. Raises ConfigError where rig and told
-    motor cannot fit.
+    `[bench] faults` of a simulated bench, counted from the start of virtual time. Raises
+    ConfigError where rig and told motor cannot fit.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class VirtualBench:
             config.loop.rate_Hz,
         )
         self._ring, self._fresh = new_ring(), np.zeros(1, FEEDBACK)
-        if faults is None and config.bench.faults is not None:
+        if faults is None and config.simulated and config.bench.faults is not None:
             faults = load_timeline(config.bench.faults)
         self._player = None
         if faults is not None:
