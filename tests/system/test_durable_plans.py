@@ -93,6 +93,27 @@ def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path
     assert (np.diff(numbers) > 0).all()
 
 
+def test_what_a_recorder_that_died_has_lost_of_a_plan_is_taken_again(tmp_path):
+    with daemon(tmp_path, write_sim(tmp_path)) as running:
+        with running.connect() as client, client.lease("anna") as lease:
+            client.rpc("plan/start", token=lease.token, name="calibrate", settings=PLAN)
+            followed(client, lease.token, lambda view: view.points_done == 1)
+            os.kill(client.state().processes["recorder"].pid, signal.SIGKILL)
+            end = followed(client, lease.token, lambda view: view.over)
+            assert (end.state, end.points_done) == ("done", 4)
+            answer = client.rpc("plan/resume", token=lease.token)
+            if answer["state"] != "done":  # something was lost
+                followed(client, lease.token, lambda view: view.over)
+            end = client.plan()
+            assert (end.state, end.points_done) == ("done", 4)
+            with pytest.raises(ClientError, match="none was interrupted"):
+                client.rpc("plan/resume", token=lease.token)
+        assert running.end() == 0
+    found = points_of(run for run in running.runs() if run.metadata["plan"])
+    whole = 0.5 * PLAN["turns"] * running.config.loop.rate_Hz
+    assert {index for index, ticks in found if ticks > whole} == set(range(4))
+
+
 def test_a_plan_that_was_interrupted_can_be_discarded(tmp_path):
     path = write_sim(tmp_path)
     with daemon(tmp_path, path) as first, first.connect() as client:

@@ -158,6 +158,7 @@ class Session:
 
     def _operating_point(self, command: Mapping[str, Any], now_s: float) -> None:
         t_ns, content = _time_ns(command), _mapping(command["content"])
+        self.step(now_s)  # its ticks first: a file that holds the point holds them, too
         self._write(lambda recording: recording.operating_point(t_ns, content))
 
     def _metadata(self, command: Mapping[str, Any], now_s: float) -> None:

@@ -103,7 +103,7 @@ def assemble(
     tables = TablesWriter(run_dir.tables, config.motor.counts)
     bench = Bench(config, mailbox, devices, events, sink)
     boxes = BlackBoxes(config, events, recording.about, clock.now_ns)
-    recording.followers.append(boxes)
+    recording.followers += [boxes, sink]
     bench.watch.on_trip = boxes.trip
     store = CalibrationStore(config, state_dir)
     tables.write(*parameters.build(config, _installed(store, bench)))

@@ -1,14 +1,17 @@
 """A plan's progress into the journal, beside where it is recorded."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from motord.plans import Plan
+from motord.record.launch import RecorderLink
 from motord.service.events import EventLog
 from motord.service.journal_file import Journal
 from motord.service.plan_runner import PlanSink
 from motord.service.resumption import Resumption
 from motord.service.views import PlanView
+
+UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
 
 
 class Durable:
@@ -28,6 +31,7 @@ class Durable:
         self._events = events
         self._unix_ns = unix_ns
         self._error = ""
+        self._under_way = False
 
     def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
         """A plan begins, or goes on where it was interrupted; returns where it is recorded."""
@@ -37,6 +41,7 @@ class Durable:
         else:
             note = self._resumption.note(plan, view, notes, self._unix_ns())
             self._journal.begin(note, path)
+        self._under_way = True
         return path
 
     def plan_point(self, point: dict[str, Any]) -> None:
@@ -56,5 +61,20 @@ class Durable:
 
     def plan_over(self, view: PlanView) -> None:
         """The plan has ended."""
-        self._journal.end(view.state, view.message, self._unix_ns())
         self._recording.plan_over(view)
+        story = self._journal.story
+        state, message = str(view.state), view.message
+        self._under_way = False
+        if state == "done" and story is not None and not story.stretches[-1].sure:
+            state, message = "failed", UNSURE
+            self._events.emit("journal", f"{view.plan}: {UNSURE}; motord plan resume looks for it")
+        self._journal.end(state, message, self._unix_ns())
+
+    def recorder(self, link: RecorderLink | None) -> None:
+        """A recorder was started, or has ended: in the midst of a plan, one has died."""
+        story = self._journal.story
+        if link is None and self._under_way and story is not None:
+            self._journal.recorder_died(self._unix_ns())
+
+    def report(self, report: Mapping[str, Any]) -> None:
+        """Hear what the recorder reports."""

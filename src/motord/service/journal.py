@@ -43,13 +43,15 @@ class PlanNote(BaseModel):
 class Stretch:
     """A plan from its start, or from where it was resumed, to its end: recording and points.
 
-    state: done, aborted or failed; "" if it did not come to an end in order.
+    state: done, aborted or failed; "" if it did not come to an end in order. sure: False if a
+    recorder died meanwhile, so that points may be missing in the recording.
     """
 
     recording: str
     points: tuple[Mapping[str, Any], ...] = ()
     state: str = ""
     message: str = ""
+    sure: bool = True
 
     @property
     def taken(self) -> set[int]:
@@ -89,6 +91,8 @@ class Story:
             if line["state"] not in ENDS:
                 raise ValueError(f"no end of a plan: {line['state']}")
             last = replace(last, state=line["state"], message=str(line["message"]))
+        elif kind == "recorder_died":
+            last = replace(last, sure=False)
         elif kind == "resumed":
             return replace(self, stretches=(*self.stretches, Stretch(str(line["recording"]))))
         else:

@@ -52,6 +52,10 @@ class Journal:
         """The plan goes on, in another recording."""
         self._tell({"kind": "resumed", "recording": recording, "by": by, "t_ns": t_ns})
 
+    def recorder_died(self, t_ns: int) -> None:
+        """What was told to the recorder last may not be in the recording."""
+        self._tell({"kind": "recorder_died", "t_ns": t_ns})
+
     def end(self, state: str, message: str, t_ns: int) -> None:
         """The plan has ended: done, aborted or failed."""
         self._tell({"kind": "end", "state": state, "message": message, "t_ns": t_ns})

@@ -10,7 +10,9 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
+
+import numpy as np
 
 from motord.config import Config
 from motord.plans import Plan, PlanError
@@ -60,21 +62,32 @@ def recorded(stretch: Stretch) -> set[int]:
     If it ended in order, or its files are not there, the journal is believed.
     """
     stem = stem_of(Path(stretch.recording))
-    files = numbers(stem) if stem is not None and not stretch.state else []
+    believed = stretch.sure and stretch.state
+    files = numbers(stem) if stem is not None and not believed else []
     if stem is None or not files:
         return stretch.taken
-    points: list[dict[str, Any]] = []
-    last_tick = -1
-    for number in files:
-        path = file_name(stem, number)
-        try:
-            run = open_run(path if path.exists() else part_of(path))
-            points += run.operating_points()
-            last = run.tick_table.last(["tick"])
-        except RecordError:
-            continue  # nothing in it can be read
-        last_tick = max(last_tick, *map(int, last["tick"]), -1)
-    return {int(p["index"]) for p in points if final(p) and int(p["tick_end"]) <= last_tick}
+    paths = [file_name(stem, number) for number in files]
+    return set[int]().union(
+        *(_whole_points(path if path.exists() else part_of(path)) for path in paths)
+    )
+
+
+def _whole_points(path: Path) -> set[int]:
+    """Return the numbers of the points that a file holds with their first and last tick."""
+    try:
+        run = open_run(path)
+        points = run.operating_points()
+        first = next(iter(run.blocks(["tick"])), np.empty(0, [("tick", "u8")]))["tick"][:1]
+        last = run.tick_table.last(["tick"])["tick"][-1:]
+    except RecordError:
+        return set()  # nothing in it can be read
+    return {
+        int(point["index"])
+        for point in points
+        if final(point)
+        and (first <= int(point["tick_start"])).any()
+        and (last >= int(point["tick_end"])).any()
+    }
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,28 @@ def test_ticks_from_the_start_on_are_recorded_once(bench):
     assert bench.session.over
 
 
+def test_a_point_comes_after_its_ticks_so_that_a_file_cut_off_has_both_or_neither(bench):
+    bench.start()
+    for last in (40, 90):
+        bench.loop(50)
+        content = {"index": 0, "tick_start": 0, "tick_end": last}
+        bench.do(do="operating_point", t_ns=START_NS, content=content)
+    bench.stop()
+    [file] = bench.files()
+    content = file.read_bytes()
+    for size in range(0, len(content), 97):
+        cut = bench.folder / "cut.mcap"
+        cut.write_bytes(content[:size])
+        try:
+            run = open_run(cut)
+            points, ticks = run.operating_points(), run.ticks(["tick"])["tick"]
+        except RecordError:
+            continue
+        for point in points:
+            assert set(range(point["tick_end"] + 1)) <= set(ticks.tolist())
+    assert [p["tick_end"] for p in open_run(file).operating_points()] == [40, 90]
+
+
 @given(
     st.lists(
         st.sampled_from(["loop 1", "loop 70", "loop 200", "step", "late step", "restart"]),

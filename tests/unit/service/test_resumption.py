@@ -9,7 +9,7 @@ from motord.plans import PLANS, build
 from motord.record.container import part_of
 from motord.record.writer import RunWriter
 from motord.schema import Compensate
-from motord.service import assembly
+from motord.service import assembly, resumption
 from motord.service.journal import Stretch
 from motord.service.journal_file import Journal
 from motord.service.refusal import Refusal
@@ -333,7 +333,49 @@ def test_all_files_of_a_recording_count_as_far_as_they_can_be_read(tmp_path):
     record(
         tmp_path / "a-002.mcap", [point(2, 57, 60, "noisy"), point(3, 60, 61, "noisy", 3)], 50, 20
     )
-    assert recorded(Stretch(str(tmp_path / "a-000.mcap"))) == {0, 1, 3}
+    assert recorded(Stretch(str(tmp_path / "a-000.mcap"))) == {0, 3}  # 1 lies in two files
+
+
+def test_if_a_recorder_died_meanwhile_the_files_are_asked_even_after_an_orderly_end(tmp_path):
+    name = tmp_path / "a-000.mcap"
+    record(name, [point(0, 10, 20)], 0, 50)
+    points = (point(0, 10, 20), point(1, 30, 40))
+    assert recorded(Stretch(str(name), points, "failed")) == {0, 1}
+    assert recorded(Stretch(str(name), points, "failed", sure=False)) == {0}
+
+
+def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
+    service = days.daemon()
+    durable = service.bench.plans._sink
+    durable.recorder(None)  # no plan is under way
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    durable.report({})
+    durable.recorder(None)
+    durable.recorder(object())
+    assert run_to_end(service, token).state == "done"
+    assert "the recorder died meanwhile" in service.messages()[-1]
+    story = service.journal.story
+    assert (story.stretches[-1].sure, story.state) == (False, "failed")
+    service.journal.settle()
+    again = days.daemon()
+    assert again.journal.story == story
+    assert again.ask("plan/resume", token=again.acquire())["state"] == "done"
+
+
+def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypatch):
+    service = days.daemon()
+    token = service.acquire()
+    start(service, token)
+    until(service, token, lambda: service.sink.points)
+    service.bench.plans._sink.recorder(None)
+    run_to_end(service, token)
+    monkeypatch.setattr(resumption, "recorded", lambda stretch: {0, 2})
+    service.ask("plan/resume", token=token)
+    assert run_to_end(service, token).state == "done"
+    assert [p["index"] for p in service.sink.points] == [0, 1, 2, 1]
+    assert "none was interrupted" in refused(service, "plan/resume", token=token)
 
 
 def test_a_recording_without_ticks_has_no_points(tmp_path):
