@@ -7,6 +7,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from motord.cli.identity import with_identity
+
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
     "reproduce": "motord.cli.reproduce:reproduce",
@@ -28,6 +30,7 @@ COMMANDS = {
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
     "record": "motord.cli.record:app",
+    "security": "motord.cli.security:app",
     "latency": "motord.cli.latency:latency",
 }
 """Command to `module:object`; the object is a function or a typer app."""
@@ -47,9 +50,13 @@ class _Commands(TyperGroup):
         module, _, name = COMMANDS[cmd_name].partition(":")
         found = getattr(import_module(module), name)
         app = found
+        if isinstance(found, typer.Typer):
+            for registered in found.registered_commands:
+                assert registered.callback is not None
+                registered.callback = with_identity(registered.callback)
         if not isinstance(found, typer.Typer):
             app = typer.Typer(add_completion=False)
-            app.command(cmd_name)(found)
+            app.command(cmd_name)(with_identity(found))
         command = typer.main.get_command(app)
         command.name = cmd_name
         return command

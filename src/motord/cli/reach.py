@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.console import fail
+from motord.cli.identity import shown
 
 if TYPE_CHECKING:
     from motord.client import Client
@@ -18,7 +19,12 @@ Bench = Annotated[
 ]
 Connect = Annotated[
     str,
-    typer.Option("--connect", metavar="ENDPOINT", help="Where its daemon listens."),
+    typer.Option(
+        "--connect",
+        envvar="MOTORD_CONNECT",
+        metavar="ENDPOINT",
+        help="Where its daemon listens; tls/HOST:7448 from another machine.",
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Force = Annotated[
@@ -31,11 +37,14 @@ ENDPOINT = "tcp/127.0.0.1:7447"
 
 @contextmanager
 def daemon(bench: str | None, endpoint: str) -> "Iterator[Client]":
-    """Connect to a daemon; whatever it refuses ends the command with one line."""
+    """Connect to a daemon; whatever it refuses ends the command with one line.
+
+    Who asks is what `--identity` says (`motord.cli.identity`).
+    """
     from motord.client import ClientError, connect
 
     try:
-        with connect(bench, endpoint) as client:
+        with connect(bench, endpoint, shown.get()) as client:
             yield client
     except ClientError as error:
         fail(str(error))

@@ -4,17 +4,23 @@ import getpass
 import json
 import socket
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
 import zenoh
 
+from motord.client.diagnosis import why_closed
 from motord.client.error import ClientError
 from motord.client.lease import Lease
 from motord.client.subscription import Subscription
 from motord.schema import TICK
+from motord.security import identity as identity_folder
+from motord.security.error import SecurityError
+from motord.security.identity import Identity
 from motord.service.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
+from motord.service.messages import REQUESTS
 from motord.service.views import Event, PlanView, State
 from motord.wire.blocks import BlockCodec
 
@@ -31,30 +37,53 @@ def operator() -> str:
     return f"{getpass.getuser()}@{socket.gethostname()}"[:64]
 
 
-def connect(bench: str | None = None, endpoint: str = DEFAULT_ENDPOINT) -> "Client":
+def connect(
+    bench: str | None = None,
+    endpoint: str = DEFAULT_ENDPOINT,
+    identity: Identity | Path | str | None = None,
+) -> "Client":
     """Connect to the daemon of `bench` at `endpoint`; without a name, to the only one there.
 
-    Raises ClientError if there is none.
+    From another machine: `endpoint` "tls/HOST:7448" and `identity`, the folder that
+    `motord security add` made. Raises ClientError if there is none or it does not let this one in.
     """
+    who = _identity(endpoint, identity)
     try:
-        session = zenoh.open(client_config(endpoint))
+        session = zenoh.open(client_config(endpoint, who))
     except zenoh.ZError:
-        raise _absent(bench, endpoint) from None
+        raise _absent(bench, endpoint, who) from None
     try:
-        return Client(session, _choose(session, bench, endpoint), endpoint)
+        return Client(session, _choose(session, bench, endpoint, who), endpoint, who)
     except ClientError:
         session.close()  # type: ignore[no-untyped-call]
         raise
 
 
-def _absent(bench: str | None, endpoint: str) -> ClientError:
+def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | None:
+    if endpoint.startswith("tls/") and given is None:
+        raise ClientError(
+            "forbidden", f"{endpoint} asks for a certificate: say which identity to show"
+        )
+    if given is None or not endpoint.startswith("tls/"):
+        return None
+    try:
+        return given if isinstance(given, Identity) else identity_folder.load(Path(given))
+    except SecurityError as error:
+        raise ClientError("forbidden", str(error)) from None
+
+
+def _absent(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
+    if who is not None:
+        refused = why_closed(endpoint, who)
+        if refused:
+            return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
     which = f" for bench '{bench}'" if bench else ""
     return ClientError(
         "unreachable", f"no motord at {endpoint}{which}: is `motord run` running there?"
     )
 
 
-def _choose(session: zenoh.Session, bench: str | None, endpoint: str) -> str:
+def _choose(session: zenoh.Session, bench: str | None, endpoint: str, who: Identity | None) -> str:
     """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
     tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=LOOK_S)
     benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
@@ -62,6 +91,10 @@ def _choose(session: zenoh.Session, bench: str | None, endpoint: str) -> str:
         return benches[0]
     if bench is not None and bench in benches:
         return bench
+    if not benches and who is not None:
+        raise ClientError(
+            "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"
+        )
     if not benches:
         raise _absent(bench, endpoint)
     there = ", ".join(benches)
@@ -75,9 +108,12 @@ def _choose(session: zenoh.Session, bench: str | None, endpoint: str) -> str:
 class Client:
     """A connection to one daemon. Use it as a context manager, or call `close`."""
 
-    def __init__(self, session: zenoh.Session, bench: str, endpoint: str) -> None:
+    def __init__(
+        self, session: zenoh.Session, bench: str, endpoint: str, identity: Identity | None = None
+    ) -> None:
         self.bench = bench
         self.endpoint = endpoint
+        self.identity = identity
         self._session = session
 
     def __enter__(self) -> Self:
@@ -157,6 +193,11 @@ class Client:
                 return reply.ok.payload.to_bytes()
             if reply.err is not None:
                 raise _refusal(name, reply.err, timeout_s)
+        if name.removeprefix("rpc/") in REQUESTS and self.identity is not None and self._alive():
+            who = self.identity
+            raise ClientError(
+                "forbidden", f"no answer to {name}: not permitted for {who.name} ({who.role})?"
+            )
         if name.startswith("rpc/") and self._alive():
             raise ClientError("unknown", f"this daemon has no {name}")
         raise ClientError(

@@ -2,7 +2,7 @@
 
 
 class ClientError(Exception):
-    """The daemon cannot be reached or refuses. `code` is its own, or "unreachable"."""
+    """The daemon cannot be reached or refuses. `code` is its own, "unreachable" or "forbidden"."""
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)

@@ -82,18 +82,26 @@ class LimitsConfig(Section):
         return self
 
 
-def _loopback_only(endpoints: tuple[str, ...]) -> tuple[str, ...]:
-    pattern = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
-    if not endpoints or not all(re.fullmatch(pattern, endpoint) for endpoint in endpoints):
+_LOOPBACK = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
+_TLS = r"tls/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):\d{1,5}"
+
+
+def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
+    form = re.compile(f"{_LOOPBACK}|{_TLS}")
+    if not any(re.fullmatch(_LOOPBACK, endpoint) for endpoint in endpoints) or not all(
+        form.fullmatch(endpoint) for endpoint in endpoints
+    ):
         raise ValueError(
             "whoever reaches the daemon may command it, so it listens on TCP ports of this "
-            f'machine alone, such as "tcp/127.0.0.1:7447"; got {", ".join(endpoints) or "none"}'
+            f'machine alone, such as "tcp/127.0.0.1:7447"; got {", ".join(endpoints) or "none"}. '
+            'Other machines come in by "tls/0.0.0.0:7448" besides, with certificates and roles: '
+            "`motord security init` makes them"
         )
     return endpoints
 
 
-Loopback = Annotated[tuple[str, ...], AfterValidator(_loopback_only)]
-"""Zenoh endpoints that only this machine can reach, at least one."""
+Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
+"""Zenoh endpoints: TCP that only this machine can reach, at least one, and TLS."""
 
 
 class RecordingConfig(Section):
@@ -115,13 +123,44 @@ class RecordingConfig(Section):
         return self.directory / "blackbox"
 
 
-class ZenohConfig(Section):
-    """`[zenoh]`: endpoints and telemetry rate. Nothing beyond this machine may be listened on."""
+class TlsConfig(Section):
+    """`[zenoh.tls]`: who comes in from other machines; `motord security init` makes the files."""
 
-    listen: Loopback = ("tcp/127.0.0.1:7447",)
+    ca: Path
+    certificate: Path
+    key: Path
+    roles: Path
+
+
+class ZenohConfig(Section):
+    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`."""
+
+    listen: Endpoints = ("tcp/127.0.0.1:7447",)
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
+    tls: TlsConfig | None = None
+
+    @property
+    def local(self) -> tuple[str, ...]:
+        """Endpoints of this machine alone."""
+        return tuple(endpoint for endpoint in self.listen if endpoint.startswith("tcp/"))
+
+    @property
+    def remote(self) -> tuple[str, ...]:
+        """Endpoints that other machines reach, with a certificate."""
+        return tuple(endpoint for endpoint in self.listen if endpoint.startswith("tls/"))
+
+    @model_validator(mode="after")
+    def _tls_is_all_or_nothing(self) -> "ZenohConfig":
+        if self.remote and self.tls is None:
+            raise ValueError(
+                f"{', '.join(self.remote)} needs [zenoh.tls]: `motord security init` makes "
+                "certificates and roles, and prints the section"
+            )
+        if self.tls is not None and not self.remote:
+            raise ValueError('[zenoh.tls] without an endpoint such as "tls/0.0.0.0:7448" in listen')
+        return self
 
 
 class Config(Section):

@@ -74,6 +74,7 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
         ("bench", "faults"),
         ("inverter", "can", "dbc"),
         ("motor", "back_emf"),
+        *(("zenoh", "tls", name) for name in ("ca", "certificate", "key", "roles")),
     ):
         table: Any = data
         for key in keys[:-1]:

@@ -116,6 +116,8 @@ class Api:
 
     def _serve(self, name: str, query: zenoh.Query) -> None:
         try:
+            if str(query.key_expr) != key(self._bench, f"rpc/{name}"):
+                raise Refusal("invalid", f"rpc/{name} is asked for by its full name, no wildcard")
             payload = query.payload.to_bytes() if query.payload is not None else b""
             answer = self._carry_out(name, payload)
         except Refusal as refusal:

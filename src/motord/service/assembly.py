@@ -27,6 +27,7 @@ from motord.service.devices import DeviceThread, SlowDevice
 from motord.service.durable import Durable
 from motord.service.events import EventLog
 from motord.service.experiments import Experiments
+from motord.service.gate_link import GateLink, gate_spec
 from motord.service.installation import Installation
 from motord.service.journal_file import Journal
 from motord.service.loop_link import LOOP, LoopLink
@@ -94,7 +95,12 @@ def assemble(
     """Return the daemon of a bench, with its shared files made. Raises DeviceError."""
     events = EventLog(clock.now_ns)
     devices = slow_devices(config)
-    children = Children(process_table(config_path, run_dir))
+    children = Children(
+        (
+            *process_table(config_path, run_dir),
+            *((gate_spec(config_path),) if config.zenoh.remote else ()),
+        )
+    )
     recording = Recording(config, toml, children, events, clock.now_ns, run_dir.timing)
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
     resumption = Resumption(config, journal, lambda: recording.calibration_id(), clock.now_ns)
@@ -163,7 +169,10 @@ def assemble(
         },
     )
     return Assembly(
-        supervisor=Supervisor(bench, Desk(handlers), calls, children, loop, recording, publisher),
+        supervisor=Supervisor(
+            *(bench, Desk(handlers), calls, children, loop, recording, publisher),
+            gate=GateLink(children, events) if config.zenoh.remote else None,
+        ),
         api=api,
         telemetry=telemetry,
         devices=devices,

@@ -5,6 +5,7 @@ Installed calibrations lie in `<state folder>/calibrations/<bench>/`, each under
 """
 
 import os
+import stat
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from motord import calibration
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
+from motord.service.messages import MAX_CALIBRATION_BYTES
 from motord.service.views import CalibrationView
 
 MARK = "installed"
@@ -27,6 +29,18 @@ def state_directory() -> Path:
         return Path(given)
     home = os.environ.get("XDG_STATE_HOME", "")
     return (Path(home) if home else Path.home() / ".local" / "state") / "motord"
+
+
+def _readable(path: Path) -> Path:
+    """Return `path` if it is a file of a size that a calibration has. Raises CalibrationError."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise CalibrationError(f"{path}: cannot read it: {why}") from None
+    if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_CALIBRATION_BYTES:
+        raise CalibrationError(f"{path}: no file of a calibration")
+    return path
 
 
 class CalibrationStore:
@@ -57,7 +71,7 @@ class CalibrationStore:
         if path is None:
             given = calibration.from_json(content, "calibration")
         elif Path(path).is_absolute():
-            given = calibration.load(Path(path))
+            given = calibration.load(_readable(Path(path)))
         else:
             raise CalibrationError(f"{path}: give an absolute path on the daemon's machine")
         given.check_motor(self._motor)

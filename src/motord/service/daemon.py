@@ -14,7 +14,8 @@ from motord.hal.base import DeviceError
 from motord.runtime.clock import Clock
 from motord.runtime.rundir import RunDir, RunDirError
 from motord.runtime.shared import SharedFileError
-from motord.service import priority
+from motord.security.error import SecurityError
+from motord.service import gate, priority
 from motord.service.api import ApiError
 from motord.service.assembly import Assembly, assemble
 from motord.service.calibrations import state_directory
@@ -26,7 +27,15 @@ class LoopFailedError(Exception):
     """The loop did not come up; the message says why."""
 
 
-EXPLAINED = (ApiError, ConfigError, DeviceError, LoopFailedError, RunDirError, SharedFileError)
+EXPLAINED = (
+    ApiError,
+    ConfigError,
+    DeviceError,
+    LoopFailedError,
+    RunDirError,
+    SecurityError,
+    SharedFileError,
+)
 """What may go wrong through no fault of the program: one clear line, exit 1."""
 
 
@@ -69,6 +78,8 @@ def run(
     """
     config = config_file.load(config_path)
     text = config_path.read_text(encoding="utf-8")
+    if config.zenoh.tls is not None:
+        gate.check(config.zenoh.tls)
     with ExitStack() as stack:
         stack.enter_context(log_to_stderr())
         stopping = stack.enter_context(stop_signals())
@@ -94,12 +105,14 @@ def _run(
         device.open(time.monotonic_ns())
     supervisor.step()  # so that there is a state for whoever asks at once
     stack.callback(daemon.api.close)
-    daemon.api.open(config.zenoh.listen)
+    daemon.api.open(config.zenoh.local)
     stack.callback(daemon.telemetry.stop)
     daemon.telemetry.start()
     stack.callback(daemon.device_thread.stop)
     daemon.device_thread.start()
     stack.callback(supervisor.take_down)
+    if supervisor.gate is not None:
+        supervisor.gate.start(time.monotonic_ns())
     supervisor.recording.start_recorder(time.monotonic_ns())
     supervisor.loop.start(time.monotonic_ns())
     if not supervisor.wait_for_loop(stopping):

@@ -1,12 +1,21 @@
 """Zenoh sessions of the daemon and of its clients: no scouting, only what the config names."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import zenoh
 
+from motord.config import Config
+from motord.security.access import access_control
+from motord.security.identity import Identity
+from motord.security.roles import Role
+
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 KEY_ROOT = "motord"
+MAX_CLIENTS = 32
+"""So many connections from other machines at a time."""
+MAX_MESSAGE_BYTES = 80 * 1024 * 1024
+"""From other machines: the largest request, a calibration, with some room."""
 
 
 def _quiet() -> zenoh.Config:
@@ -27,13 +36,42 @@ def router_config(listen: Sequence[str]) -> zenoh.Config:
     return config
 
 
-def client_config(endpoint: str) -> zenoh.Config:
+def gate_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
+    """Return the configuration of the gate: TLS with certificates in, the daemon behind it."""
+    tls = config.zenoh.tls
+    assert tls is not None
+    gate = router_config(config.zenoh.remote)
+    gate.insert_json5("connect/endpoints", json.dumps(config.zenoh.local[:1]))
+    gate.insert_json5("transport/unicast/max_sessions", str(MAX_CLIENTS))
+    gate.insert_json5("transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES))
+    files = {
+        "root_ca_certificate": str(tls.ca),
+        "listen_certificate": str(tls.certificate),
+        "listen_private_key": str(tls.key),
+        "enable_mtls": True,
+        "close_link_on_expiration": True,
+    }
+    gate.insert_json5("transport/link/tls", json.dumps(files))
+    gate.insert_json5("access_control", json.dumps(access_control(config.bench.name, roles)))
+    return gate
+
+
+def client_config(endpoint: str, identity: Identity | None = None) -> zenoh.Config:
     """Return the configuration of a client of the daemon at `endpoint`; it tries once."""
     config = _quiet()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     config.insert_json5("connect/timeout_ms", "0")
     config.insert_json5("connect/exit_on_failure", "true")
+    if identity is not None:
+        files = {
+            "root_ca_certificate": str(identity.ca),
+            "connect_certificate": str(identity.certificate),
+            "connect_private_key": str(identity.key),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+        }
+        config.insert_json5("transport/link/tls", json.dumps(files))
     return config
 
 

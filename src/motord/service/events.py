@@ -15,6 +15,7 @@ _LOG_LEVEL = {
     "fault": logging.ERROR,
     "fault_injected": logging.WARNING,
     "process": logging.WARNING,
+    "access": logging.WARNING,
     "device": logging.WARNING,
     "missed": logging.WARNING,
     "ring_loss": logging.WARNING,
@@ -37,10 +38,15 @@ class EventLog:
             t_ns=self._unix_ns() if t_ns is None else t_ns, kind=kind, message=message, data=data
         )
         self._kept.append(event)
-        _LOG.log(_LOG_LEVEL.get(kind, logging.INFO), "%s: %s", kind, message)
+        _LOG.log(_LOG_LEVEL.get(kind, logging.INFO), "%s: %s", kind, _one_line(message))
         for listener in self.listeners:
             listener(event)
 
     def recent(self) -> list[Event]:
         """Return the kept events, the oldest first. May be called from any thread."""
         return list(self._kept)
+
+
+def _one_line(message: str) -> str:
+    """Return a message without what could pass for another line of the log, or move the cursor."""
+    return "".join(c if c.isprintable() else "?" for c in message)

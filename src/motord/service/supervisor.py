@@ -12,6 +12,7 @@ from motord.schema import State as DriveState
 from motord.service.bench import Bench
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
+from motord.service.gate_link import GateLink
 from motord.service.loop_link import LOOP, LoopLink
 from motord.service.notify import Notifier
 from motord.service.processes import Children
@@ -35,6 +36,7 @@ class Supervisor:
     loop: LoopLink
     recording: Recording
     publisher: Publisher
+    gate: GateLink | None = None
     notifier: Notifier = field(default_factory=Notifier)
     clock_ns: Callable[[], int] = time.monotonic_ns
 
@@ -54,6 +56,8 @@ class Supervisor:
             self.desk.handle(call, now_ns)
         self.bench.step(block, lost, now_ns)
         self.desk.step(now_ns)
+        if self.gate is not None:
+            self.gate.step()
         self.recording.step()
         self.publisher.step(block, now_ns)
         self.notifier.progress(self.bench.watch.ticks, now_ns)
@@ -86,6 +90,8 @@ class Supervisor:
         """Take no more requests, end the loop, then the recorder, which by then has everything."""
         self.calls.close("the daemon is shutting down")
         self.desk.give_up("the daemon is shutting down")
+        if self.gate is not None:
+            self.gate.stop()
         self.children.stop(LOOP)
         self.publisher.step(self.loop.read()[0], self.clock_ns())
         self.recording.stop()

@@ -1,0 +1,126 @@
+"""`motord security init|add|list|remove`: certificates and roles for other machines."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from motord.cli.console import fail, print_json
+from motord.security.error import SecurityError
+from motord.security.roles import Role
+
+app = typer.Typer(
+    no_args_is_help=True, help="Let other machines reach a bench: certificates and roles."
+)
+
+EXTRA = "the certificates need the package cryptography: pip install 'motord[security]'"
+LISTEN = "tls/0.0.0.0:7448"
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the authority.")]
+In = Annotated[Path, typer.Option("--in", metavar="DIR", help="Folder of the authority.")]
+Days = Annotated[int, typer.Option(min=1, max=3650, help="How long it is good.")]
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    try:
+        yield
+    except SecurityError as error:
+        fail(str(error))
+    except ModuleNotFoundError as error:
+        if error.name != "cryptography":
+            raise
+        fail(EXTRA)
+
+
+@app.command()
+def init(
+    folder: Folder,
+    host: Annotated[
+        list[str] | None,
+        typer.Option("--host", metavar="NAME", help="Name or address of this machine; repeatable."),
+    ] = None,
+    days: Days = 730,
+) -> None:
+    """Make an authority, the daemon's certificate and an empty roles file; overwrite nothing."""
+    with _explained():
+        from motord.security import authority
+
+        authority.init(folder, host or [], days)
+    typer.echo(_section(folder.resolve()))
+    typer.echo(
+        f"ca.key makes certificates: keep it from others, the daemon does not need it. Next: "
+        f"motord security add NAME --role viewer|operator --in {folder}",
+        err=True,
+    )
+
+
+def _section(folder: Path) -> str:
+    names = (
+        ("ca", "ca.pem"), ("certificate", "server.pem"), ("key", "server.key"),
+        ("roles", "roles.toml"),
+    )  # fmt: skip
+    files = "\n".join(f'{key} = "{folder / name}"' for key, name in names)
+    return f"""\
+# in the bench file:
+[zenoh]
+listen = ["tcp/127.0.0.1:7447", "{LISTEN}"]
+
+[zenoh.tls]
+{files}"""
+
+
+@app.command()
+def add(
+    name: Annotated[str, typer.Argument(help="Who: a person or a program.")],
+    role: Annotated[Role, typer.Option(help="What it may do.")],
+    folder: In = Path(),
+    days: Days = 730,
+) -> None:
+    """Make the certificate of a client and give it a role."""
+    with _explained():
+        from motord.security import authority
+
+        own = authority.add(folder, name, role, days)
+    typer.echo(f"{own}: take this folder to {name}'s machine, then there:")
+    typer.echo(f"  motord status --connect tls/HOST:7448 --identity {own.name}")
+
+
+@app.command("list")
+def list_(
+    folder: In = Path(),
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List who has which role, and until when the certificates are good."""
+    with _explained():
+        from motord.security import authority, roles
+
+        given = roles.read(folder / authority.ROLES)
+        ends = {"(authority)": folder / "ca.pem", "(daemon)": folder / "server.pem"}
+        own = {name: folder / authority.CLIENTS / name / "certificate.pem" for name in given}
+        rows = [
+            {
+                "name": name,
+                "role": str(given.get(name, "")),
+                "ends": authority.ends(path).isoformat() if path.exists() else None,
+            }
+            for name, path in {**ends, **own}.items()
+        ]
+    if as_json:
+        print_json(rows)
+        return
+    for row in rows:
+        until = f"until {str(row['ends'])[:10]}" if row["ends"] else "certificate not here"
+        typer.echo(f"{row['name']:<24} {row['role']:<9} {until}")
+
+
+@app.command()
+def remove(name: str, folder: In = Path()) -> None:
+    """Take the role of a client away: it may do nothing more, within seconds."""
+    with _explained():
+        from motord.security import authority
+
+        authority.remove(folder, name)
+    typer.echo(f"{name} has no role any more")

@@ -1,0 +1,42 @@
+"""Why a TLS endpoint does not let somebody in: Zenoh says only that it could not connect."""
+
+import re
+import socket
+import ssl
+
+from motord.security.identity import Identity
+
+PATIENCE_S = 3.0
+_ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")
+_ALERTS = (
+    ("CERTIFICATE_REQUIRED", "it asks for a certificate"),
+    ("UNKNOWN_CA", "the certificate is from another authority"),
+    ("DECRYPT_ERROR", "the certificate is from another authority"),
+    ("CERTIFICATE_UNKNOWN", "the certificate is not accepted"),
+    ("CERTIFICATE_EXPIRED", "the certificate has expired"),
+    ("BAD_CERTIFICATE", "the certificate is not accepted"),
+)
+
+
+def why_closed(endpoint: str, who: Identity) -> str:
+    """Return why a handshake with `endpoint` fails, "" if nobody listens there or it succeeds."""
+    where = _ENDPOINT.fullmatch(endpoint)
+    if where is None:
+        return "expected tls/HOST:PORT"
+    host = where["six"] or where["host"]
+    context = ssl.create_default_context(cafile=str(who.ca))
+    context.load_cert_chain(who.certificate, who.key)
+    try:
+        with (
+            socket.create_connection((host, int(where["port"])), PATIENCE_S) as plain,
+            context.wrap_socket(plain, server_hostname=host) as secure,
+        ):
+            secure.recv(1)  # a refusal of the certificate comes after the handshake
+    except ssl.SSLCertVerificationError as error:
+        return f"its own certificate is not accepted here: {error.verify_message}"
+    except ssl.SSLError as error:
+        alert = error.reason or str(error)
+        return next((words for sign, words in _ALERTS if sign in alert), alert)
+    except OSError:
+        return ""
+    return ""

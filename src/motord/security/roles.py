@@ -1,0 +1,70 @@
+"""The roles file: which certificate may do what. TOML, `[roles]`, common name = role."""
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+
+from motord.security.error import SecurityError
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,62}")
+"""What a certificate may be called: it is a common name, a key of TOML and a name of a folder."""
+
+HEADER = """\
+# Common name of a certificate = what it may do: "viewer" (watch) or "operator" (watch and command).
+# A name that is not here may do nothing, however good its certificate. Changes count at once.
+[roles]
+"""
+
+
+class Role(StrEnum):
+    """What somebody on another computer may do."""
+
+    VIEWER = "viewer"
+    OPERATOR = "operator"
+
+
+def check_name(name: str) -> str:
+    """Return `name` if a certificate may be called so. Raises SecurityError."""
+    if not NAME.fullmatch(name):
+        raise SecurityError(
+            f"'{name}' cannot be a name: letters, digits and _ . @ - (63 at most), no blank"
+        )
+    return name
+
+
+def read(path: Path) -> dict[str, Role]:
+    """Return the roles by common name. Raises SecurityError."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SecurityError(f"{path}: cannot read the roles: {error.strerror}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SecurityError(f"{path}: not valid TOML: {error}") from None
+    table = content.get("roles")
+    if not isinstance(table, dict) or content.keys() != {"roles"}:
+        raise SecurityError(f"{path}: expected one table [roles] of names and roles")
+    return {name: _role(path, name, role) for name, role in table.items()}
+
+
+def _role(path: Path, name: str, role: object) -> Role:
+    known = ", ".join(f'"{role}"' for role in Role)
+    if not NAME.fullmatch(name):
+        raise SecurityError(f"{path}: '{name}' is no name of a certificate")
+    if not isinstance(role, str) or role not in tuple(Role):
+        raise SecurityError(f"{path}: {name} = {role!r}: a role is one of {known}")
+    return Role(role)
+
+
+def write(path: Path, roles: Mapping[str, Role]) -> None:
+    """Write the roles file, or replace it in one step."""
+    lines = "".join(f'{json.dumps(name)} = "{role}"\n' for name, role in roles.items())
+    new = path.with_name(path.name + ".new")
+    with new.open("w", encoding="utf-8") as file:
+        file.write(HEADER + lines)
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)

@@ -1,0 +1,161 @@
+"""The gate: the process that other machines reach, by TLS, and the only one.
+
+A Zenoh router of its own. It asks every client for a certificate, lets through what the role allows
+(`motord.security.access`) and passes it on to the daemon over the loopback interface. What comes
+from the network and is not allowed, or is too much, ends here and holds up nothing else. It says
+on its stdout, one JSON object a line, who comes, goes or is refused; it ends when its stdin does,
+and when roles or certificates change, to be started again with the new ones.
+"""
+
+import argparse
+import json
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import IO, Any
+
+import zenoh
+
+from motord import config as config_file
+from motord.config import Config, ConfigError
+from motord.config.bench import TlsConfig
+from motord.security import roles as roles_file
+from motord.security.error import SecurityError
+from motord.security.identity import check_files
+from motord.service.endpoints import gate_config
+from motord.service.gate_log import LEVELS, GateLog, Throttle
+
+LOOK_S = 1.0
+"""How often it looks whether roles or certificates have changed."""
+
+
+class Speaker:
+    """Writes lines of JSON for the supervisor, from any thread."""
+
+    def __init__(self, out: IO[str]) -> None:
+        self._out = out
+        self._lock = threading.Lock()
+        self._throttle = Throttle()
+
+    def say(self, message: str, **data: Any) -> None:
+        """Tell the supervisor what happened."""
+        with self._lock:
+            words = self._throttle.pass_on(message, time.monotonic_ns())
+            if words is not None:
+                self._out.write(json.dumps({"message": words, "data": data}) + "\n")
+                self._out.flush()
+
+
+def take_over_stdout() -> tuple[IO[str], IO[str]]:
+    """Let what Zenoh logs to stdout arrive here; return (Zenoh's log, the real stdout)."""
+    out = os.fdopen(os.dup(1), "w")
+    reader, writer = os.pipe()
+    os.dup2(writer, 1)
+    os.close(writer)
+    return os.fdopen(reader, errors="replace"), out
+
+
+def listen_to(log: IO[str], reads: GateLog, speaker: Speaker) -> None:
+    """Pass on what Zenoh's log says about refusals, until it ends."""
+    for line in log:
+        refused = reads.read(line)
+        if refused is not None:
+            speaker.say(refused.message, **refused.data)
+
+
+def greet(event: zenoh.LinkEvent, reads: GateLog, speaker: Speaker) -> None:
+    """Tell who comes and who goes."""
+    link = event.link
+    if not link.src.startswith("tls/"):
+        return
+    name, where = link.auth_identifier or "somebody", link.dst.removeprefix("tls/")
+    role = reads.roles.get(name, "")
+    if event.kind == zenoh.SampleKind.DELETE:
+        reads.names.pop(str(link.zid), None)
+        speaker.say(f"{name} at {where} has gone", who=name, where=where)
+        return
+    reads.names[str(link.zid)] = name
+    known = f"({role})" if role else "has no role here and may do nothing"
+    speaker.say(f"{name} {known} has come, from {where}", who=name, role=role, where=where)
+
+
+def signature(tls: TlsConfig) -> tuple[tuple[int, int, int], ...]:
+    """Return what changes when one of the files changes."""
+    found = []
+    for path in (tls.ca, tls.certificate, tls.key, tls.roles):
+        try:
+            status = path.stat()
+        except OSError:
+            found.append((0, 0, 0))
+        else:
+            found.append((status.st_mtime_ns, status.st_size, status.st_ino))
+    return tuple(found)
+
+
+def check(tls: TlsConfig) -> dict[str, roles_file.Role]:
+    """Return the roles if the files of access can be used. Raises SecurityError."""
+    check_files(tls.ca, tls.certificate, tls.key)
+    return roles_file.read(tls.roles)
+
+
+def _until_told_or_changed(tls: TlsConfig, before: tuple[tuple[int, int, int], ...]) -> str:
+    while True:
+        readable, _, _ = select.select([0], [], [], LOOK_S)
+        if readable and not os.read(0, 1024):
+            return ""
+        if signature(tls) != before:
+            return "roles or certificates have changed; the gate starts again with them"
+
+
+def keep(config: Config, speaker: Speaker, log: IO[str]) -> None:
+    """Let clients in until stdin ends. Raises SecurityError, zenoh.ZError."""
+    tls = config.zenoh.tls
+    assert tls is not None
+    before = signature(tls)
+    roles = check(tls)
+    reads = GateLog({name: str(role) for name, role in roles.items()})
+    threading.Thread(
+        target=listen_to, args=(log, reads, speaker), name="motord-gate-log", daemon=True
+    ).start()
+    zenoh.init_log_from_env_or(LEVELS)
+    with zenoh.open(gate_config(config, roles)) as session:
+        listener = session.info.declare_link_events_listener(
+            lambda event: greet(event, reads, speaker), history=True
+        )
+        speaker.say(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
+        changed = _until_told_or_changed(tls, before)
+        if changed:
+            speaker.say(changed)
+        listener.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _count(roles: dict[str, roles_file.Role]) -> str:
+    counts = [f"{list(roles.values()).count(role)} {role}s" for role in roles_file.Role]
+    return f"for {' and '.join(counts)}"
+
+
+def main() -> int:
+    """Run the gate of the bench file that `--config` names."""
+    parser = argparse.ArgumentParser(description="The gate for other machines.")
+    parser.add_argument("--config", type=Path, required=True)
+    path = parser.parse_args().config
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.environ.pop("RUST_LOG", None)
+    log, out = take_over_stdout()
+    speaker = Speaker(out)
+    try:
+        keep(config_file.load(path), speaker, log)
+    except (ConfigError, SecurityError, zenoh.ZError) as error:
+        speaker.say(f"closed to other machines: {str(error).split(' at /')[0]}")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
