@@ -86,6 +86,8 @@ WIRE_TABLE = (
     _row("torque_saturated", Trip.OVER_TORQUE, 30),
     _row("inverter_hot", Trip.TEMPERATURE, 120, for_s=0.5),
     _row("bus_voltage", Trip.BUS_VOLTAGE, 120, for_s=0.5),
+    _row("brake_hot", Trip.BRAKE_TEMPERATURE, 250),
+    _row("brake_silent", without="event `device`: stale, torque to zero", for_s=1.5),
     _row("host_stall", without="ages of the samples", for_s=0.05),
 )
 """Faults on the wire; times beyond those in virtual time are those of the emulated bench's file."""

@@ -31,6 +31,7 @@ from tests.campaigns.fault_table import TABLE, Cell, Row
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
 MARK = "<!-- measured: below this line by python -m tests.campaigns.faults --write -->"
+WIRE_MARK = "<!-- measured on the wire: by python -m tests.campaigns.faults --wire --write -->"
 ZERO_MS = 20.0
 DRIVE_LIMIT_A = 60.0
 """The simulated drive's own limit, at which it switches itself off ([inverter] current_max_A)."""
@@ -152,19 +153,35 @@ def static_part() -> str:
         told = ", ".join(f"{key} = {value!r}" for key, value in kind.parameters.items())
         where = ", ".join(sorted(kind.places))
         lines.append(f"| `{name}` | {kind.meaning} | {kind.for_s:g} s | {told} | {where} |")
-    lines += ["", "## Interlocks", "", "| cause | trips when | outlasting |", "|---|---|---|"]
+    lines += ["", _INTERLOCKS, "| cause | trips when | limit | may last |", "|---|---|---|---|"]
     for lock in INTERLOCKS:
-        lasts = f"`{lock.lasts_s}`" if lock.lasts_s else f"{lock.lasts} {lock.counted}"
-        lines.append(
-            f"| {lock.trip.name} | {lock.meaning} | {lasts if lock.lasts or lock.lasts_s else ''} |"
-        )
+        limit = ", ".join(f"`{key}`" for key in lock.limit.split(", ") if key)
+        lasts = f"{lock.lasts} {lock.counted}" if lock.lasts else ""
+        lasts = f"`{lock.lasts_s}`" if lock.lasts_s else lasts
+        lines.append(f"| {lock.trip.name} | {lock.meaning} | {limit} | {lasts} |")
     lines += ["", _MATRIX, f"| fault | {' | '.join(STATES)} | if it does not trip, it shows in |"]
     lines.append("|---" * (len(STATES) + 2) + "|")
     for row in TABLE:
         cells = " | ".join(_cell(row.cells[state]) for state in STATES)
         lines.append(f"| {row.name} | {cells} | {row.without} |")
+    lines += [
+        "",
+        _WIRE,
+        "| fault | first cause | within ms | else it shows in |",
+        "|---|---|---|---|",
+    ]
+    for wire in fault_wire.WIRE_TABLE:
+        causes = " or ".join(str(trip.name) for trip in Trip if trip & wire.causes)
+        within = f"{wire.within_ms:g}" if wire.causes else ""
+        lines.append(f"| {wire.name} | {causes or '-'} | {within} | {wire.without} |")
     return "\n".join([*lines, ""])
 
+
+_WIRE = """## On the wire
+
+Daemon and `motord emulate` in real time, the emulated bench's time limits of 1 s (for computers
+that stall), 500 Hz. Times do not count what the computer adds.
+"""
 
 _HEAD = """# Faults: how they are injected, and what they lead to
 
@@ -189,6 +206,17 @@ fraction = 0.3   # left out: the kind's default
 `fault_events`, and `bridge_status` counts them from bit 8 on (modulo 128), so every recording has
 the tick at which each began, and the daemon makes an event `fault_injected` of it.
 A supervisor, recorder or loop that is killed or stopped is a matter of signals, not of a timeline.
+"""
+
+_INTERLOCKS = """## Interlocks
+
+All of them, in the order in which the first of several causes of one tick is chosen. They are
+evaluated in every tick, in compiled code; a cause takes current and enable away in the same tick
+and stays until a reset. A condition that may last a while (debounce) counts ticks or new samples.
+Currents are compared with the two newest commands, the measured torque with the set-point as the
+sensor's high-pass shows it, besides a fifth of the set-point; this only where torque is applied and
+the currents are not limited. An encoder track is stuck if it has not changed over 2.5 times its
+pattern; tracks too fine for the speed are left out.
 """
 
 _MATRIX = f"""## What each leads to
@@ -218,6 +246,35 @@ def measured_part(found: list[list[Outcome]]) -> str:
     return "\n".join([*lines, ""])
 
 
+def wire_part(outcomes: list[fault_wire.WireOutcome]) -> str:
+    """Return what was measured on the wire."""
+    lines = [WIRE_MARK, "", "## Measured on the wire", ""]
+    lines.append("First cause, detection / from there until no current flows, in ms.")
+    lines += ["", f"| fault | {' | '.join(fault_wire.STATES)} |"]
+    lines.append("|---" * (len(fault_wire.STATES) + 1) + "|")
+    for wire in fault_wire.WIRE_TABLE:
+        cells = [_wire_cell(one) for one in outcomes if one.row is wire]
+        lines.append(f"| {wire.name} | {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def _wire_cell(one: fault_wire.WireOutcome) -> str:
+    if one.detected_ms is None:
+        return "-"
+    return f"{one.first.name} {one.detected_ms:.0f} / {one.zero_ms:.0f}"
+
+
+def write(measured: str = "", wire: str = "") -> None:
+    """Write docs/faults.md; what was not measured now stays as it was."""
+    before = DOCUMENT.read_text() if DOCUMENT.exists() else ""
+    _, _, old = before.partition(MARK)
+    old_measured, _, old_wire = old.partition(WIRE_MARK)
+    measured = measured or MARK + old_measured
+    wire = wire or (WIRE_MARK + old_wire if old_wire else "")
+    parts = [static_part(), measured, wire]
+    DOCUMENT.write_text("\n".join(part.strip() + "\n" for part in parts if part))
+
+
 def run_random(count: int, seed: int) -> int:
     """Run `count` random timelines; print what is wrong and a summary. Returns how many failed."""
     ends: dict[str, int] = {}
@@ -238,7 +295,7 @@ def run_random(count: int, seed: int) -> int:
     return failed
 
 
-def run_wire(late_ms: float) -> int:
+def run_wire(late_ms: float, save: bool) -> int:
     """Run the matrix on the wire; print it. Returns how many cells are not as they must be."""
     with tempfile.TemporaryDirectory(prefix="motord-faults-") as folder:
         outcomes = fault_wire.session(Path(folder), fault_wire.WIRE_TABLE, fault_wire.STATES)
@@ -251,6 +308,8 @@ def run_wire(late_ms: float) -> int:
         bad += bool(faults)
         print(f"{one.row.name:60} {one.state:8} {found:40} {'; '.join(faults)}")
     print(f"{len(outcomes)} cells on the wire, {bad} not as they must be")
+    if save and not bad:
+        write(wire=wire_part(outcomes))
     return bad
 
 
@@ -263,13 +322,13 @@ def main() -> int:
     parser.add_argument("--late-ms", type=float, default=100.0, help="this computer's lateness")
     options = parser.parse_args()
     if options.wire:
-        return 1 if run_wire(options.late_ms) else 0
+        return 1 if run_wire(options.late_ms, options.write) else 0
     if options.random:
         return 1 if run_random(options.random, options.seed) else 0
     found, bad = matrix()
     print(f"{len(TABLE)} faults in {len(STATES)} states, {bad} not as they must be")
     if options.write and not bad:
-        DOCUMENT.write_text(static_part() + "\n" + measured_part(found))
+        write(measured_part(found))
     return 1 if bad else 0
 
 
