@@ -165,6 +165,16 @@ def test_whatever_comes_in_is_answered_with_json(live, name, payload):
         assert (payload, name) in [(b"", n) for n in ("stop", "plan/list", "config")]
 
 
+def test_a_wildcard_commands_nothing(live, client):
+    before = len(client.events())
+    with zenoh.open(client_config(live.listen)) as session:
+        for wide in ("motord/live/**", "motord/*/rpc/stop", "motord/live/rpc/*"):
+            for reply in session.get(wide, timeout=WAIT_S):
+                content = (reply.ok or reply.err).payload.to_bytes()
+                assert reply.err is None or json.loads(content)["code"] == "invalid"
+    assert len(client.events()) == before
+
+
 def test_a_subscriber_that_does_not_read_keeps_the_newest(client, monkeypatch):
     monkeypatch.setattr("motord.client.subscription.KEPT", 2)
     with client.subscribe_state() as states, client.subscribe_state() as watched:

@@ -1,0 +1,131 @@
+"""Files: bench files, import maps, roles, calibrations, recordings."""
+
+import json
+import random
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from motord.calibration import CalibrationError
+from motord.calibration import load as load_calibration
+from motord.config import ConfigError, load, packaged
+from motord.imports.mapping import load_map
+from motord.record.errors import RecordError
+from motord.record.reader import open_run
+from motord.record.recover import recover
+from motord.security import roles
+from motord.security.error import SecurityError
+from motord.security.roles import Role
+from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, mutate_text, some_bytes
+from tests.unit.imports.tables import MAP
+from tests.unit.record.runs import write_run
+from tests.unit.service.test_installation import calibration
+
+RECOVER_EVERY = 20
+
+
+class File:
+    """A file mutated and read, again and again; only errors of `explained` may come out.
+
+    They say where: their message begins with the file, and is not empty after it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        make: Callable[[random.Random], bytes],
+        read: Callable[[Path], object],
+        explained: type[Exception],
+    ) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="motord-fuzz-", dir=_memory())
+        self._path = Path(self._folder.name) / name
+        self._make, self._read, self._explained = make, read, explained
+
+    def close(self) -> None:
+        """Remove the file."""
+        self._folder.cleanup()
+
+    def __call__(self, rng: random.Random) -> bool:
+        content = self._make(rng) if rng.random() < 0.95 else some_bytes(rng, 3000)
+        self._path.write_bytes(content)
+        try:
+            self._read(self._path)
+        except self._explained as error:
+            said = str(error)
+        else:
+            return True
+        assert self._path.name in said, f"does not say which file: {said}"
+        assert "Traceback" not in said
+        return False
+
+
+def _memory() -> str | None:
+    return "/dev/shm" if Path("/dev/shm").is_dir() else None
+
+
+def bench_file() -> File:
+    """Bench files, mutated from those of the package."""
+    emulated = packaged("../../../config/emulated.toml")
+    texts = [packaged("sim.toml").read_text(), emulated.read_text()]
+    texts = [
+        text.replace('rig = "report.rig', 'rig = "package:report.rig').replace(
+            'dbc = "', f'dbc = "{emulated.parent}/'
+        )
+        for text in texts
+    ]
+    return File("bench.toml", lambda rng: mutate_text(rng, rng.choice(texts)), load, ConfigError)
+
+
+def import_map() -> File:
+    """Maps of recordings from elsewhere."""
+    more = MAP + '[csv]\nencoding = "utf-8"\ndecimal = ","\n'
+    return File(
+        "map.toml", lambda rng: mutate_text(rng, rng.choice((MAP, more))), load_map, ConfigError
+    )
+
+
+def roles_file() -> File:
+    """Who may do what."""
+    names = dict(zip("abcd", list(Role) * 2, strict=True))
+    lines = "".join(f'"{name}" = "{role}"\n' for name, role in names.items())
+    text = roles.HEADER + lines
+    return File("roles.toml", lambda rng: mutate_text(rng, text), roles.read, SecurityError)
+
+
+def calibration_file() -> File:
+    """Calibrations."""
+    content = calibration().to_json()
+
+    def make(rng: random.Random) -> bytes:
+        if rng.random() < 0.5:
+            return json.dumps(mutate_json(rng, content)).encode()
+        return mutate_bytes(rng, json.dumps(content).encode())
+
+    return File("calibration.json", make, load_calibration, CalibrationError)
+
+
+def recording() -> File:
+    """Recordings: opened, checked, read whole, now and then recovered."""
+    with tempfile.TemporaryDirectory() as folder:
+        originals = []
+        for name, options in (("z", {"chunk_s": 0.05}), ("n", {"compression": "none"})):
+            write_run(Path(folder) / f"{name}.mcap", 120, **options)
+            originals.append((Path(folder) / f"{name}.mcap").read_bytes())
+    turn = iter(range(1 << 62))
+
+    def read(path: Path) -> None:
+        run = open_run(path)
+        run.check()
+        run.ticks()
+        run.truth() if run.truth_table.present else None
+        run.events(), run.plan(), run.operating_points()
+        if next(turn) % RECOVER_EVERY == 0:
+            clean = path.with_name("clean.mcap")
+            clean.unlink(missing_ok=True)
+            recover(path, clean)
+            again = open_run(clean)
+            assert again.check() is None, "what was recovered is damaged"
+
+    return File(
+        "run.mcap", lambda rng: mutate_bytes(rng, rng.choice(originals), 4), read, RecordError
+    )

@@ -1,0 +1,176 @@
+"""Requests: every RPC of the daemon's core, in five states of the bench, over the virtual rig.
+
+A request that is refused has a code and a message and has changed nothing. Without the token of the
+lease in force nothing is ever changed but by those requests that need none.
+"""
+
+import json
+import random
+import tempfile
+from pathlib import Path
+from typing import Any, get_args
+
+from motord.control.types import SETPOINT
+from motord.plans import PLANS
+from motord.schema import Trip
+from motord.service.calibrations import CalibrationStore
+from motord.service.calls import Call
+from motord.service.desk import Desk
+from motord.service.installation import Installation
+from motord.service.messages import REQUESTS, CalibrationInstall, parse
+from motord.service.refusal import Code, Refusal
+from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, odd_value, some_bytes
+from tests.unit.service.test_installation import calibration
+from tests.unit.service.virtual_service import VirtualService
+
+CODES = set(get_args(Code))
+STATES = ("off", "enabled", "turning", "plan", "tripped")
+FREE = {"stop", "plan/list", "config", "lease/acquire", "plan/start"}
+"""Need no token: stop; those that change nothing; a lease to be had; a plan's dry run."""
+NEW_AFTER = 200
+WAIT_STEPS = 400
+
+
+class Rpc:
+    """Brings one request after another; `__call__` raises AssertionError for what must not be."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="motord-fuzz-")
+        self._left = 0
+        self._turn = 0
+        self._calibration = calibration().to_json()
+
+    def close(self) -> None:
+        """Remove what was written."""
+        self._folder.cleanup()
+
+    def __call__(self, rng: random.Random) -> bool:
+        if not self._left:
+            self._begin()
+        self._left -= 1
+        name = rng.choice(sorted(REQUESTS))
+        return self._bring(name, self._payload(rng, name))
+
+    def _begin(self) -> None:
+        self._left = NEW_AFTER
+        service = self.service = VirtualService()
+        store = CalibrationStore(service.config, Path(self._folder.name))
+        self._installation = Installation(service.bench, store, lambda *tables: None, "text")
+        self._store = store
+        service.desk = Desk({**service.desk._handlers, **self._installation.handlers})
+        self.token = service.acquire("fuzz")
+        self._enter(STATES[self._turn % len(STATES)])
+        self._turn += 1
+
+    def _enter(self, state: str) -> None:
+        service = self.service
+        if state in ("enabled", "turning", "tripped"):
+            service.ask("enable", token=self.token)
+        if state == "turning":
+            service.ask("set", token=self.token, torque_Nm=1.0, speed_Hz=0.5)
+        if state == "plan":
+            settings = {"torques_Nm": [1.0], "speeds_Hz": [0.5]}
+            service.ask("plan/start", token=self.token, name="calibrate", settings=settings)
+        if state == "tripped":
+            memory = service.loop.virtual._memory
+            memory["trip_bits"] = memory["first_trip"] = Trip.OVER_SPEED
+        service.run_s(0.2, self.token)
+
+    def _payload(self, rng: random.Random, name: str) -> bytes:
+        if rng.random() < 0.1:
+            return some_bytes(rng, 2000)
+        content = self._right(rng, name)
+        for _ in range(rng.choice((0, 1, 1, 1, 2, 4))):
+            content = mutate_json(rng, content)
+        payload = json.dumps(content).encode()
+        return mutate_bytes(rng, payload) if rng.random() < 0.3 else payload
+
+    def _right(self, rng: random.Random, name: str) -> dict[str, Any]:
+        """Return a request of the right form, now and then with the right token."""
+        token = rng.choice((self.token, self.token, "guess", "a" * 32))
+        kind = rng.choice(sorted(PLANS))
+        own = getattr(self.service.config.plans, kind.replace("-", "_")).model_dump(mode="json")
+        some = rng.sample(sorted(own), rng.randrange(min(4, len(own))))
+        forms: dict[str, dict[str, Any]] = {
+            "lease/acquire": {"holder": "fuzz", "force": rng.random() < 0.5},
+            "stop": {"by": "fuzz"},
+            "set": {"token": token, rng.choice(("torque_Nm", "speed_Hz", "drive_Hz")): 1.0},
+            "plan/start": {
+                "name": kind,
+                "token": token,
+                "settings": {key: mutate_json(rng, own[key]) for key in some},
+                "dry_run": rng.random() < 0.7,
+            },
+            "plan/list": {},
+            "config": {},
+            "calibration/install": rng.choice(
+                (
+                    {"token": token, "calibration": mutate_json(rng, self._calibration)},
+                    {"token": token, "path": str(odd_value(rng))},
+                )
+            ),
+        }
+        return forms.get(name, {"token": token})
+
+    def _snapshot(self) -> tuple[Any, ...]:
+        service = self.service
+        bench, lease = service.bench, service.bench.lease
+        return (
+            bench.state,
+            bench.setpoint.view().model_dump_json(),
+            service.loop.setpoint.tobytes() if SETPOINT else b"",
+            lease._held,
+            bench.plans.active,
+            bench.plans.view.model_dump_json() if bench.plans.view else None,
+            bench.calibrated,
+            self._store.current,
+            service.restarts,
+        )
+
+    def _bring(self, name: str, payload: bytes) -> bool:
+        before = self._snapshot()
+        in_force = self.token
+        try:
+            request = parse(name, payload)
+            prepared = None
+            if isinstance(request, CalibrationInstall):
+                prepared = self._installation.prepare(request)
+            call = Call(name, request, prepared)
+            self.service.desk.handle(call, self.service.now_ns)
+        except Refusal as refusal:
+            self._refused(refusal)
+            assert self._snapshot() == before, "a request that was refused changed something"
+            return False
+        outcome = _outcome(call)
+        waited = outcome is None
+        for _ in range(WAIT_STEPS):
+            if outcome is not None:
+                break
+            self.service.bench.lease._held.expires_ns = self.service.now_ns + 10**9
+            self.service.step()
+            outcome = _outcome(call)
+        assert outcome is not None, f"{name} was never answered"
+        if isinstance(outcome, Refusal):
+            self._refused(outcome)
+            assert waited or self._snapshot() == before, "refused, and yet something changed"
+            return False
+        json.dumps(outcome)
+        given = getattr(request, "token", "")
+        assert name in FREE or given == in_force, f"{name} was carried out without the lease"
+        if name == "lease/acquire" or self.service.bench.lease._held is None:
+            self.token = outcome.get("token") or self.service.acquire("fuzz", force=True)
+        limit_Nm = self.service.config.limits.torque_Nm
+        assert abs(self.service.bench.setpoint.torque_Nm) <= limit_Nm
+        return True
+
+    def _refused(self, refusal: Refusal) -> None:
+        assert refusal.code in CODES, f"unknown code {refusal.code}"
+        assert refusal.message, "a refusal without a word"
+        assert "Traceback" not in refusal.message
+
+
+def _outcome(call: Call) -> Any:
+    try:
+        return call.wait(0)
+    except Refusal as refusal:
+        return None if refusal.code == "busy" else refusal

@@ -1,0 +1,93 @@
+"""Bytes from devices: the bridge's serial stream, the drive's CAN frames."""
+
+import math
+import random
+
+import can
+import numpy as np
+
+from motord.config import load, packaged
+from motord.control.types import FEEDBACK
+from motord.hal.can_feedback import CanFeedback
+from motord.wire import dbc, frames
+from motord.wire.stream import StreamDecoder
+from tests.campaigns.fuzzing.mutate import mutate_bytes, some_bytes
+
+LAST = frames.Sample(1, 2, -3, 4)
+
+
+def _frame(rng: random.Random) -> bytes:
+    frame: frames.Frame = rng.choice(
+        (
+            frames.Sample(rng.randrange(2**32), rng.randrange(2**32), rng.randrange(-9, 9), 0),
+            frames.Status(1, 0, 2, 3, 4, 5, 6, 1000, 1),
+            frames.Hello(1, 65536, b"board".ljust(16, b"\0"), 1, 1000, 4096, frames.LAYOUT_HASH),
+            frames.Heartbeat(1),
+            frames.Stop(),
+        )
+    )
+    return frames.encode(frame, rng.randrange(1 << 16))
+
+
+class Stream:
+    """The decoder of the bridge's bytes: it comes back in step, and keeps no more than a frame."""
+
+    def __init__(self) -> None:
+        self._decoder = StreamDecoder()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def __call__(self, rng: random.Random) -> bool:
+        stream = b"".join(_frame(rng) for _ in range(rng.randrange(4)))
+        data = mutate_bytes(rng, stream) if stream else some_bytes(rng)
+        errors, found = self._decoder.errors, 0
+        cut = rng.randrange(len(data) + 1)
+        for piece in (data[:cut], data[cut:]):
+            for numbered in self._decoder.feed(piece):
+                assert frames.decode(frames.encode(*reversed(numbered))[:-1]) == numbered
+                found += 1
+        assert self._decoder.errors >= errors
+        assert len(self._decoder._rest) <= frames.MAX_STUFFED_BYTES
+        sequence = rng.randrange(1 << 16)
+        self._decoder.feed(frames.DELIMITER)
+        again = [
+            numbered
+            for n in range(2)  # the first may repeat the number of the one before
+            for numbered in self._decoder.feed(frames.encode(LAST, (sequence + n) % (1 << 16)))
+        ]
+        assert again, "the decoder did not come back in step"
+        assert again[-1].frame == LAST
+        return found > 0
+
+
+class Can:
+    """What is made of CAN frames: never an exception, numbers within the signals' ranges or nan."""
+
+    def __init__(self) -> None:
+        bench = load(packaged("../../../config/emulated.toml"))
+        assert bench.inverter.can is not None
+        self._codec = dbc.load(bench.inverter.can)
+        self._feedback = CanFeedback(self._codec, 0)
+        self._row = np.zeros(1, FEEDBACK)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def __call__(self, rng: random.Random) -> bool:
+        known = rng.choice((*self._codec.feedback, self._codec.command))
+        identifier = rng.choice((known.identifier, rng.randrange(1 << 11)))
+        right = known.encode([rng.uniform(-2, 2) for _ in known.slots], rng.randrange(16))
+        data = rng.choice((right, mutate_bytes(rng, right), some_bytes(rng, 65)))[:64]
+        message = can.Message(
+            arbitration_id=identifier,
+            is_extended_id=rng.random() < 0.1,
+            is_error_frame=rng.random() < 0.02,
+            is_fd=len(data) > 8,
+            data=data,
+            check=False,
+        )
+        self._feedback.take(message, rng.randrange(1 << 60))
+        self._feedback.fill(self._row)
+        assert all(math.isnan(x) or math.isfinite(x) for x in self._row["i_A"][0])
+        return known.decode(data) is not None
