@@ -18,6 +18,8 @@ from motord.cli.analyse.inputs import (
 from motord.cli.console import fail, print_json
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from motord.analysis.sensitivity_result import Again, Sensitivity
 
 
@@ -90,27 +92,40 @@ def _print(result: "Sensitivity") -> None:
         ends = ", ".join(f"{value:g}: {percent:.2f}" for value, percent in theory.ends[what])
         table.add_row(what, ends, f"{low:.3f} to {high:.3f}")
     console.print(table)
-    if result.series:
-        table = Table(title=f"measured at {theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s")
-        for heading in ("branch", "points", "slope (% per unit)", "theory"):
-            table.add_column(heading, justify="right")
-        for one in result.series:
-            for side, branch in zip(("below", "above"), one.branches, strict=True):
-                if branch is not None:
-                    slope = f"{branch.slope:.2f} +- {1.96 * branch.slope_stderr:.2f}"
-                    points = str(int(branch.used.sum()))
-                    expected = f"{branch.theory_slope:.2f}"
-                    table.add_row(f"{one.what} {side}", points, slope, expected)
-        console.print(table)
+    _print_practice(console, result)
     if result.again is not None:
         _print_again(console, result.again)
 
 
-def _print_again(console: "object", again: "Again") -> None:
-    from rich.console import Console
+def _print_practice(console: "Console", result: "Sensitivity") -> None:
     from rich.table import Table
 
-    assert isinstance(console, Console)
+    rows = [
+        (
+            f"{one.what} {side}",
+            str(int(branch.used.sum())),
+            f"{branch.slope:.2f} +- {1.96 * branch.slope_stderr:.2f}",
+            f"{branch.theory_slope:.2f}",
+        )
+        for one in result.series
+        for side, branch in zip(("below", "above"), one.branches, strict=True)
+        if branch is not None
+    ]
+    if result.series and not rows:
+        console.print("fewer than two points a side are clear of the ripple without any error")
+    if rows:
+        place = f"{result.theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s"
+        table = Table(title=f"measured at {place}")
+        for heading in ("branch", "points", "slope (% per unit)", "theory"):
+            table.add_column(heading, justify="right")
+        for row in rows:
+            table.add_row(*row)
+        console.print(table)
+
+
+def _print_again(console: "Console", again: "Again") -> None:
+    from rich.table import Table
+
     table = Table(title="errors that were induced, and calibrated again")
     for heading in ("phase", "alpha", "found", "beta (A)", "found (A)"):
         table.add_column(heading, justify="right")
