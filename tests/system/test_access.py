@@ -146,7 +146,8 @@ def test_a_certificate_without_a_role_may_do_nothing(bench, certificates):
     error = refused_at_the_door(bench, who(certificates, "carl"))
     assert (error.code, "shows nothing to carl" in str(error)) == ("forbidden", True)
     with bench.connect() as client:
-        logged(client, "carl has no role here and may do nothing")
+        event = logged(client, "but has no role here and may do nothing")
+        assert event.message.startswith("carl has come, from 127.0.0.1:")
 
 
 def test_a_client_without_certificate_is_refused(bench, certificates):
@@ -218,6 +219,28 @@ def test_a_role_counts_at_once(bench, certificates):
         roles_path.write_text(good)
         wait_until(lambda: _lets_in(bench, who(certificates, "anna")), "anna to be back")
     assert roles.read(roles_path)["anna"] is Role.OPERATOR
+
+
+def test_a_commander_stays_in_command_when_roles_change(bench, certificates):
+    with (
+        bench.connect() as local,
+        connect("gated", bench.remote, who(certificates, "anna")) as client,
+        client.lease("anna") as lease,
+    ):
+        assert client.rpc("enable", token=lease.token) == {"state": "ENABLED"}
+        authority.add(certificates, "frida", Role.VIEWER)
+        logged(local, "for 2 viewers and 2 operators")
+        wait_until(lambda: _answers(client), "the connection to be back")
+        assert client.state().state == "ENABLED"
+        assert not lease.lost.is_set()
+
+
+def _answers(client):
+    try:
+        client.state()
+    except ClientError:
+        return False
+    return True
 
 
 def _lets_in(bench, shown):

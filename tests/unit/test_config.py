@@ -223,3 +223,10 @@ def test_a_motor_file(tmp_path: Path) -> None:
     path.write_text(BENCH)
     with pytest.raises(ConfigError, match="unknown key"):
         load_motor(path)
+
+
+def test_an_unknown_key_in_capitals_is_named(tmp_path):
+    path = tmp_path / "bench.toml"
+    path.write_text("[Loop]\nrate_Hz = 1000\n")
+    with pytest.raises(ConfigError, match=r"Loop: unknown key; did you mean loop\?"):
+        load(path)

@@ -1,13 +1,14 @@
 """Command over a bench, held for as long as a `with` block runs."""
 
 import threading
+import time
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
 from motord.client.error import ClientError
 
-RENEWALS = 3
+RENEWALS = 4
 """How often a lease is renewed within its duration."""
 
 Rpc = Callable[..., dict[str, Any]]
@@ -16,7 +17,8 @@ Rpc = Callable[..., dict[str, Any]]
 class Lease:
     """Command over the bench while the `with` block runs; renewed in the background.
 
-    `lost` is set, with the reason in `why`, when somebody took over or the daemon went away.
+    `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
+    longer than the lease lasts.
     """
 
     def __init__(self, rpc: Rpc, holder: str, *, force: bool = False) -> None:
@@ -48,7 +50,7 @@ class Lease:
         self.token, self.took_over_from = answer["token"], answer["took_over_from"]
         self._thread = threading.Thread(
             target=self._renew,
-            args=(answer["lease_s"] / RENEWALS,),
+            args=(answer["lease_s"],),
             name="motord-lease",
             daemon=True,
         )
@@ -67,13 +69,17 @@ class Lease:
         except ClientError as error:
             self._lose(str(error))
 
-    def _renew(self, every_s: float) -> None:
-        while not self._done.wait(every_s):
+    def _renew(self, lease_s: float) -> None:
+        good_until_s = time.monotonic() + lease_s
+        while not self._done.wait(lease_s / RENEWALS):
+            begun_s = time.monotonic()
             try:
                 self._rpc("lease/renew", token=self.token)
+                good_until_s = begun_s + lease_s
             except ClientError as error:
-                self._lose(str(error))
-                return
+                if error.code != "unreachable" or time.monotonic() > good_until_s:
+                    self._lose(str(error))
+                    return
 
     def _lose(self, why: str) -> None:
         self.why = why

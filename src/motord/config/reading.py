@@ -86,7 +86,7 @@ def _resolve_files(path: Path, data: dict[str, Any]) -> None:
 def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
     lines = []
     for item in error.errors(include_url=False):
-        keys = [str(k) for k in item["loc"] if not str(k)[:1].isupper() and k != "[key]"]
+        keys = _keys(item["loc"], whole=item["type"] == "extra_forbidden")
         where = f"{path}:{_line_of(text, keys)}" if _line_of(text, keys) else str(path)
         what = item["msg"].removeprefix("Value error, ")
         if item["type"] == "extra_forbidden":
@@ -97,6 +97,16 @@ def _explain(error: ValidationError, model: type[Section], path: Path, text: str
             what = f"{what[0].lower()}{what[1:]}, got {item['input']!r}"
         lines.append(f"{where}: {_dotted(keys)}: {what}" if keys else f"{where}: {what}")
     return "; ".join(dict.fromkeys(lines))
+
+
+def _keys(loc: tuple[int | str, ...], *, whole: bool) -> list[str]:
+    """Return the keys of a place in a file: pydantic's own names of types are left out.
+
+    whole: the last part is what somebody wrote, whatever it looks like.
+    """
+    parts = [str(part) for part in loc]
+    kept = [part for part in parts if not part[:1].isupper() and part != "[key]"]
+    return [*kept, parts[-1]] if whole and parts and parts[-1] not in kept[-1:] else kept
 
 
 def _dotted(keys: list[str]) -> str:

@@ -16,7 +16,7 @@ def brake_torque_Nm(brake: BrakeConfig, excitation: float, speed_rad_s: float) -
     if speed_rad_s == 0.0:
         return 0.0
     ratio = speed_rad_s / brake.critical_speed_rad_s
-    return excitation**2 * 2 * brake.torque_max_Nm / (ratio + 1 / ratio)
+    return excitation**2 * brake.torque_max_Nm * 2 * ratio / (1 + ratio * ratio)
 
 
 def excitation_for(brake: BrakeConfig, torque_Nm: float, speed_rad_s: float) -> float:

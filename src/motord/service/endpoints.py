@@ -12,6 +12,8 @@ from motord.security.roles import Role
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 KEY_ROOT = "motord"
+AGAIN = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+"""When a client whose connection has ended tries again."""
 MAX_CLIENTS = 32
 """So many connections from other machines at a time."""
 MAX_MESSAGE_BYTES = 80 * 1024 * 1024
@@ -63,6 +65,7 @@ def client_config(endpoint: str, identity: Identity | None = None) -> zenoh.Conf
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     config.insert_json5("connect/timeout_ms", "0")
     config.insert_json5("connect/exit_on_failure", "true")
+    config.insert_json5("connect/retry", json.dumps(AGAIN))
     if identity is not None:
         files = {
             "root_ca_certificate": str(identity.ca),

@@ -3,8 +3,8 @@
 A Zenoh router of its own. It asks every client for a certificate, lets through what the role allows
 (`motord.security.access`) and passes it on to the daemon over the loopback interface. What comes
 from the network and is not allowed, or is too much, ends here and holds up nothing else. It says
-on its stdout, one JSON object a line, who comes, goes or is refused; it ends when its stdin does,
-and when roles or certificates change, to be started again with the new ones.
+on its stdout, one JSON object a line, who comes, goes or is refused. When roles or certificates
+change, all connections end and come back under the new ones; when its stdin ends, it ends.
 """
 
 import argparse
@@ -29,8 +29,11 @@ from motord.security.identity import check_files
 from motord.service.endpoints import gate_config
 from motord.service.gate_log import LEVELS, GateLog, Throttle
 
+STDIN = 0
 LOOK_S = 1.0
 """How often it looks whether roles or certificates have changed."""
+
+Signature = tuple[tuple[int, int, int], ...]
 
 
 class Speaker:
@@ -79,11 +82,13 @@ def greet(event: zenoh.LinkEvent, reads: GateLog, speaker: Speaker) -> None:
         speaker.say(f"{name} at {where} has gone", who=name, where=where)
         return
     reads.names[str(link.zid)] = name
-    known = f"({role})" if role else "has no role here and may do nothing"
-    speaker.say(f"{name} {known} has come, from {where}", who=name, role=role, where=where)
+    words = f"{name} ({role}) has come, from {where}"
+    if not role:
+        words = f"{name} has come, from {where}, but has no role here and may do nothing"
+    speaker.say(words, who=name, role=role, where=where)
 
 
-def signature(tls: TlsConfig) -> tuple[tuple[int, int, int], ...]:
+def signature(tls: TlsConfig) -> Signature:
     """Return what changes when one of the files changes."""
     found = []
     for path in (tls.ca, tls.certificate, tls.key, tls.roles):
@@ -102,35 +107,41 @@ def check(tls: TlsConfig) -> dict[str, roles_file.Role]:
     return roles_file.read(tls.roles)
 
 
-def _until_told_or_changed(tls: TlsConfig, before: tuple[tuple[int, int, int], ...]) -> str:
+def _until_told_or_changed(tls: TlsConfig, before: Signature) -> bool:
+    """Wait until a file has changed (True) or stdin has ended (False)."""
     while True:
-        readable, _, _ = select.select([0], [], [], LOOK_S)
-        if readable and not os.read(0, 1024):
-            return ""
+        readable, _, _ = select.select([STDIN], [], [], LOOK_S)
+        if readable and not os.read(STDIN, 1024):
+            return False
         if signature(tls) != before:
-            return "roles or certificates have changed; the gate starts again with them"
+            return True
 
 
 def keep(config: Config, speaker: Speaker, log: IO[str]) -> None:
     """Let clients in until stdin ends. Raises SecurityError, zenoh.ZError."""
-    tls = config.zenoh.tls
-    assert tls is not None
-    before = signature(tls)
-    roles = check(tls)
-    reads = GateLog({name: str(role) for name, role in roles.items()})
+    assert config.zenoh.tls is not None
+    reads = GateLog({})
     threading.Thread(
         target=listen_to, args=(log, reads, speaker), name="motord-gate-log", daemon=True
     ).start()
     zenoh.init_log_from_env_or(LEVELS)
+    while _keep_unchanged(config, config.zenoh.tls, reads, speaker):
+        speaker.say("roles or certificates have changed; all must come again")
+
+
+def _keep_unchanged(config: Config, tls: TlsConfig, reads: GateLog, speaker: Speaker) -> bool:
+    """Let clients in under the files as they are; return whether these have changed."""
+    before = signature(tls)
+    roles = check(tls)
+    reads.roles = {name: str(role) for name, role in roles.items()}
     with zenoh.open(gate_config(config, roles)) as session:
         listener = session.info.declare_link_events_listener(
             lambda event: greet(event, reads, speaker), history=True
         )
         speaker.say(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
         changed = _until_told_or_changed(tls, before)
-        if changed:
-            speaker.say(changed)
         listener.undeclare()  # type: ignore[no-untyped-call]
+    return changed
 
 
 def _count(roles: dict[str, roles_file.Role]) -> str:

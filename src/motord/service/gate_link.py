@@ -81,4 +81,5 @@ def _content(line: bytes) -> dict[str, Any]:
         said = json.loads(line)
     except ValueError:
         said = None
-    return said if isinstance(said, dict) else {"message": line.decode(errors="replace")}
+    good = isinstance(said, dict) and isinstance(said.get("data", {}), dict)
+    return said if good else {"message": line.decode(errors="replace")}

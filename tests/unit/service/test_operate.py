@@ -280,3 +280,10 @@ def test_lost_ticks_are_told(service):
     service.step(lost=7)
     assert service.bench.watch.lost == 7
     assert "ring_loss" in service.kinds()
+
+
+@pytest.mark.parametrize("speed_Hz", [5e-324, -5e-324, 1e-300])
+def test_a_speed_next_to_nothing_is_no_division_by_zero(service, speed_Hz):
+    token = service.enabled()
+    service.ask("set", token=token, speed_Hz=speed_Hz)
+    assert refused(service, "refused", "set", token=token, speed_Hz=1e308)

@@ -1,0 +1,194 @@
+"""The gate in this process, before a daemon's own pieces: who comes, goes, may do what."""
+
+import io
+import json
+import os
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+from motord.client import ClientError, connect
+from motord.client.diagnosis import why_closed
+from motord.security import authority, identity
+from motord.security.error import SecurityError
+from motord.security.roles import Role
+from motord.service import gate
+from motord.service.endpoints import gate_config
+from motord.service.events import EventLog
+from motord.service.gate_link import GATE, GateLink, gate_spec
+from motord.service.gate_log import GateLog
+from motord.service.processes import Children
+from tests.unit.service.live_service import endpoint, free_port, live_service
+
+WAIT_S = 20.0
+
+
+@pytest.fixture
+def folder(tmp_path):
+    authority.init(tmp_path / "ours", [])
+    authority.add(tmp_path / "ours", "anna", Role.OPERATOR)
+    authority.add(tmp_path / "ours", "ben", Role.VIEWER)
+    return tmp_path / "ours"
+
+
+def who(folder, name):
+    return identity.load(folder / "clients" / name)
+
+
+class Opened:
+    """A gate that is kept open in a thread until the block ends."""
+
+    def __init__(self, config, monkeypatch):
+        self.out, self.end, self.up = io.StringIO(), threading.Event(), threading.Event()
+
+        def until(tls, before):
+            self.up.set()
+            assert self.end.wait(WAIT_S)
+            return gate.signature(tls) != before
+
+        monkeypatch.setattr(gate, "_until_told_or_changed", until)
+        self.tls, self.config = config.zenoh.tls, config
+        self.changed = None
+        self.thread = threading.Thread(target=self._keep)
+
+    def _keep(self):
+        reads, speaker = GateLog({}), gate.Speaker(self.out)
+        self.changed = gate._keep_unchanged(self.config, self.tls, reads, speaker)
+
+    def __enter__(self):
+        self.thread.start()
+        assert self.up.wait(WAIT_S)
+        return self
+
+    def __exit__(self, *error):
+        self.end.set()
+        self.thread.join()
+
+    def said(self):
+        return [json.loads(line)["message"] for line in self.out.getvalue().splitlines()]
+
+
+@pytest.fixture
+def gated(tmp_path, folder, monkeypatch):
+    local, remote = endpoint(), f"tls/127.0.0.1:{free_port()}"
+    files = {"ca": "ca.pem", "certificate": "server.pem", "key": "server.key"}
+    tls = {key: folder / name for key, name in files.items()} | {"roles": folder / "roles.toml"}
+    with live_service(
+        tmp_path, listen=local, zenoh={"listen": (local, remote), "tls": tls}
+    ) as service, Opened(service.config, monkeypatch) as opened:  # fmt: skip
+        yield SimpleNamespace(remote=remote, opened=opened, config=service.config)
+
+
+def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
+    with connect("live", gated.remote, folder / "clients" / "anna") as client:
+        assert client.rpc("stop")["state"] == "OFF"
+    with connect(None, gated.remote, who(folder, "ben")) as client:
+        assert client.state().state == "OFF"
+        assert client.rpc("plan/list")["plans"]
+        with pytest.raises(ClientError, match=r"not permitted for ben \(viewer\)\?") as caught:
+            client.rpc("stop")
+        assert caught.value.code == "forbidden"
+        with pytest.raises(ClientError, match="this daemon has no rpc/dance"):
+            client.rpc("dance")
+    said = gated.opened.said()
+    assert said[0].endswith("for 1 viewers and 1 operators")
+    assert any(words.startswith("anna (operator) has come, from 127.0.0.1:") for words in said)
+
+
+def test_who_is_not_let_in_is_told_why(gated, folder, tmp_path):
+    with pytest.raises(ClientError, match="asks for a certificate"):
+        connect("live", gated.remote)
+    with pytest.raises(ClientError, match="an identity is a folder"):
+        connect("live", gated.remote, tmp_path)
+    authority.add(folder, "carl", Role.VIEWER)  # the gate does not know yet
+    with pytest.raises(ClientError, match="shows nothing to carl"):
+        connect("live", gated.remote, who(folder, "carl"))
+    assert any("carl has come" in w and "may do nothing" in w for w in gated.opened.said())
+    authority.init(tmp_path / "theirs", [])
+    theirs = who(folder, "anna")
+    stranger = authority.add(tmp_path / "theirs", "anna", Role.OPERATOR)
+    with pytest.raises(ClientError, match="its own certificate is not accepted here"):
+        connect("live", gated.remote, stranger)
+    (stranger / "ca.pem").write_bytes(theirs.ca.read_bytes())
+    with pytest.raises(ClientError, match="does not let anna in: the certificate is from another"):
+        connect("live", gated.remote, stranger)
+    nobody = f"tls/127.0.0.1:{free_port()}"
+    with pytest.raises(ClientError, match="is `motord run` running there"):
+        connect("live", nobody, theirs)
+    assert why_closed("tcp/nothing", theirs) == "expected tls/HOST:PORT"
+    assert why_closed(gated.remote, theirs) == ""
+
+
+def test_a_change_is_noticed(gated, folder):
+    authority.remove(folder, "ben")
+    gated.opened.__exit__()
+    assert gated.opened.changed is True
+    (folder / "server.key").unlink()
+    assert gate.signature(gated.config.zenoh.tls)[2] == (0, 0, 0)
+    with pytest.raises(SecurityError, match=r"server\.key: cannot read it"):
+        gate.check(gated.config.zenoh.tls)
+
+
+def test_the_gate_goes_by_what_zenoh_itself_checks(gated):
+    config = gate_config(gated.config, {"anna": Role.OPERATOR})
+    tls = json.loads(config.get_json("transport/link/tls"))
+    assert (tls["enable_mtls"], tls["close_link_on_expiration"]) == (True, True)
+    access = json.loads(config.get_json("access_control"))
+    assert (access["enabled"], access["default_permission"]) == (True, "deny")
+    assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+
+
+def spoken(script, tmp_path):
+    """Return the events that a process in the gate's place causes."""
+    spec = gate_spec(tmp_path / "bench.toml")
+    command = (sys.executable, "-c", script)
+    children = Children([type(spec)(**{**spec.__dict__, "command": command})])
+    events = EventLog(lambda: 0)
+    link = GateLink(children, events)
+    link.step()
+    link.start(0)
+    process = children.process(GATE)
+    process.wait(WAIT_S)
+    for _ in range(3):
+        link.step()
+    link.stop()
+    return [event.message for event in events.recent()]
+
+
+def test_what_the_gate_says_becomes_an_event_whatever_it_is(tmp_path):
+    lines = [json.dumps({"message": "hello", "data": {"who": "anna"}}), "not JSON", "[1]"]
+    assert spoken(f"print({chr(10).join(lines)!r})", tmp_path) == ["hello", "not JSON", "[1]"]
+
+
+def test_a_gate_that_cannot_open_says_why(tmp_path):
+    command = gate_spec(tmp_path / "none.toml").command
+    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert done.returncode == 1
+    assert "none.toml: cannot read it" in json.loads(done.stdout)["message"]
+
+
+def test_zenohs_log_is_taken_over_from_stdout():
+    script = (
+        "import os; from motord.service.gate import take_over_stdout as take\n"
+        "log, out = take(); os.write(1, b'inner\\n'); out.write('outer ' + log.readline())\n"
+        "out.flush()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "outer inner\n"
+
+
+def test_the_gate_ends_with_its_daemon(monkeypatch, folder):
+    files = {"ca": "ca.pem", "certificate": "server.pem", "key": "server.key"}
+    tls = SimpleNamespace(**{k: folder / n for k, n in files.items()}, roles=folder / "roles.toml")
+    before = gate.signature(tls)
+    monkeypatch.setattr(gate, "LOOK_S", 0.01)
+    reader, writer = os.pipe()
+    monkeypatch.setattr("motord.service.gate.STDIN", reader)
+    authority.remove(folder, "ben")
+    assert gate._until_told_or_changed(tls, before) is True
+    os.close(writer)
+    assert gate._until_told_or_changed(tls, gate.signature(tls)) is False
+    os.close(reader)
