@@ -7,6 +7,7 @@ by a request that was refused. Exits with 1 if anything did.
 """
 
 import argparse
+import logging
 import random
 import signal
 import sys
@@ -74,6 +75,7 @@ def run(name: str, inputs: int, seed: int = 1, first: int = 0) -> Outcome:
     outcome = Outcome()
     target = TARGETS[name]()
     before = signal.signal(signal.SIGALRM, _hang)
+    logging.getLogger("motord").setLevel(logging.CRITICAL)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -81,6 +83,7 @@ def run(name: str, inputs: int, seed: int = 1, first: int = 0) -> Outcome:
                 _one(target, name, seed, number, outcome)
     finally:
         signal.signal(signal.SIGALRM, before)
+        logging.getLogger("motord").setLevel(logging.NOTSET)
         target.close()
     return outcome
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from motord.client import ClientError, connect, operator
+from motord.client import ClientError, Lease, connect, operator
 from motord.schema import TICK_DTYPE
 from motord.service.api import ApiError
 from motord.service.endpoints import client_config, router_config
@@ -134,6 +134,36 @@ def test_a_second_commander_is_refused_and_a_takeover_is_noticed(client):
             assert "ben took over" in lease.why
         assert code_of(client, "enable", token=lease.token) == "no_lease"
     assert operator()
+
+
+class Flaky:
+    """A daemon that `lease/renew` does not reach the first `failures` times, or is refused by."""
+
+    def __init__(self, failures, code="unreachable"):
+        self.failures, self.code = failures, code
+        self.renewed = threading.Event()
+
+    def __call__(self, name, /, **arguments):
+        if name == "lease/renew":
+            if self.failures:
+                self.failures -= 1
+                raise ClientError(self.code, "it is gone")
+            self.renewed.set()
+        return {"token": "t", "took_over_from": None, "lease_s": 0.4}
+
+
+def test_a_lease_outlives_a_connection_that_comes_back_in_time():
+    daemon = Flaky(failures=2)
+    with Lease(daemon, "anna") as lease:
+        assert daemon.renewed.wait(WAIT_S)
+        assert not lease.lost.is_set()
+
+
+@pytest.mark.parametrize("code", ["unreachable", "no_lease"])
+def test_a_lease_is_lost_when_it_is_refused_or_the_daemon_stays_away(code):
+    with Lease(Flaky(failures=10**9, code=code), "anna") as lease:
+        assert lease.lost.wait(WAIT_S)
+        assert lease.why == "it is gone"
 
 
 def test_a_lease_that_cannot_be_given_back_is_lost(client):

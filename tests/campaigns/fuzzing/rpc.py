@@ -10,7 +10,8 @@ import tempfile
 from pathlib import Path
 from typing import Any, get_args
 
-from motord.control.types import SETPOINT
+import numpy as np
+
 from motord.plans import PLANS
 from motord.schema import Trip
 from motord.service.calibrations import CalibrationStore
@@ -19,7 +20,13 @@ from motord.service.desk import Desk
 from motord.service.installation import Installation
 from motord.service.messages import REQUESTS, CalibrationInstall, parse
 from motord.service.refusal import Code, Refusal
-from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, odd_value, some_bytes
+from tests.campaigns.fuzzing.mutate import (
+    ODD_NUMBERS,
+    mutate_bytes,
+    mutate_json,
+    odd_value,
+    some_bytes,
+)
 from tests.unit.service.test_installation import calibration
 from tests.unit.service.virtual_service import VirtualService
 
@@ -29,6 +36,9 @@ FREE = {"stop", "plan/list", "config", "lease/acquire", "plan/start"}
 """Need no token: stop; those that change nothing; a lease to be had; a plan's dry run."""
 NEW_AFTER = 200
 WAIT_STEPS = 400
+GO_ON_STEPS = 5
+NO_NUMBER = ("brake_temperature_C",)
+"""nan where there is nothing to tell."""
 
 
 class Rpc:
@@ -94,7 +104,7 @@ class Rpc:
         forms: dict[str, dict[str, Any]] = {
             "lease/acquire": {"holder": "fuzz", "force": rng.random() < 0.5},
             "stop": {"by": "fuzz"},
-            "set": {"token": token, rng.choice(("torque_Nm", "speed_Hz", "drive_Hz")): 1.0},
+            "set": {"token": token, **_values(rng)},
             "plan/start": {
                 "name": kind,
                 "token": token,
@@ -118,7 +128,7 @@ class Rpc:
         return (
             bench.state,
             bench.setpoint.view().model_dump_json(),
-            service.loop.setpoint.tobytes() if SETPOINT else b"",
+            service.loop.setpoint.tobytes(),
             lease._held,
             bench.plans.active,
             bench.plans.view.model_dump_json() if bench.plans.view else None,
@@ -159,14 +169,36 @@ class Rpc:
         assert name in FREE or given == in_force, f"{name} was carried out without the lease"
         if name == "lease/acquire" or self.service.bench.lease._held is None:
             self.token = outcome.get("token") or self.service.acquire("fuzz", force=True)
-        limit_Nm = self.service.config.limits.torque_Nm
-        assert abs(self.service.bench.setpoint.torque_Nm) <= limit_Nm
+        self._go_on()
         return True
+
+    def _go_on(self) -> None:
+        """Let some time pass with what was set: it must bring nothing down later either."""
+        service = self.service
+        service.bench.lease._held.expires_ns = service.now_ns + 10**9
+        service.step(GO_ON_STEPS)
+        assert abs(service.bench.setpoint.torque_Nm) <= service.config.limits.torque_Nm
+        written = service.loop.setpoint[0]
+        numbers = [written[n] for n in written.dtype.names if n not in NO_NUMBER]
+        assert all(np.all(np.isfinite(n)) for n in numbers), f"set-point not finite: {written}"
+        assert np.all(np.isfinite(service.bench.watch.torque_set_Nm))
 
     def _refused(self, refusal: Refusal) -> None:
         assert refusal.code in CODES, f"unknown code {refusal.code}"
         assert refusal.message, "a refusal without a word"
         assert "Traceback" not in refusal.message
+
+
+def _values(rng: random.Random) -> dict[str, float]:
+    """Return set-points of any size, most of them within what a bench can do."""
+    sizes = (
+        lambda: rng.uniform(0, 1),
+        lambda: rng.uniform(-3, 3),
+        lambda: 10 ** rng.uniform(-320, 300),
+        lambda: float(rng.choice(ODD_NUMBERS)),
+    )
+    keys = rng.sample(("torque_Nm", "speed_Hz", "brake", "drive_Hz"), rng.randint(1, 3))
+    return {key: rng.choice(sizes)() for key in keys}
 
 
 def _outcome(call: Call) -> Any:
