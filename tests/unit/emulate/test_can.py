@@ -119,3 +119,61 @@ def test_a_bus_that_cannot_be_opened_is_one_line(changes, words):
     assert words in str(caught.value)
     assert "cannot open it" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def drained(host):
+    got = []
+    while (message := host.recv(0)) is not None:
+        got.append(message)
+    return got
+
+
+def test_faults_on_the_way_to_the_host(ends):
+    port, host = ends
+    codec = CODEC.feedback[0]
+    values = dict.fromkeys(codec.slots, 0.0)
+    port.faults.active, port.faults.duplicate = True, 1.0
+    port.send(codec, values, 0)
+    assert [bytes(m.data) for m in drained(host)] == [codec.encode([0.0] * len(codec.slots), 0)] * 2
+    port.faults.clear()
+    port.faults.active, port.faults.drop = True, 1.0
+    port.send(codec, values, 0)
+    assert drained(host) == []
+    port.faults.clear()
+    port.faults.active, port.faults.delay_ns = True, 5
+    port.send(codec, values, 10)
+    port.faults.clear()
+    port.send(codec, values, 11)  # must not overtake the one that is late
+    port.play(14)
+    assert drained(host) == []
+    port.play(15)
+    assert [codec.counter(bytes(m.data)) for m in drained(host)] == [2, 3]
+
+
+def test_faults_on_the_way_to_the_drive(ends):
+    port, host = ends
+    port.faults.active, port.faults.drop = True, 1.0
+    host.send(command(0))
+    assert list(port.receive()) == []
+    port.faults.clear()
+    port.faults.active, port.faults.corrupt = True, 1.0
+    host.send(command(1))
+    assert list(port.receive()) == []
+    assert port.command_errors == 1
+    port.faults.clear()
+    host.send(command(2))
+    assert len(list(port.receive())) == 1
+
+
+def test_the_hosts_controller_hears_that_it_is_off_the_bus_and_back(ends):
+    port, host = ends
+    port.faults.active = port.faults.off = True
+    port.play(0)
+    port.play(1)
+    [off] = drained(host)
+    assert off.is_error_frame
+    assert off.arbitration_id == 0x40
+    port.faults.clear()
+    port.play(2)
+    [back] = drained(host)
+    assert (back.is_error_frame, back.arbitration_id) == (True, 0x100)

@@ -6,7 +6,9 @@ import stat
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from motord.cli import app
 from motord.config import ConfigError, load
 from motord.config.faults import KINDS, Fault, Timeline, random_timeline
 from motord.emulate import EmulatorError
@@ -255,3 +257,31 @@ def test_examples_are_for_the_emulator():
 
     for path in sorted((Path(EMULATED).parent / "faults").glob("*.toml")):
         check_timeline(load_timeline(path))
+
+
+def test_kinds_are_listed():
+    said = CliRunner().invoke(app, ["fault", "kinds"])
+    assert said.exit_code == 0
+    assert len(said.stdout.splitlines()) == len(KINDS)
+    assert "[fraction=1.0]" in said.stdout
+    listed = json.loads(CliRunner().invoke(app, ["fault", "kinds", "--json"]).stdout)
+    assert listed["index_slip"]["parameters"] == {"counts": 300}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["can_drop", "fraction"], "'fraction' is not NAME=VALUE"),
+        (["can_drop"], "is not emulated: [bridge] has no port"),
+    ],
+)
+def test_a_fault_that_cannot_be_sent(arguments, says, capfd):
+    said = CliRunner().invoke(app, ["fault", "inject", *arguments])
+    assert said.exit_code == 1
+    assert says in said.output + capfd.readouterr().err
+
+
+def test_a_bench_file_names_its_timeline_from_its_own_folder(tmp_path):
+    text = EMULATED.read_text().replace("[bench]\n", '[bench]\nfaults = "t.toml"\n', 1)
+    (tmp_path / "bench.toml").write_text(text)
+    assert load(tmp_path / "bench.toml").bench.faults == tmp_path / "t.toml"

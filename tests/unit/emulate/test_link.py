@@ -47,3 +47,26 @@ def test_noise_is_counted(ends):
     host.write(b"noise\0")
     assert list(link.receive(1)) == []
     assert link.errors == 1
+
+
+def test_faults_on_the_line(ends):
+    link, host = ends
+    link.faults.active, link.faults.delay_ns = True, 5
+    assert link.send(frames.Sample(1, 1, 1, 0), 10)
+    link.faults.clear()
+    link.faults.active, link.faults.drop = True, 1.0
+    link.send(frames.Sample(2, 2, 2, 0), 11)
+    host.write(frames.encode(frames.Heartbeat(1), 0))
+    host.flush()
+    assert list(link.receive(1)) == []
+    link.faults.clear()
+    link.play(15)
+    link.send(frames.Sample(3, 3, 3, 0), 16)
+    decoder, got = StreamDecoder(), []
+    while len(got) < 2:
+        got += decoder.feed(os.read(host.fileno(), 4096))
+    assert [(n.sequence, n.frame.t_us) for n in got] == [(0, 1), (2, 3)]
+    link.restart()
+    link.send(frames.Sample(4, 4, 4, 0))
+    [anew] = StreamDecoder().feed(os.read(host.fileno(), 4096))
+    assert anew.sequence == 0
