@@ -46,3 +46,19 @@ def from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
         for key, text in strings.items()
         if key != JSON_KEYS
     }
+
+
+def mended(strings: Mapping[str, str]) -> dict[str, str]:
+    """Return the strings of a metadata record with what is not JSON any more as plain text."""
+    claimed = strings.get(JSON_KEYS, "").split(",")
+    good = [key for key in claimed if key in strings and _is_json(strings[key])]
+    kept = {key: text for key, text in strings.items() if key != JSON_KEYS}
+    return {**kept, JSON_KEYS: ",".join(good)} if good else kept
+
+
+def _is_json(text: str) -> bool:
+    try:
+        json.loads(text)
+    except ValueError:
+        return False
+    return True

@@ -10,7 +10,7 @@ from motord.record.chunk import Index, chunk_record
 from motord.record.container import PART, Container
 from motord.record.content import ChunkError, chunk_head, messages
 from motord.record.damage import Damage
-from motord.record.plain import to_strings
+from motord.record.plain import mended, to_strings
 from motord.record.reader import Run, open_run
 from motord.record.source import Source
 
@@ -59,7 +59,7 @@ def _copy(run: Run, container: Container) -> tuple[int, int]:
     """Copy everything that is readable; return the numbers of ticks and of chunks."""
     source = run.source
     for name, strings in source.structure.metadata.items():
-        container.metadata(name, strings)
+        container.metadata(name, mended(strings))
     for channel in source.structure.channels.values():
         schema = source.structure.schemas.get(channel.schema_id)
         container.channel(schema, channel)

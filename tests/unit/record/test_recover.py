@@ -125,3 +125,19 @@ def test_chunks_without_use_are_left_out(tmp_path):
 def test_default_names():
     assert default_output(Path("a/run-000.mcap.part")) == Path("a/run-000.recovered.mcap")
     assert default_output(Path("run.mcap")) == Path("run.recovered.mcap")
+
+
+def test_metadata_that_is_no_json_any_more_is_kept_as_text(tmp_path):
+    path, output = tmp_path / "run.mcap", tmp_path / "clean.mcap"
+    write_run(path, 100)
+    before = b'{"motord":"0"}'
+    content = path.read_bytes()
+    assert before in content
+    path.write_bytes(content.replace(before, before.replace(b"}", b"!")))
+    run = open_run(path)
+    assert "metadata record" in str(run.damage)
+    recover(path, output)
+    clean = open_run(output)
+    assert clean.check() is None
+    assert clean.metadata["versions"] == before.decode().replace("}", "!")
+    assert clean.metadata["bench"] == METADATA["bench"]
