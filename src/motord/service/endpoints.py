@@ -44,7 +44,7 @@ def gate_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
     assert tls is not None
     gate = router_config(config.zenoh.remote)
     gate.insert_json5("connect/endpoints", json.dumps(config.zenoh.local[:1]))
-    gate.insert_json5("transport/unicast/max_sessions", str(MAX_CLIENTS))
+    gate.insert_json5("transport/unicast/max_sessions", str(MAX_CLIENTS + 1))
     gate.insert_json5("transport/link/rx/max_message_size", str(MAX_MESSAGE_BYTES))
     files = {
         "root_ca_certificate": str(tls.ca),
