@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 JOBS   ?= 2
 
-.PHONY: help demo test lint types layers unit bench pictures lock clean
+.PHONY: help demo test lint types layers unit bench soak pictures lock clean
 .DEFAULT_GOAL := help
 
 help:           ## list the targets
@@ -52,6 +52,12 @@ pictures: $(VENV)/demo.stamp ## draw the pictures of the README anew
 
 bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 	@$(BIN)/python -m tests.benchmarks.run --json bench.json
+
+CAMPAIGNS ?= estimator cogging back_emf inertia sensitivity learn faults faults:--random=200 faults:--wire \
+	fuzz plan_kills
+soak: $(VENV)/dev.stamp   ## the long campaigns, one after the other; CAMPAIGNS="learn faults" for some
+	@for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one"; \
+	    $(BIN)/python -m tests.campaigns.$$name $$(echo "$${option#:}" | tr = ' ') || exit 1; done
 
 lock:                     ## pin the newest versions that fit pyproject.toml
 	@tools/lock
