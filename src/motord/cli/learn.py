@@ -10,8 +10,9 @@ from motord.cli.analyse.inputs import Output, Report, explained, say_files
 from motord.cli.analyse.learn import Gain, HighestOrder, print_pass, summary
 from motord.cli.command import in_command
 from motord.cli.console import fail, print_json
-from motord.cli.plan import follow, settings_of
+from motord.cli.plan import follow
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon
+from motord.cli.settings import settings_of
 
 if TYPE_CHECKING:
     from motord.analysis.learn import LearnPass

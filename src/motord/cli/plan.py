@@ -1,8 +1,7 @@
 """`motord plan`: experiments on a running daemon."""
 
 import json
-from collections.abc import Mapping
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,6 +10,7 @@ from motord.cli.command import in_command
 from motord.cli.console import fail
 from motord.cli.preflight import preflight
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+from motord.cli.settings import settings_of
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -88,35 +88,6 @@ def _say_end(view: "PlanView", as_json: bool) -> None:
     say(view.model_dump(mode="json"), _end_line(view), as_json)
     if view.state != "done":
         fail(f"{view.plan} {view.state}: {view.message}")
-
-
-def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]:
-    """Return the settings as JSON values; one number for a list is a list of one."""
-    if not given:
-        return {}
-    plans = {p["name"]: p["settings"] for p in client.rpc("plan/list")["plans"]}
-    return parse_settings(given, plans.get(name, {}))
-
-
-def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair."""
-    settings = {}
-    for pair in given:
-        key, equals, text = pair.partition("=")
-        if not equals or not key:
-            raise typer.BadParameter(f"--set {pair}: expected KEY=VALUE")
-        value = _value(text)
-        if isinstance(defaults.get(key), list) and not isinstance(value, list):
-            value = [value]
-        settings[key] = value
-    return settings
-
-
-def _value(text: str) -> Any:
-    for candidate in (text, f"[{text}]"):
-        with suppress(ValueError):
-            return json.loads(candidate)
-    return text
 
 
 def _outline_lines(outline: dict[str, Any]) -> list[str]:

@@ -57,7 +57,7 @@ def _asked(
     name: str, settings: list[str], bench: str | None, connect: str
 ) -> "tuple[Config, Plan, Calibration | None]":
     """Return the daemon's bench, the plan on it and the calibration in force if it needs one."""
-    from motord.cli.plan import settings_of
+    from motord.cli.settings import settings_of
     from motord.config import Config
     from motord.plans import PlanError, build
 

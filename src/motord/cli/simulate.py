@@ -79,7 +79,7 @@ def simulate(
 
 
 def _plan(source: "Source", name: str, given: list[str]) -> "Plan":
-    from motord.cli.plan import parse_settings
+    from motord.cli.settings import parse_settings
     from motord.plans import build
 
     own = getattr(source.config.plans, name.replace("-", "_"), None)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.command import token_file
-from motord.cli.plan import parse_settings
+from motord.cli.settings import parse_settings
 from motord.client import Subscription, connect
 from motord.schema import State, Trip
 from tests.unit.service.live_service import endpoint, live_service

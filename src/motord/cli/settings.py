@@ -1,0 +1,40 @@
+"""A plan's settings as they are typed: KEY=VALUE."""
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from motord.client import Client
+
+
+def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]:
+    """Return the settings as JSON values; one number for a list is a list of one."""
+    if not given:
+        return {}
+    plans = {p["name"]: p["settings"] for p in client.rpc("plan/list")["plans"]}
+    return parse_settings(given, plans.get(name, {}))
+
+
+def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Return KEY=VALUE pairs as a dict; raises typer.BadParameter for what is no pair."""
+    settings = {}
+    for pair in given:
+        key, equals, text = pair.partition("=")
+        if not equals or not key:
+            raise typer.BadParameter(f"--set {pair}: expected KEY=VALUE")
+        value = _value(text)
+        if isinstance(defaults.get(key), list) and not isinstance(value, list):
+            value = [value]
+        settings[key] = value
+    return settings
+
+
+def _value(text: str) -> Any:
+    for candidate in (text, f"[{text}]"):
+        with suppress(ValueError):
+            return json.loads(candidate)
+    return text
