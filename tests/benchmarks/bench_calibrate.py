@@ -247,7 +247,7 @@ def matrix_figures(path: Path, rounds: int) -> list[Figure]:
             "joint, to `pinv` of all samples stacked",
             (matrices.joint_sums, matrices.joint_stacked),
             rounds,
-            PINV_RATIO_WANTED,
+            None,
             f"{rows} samples of {len(matrices.some)} points by {matrices.chosen.size} columns",
         ),
         ratio(

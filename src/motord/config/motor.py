@@ -1,11 +1,12 @@
 """`[motor]` and `[torque_sensor]`: what the controller is told of motor and sensor."""
 
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from motord.config.back_emf import BackEmf, BackEmfTable
+from motord.config.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 from motord.config.base import Finite, NonNegative, Positive, Section
 
 
@@ -36,18 +37,29 @@ class MotorConfig(Section):
         return self
 
     def back_emf_table(self) -> np.ndarray:
-        """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts."""
+        """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts.
+
+        It may be asked for again and again, and must not be written to.
+        """
         if isinstance(self.back_emf, BackEmfTable):
             return self.back_emf.values
-        theta_rad = 2 * np.pi * np.arange(self.counts) / self.counts + self.encoder_offset_rad
-        table = np.zeros((self.counts, 3))
-        for phase in range(3):
-            electrical_rad = self.pole_pairs * theta_rad - phase * 2 * np.pi / 3
-            for h in self.back_emf:
-                table[:, phase] += h.amplitude_V_s_per_rad * np.sin(
-                    h.order * electrical_rad + h.phase_rad
-                )
-        return table
+        return _table(self.back_emf, self.pole_pairs, self.counts, self.encoder_offset_rad)
+
+
+@lru_cache(maxsize=8)
+def _table(
+    harmonics: tuple[BackEmfHarmonic, ...], pole_pairs: int, counts: int, offset_rad: float
+) -> np.ndarray:
+    theta_rad = 2 * np.pi * np.arange(counts) / counts + offset_rad
+    table = np.zeros((counts, 3))
+    for phase in range(3):
+        electrical_rad = pole_pairs * theta_rad - phase * 2 * np.pi / 3
+        for h in harmonics:
+            table[:, phase] += h.amplitude_V_s_per_rad * np.sin(
+                h.order * electrical_rad + h.phase_rad
+            )
+    table.flags.writeable = False
+    return table
 
 
 class TorqueSensorConfig(Section):

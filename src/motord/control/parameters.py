@@ -47,7 +47,7 @@ def build(
         cogging_Nm[:] = calibration.tau_cog_Nm
         if calibration.learned:
             _fill_learned(p, learned_Nm, calibration.learned)
-    return parameters, np.ascontiguousarray(motor.back_emf_table()), cogging_Nm, learned_Nm
+    return parameters, motor.back_emf_table().copy(), cogging_Nm, learned_Nm
 
 
 def _fill_learned(p: np.record, learned_Nm: np.ndarray, learned: LearnedTorque) -> None:

@@ -15,10 +15,6 @@ from motord.identify.encoder_points import EncoderSums, fill_gaps
 from motord.identify.points import Samples
 from motord.jit import jit_sums
 
-VALUE = (0, 1, 2, 4, 4, 4, 3)
-WAVE = (0, 1, 2, 0, 1, 2, 3)
-"""Rows of a trial's table and of the waves whose product is a column of [I* o K, K, torque]."""
-
 
 @dataclass(frozen=True)
 class ResidualFit:
@@ -78,7 +74,6 @@ class ResidualEstimator:
 
     def __init__(self, motor: MotorConfig, orders: tuple[int, ...]) -> None:
         self._k = np.ascontiguousarray(motor.back_emf_table().T)
-        self._waves = np.concatenate([self._k, np.ones((1, motor.counts))])
         self._orders = np.array(orders, int)
         self._products = np.zeros((7, 7))  # of the columns of X and the torque
         self._sums = np.zeros((5, motor.counts))
@@ -90,7 +85,7 @@ class ResidualEstimator:
 
     def take(self, trial: Trial) -> None:
         """Take the averages of an operating point."""
-        add_products(trial.table, self._waves, self._products)
+        add_products(trial.table, self._k, self._products)
         self._sums += trial.table
         self._trials.append(trial)
 
@@ -133,18 +128,35 @@ class ResidualEstimator:
 
 
 @jit_sums
-def add_products(table: np.ndarray, waves: np.ndarray, products: np.ndarray) -> None:
+def add_products(table: np.ndarray, k: np.ndarray, products: np.ndarray) -> None:
     """Add the products of all pairs of columns of X and the torque to `products` (7, 7).
 
-    table (5, counts) as in `Trial`; waves (4, counts): back-EMF of the phases, and 1. Column p of
-    [I* o K, K, torque] is the product of a row of each; it is never made.
+    table (5, counts) as in `Trial`; k (3, counts). The columns a, b, c = I* o K, d, e, f = K and
+    t, the torque, are never made: one pass over the encoder points, all sums at once.
     """
+    aa = ab = ac = ad = ae = af = at = bb = bc = bd = be = bf = bt = cc = 0.0
+    cd = ce = cf = ct = dd = de = df = dt = ee = ef = et = ff = ft = tt = 0.0
+    i_a, i_b, i_c, torque, hit = table[0], table[1], table[2], table[3], table[4]
+    k_a, k_b, k_c = k[0], k[1], k[2]
+    for n in range(torque.size):
+        a, b, c, t = i_a[n] * k_a[n], i_b[n] * k_b[n], i_c[n] * k_c[n], torque[n]
+        d, e, f = hit[n] * k_a[n], hit[n] * k_b[n], hit[n] * k_c[n]
+        aa, ab, ac, ad = aa + a * a, ab + a * b, ac + a * c, ad + a * d
+        ae, af, at, bb = ae + a * e, af + a * f, at + a * t, bb + b * b
+        bc, bd, be, bf = bc + b * c, bd + b * d, be + b * e, bf + b * f
+        bt, cc, cd, ce = bt + b * t, cc + c * c, cd + c * d, ce + c * e
+        cf, ct, dd, de = cf + c * f, ct + c * t, dd + d * d, de + d * e
+        df, dt, ee, ef = df + d * f, dt + d * t, ee + e * e, ef + e * f
+        et, ff, ft, tt = et + e * t, ff + f * f, ft + f * t, tt + t * t
+    rows = (
+        (aa, ab, ac, ad, ae, af, at),
+        (ab, bb, bc, bd, be, bf, bt),
+        (ac, bc, cc, cd, ce, cf, ct),
+        (ad, bd, cd, dd, de, df, dt),
+        (ae, be, ce, de, ee, ef, et),
+        (af, bf, cf, df, ef, ff, ft),
+        (at, bt, ct, dt, et, ft, tt),
+    )
     for p in range(7):
-        a, wave_a = table[VALUE[p]], waves[WAVE[p]]
-        for q in range(p, 7):
-            b, wave_b = table[VALUE[q]], waves[WAVE[q]]
-            total = 0.0
-            for n in range(a.size):
-                total += a[n] * wave_a[n] * b[n] * wave_b[n]
-            products[p, q] += total
-            products[q, p] = products[p, q]
+        for q in range(7):
+            products[p, q] += rows[p][q]
