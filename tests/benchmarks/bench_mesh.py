@@ -1,8 +1,9 @@
 """The mesh in virtual time against real time, and one core of it against other libraries.
 
 The others live in an environment of their own, `.bench-venv`, made when it is missing; drive_peers
-says what they simulate. Slices alternate; what is compared is processor time, as the host of a
-virtual machine takes wall time away from whoever runs.
+says what they simulate. Slices alternate. Core by core, processor time is compared, as the host of
+a virtual machine takes wall time away from whoever runs; beside it stands the mesh as it is taken,
+on all cores, in time that passes.
 """
 
 import json
@@ -36,6 +37,7 @@ MESH_POINTS = 30
 PEER_HZ = round(1 / drive_peers.PERIOD_S)
 REAL_TIME_RATIO_WANTED = 200.0
 PEER_RATIO_WANTED = 500.0
+ONE_CORE, ALL_CORES = WAYS = "one core", "the mesh on all cores"
 SMALL = {"torques_Nm": [2.0, 3.0, 4.0, 5.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
 """A mesh that is over at once: makes the pool's processes load their kernels."""
 
@@ -177,31 +179,49 @@ def peer_rate_per_s(python: Path, name: str, seconds: float) -> float:
     return float(result["ticks"] / result["cpu_s"])
 
 
+def mesh_rate_per_s(plan: Plan, pool: ProcessPoolExecutor) -> float:
+    """Return control ticks a second of time that passes: the mesh at PEER_HZ on all cores."""
+    begun_s = time.perf_counter()
+    ticks = sum(piece.ticks.size for piece in run_points(at_rate(PEER_HZ), plan, 1, pool=pool))
+    return ticks / (time.perf_counter() - begun_s)
+
+
 def peer_figures(quick: bool) -> list[Figure]:
-    """Return ratios to the other libraries; nan if they cannot be installed."""
+    """Return ratios to the other libraries; nan if they cannot be installed.
+
+    One core of ours to the one that they use, and the mesh on all cores.
+    """
     try:
         python = peer_python()
     except (OSError, subprocess.CalledProcessError):
         note = f"not there: {PEER_ENVIRONMENT}/bin/pip install {' '.join(PEER_PACKAGES)}"
-        return [peer_figure(name, [], [], note) for name in drive_peers.PEERS]
+        return [peer_figure(way, name, [], [], note) for name in drive_peers.PEERS for way in WAYS]
     rounds, seconds = (1, 0.5) if quick else (5, 2.0)
-    ours: list[float] = []
+    ours: dict[str, list[float]] = {way: [] for way in WAYS}
     theirs: dict[str, list[float]] = {name: [] for name in drive_peers.PEERS}
-    for _ in range(rounds):
-        ours.append(our_rate_per_s(40 * seconds))
-        for name, rates in theirs.items():
-            rates.append(peer_rate_per_s(python, name, seconds))
-    return [peer_figure(name, ours, rates, "") for name, rates in theirs.items()]
+    plan = the_mesh(at_rate(PEER_HZ), quick)
+    with processors() as pool:
+        mesh_rate_per_s(build("calibrate", at_rate(PEER_HZ), SMALL), pool)
+        for _ in range(rounds):
+            ours[ONE_CORE].append(our_rate_per_s(40 * seconds))
+            ours[ALL_CORES].append(mesh_rate_per_s(plan, pool))
+            for name, rates in theirs.items():
+                rates.append(peer_rate_per_s(python, name, seconds))
+    return [
+        peer_figure(way, name, mine, rates, "")
+        for name, rates in theirs.items()
+        for way, mine in ours.items()
+    ]
 
 
-def peer_figure(name: str, ours: list[float], theirs: list[float], note: str) -> Figure:
+def peer_figure(way: str, name: str, ours: list[float], theirs: list[float], note: str) -> Figure:
     """Return the ratio of the medians; nan without values."""
     ratio = math.nan
     if theirs:
         mine, other = statistics.median(ours), statistics.median(theirs)
         ratio = mine / other
-        note = f"{mine:.0f} and {other:.0f} ticks a second of processor time at {PEER_HZ} Hz"
-    what = f"control ticks a second, one core, to {name}"
+        note = f"{mine:.0f} and {other:.0f} ticks a second at {PEER_HZ} Hz"
+    what = f"control ticks a second, {way}, to {name}"
     return Figure(what, ratio, "x", PEER_RATIO_WANTED, "at least", note)
 
 
