@@ -32,6 +32,18 @@ def test_little_is_exposed() -> None:
     assert 0.0 < float(level.group(1)) <= EXPOSURE_MAX
 
 
+def test_what_the_loop_asks_for_is_let_through() -> None:
+    """Each right of `motord.runtime.rights` that a closed unit could take away again."""
+    unit = UNIT.read_text()
+    rules = UNIT.with_name("60-motord.rules").read_text()
+    assert "DeviceAllow=/dev/cpu_dma_latency rw" in unit
+    assert 'KERNEL=="cpu_dma_latency"' in rules
+    for call in ("mlockall", "sched_setscheduler", "sched_setaffinity"):
+        assert re.search(rf"^SystemCallFilter=(?!~).*\b{call}\b", unit, re.MULTILINE), call
+    for right in ("LimitRTPRIO=98", "LimitMEMLOCK=infinity", "RestrictRealtime=no"):
+        assert right in unit
+
+
 def test_it_comes_back_but_never_enabled() -> None:
     unit = UNIT.read_text()
     assert "Restart=on-failure" in unit
