@@ -6,7 +6,6 @@ file whose content does not fit its id is refused, and so is one of another moto
 
 import hashlib
 import json
-import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from motord.config import Finite, MotorConfig, NonNegative, Positive
 from motord.learned import LearnedTorque
+from motord.whole_file import write_whole
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
 
@@ -200,30 +200,14 @@ class Calibration(_Part):
         return content
 
     def save(self, path: Path) -> None:
-        """Write the file: a temporary one beside it, synced, then renamed. Raises CalibrationError.
+        """Write the file in one step. Raises CalibrationError.
 
         Whatever interrupts it, `path` holds either the old or the new calibration, whole.
         """
-        text = json.dumps(self.to_json(), indent=1) + "\n"
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
         try:
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-            _sync_folder(path.parent)
+            write_whole(path, json.dumps(self.to_json(), indent=1) + "\n")
         except OSError as error:
-            temporary.unlink(missing_ok=True)
             raise CalibrationError(f"{path}: cannot write it: {error.strerror}") from error
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def from_json(content: object, where: str) -> Calibration:

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from motord import calibration as module
 from motord.calibration import (
     CalibratedMotor,
     Calibration,
@@ -150,7 +149,7 @@ def test_save_failing_leaves_the_old_file_and_nothing_else(
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(module.os, "fsync", full)
+    monkeypatch.setattr("os.fsync", full)
     with pytest.raises(CalibrationError, match="cannot write it: No space left"):
         make(alpha=(0.9, 1.0, 1.1)).save(path)
     monkeypatch.undo()

@@ -28,6 +28,7 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import Source, record_plan
 from motord.virtual.mesh import processors
+from motord.whole_file import write_whole
 
 QUICK = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
 """The mesh of `--quick`: enough to see the effect, not to quote it."""
@@ -98,7 +99,7 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: Progress) -> Demo:
     summary = _summary(truth, files, before.true_percent, after.true_percent)
     summary |= {"joint": _gains(joint), "residual": _gains(residual)}
     summary |= {"wall_s": round(time.monotonic() - began, 2), "bench_s": round(bench_s, 1)}
-    files.result.write_text(json.dumps(summary, indent=2) + "\n")
+    write_whole(files.result, json.dumps(summary, indent=2) + "\n")
     return Demo(files, config, truth, before, after, joint, residual, calibration, summary)
 
 

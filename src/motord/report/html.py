@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from motord.report.style import PALETTE
 from motord.report.svg import inline
+from motord.whole_file import write_whole
 
 _CSS = """
 *{box-sizing:border-box}
@@ -121,4 +122,4 @@ class Page:
 
     def write(self, path: Path) -> None:
         """Write the page. Raises OSError."""
-        path.write_text(self.html(), encoding="utf-8")
+        write_whole(path, self.html())

@@ -33,6 +33,7 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import Source, record_plan
 from motord.virtual.mesh import processors
+from motord.whole_file import write_whole
 
 STAGES = (
     "moment of inertia",
@@ -260,6 +261,4 @@ def save_summary(path: Path, found: Found, rows: Mapping[str, Any]) -> None:
         "bench_s": round(found.bench_s, 1),
         **rows,
     }
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, json.dumps(content, indent=1) + "\n")

@@ -1,7 +1,6 @@
 """The roles file: which certificate may do what. TOML, `[roles]`, common name = role."""
 
 import json
-import os
 import re
 import tomllib
 from collections.abc import Mapping
@@ -9,6 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from motord.security.error import SecurityError
+from motord.whole_file import write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,62}")
 """What a certificate may be called: it is a common name, a key of TOML and a name of a folder."""
@@ -62,9 +62,4 @@ def _role(path: Path, name: str, role: object) -> Role:
 def write(path: Path, roles: Mapping[str, Role]) -> None:
     """Write the roles file, or replace it in one step."""
     lines = "".join(f'{json.dumps(name)} = "{role}"\n' for name, role in roles.items())
-    new = path.with_name(path.name + ".new")
-    with new.open("w", encoding="utf-8") as file:
-        file.write(HEADER + lines)
-        file.flush()
-        os.fsync(file.fileno())
-    new.replace(path)
+    write_whole(path, HEADER + lines)

@@ -15,6 +15,7 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.service.messages import MAX_CALIBRATION_BYTES
 from motord.service.views import CalibrationView
+from motord.whole_file import write_whole
 
 MARK = "installed"
 
@@ -91,15 +92,9 @@ class CalibrationStore:
 
     def _mark(self, name: str) -> None:
         mark = self.directory / MARK
-        temporary = mark.with_name(f".{MARK}.{os.getpid()}")
         try:
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write(name + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(mark)
+            write_whole(mark, name + "\n")
         except OSError as error:
-            temporary.unlink(missing_ok=True)
             raise CalibrationError(f"{mark}: cannot write it: {error.strerror}") from error
 
     def view(self) -> CalibrationView | None:

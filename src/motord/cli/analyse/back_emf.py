@@ -14,6 +14,7 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import print_json
+from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from motord.identify.back_emf import MeasuredBackEmf
@@ -36,7 +37,7 @@ def back_emf(
         names = [run.name for run in runs]
         result = analysis.back_emf_json(subject, names, found)
         if output:
-            output.write_text(json.dumps(result) + "\n", encoding="utf-8")
+            write_whole(output, json.dumps(result) + "\n")
         if report:
             write(report, analysis.back_emf_report(subject, names, found))
     if as_json:

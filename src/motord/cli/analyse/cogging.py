@@ -17,6 +17,7 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import print_json
+from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from motord.identify.cogging_average import MeasuredCogging
@@ -46,7 +47,7 @@ def cogging(
         names = [run.name for run in runs]
         result = analysis.cogging_json(subject, names, measured, comparison)
         if output:
-            output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+            write_whole(output, json.dumps(result, indent=1) + "\n")
         if report:
             content = analysis.cogging_report(subject, names, measured, beside, comparison)
             write(report, content)

@@ -17,6 +17,7 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import print_json
+from motord.whole_file import write_whole
 
 
 def inertia(
@@ -59,7 +60,7 @@ def inertia(
             result = analysis.acceleration_json(pushed, subject, names)
             content = inertia_report(subject, names, acceleration=pushed) if report else None
         if output:
-            output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+            write_whole(output, json.dumps(result, indent=1) + "\n")
         if report and content:
             write(report, content)
     if as_json:

@@ -16,6 +16,7 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import fail, print_json
+from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,7 +49,7 @@ def sensitivity(
     with explained():
         result = _result(runs or [], config, calibration, torque_Nm)
         if output:
-            output.write_text(json.dumps(result.to_json(), indent=1) + "\n", encoding="utf-8")
+            write_whole(output, json.dumps(result.to_json(), indent=1) + "\n")
         if report:
             write(report, sensitivity_report(result))
     if as_json:

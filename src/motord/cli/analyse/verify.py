@@ -19,6 +19,7 @@ from motord.cli.analyse.inputs import (
 )
 from motord.cli.analyse.ripple_table import print_errors
 from motord.cli.console import fail, print_json
+from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from motord.analysis import Subject
@@ -59,7 +60,7 @@ def verify(
         names = [run.name for run in runs]
         result = _verification(subject, names, errors, points, shares)
         if output:
-            output.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+            write_whole(output, json.dumps(result, indent=1) + "\n")
         if report:
             write(
                 report,

@@ -1,0 +1,48 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from motord.whole_file import write_whole
+
+
+def test_it_is_there_whole_and_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_whole(path, "old\n")
+    write_whole(path, "new é\n")
+    assert path.read_text(encoding="utf-8") == "new é\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+@pytest.mark.parametrize("broken", ["fsync", "replace"])
+def test_what_was_there_stays_if_writing_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    path = tmp_path / "a.json"
+    write_whole(path, "old\n")
+
+    def fail(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(*((os, "fsync", fail) if broken == "fsync" else (Path, "replace", fail)))
+    with pytest.raises(OSError, match="No space"):
+        write_whole(path, "new\n")
+    assert path.read_text() == "old\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_links_and_pipes_stay_what_they_are(tmp_path: Path) -> None:
+    target, link, pipe = tmp_path / "target", tmp_path / "link", tmp_path / "pipe"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_whole(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+    os.mkfifo(pipe)
+    reading = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_whole(pipe, "told")
+        assert os.read(reading, 100) == b"told"
+    finally:
+        os.close(reading)
+    assert pipe.is_fifo()
