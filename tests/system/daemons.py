@@ -43,7 +43,8 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=5.0):
             f"[{table}]\n", f"[{table}]\n{key} = {timeout}\nstale_after_s = 1.0\n"
         )
         text = text[:start] + section + text[end:]
-    return f'{text}\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\nlease_s = 3.0\n'
+    text = re.sub(r"^\[zenoh\]\n(?:[^\[\n].*\n|\n)*", "", text, flags=re.M)
+    return f'{text}\n[zenoh]\nlisten = ["tcp/127.0.0.1:{free_port()}"]\nlease_s = 4.0\n'
 
 
 def write_sim(folder, name="system"):

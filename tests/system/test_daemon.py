@@ -215,34 +215,6 @@ print("up", flush=True)
 time.sleep(600)
 """
 
-HOLDER = """
-import sys, time
-from motord.client import connect
-client = connect(sys.argv[1], sys.argv[2])
-lease = client.lease("holder")
-lease.acquire()
-client.rpc("enable", token=lease.token)
-print("up", flush=True)
-time.sleep(600)
-"""
-
-
-def test_a_stopped_commander_loses_the_bench(running):
-    holder = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, running.config.bench.name, running.endpoint],
-        stdout=subprocess.PIPE,
-    )
-    try:
-        assert holder.stdout.readline() == b"up\n"
-        with running.connect() as client:
-            assert client.state().lease.holder == "holder"
-            holder.send_signal(signal.SIGSTOP)
-            wait_for(client, lambda s: s.state == "READY", "the bench to be disabled")
-            assert client.state().lease.holder is None
-    finally:
-        holder.kill()
-        holder.communicate()
-
 
 def test_after_kill_9_of_the_supervisor_the_bench_can_be_run_again(running, tmp_path):
     with running.connect() as client:

@@ -41,7 +41,7 @@ def write_bench(folder, recording=""):
     """Write a bench with a ring so long that it holds a whole test."""
     path = write_sim(folder, "isolated")
     text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_HZ}\nring_s = {RING_S}")
-    text = text.replace("lease_s = 3.0", "lease_s = 20.0\ntick_rate_Hz = 1000.0")
+    text = text.replace("lease_s = 4.0", "lease_s = 20.0\ntick_rate_Hz = 1000.0")
     path.write_text(f"{text}\n[recording]\n{recording}\n")
     return path
 

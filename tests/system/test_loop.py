@@ -37,7 +37,9 @@ def write_bench(folder: Path, rate_Hz: int = 1000) -> Path:
     patient = f"rate_Hz = {rate_Hz}\noverrun_ticks = 100000\nsupervisor_timeout_s = 2.0"
     text = re.sub(r"^rate_Hz = \d+", patient, text, count=1, flags=re.MULTILINE)
     path = folder / "sim.toml"
-    path.write_text(text.replace("[inverter]", "[inverter]\ntimeout_s = 5.0"))
+    path.write_text(
+        text.replace("[inverter]", "[inverter]\ntimeout_s = 5.0") + "\n[zenoh]\nlease_s = 5.0\n"
+    )
     return path
 
 

@@ -149,7 +149,7 @@ class Flaky:
                 self.failures -= 1
                 raise ClientError(self.code, "it is gone")
             self.renewed.set()
-        return {"token": "t", "took_over_from": None, "lease_s": 0.4}
+        return {"token": "t", "took_over_from": None, "lease_s": 0.4, "renew_within_s": 0.3}
 
 
 def test_a_lease_outlives_a_connection_that_comes_back_in_time():

@@ -107,6 +107,17 @@ def test_half_a_simulation_is_refused(tmp_path: Path) -> None:
     assert "simulated together or not at all" in complaint(tmp_path, BENCH + bridge)
 
 
+def test_a_lease_too_short_for_the_ramp_is_refused_with_what_it_needs(tmp_path: Path) -> None:
+    slow = BENCH + "torque_rate_Nm_per_s = 2.0\n"
+    said = complaint(tmp_path, slow)
+    assert "[zenoh] lease_s = 2 is too short" in said
+    assert "torque_rate_Nm_per_s = 2 takes 3 s" in said
+    assert said.endswith("make it at least 3.50")
+    assert read(tmp_path, slow + "[zenoh]\nlease_s = 3.5\n").renew_within_s == pytest.approx(0.2)
+    patient = BENCH.replace("[loop]", "[loop]\nsupervisor_timeout_s = 1.5")
+    assert "supervisor_timeout_s = 1.5" in complaint(tmp_path, patient)
+
+
 def test_not_toml(tmp_path: Path) -> None:
     assert "not valid TOML" in complaint(tmp_path, "[bench\nname=3")
 

@@ -9,7 +9,7 @@ from typing import Any, Self
 from motord.client.error import ClientError
 
 RENEWALS = 4
-"""How often a lease is renewed within its duration."""
+"""How often a lease is renewed within the time in which it must be."""
 
 Rpc = Callable[..., dict[str, Any]]
 
@@ -50,7 +50,7 @@ class Lease:
         self.token, self.took_over_from = answer["token"], answer["took_over_from"]
         self._thread = threading.Thread(
             target=self._renew,
-            args=(answer["lease_s"],),
+            args=(answer["lease_s"], answer["renew_within_s"]),
             name="motord-lease",
             daemon=True,
         )
@@ -69,9 +69,9 @@ class Lease:
         except ClientError as error:
             self._lose(str(error))
 
-    def _renew(self, lease_s: float) -> None:
+    def _renew(self, lease_s: float, within_s: float) -> None:
         good_until_s = time.monotonic() + lease_s
-        while not self._done.wait(lease_s / RENEWALS):
+        while not self._done.wait(within_s / RENEWALS):
             begun_s = time.monotonic()
             try:
                 self._rpc("lease/renew", token=self.token)

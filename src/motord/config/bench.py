@@ -100,6 +100,13 @@ def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
     return endpoints
 
 
+SUPERVISOR_ACTS_S = 0.05
+"""Within this time the supervisor has acted on what the ticks or the clock tell it: two of its
+steps, a plan's look and a tick."""
+RENEWAL_S = 0.2
+"""A lease must leave at least this time for its renewal."""
+
+
 Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
 """Zenoh endpoints: TCP that only this machine can reach, at least one, and TLS."""
 
@@ -198,6 +205,33 @@ class Config(Section):
                 "needs it"
             )
         return self
+
+    @model_validator(mode="after")
+    def _lease_outlasts_the_ramp(self) -> "Config":
+        least_s = self.wind_down_s(self.limits.torque_Nm) + RENEWAL_S
+        if self.zenoh.lease_s < least_s:
+            raise ValueError(
+                f"[zenoh] lease_s = {self.zenoh.lease_s:g} is too short: no torque may be left "
+                f"when it ends, and the ramp from [limits] torque_Nm = {self.limits.torque_Nm:g} "
+                f"at torque_rate_Nm_per_s = {self.limits.torque_rate_Nm_per_s:g} takes "
+                f"{self.limits.torque_Nm / self.limits.torque_rate_Nm_per_s:g} s, besides [loop] "
+                f"supervisor_timeout_s = {self.loop.supervisor_timeout_s:g} and the time for a "
+                f"renewal; make it at least {least_s:.2f}"
+            )
+        return self
+
+    def wind_down_s(self, torque_Nm: float) -> float:
+        """Return within what time no torque is left, whatever the supervisor does meanwhile.
+
+        One that hangs is missed by the loop after supervisor_timeout_s; the ramp follows.
+        """
+        ramp_s = abs(torque_Nm) / self.limits.torque_rate_Nm_per_s
+        return ramp_s + self.loop.supervisor_timeout_s + SUPERVISOR_ACTS_S
+
+    @property
+    def renew_within_s(self) -> float:
+        """Within this time a lease has to be renewed, whatever the torque."""
+        return self.zenoh.lease_s - self.wind_down_s(self.limits.torque_Nm)
 
     @property
     def simulated(self) -> bool:

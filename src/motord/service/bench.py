@@ -159,7 +159,13 @@ class Bench:
         self._state, self._stalled = State.OFF, False
 
     def _expire_lease(self, now_ns: int) -> None:
-        lost = self.lease.expire(now_ns)
+        """Take the lease away so early that no torque is left when it ends.
+
+        The most that the torque can be without a further act of the supervisor is what there is or
+        what is set, whichever is more.
+        """
+        most_Nm = max(abs(self.watch.torque_set_Nm), abs(self.setpoint.torque_Nm))
+        lost = self.lease.expire(now_ns, round(self.config.wind_down_s(most_Nm) * 1e9))
         if lost is not None:
             self.events.emit("lease", f"the lease of {lost} ran out", holder=lost)
             self.nobody_commands(f"the lease of {lost} ran out")

@@ -1,7 +1,9 @@
 """The command lease: one commander at a time, who must say again and again that they are there.
 
-Whoever holds the lease may move the bench. It runs out `duration_s` after it was last renewed. Only
-an explicit takeover (`force`) ends the lease of somebody else, and its token is then worth nothing.
+Whoever holds the lease may move the bench. It runs out `duration_s` after it was last renewed, and
+is lost so long before that as the torque takes to come down, so that none is left when it runs out.
+Only an explicit takeover (`force`) ends the lease of somebody else, and its token is then worth
+nothing.
 Times are monotonic ns and come from the caller, so that nothing here reads a clock.
 """
 
@@ -35,6 +37,7 @@ class Lease:
         """Leases last `duration_s`; `new_token` makes the secrets."""
         self.duration_ns = round(duration_s * 1e9)
         self._new_token = new_token or (lambda: secrets.token_hex(16))
+        self._notice_ns = 0
         self._held: _Held | None = None
         self._lost: tuple[str, str] = ("", "")  # the newest token that is worth nothing, and why
 
@@ -46,7 +49,7 @@ class Lease:
     def remaining_s(self, now_ns: int) -> float:
         """Return for how long the lease is good without being renewed, 0 without one."""
         held = self._current(now_ns)
-        return (held.expires_ns - now_ns) / 1e9 if held else 0.0
+        return (self._lost_ns(held) - now_ns) / 1e9 if held else 0.0
 
     def acquire(self, holder: str, now_ns: int, *, force: bool = False) -> Grant:
         """Put `holder` in command. Raises Refusal if somebody is, unless `force`."""
@@ -55,7 +58,7 @@ class Lease:
             raise Refusal(
                 "lease_held",
                 f"{held.holder} is in command, for another "
-                f"{(held.expires_ns - now_ns) / 1e9:.1f} s unless renewed; "
+                f"{self.remaining_s(now_ns):.1f} s unless renewed; "
                 "wait, or take over with force",
             )
         if held is not None:
@@ -85,10 +88,14 @@ class Lease:
         who = f"{held.holder} is in command" if held else "nobody is in command"
         raise Refusal("no_lease", f"this is not the token of the lease in force ({who})")
 
-    def expire(self, now_ns: int) -> str | None:
-        """Return who has just lost command by not renewing, once; else None."""
+    def expire(self, now_ns: int, notice_ns: int) -> str | None:
+        """Return who has just lost command by not renewing, once; else None.
+
+        `notice_ns`: so long before its end the lease is lost from now on, until said otherwise.
+        """
+        self._notice_ns = notice_ns
         held = self._held
-        if held is None or now_ns < held.expires_ns:
+        if held is None or now_ns < self._lost_ns(held):
             return None
         self._lost = (held.token, "it ran out, because it was not renewed in time")
         self._held = None
@@ -96,4 +103,7 @@ class Lease:
 
     def _current(self, now_ns: int) -> _Held | None:
         held = self._held
-        return held if held is not None and now_ns < held.expires_ns else None
+        return held if held is not None and now_ns < self._lost_ns(held) else None
+
+    def _lost_ns(self, held: _Held) -> int:
+        return held.expires_ns - self._notice_ns

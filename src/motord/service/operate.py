@@ -55,14 +55,19 @@ class Operate:
         return {
             "token": grant.token,
             "holder": grant.holder,
-            "lease_s": lease.duration_ns / 1e9,
+            **self._terms(),
             "took_over_from": grant.took_over_from,
         }
 
     def _renew(self, call: Call, now_ns: int) -> Answer:
         lease = self._bench.lease
         lease.renew(expect(WithToken, call).token, now_ns)
-        return {"lease_s": lease.duration_ns / 1e9}
+        return self._terms()
+
+    def _terms(self) -> Answer:
+        """Return for how long a lease lasts, and within what time it has to be renewed."""
+        config = self._bench.config
+        return {"lease_s": config.zenoh.lease_s, "renew_within_s": round(config.renew_within_s, 3)}
 
     def _release(self, call: Call, now_ns: int) -> Answer:
         who = self._bench.lease.release(expect(WithToken, call).token, now_ns)

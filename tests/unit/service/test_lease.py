@@ -24,10 +24,12 @@ class LeaseModel(RuleBasedStateMachine):
         self.token: str | None = None
         self.holder = ""
         self.renewed_ns = 0
+        self.notice_ns = 0
 
     @property
     def in_force(self) -> bool:
-        return self.token is not None and self.now_ns < self.renewed_ns + DURATION_NS
+        lost_ns = self.renewed_ns + DURATION_NS - self.notice_ns
+        return self.token is not None and self.now_ns < lost_ns
 
     @rule(seconds=st.sampled_from([0.0, 0.5, 1.999999999, 2.0, 2.5]))
     def wait(self, seconds):
@@ -73,19 +75,22 @@ class LeaseModel(RuleBasedStateMachine):
         with pytest.raises(Refusal):
             self.lease.require(token, self.now_ns)
 
-    @rule()
-    def expire(self):
+    @rule(notice_s=st.sampled_from([0.0, 0.5, 0.85]))
+    def expire(self, notice_s):
+        self.notice_ns = round(notice_s * 1e9)
         ran_out = self.token is not None and not self.in_force
-        assert self.lease.expire(self.now_ns) == (self.holder if ran_out else None)
+        lost = self.lease.expire(self.now_ns, self.notice_ns)
+        assert lost == (self.holder if ran_out else None)
         if ran_out:
             self.token = None
-        assert self.lease.expire(self.now_ns) is None
+        assert self.lease.expire(self.now_ns, self.notice_ns) is None
 
     @invariant()
     def says_who(self):
         assert self.lease.holder(self.now_ns) == (self.holder if self.in_force else None)
         left_s = self.lease.remaining_s(self.now_ns)
-        expected = (self.renewed_ns + DURATION_NS - self.now_ns) / 1e9 if self.in_force else 0.0
+        lost_ns = self.renewed_ns + DURATION_NS - self.notice_ns
+        expected = (lost_ns - self.now_ns) / 1e9 if self.in_force else 0.0
         assert left_s == pytest.approx(expected)
 
 
@@ -109,10 +114,23 @@ def test_a_lost_lease_says_how_it_was_lost():
     with pytest.raises(Refusal, match="ben took over"):
         lease.renew(old, 0)
     newer = lease.acquire("cli", 0, force=True).token
-    lease.expire(1_000_000_000)
+    lease.expire(1_000_000_000, 0)
     with pytest.raises(Refusal, match="ran out"):
         lease.renew(newer, 1_000_000_001)
     given_back = lease.acquire("dora", 2_000_000_000).token
     lease.release(given_back, 2_000_000_000)
     with pytest.raises(Refusal, match="given back"):
         lease.renew(given_back, 2_000_000_000)
+
+
+def test_a_lease_is_lost_so_long_before_its_end_as_the_torque_takes_to_go():
+    lease = Lease(1.0)
+    token = lease.acquire("anna", 0).token
+    assert lease.expire(599_999_999, 400_000_000) is None
+    lease.renew(token, 599_999_999)
+    assert lease.expire(1_199_999_998, 400_000_000) is None
+    with pytest.raises(Refusal, match="nobody is in command"):
+        lease.renew(token, 1_199_999_999)
+    assert lease.expire(1_199_999_999, 400_000_000) == "anna"
+    with pytest.raises(Refusal, match="ran out"):
+        lease.renew(token, 1_199_999_999)

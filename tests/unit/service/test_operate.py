@@ -160,7 +160,7 @@ def test_stop_ends_what_is_waiting(service):
 def test_a_lease_that_runs_out_ramps_down_and_disables(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)
-    service.run_s(1.9)
+    service.run_s(service.config.renew_within_s)
     assert service.bench.state is State.ENABLED
     service.run_s(1.0)
     assert service.bench.state is State.READY

@@ -73,6 +73,7 @@ class VirtualLoop:
         self.virtual = VirtualBench(bench_config)
         self.setpoint = np.zeros(1, SETPOINT)
         self.running = True
+        self.last_torque_set_Nm = 0.0
 
     def write(self, setpoint):
         self.setpoint[:] = setpoint
@@ -81,7 +82,9 @@ class VirtualLoop:
         if not self.running:
             return self.virtual.run(self.setpoint, 0)[0]
         rate_Hz = self.virtual.config.loop.rate_Hz
-        return self.virtual.run(self.setpoint, rate_Hz * STEP_NS // 1_000_000_000)[0]
+        ticks = self.virtual.run(self.setpoint, rate_Hz * STEP_NS // 1_000_000_000)[0]
+        self.last_torque_set_Nm = float(ticks["torque_set_Nm"][-1])
+        return ticks
 
 
 class Pending:
