@@ -8,6 +8,7 @@ import numpy as np
 from motord.analysis.content import facts
 from motord.analysis.driven import driven_points
 from motord.analysis.subject import Subject
+from motord.config import SEQUENCE
 from motord.identify.back_emf import MeasuredBackEmf, measure
 from motord.identify.back_emf_fit import VOLTAGES
 from motord.record.reader import Run
@@ -65,7 +66,8 @@ def balanced(found: MeasuredBackEmf) -> np.ndarray:
     """Return the mean of the phases, each turned back to phase a, at the electrical orders."""
     places = _electrical(found)
     harmonic = found.order[places] // found.motor.pole_pairs
-    back = np.exp(2j * np.pi / 3 * np.outer(harmonic, np.arange(3)))
+    sequence = SEQUENCE[found.motor.phase_order]
+    back = np.exp(2j * np.pi / 3 * sequence * np.outer(harmonic, np.arange(3)))
     line: np.ndarray = (found.line[places] * back).mean(axis=1)
     return line
 
@@ -109,12 +111,13 @@ def notes(found: MeasuredBackEmf) -> list[str]:
     """Return what is worth knowing of the result, in words."""
     words = []
     places = _electrical(found)
-    turned = np.exp(-2j * np.pi / 3 * np.arange(3))
+    turned = np.exp(-2j * np.pi / 3 * SEQUENCE[found.motor.phase_order] * np.arange(3))
     own = found.line[places[0]]
     if abs((own * turned).mean()) > abs((own * turned.conj()).mean()):
         words.append(
-            "phases b and c follow in the other order than [motor] says: exchange two phases, or "
-            "the encoder's direction; harmonics are a mean of the wrong phases, the table is right"
+            "phases b and c follow in the other order than [motor] says: change its phase_order, "
+            "or encoder_direction (the plan `align` finds which); harmonics are a mean of the "
+            "wrong phases, the table is right"
         )
     else:
         back = balanced(found)[0]

@@ -25,6 +25,7 @@ from motord.config.bench import (
 from motord.config.devices import (
     BrakeConfig,
     BridgeConfig,
+    CanBusConfig,
     CanConfig,
     CanSignalMap,
     DriveConfig,
@@ -38,7 +39,14 @@ from motord.config.inertia import (
     OscillationConfig,
     SpringConfig,
 )
-from motord.config.motor import MotorConfig, MotorFile, TorqueSensorConfig
+from motord.config.motor import (
+    SEQUENCE,
+    MotorConfig,
+    MotorFile,
+    PhaseOrder,
+    TorqueSensorConfig,
+    back_emf_waves,
+)
 from motord.config.plans import (
     CalibrateConfig,
     DrivenConfig,
@@ -57,6 +65,7 @@ from motord.config.reading import (
 )
 
 __all__ = [
+    "SEQUENCE",
     "AccelerationConfig",
     "BackEmfHarmonic",
     "BackEmfTable",
@@ -64,6 +73,7 @@ __all__ = [
     "BrakeConfig",
     "BridgeConfig",
     "CalibrateConfig",
+    "CanBusConfig",
     "CanConfig",
     "CanSignalMap",
     "Config",
@@ -83,6 +93,7 @@ __all__ = [
     "MotorFile",
     "NonNegative",
     "OscillationConfig",
+    "PhaseOrder",
     "PlansConfig",
     "Positive",
     "RecordingConfig",
@@ -92,6 +103,7 @@ __all__ = [
     "SpringConfig",
     "TorqueSensorConfig",
     "ZenohConfig",
+    "back_emf_waves",
     "load",
     "load_motor",
     "packaged",

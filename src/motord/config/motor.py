@@ -1,5 +1,6 @@
 """`[motor]` and `[torque_sensor]`: what the controller is told of motor and sensor."""
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -9,9 +10,21 @@ from pydantic import Field, model_validator
 from motord.config.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 from motord.config.base import Finite, NonNegative, Positive, Section
 
+PhaseOrder = Literal["abc", "acb"]
+"""In which order the phases at the inverter's outputs a, b, c follow each other forwards."""
+
+SEQUENCE: dict[PhaseOrder, int] = {"abc": 1, "acb": -1}
+"""Which way the phases follow each other."""
+
 
 class MotorConfig(Section):
-    """`[motor]`: what the controller is told of the motor."""
+    """`[motor]`: what the controller is told of the motor.
+
+    Where the rotor is: encoder_direction times the encoder's count, as an angle, plus
+    encoder_offset_rad. phase_order: "acb" if the motor's phases b and c are exchanged at the
+    inverter. A measured back-EMF table holds over the counts as they come: neither offset nor
+    phase order is applied to it.
+    """
 
     name: str
     serial: str = ""
@@ -23,6 +36,7 @@ class MotorConfig(Section):
     back_emf: BackEmf
     encoder_offset_rad: Finite = 0.0
     encoder_direction: Literal[1, -1] = 1
+    phase_order: PhaseOrder = "abc"
 
     @model_validator(mode="after")
     def _table_fits(self) -> "MotorConfig":
@@ -43,23 +57,35 @@ class MotorConfig(Section):
         """
         if isinstance(self.back_emf, BackEmfTable):
             return self.back_emf.values
-        return _table(self.back_emf, self.pole_pairs, self.counts, self.encoder_offset_rad)
+        return _table(
+            self.back_emf, self.pole_pairs, self.counts, self.encoder_offset_rad, self.phase_order
+        )
 
 
 @lru_cache(maxsize=8)
 def _table(
-    harmonics: tuple[BackEmfHarmonic, ...], pole_pairs: int, counts: int, offset_rad: float
+    harmonics: tuple[BackEmfHarmonic, ...],
+    pole_pairs: int,
+    counts: int,
+    offset_rad: float,
+    phase_order: PhaseOrder,
 ) -> np.ndarray:
     theta_rad = 2 * np.pi * np.arange(counts) / counts + offset_rad
-    table = np.zeros((counts, 3))
-    for phase in range(3):
-        electrical_rad = pole_pairs * theta_rad - phase * 2 * np.pi / 3
-        for h in harmonics:
-            table[:, phase] += h.amplitude_V_s_per_rad * np.sin(
-                h.order * electrical_rad + h.phase_rad
-            )
+    table = back_emf_waves(harmonics, pole_pairs * theta_rad, phase_order)
     table.flags.writeable = False
     return table
+
+
+def back_emf_waves(
+    harmonics: Sequence[BackEmfHarmonic], electrical_rad: np.ndarray, phase_order: PhaseOrder
+) -> np.ndarray:
+    """Return the back-EMF over speed (n, 3), V s/rad, of the phases at angles (n,)."""
+    waves = np.zeros((electrical_rad.size, 3))
+    for phase in range(3):
+        own_rad = electrical_rad - SEQUENCE[phase_order] * phase * 2 * np.pi / 3
+        for h in harmonics:
+            waves[:, phase] += h.amplitude_V_s_per_rad * np.sin(h.order * own_rad + h.phase_rad)
+    return waves
 
 
 class TorqueSensorConfig(Section):

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 from scipy.linalg import expm
 
+from motord.config import SEQUENCE
 from motord.rig.bar import add_bar
 from motord.rig.noise import gaussian, random_state
 from motord.rig.truth import RigTruth, TorqueSensorTruth
@@ -50,10 +51,11 @@ def _decay(duration_s: float, time_constant_s: float) -> float:
 def _fill_waves(p: np.record, truth: RigTruth) -> None:
     """Tabulate back-EMF and cogging as cosines and sines of multiples of one base order."""
     motor = truth.motor
+    lags_rad = [SEQUENCE[truth.inverter.phase_order] * n * 2 * math.pi / 3 for n in range(3)]
     terms = [
         (h.order * motor.pole_pairs, phase, h.amplitude_V_s_per_rad, h.phase_rad - h.order * lag)
         for h in motor.back_emf
-        for phase, lag in enumerate((0.0, 2 * math.pi / 3, 4 * math.pi / 3))
+        for phase, lag in enumerate(lags_rad)
     ]
     terms += [(h.order, 3, h.amplitude_Nm, h.phase_rad) for h in motor.cogging]
     orders = sorted({term[0] for term in terms})

@@ -14,6 +14,7 @@ from motord.config import (
     BackEmfHarmonic,
     Finite,
     NonNegative,
+    PhaseOrder,
     Positive,
     Section,
     packaged,
@@ -97,7 +98,8 @@ class InverterTruth(Section):
     What flows in phase p is alpha_p epsilon i* + beta_p with i* the sensed current, Poels 2008,
     eq. (4.1); where there is a `nonlinearity`, it is added to i* first. alpha holds at
     `reference_C`; it moves by gain_drift_per_K with the inverter's temperature, at most
-    gain_drift_max either way.
+    gain_drift_max either way. phase_order: "acb" where the motor's phases b and c are exchanged at
+    its outputs.
     """
 
     bus_V: Positive = 24.0
@@ -116,6 +118,7 @@ class InverterTruth(Section):
     current_noise_A: NonNegative = 0.0
     voltage_noise_V: NonNegative = 0.0
     nonlinearity: NonlinearityTruth | None = None
+    phase_order: PhaseOrder = "abc"
 
 
 class RotorTruth(Section):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from motord.config import BackEmfHarmonic, Config
+from motord.config import BackEmfHarmonic, Config, PhaseOrder
 from motord.config.back_emf import BackEmfTable
 from motord.config.motor import MotorConfig
 from motord.rig.truth import (
@@ -38,7 +38,7 @@ def as_told(config: Config) -> tuple[Config, RigTruth]:
     config = config.model_copy(update={"bench": config.bench.model_copy(update={"faults": None})})
     if config.bench.rig is not None:
         return config, load(config.bench.rig)
-    aligned = {"encoder_offset_rad": 0.0, "encoder_direction": 1}
+    aligned = {"encoder_offset_rad": 0.0, "encoder_direction": 1}  # phase_order: the rig's, too
     config = config.model_copy(update={"motor": config.motor.model_copy(update=aligned)})
     return config, _truth(config)
 
@@ -75,8 +75,15 @@ def _inverter(config: Config) -> InverterTruth:
         bus_V=(limits.bus_V_min + limits.bus_V_max) / 2,
         dead_time_s=dead_time_s,
         bandwidth_Hz=min(bandwidth_Hz, BANDWIDTH_MAX_HZ),
+        phase_order=_phase_order(config.motor),
         current_max_A=CURRENT_MARGIN * limits.trip_current_A,
     )
+
+
+def _phase_order(motor: MotorConfig) -> PhaseOrder:
+    """Return in which order the phases of the motor's back-EMF follow each other."""
+    lines = np.fft.rfft(motor.back_emf_table()[:, :2], axis=0)[motor.pole_pairs]
+    return "abc" if (lines[1] * lines[0].conj()).imag < 0 else "acb"
 
 
 def _harmonics(motor: MotorConfig) -> tuple[BackEmfHarmonic, ...]:
