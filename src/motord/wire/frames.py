@@ -1,8 +1,10 @@
 """The frames between host and bridge board, in both directions.
 
-On the wire a frame is `type u8, sequence u16, payload, CRC-16 u16`, little-endian, byte-stuffed
-(`wire.cobs`) and ended by a zero byte. Each side numbers all the frames it sends. The CRC
-(`wire.crc.crc16`) covers type, sequence and payload. `docs/protocols.md` tells who sends what when.
+The body of a frame is `type u8, sequence u16, payload, CRC-16 u16`, little-endian. On a serial wire
+it is byte-stuffed (`wire.cobs`) and ended by a zero byte; over CAN it is cut into pieces
+(`wire.can_pieces`). Each side numbers all the frames it sends. The CRC (`wire.crc.crc16`) covers
+type, sequence and payload. The layouts come from the firmware's header (`wire.bridge_layout`).
+`docs/protocols.md` tells who sends what when.
 
 Status words are those of `schema.BridgeStatus`. Times are the board's microsecond clock, which
 wraps at 32 bits.
@@ -13,10 +15,9 @@ from binascii import crc32
 from typing import NamedTuple
 
 from motord.wire import cobs
+from motord.wire.bridge_layout import LAYOUTS
+from motord.wire.bridge_layout import PROTOCOL as PROTOCOL
 from motord.wire.crc import crc16
-
-PROTOCOL = 1
-"""Version that both sides name in `HelloRequest` and `Hello`."""
 
 DELIMITER = b"\0"
 SEQUENCE_MODULUS = 1 << 16
@@ -101,35 +102,37 @@ class Heartbeat(NamedTuple):
 
 Frame = Hello | Sample | Status | HelloRequest | Configure | Start | Stop | Heartbeat
 
-_LAYOUTS: dict[type[Frame], tuple[int, str]] = {
-    Hello: (0x01, "HI16sIIII"),
-    Sample: (0x02, "IIiH"),
-    Status: (0x03, "IHHIIIIIB"),
-    HelloRequest: (0x11, "H"),
-    Configure: (0x12, "II"),
-    Start: (0x13, ""),
-    Stop: (0x14, ""),
-    Heartbeat: (0x15, "B"),
-}
+_KINDS: tuple[type[Frame], ...] = (
+    Hello,
+    Sample,
+    Status,
+    HelloRequest,
+    Configure,
+    Start,
+    Stop,
+    Heartbeat,
+)
 
 LAYOUT_HASH = crc32(
     ";".join(
-        f"{code}:{frame.__name__}:{layout}:{','.join(frame._fields)}"
-        for frame, (code, layout) in _LAYOUTS.items()
+        f"{code}:{name}:{letters}:{','.join(fields)}"
+        for name, (code, letters, fields) in LAYOUTS.items()
     ).encode()
 )
 """CRC-32 of every frame's type, name, layout and fields: equal on both sides, or they differ."""
 
 _HEADER_BYTES = 3
 _CRC_BYTES = 2
-_ENCODERS = {
-    frame: (code, struct.Struct(f"<BH{layout}").pack) for frame, (code, layout) in _LAYOUTS.items()
-}
+_CODES = {LAYOUTS[kind.__name__][0]: kind for kind in _KINDS}
+_STRUCTS = {code: f"<BH{LAYOUTS[kind.__name__][1]}" for code, kind in _CODES.items()}
+_ENCODERS = {kind: (code, struct.Struct(_STRUCTS[code]).pack) for code, kind in _CODES.items()}
 _DECODERS = {
-    code: (struct.calcsize(f"<BH{layout}H"), struct.Struct(f"<BH{layout}H").unpack, frame._make)
-    for frame, (code, layout) in _LAYOUTS.items()
+    code: (struct.calcsize(f"{layout}H"), struct.Struct(f"{layout}H").unpack, _CODES[code]._make)
+    for code, layout in _STRUCTS.items()
 }
-MAX_STUFFED_BYTES = max(size for size, _, _ in _DECODERS.values()) + 1
+BODY_BYTES = {code: size for code, (size, _, _) in _DECODERS.items()}
+"""Bytes of the body (type, sequence, payload, CRC) of the frame with each type byte."""
+MAX_STUFFED_BYTES = max(BODY_BYTES.values()) + 1
 """Longest frame on the wire without its delimiter: anything longer is noise."""
 
 
@@ -140,28 +143,41 @@ class Numbered(NamedTuple):
     frame: Frame
 
 
-def encode(frame: Frame, sequence: int) -> bytes:
-    """Return the bytes of `frame` on the wire, delimiter included.
+def pack(frame: Frame, sequence: int) -> bytes:
+    """Return the body of `frame`: type, sequence, payload, CRC.
 
     Raises struct.error if a field does not fit its width.
     """
-    code, pack = _ENCODERS[type(frame)]
-    body = pack(code, sequence, *frame)
-    return cobs.encode(body + crc16(body).to_bytes(2, "little")) + DELIMITER
+    code, pack_fields = _ENCODERS[type(frame)]
+    body = pack_fields(code, sequence, *frame)
+    return body + crc16(body).to_bytes(_CRC_BYTES, "little")
+
+
+def unpack(body: bytes) -> Numbered | None:
+    """Return the frame with the body `body`, or None if it is corrupt."""
+    if len(body) < _HEADER_BYTES + _CRC_BYTES:
+        return None
+    size, unpack_fields, make = _DECODERS.get(body[0], (0, None, None))
+    if unpack_fields is None or make is None or len(body) != size:
+        return None
+    fields = unpack_fields(body)
+    if crc16(body[:-_CRC_BYTES]) != fields[-1]:
+        return None
+    return Numbered(fields[1], make(fields[2:-1]))
+
+
+def encode(frame: Frame, sequence: int) -> bytes:
+    """Return the bytes of `frame` on a serial wire, delimiter included.
+
+    Raises struct.error if a field does not fit its width.
+    """
+    return cobs.encode(pack(frame, sequence)) + DELIMITER
 
 
 def decode(stuffed: bytes | bytearray) -> Numbered | None:
     """Return the frame in `stuffed`, the bytes between two delimiters, or None if it is corrupt."""
     body = cobs.decode(stuffed)
-    if body is None or len(body) < _HEADER_BYTES + _CRC_BYTES:
-        return None
-    size, unpack, make = _DECODERS.get(body[0], (0, None, None))
-    if unpack is None or make is None or len(body) != size:
-        return None
-    fields = unpack(body)
-    if crc16(body[:-_CRC_BYTES]) != fields[-1]:
-        return None
-    return Numbered(fields[1], make(fields[2:-1]))
+    return None if body is None else unpack(body)
 
 
 def firmware(major: int, minor: int, patch: int) -> int:
