@@ -35,8 +35,12 @@ class CanSignalMap(Section):
     status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
 
 
-class CanConfig(Section):
-    """`[inverter.can]`: any interface of python-can, and the DBC with its signal map."""
+class CanBusConfig(Section):
+    """A CAN channel: of the kernel (`socketcan`), or by any other interface of python-can.
+
+    The bit rates are set when the bus is opened, but not on `socketcan`: there `ip link` sets them.
+    `options` are python-can's for that interface; `socketcan` has none.
+    """
 
     interface: str = "socketcan"
     channel: str = "can0"
@@ -44,6 +48,11 @@ class CanConfig(Section):
     fd: bool = True
     data_bitrate: Annotated[int, Field(gt=0)] | None = None
     options: dict[str, str | int | float | bool] = Field(default_factory=dict)
+
+
+class CanConfig(CanBusConfig):
+    """`[inverter.can]`: the bus, and the DBC with its signal map."""
+
     connect_timeout_s: Positive = 2.0
     dbc: Path
     signals: CanSignalMap

@@ -1,19 +1,16 @@
 """What the drive last said, put together from its CAN messages."""
 
 import math
+from collections.abc import Collection
 
-import can
 import numpy as np
 
-from motord.schema import InverterStatus
-from motord.wire.can_codec import EXTENDED, FEEDBACK_SLOTS, InverterCodec, MessageCodec
+from motord.wire.can_codec import FEEDBACK_SLOTS, InverterCodec, MessageCodec
 from motord.wire.sequence import SequenceCheck
 
 SILENT_AFTER_NS = 500_000_000
 """A slow message (status, temperature) missing for so long makes all feedback stale."""
 
-_ERROR_BUS_OFF = 0x40  # linux/can/error.h
-_ERROR_RESTARTED = 0x100
 _SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS)}
 _STATUS = _SLOT["status"]
 
@@ -34,26 +31,28 @@ class _Incoming:
 class CanFeedback:
     """The newest value of every mapped signal. Values that the map lacks are nan.
 
-    A frame counts only if its length, CRC and alive counter are right. `bus_off` follows the
-    controller's error frames; any good frame clears it.
+    A frame counts only if its length, CRC and alive counter are right.
     """
 
     def __init__(self, codec: InverterCodec, age_ns: int) -> None:
         """Expect the feedback messages of `codec`, sampled `age_ns` before they arrive."""
-        self.bus_off = False
         self._codec = codec
         self._age_ns = age_ns
         self._incoming = {m.key: _Incoming(m) for m in codec.feedback}
         self._values = [math.nan] * len(FEEDBACK_SLOTS)
         self._values[_STATUS] = 0.0
-        self._error_frames = 0
         self._word = -1
         self._status = 0
 
     @property
+    def keys(self) -> Collection[int]:
+        """Return the keys of the messages that count; all others are ignored."""
+        return self._incoming.keys()
+
+    @property
     def errors(self) -> int:
-        """Return the frames lost, corrupt or repeated so far, and error frames."""
-        return self._error_frames + sum(m.check.errors for m in self._incoming.values())
+        """Return the frames lost, corrupt or repeated so far."""
+        return sum(m.check.errors for m in self._incoming.values())
 
     def missing(self) -> list[MessageCodec]:
         """Return the messages of which no good frame has come yet."""
@@ -63,18 +62,11 @@ class CanFeedback:
         """Return the messages of which frames came that were not good."""
         return [m.codec for m in self._incoming.values() if m.check.errors]
 
-    def take(self, message: can.Message, t_ns: int) -> None:
+    def take(self, key: int, payload: bytes, t_ns: int) -> None:
         """Take a frame that arrived at `t_ns`; other nodes' frames, and our own, are ignored."""
-        if message.is_error_frame:
-            self._error_frame(message.arbitration_id)
-            return
-        identifier = message.arbitration_id
-        incoming = self._incoming.get(
-            identifier | EXTENDED if message.is_extended_id else identifier
-        )
+        incoming = self._incoming.get(key)
         if incoming is None:
             return
-        payload = message.data
         values = incoming.codec.decode(payload)
         if values is None:
             incoming.check.corrupt()
@@ -82,7 +74,6 @@ class CanFeedback:
             for index, value in zip(incoming.slots, values, strict=True):
                 self._values[index] = value
             incoming.t_ns = t_ns
-            self.bus_off = False
 
     def fill(self, feedback: np.ndarray) -> None:
         """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns and inverter_status."""
@@ -106,11 +97,4 @@ class CanFeedback:
         if word != self._word:
             self._word = word
             self._status = int(self._codec.understand(word))
-        return self._status | (int(InverterStatus.BUS_OFF) if self.bus_off else 0)
-
-    def _error_frame(self, error_class: int) -> None:
-        self._error_frames += 1
-        if error_class & _ERROR_BUS_OFF:
-            self.bus_off = True
-        elif error_class & _ERROR_RESTARTED:
-            self.bus_off = False
+        return self._status

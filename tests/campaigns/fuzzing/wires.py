@@ -3,13 +3,13 @@
 import math
 import random
 
-import can
 import numpy as np
 
 from motord.config import load, packaged
 from motord.control.types import FEEDBACK
 from motord.hal.can_feedback import CanFeedback
 from motord.wire import dbc, frames
+from motord.wire.can_codec import EXTENDED
 from motord.wire.stream import StreamDecoder
 from tests.campaigns.fuzzing.mutate import mutate_bytes, some_bytes
 
@@ -79,15 +79,8 @@ class Can:
         identifier = rng.choice((known.identifier, rng.randrange(1 << 11)))
         right = known.encode([rng.uniform(-2, 2) for _ in known.slots], rng.randrange(16))
         data = rng.choice((right, mutate_bytes(rng, right), some_bytes(rng, 65)))[:64]
-        message = can.Message(
-            arbitration_id=identifier,
-            is_extended_id=rng.random() < 0.1,
-            is_error_frame=rng.random() < 0.02,
-            is_fd=len(data) > 8,
-            data=data,
-            check=False,
-        )
-        self._feedback.take(message, rng.randrange(1 << 60))
+        extended = EXTENDED if rng.random() < 0.1 else 0
+        self._feedback.take(identifier | extended, data, rng.randrange(1 << 60))
         self._feedback.fill(self._row)
         assert all(math.isnan(x) or math.isfinite(x) for x in self._row["i_A"][0])
         return known.decode(data) is not None

@@ -9,7 +9,7 @@ import can
 import pytest
 
 from motord.hal.bulk_port import BulkPort, read_in_bulk
-from motord.hal.can_bus import open_bus
+from motord.hal.python_can import open_python_can
 from tests.contract.peers import can_config, until
 
 LINE = b"b18081112131415161718\r"
@@ -38,7 +38,7 @@ def adapter() -> Iterator[Adapter]:
     os.set_blocking(fd, False)
     options = {"sleep_after_open": 0.0}
     config = can_config("slcan", channel=os.ttyname(host_fd), options=options)
-    bus = open_bus(config, "inverter")
+    bus = open_python_can(config)._bus
     made = Adapter(bus, fd)
     assert until(made.hear).startswith(b"O\r")
     yield made

@@ -1,8 +1,5 @@
-import os
-import socket
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import can
@@ -10,11 +7,11 @@ import numpy as np
 import pytest
 
 from motord.config import ConfigError, packaged
-from motord.hal import can_bus
 from motord.hal.base import DeviceError
-from motord.hal.can_bus import open_bus
+from motord.hal.can_base import REFUSED_MAX
 from motord.hal.can_feedback import SILENT_AFTER_NS, CanFeedback
-from motord.hal.inverter_can import SEND_FAILURES_MAX, CanInverter
+from motord.hal.inverter_can import CanInverter
+from motord.hal.python_can import PythonCan
 from motord.schema import InverterStatus
 from motord.wire import dbc
 from tests.contract.benches import new_command, new_feedback
@@ -40,7 +37,7 @@ def error_of(driver: CanInverter) -> str:
 
 
 class SilentBus:
-    """A bus on which nothing comes; sends and receives fail while `broken`."""
+    """A python-can bus on which nothing comes; sends and receives fail while `broken`."""
 
     def __init__(self) -> None:
         self.broken = False
@@ -55,14 +52,22 @@ class SilentBus:
             raise can.CanOperationError("network is down")
         return self.pending.pop(0) if self.pending else None
 
+    def fileno(self) -> int:
+        return -1
+
     def shutdown(self) -> None:
         pass
+
+
+def wrapped(bus: SilentBus) -> PythonCan:
+    return PythonCan(bus, fd=True)  # type: ignore[arg-type]
 
 
 @pytest.fixture
 def pair() -> Iterator[tuple[CanInverter, SilentBus]]:
     driver, bus = CanInverter(bench()), SilentBus()
-    driver._bus = bus  # type: ignore[assignment]
+    opened = wrapped(bus)
+    driver._drive._bus, driver._drive._state = opened, opened.state
     yield driver, bus
     driver.close()
 
@@ -87,21 +92,6 @@ def test_a_bus_that_cannot_be_opened(changes: dict[str, Any], words: list[str]) 
 def test_bit_rates_reach_the_interface() -> None:
     config = can_config("virtual", bitrate=500_000, data_bitrate=2_000_000, connect_timeout_s=0.01)
     assert "nothing at all" in error_of(CanInverter(bench(config)))
-
-
-def test_the_receive_buffer_is_widened_where_there_is_one() -> None:
-    with open_bus(can_config(), "test") as bus, socket.socket(fileno=os.dup(bus.fileno())) as end:
-        widened = end.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
-            assert widened >= plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-
-
-@pytest.mark.parametrize("kind", ["a file", "closed"])
-def test_a_bus_that_is_no_socket_is_left_alone(kind: str, tmp_path: Path) -> None:
-    with (tmp_path / "file").open("w") as file:
-        descriptor = file.fileno() if kind == "a file" else -1
-        can_bus._widen(type("Bus", (), {"fileno": lambda _self: descriptor})())
-        file.write("still open")
 
 
 def test_a_drive_that_says_nothing() -> None:
@@ -138,7 +128,7 @@ def test_a_drive_with_another_layout() -> None:
 def test_a_bus_that_fails_while_opening(monkeypatch: pytest.MonkeyPatch) -> None:
     broken = SilentBus()
     broken.broken = True
-    monkeypatch.setattr("motord.hal.inverter_can.open_bus", lambda *_: broken)
+    monkeypatch.setattr("motord.hal.can_drive.open_bus", lambda *_: wrapped(broken))
     assert "the bus failed: network is down" in error_of(CanInverter(bench()))
 
 
@@ -159,12 +149,12 @@ def test_refused_sends_become_bus_off_and_recover(pair: tuple[CanInverter, Silen
     driver, bus = pair
     read(driver)
     bus.broken = True
-    for _ in range(SEND_FAILURES_MAX):
+    for _ in range(REFUSED_MAX):
         assert not read(driver).inverter_status & BUS_OFF
         driver.write(new_command())
     feedback = read(driver)
     assert feedback.inverter_status & BUS_OFF
-    assert feedback.link_errors == 2 * SEND_FAILURES_MAX + 1
+    assert feedback.link_errors == 2 * REFUSED_MAX + 1
     bus.broken = False
     driver.write(new_command())
     assert not read(driver).inverter_status & BUS_OFF
@@ -209,12 +199,10 @@ def test_feedback_age_is_taken_off() -> None:
         drive.close()
 
 
-def feedback_of(values: dict[str, float], counter: int, only: int) -> can.Message:
+def feedback_of(values: dict[str, float], counter: int, only: int) -> tuple[int, bytes]:
     codec = dbc.load(can_config())
     message, data = codec.encode_feedback(values, counter)[only]
-    return can.Message(
-        arbitration_id=message.identifier, is_extended_id=False, is_fd=True, data=data
-    )
+    return message.key, data
 
 
 VALUES = dict.fromkeys(
@@ -226,11 +214,11 @@ VALUES = dict.fromkeys(
 def test_a_slow_message_that_stays_away_makes_all_stale() -> None:
     state = CanFeedback(dbc.load(can_config()), 0)
     assert len(state.missing()) == 2
-    state.take(feedback_of(VALUES, 0, only=1), NOW_NS)
+    state.take(*feedback_of(VALUES, 0, only=1), NOW_NS)
     record = new_feedback()
     for tick in range(3):
         t_ns = NOW_NS + tick * (SILENT_AFTER_NS // 2)
-        state.take(feedback_of(VALUES, tick, only=0), t_ns)
+        state.take(*feedback_of(VALUES, tick, only=0), t_ns)
         state.fill(record)
         assert record["t_inverter_ns"][0] == (t_ns if tick < 2 else NOW_NS)
     assert state.missing() == []

@@ -1,0 +1,142 @@
+"""A CAN bus by any interface of python-can: adapters on a serial line, vendors' drivers, networks.
+
+python-can makes a message of each frame and raises what goes wrong; here both end.
+"""
+
+import logging
+import os
+import socket
+import time
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+
+import can
+
+from motord.config import CanBusConfig
+from motord.hal.bulk_port import read_in_bulk
+from motord.hal.can_base import FRAMES_AT_ONCE, BusState, Frame
+from motord.wire.can_codec import EXTENDED
+
+# python-can tells its own log of errors that it also raises
+logging.getLogger("can").addHandler(logging.NullHandler())
+
+RECEIVE_BUFFER_BYTES = 1 << 20
+"""Asked of the kernel, so that a loop that was kept waiting loses no frames; it grants at most
+net.core.rmem_max."""
+HOST_STAMP_S = 10.0
+"""Time stamps further than this from the system's clock are some other clock's: not used."""
+FAILURES = (can.CanError, OSError)
+
+
+class PythonCan:
+    """A `CanBus` that a python-can bus serves, which it closes in the end."""
+
+    def __init__(self, bus: can.BusABC, fd: bool) -> None:
+        self.state = BusState()
+        self._bus = bus
+        self._fd = fd
+        self._wanted: frozenset[int] = frozenset()
+        self._outgoing: dict[int, can.Message] = {}
+        self._host_stamps: bool | None = None
+        _widen(bus)
+        read_in_bulk(bus)
+
+    def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
+        """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
+        heard: list[Frame] = []
+        try:
+            for _ in range(FRAMES_AT_ONCE):
+                message = self._bus.recv(timeout_s)
+                if message is None:
+                    break
+                self._take(message, heard)
+                timeout_s = 0.0
+        except FAILURES as error:
+            self.state.failed(error)
+        return heard
+
+    def send(self, key: int, payload: bytes) -> None:
+        """Send a frame: CAN FD with the higher bit rate if the bus is CAN FD, else classical."""
+        message = self._outgoing.get(key)
+        if message is None:
+            message = self._outgoing[key] = self._message(key)
+        message.data[:] = payload
+        message.dlc = len(payload)
+        try:
+            self._bus.send(message, timeout=0)
+            self.state.sent()
+        except FAILURES as error:
+            self.state.refused(error)
+
+    def listen(self, keys: Collection[int]) -> None:
+        """From now on take frames with these keys only; all are taken until then."""
+        self._wanted = frozenset(keys)
+
+    def close(self) -> None:
+        """Release the channel; may be called twice."""
+        self._bus.shutdown()
+
+    def _take(self, message: can.Message, heard: list[Frame]) -> None:
+        if message.is_error_frame:
+            data = message.data
+            self.state.error_frame(message.arbitration_id, data[1] if len(data) > 1 else 0)
+            return
+        key = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+        if (self._wanted and key not in self._wanted) or message.is_remote_frame:
+            return
+        self.state.heard()
+        if self._host_stamps is None:
+            self._host_stamps = abs(message.timestamp - time.time()) < HOST_STAMP_S
+        stamp_ns = int(message.timestamp * 1e9) if self._host_stamps else 0
+        heard.append((key, bytes(message.data), stamp_ns))
+
+    def _message(self, key: int) -> can.Message:
+        return can.Message(
+            arbitration_id=key & ~EXTENDED,
+            is_extended_id=key >= EXTENDED,
+            is_fd=self._fd,
+            bitrate_switch=self._fd,
+        )
+
+
+def open_python_can(config: CanBusConfig) -> PythonCan:
+    """Open the bus by its interface. Raises OSError, with the reason in `strerror`."""
+    settings: dict[str, object] = {"fd": config.fd, **config.options}
+    if config.bitrate is not None:
+        settings["bitrate"] = config.bitrate
+    if config.data_bitrate is not None:
+        settings["data_bitrate"] = config.data_bitrate
+    try:
+        bus = can.Bus(
+            config.channel,
+            config.interface,
+            ignore_config=True,
+            **settings,  # type: ignore[arg-type]
+        )
+    except (
+        can.CanError,
+        OSError,
+        ValueError,
+        TypeError,
+        ImportError,
+        NotImplementedError,  # an interface that python-can does not know
+    ) as error:
+        cause = error.__cause__ or error
+        reason = getattr(cause, "strerror", None) or str(cause)
+        raise OSError(getattr(cause, "errno", None) or 0, reason) from error
+    return PythonCan(bus, config.fd)
+
+
+def _widen(bus: can.BusABC) -> None:
+    """Ask for a large receive buffer, if the bus is a socket."""
+    try:
+        fd = os.dup(bus.fileno())
+    except (NotImplementedError, OSError):
+        return
+    try:
+        end = socket.socket(fileno=fd)
+    except OSError:  # a descriptor, but no socket: a serial adapter
+        os.close(fd)
+        return
+    with end, suppress(OSError):
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
