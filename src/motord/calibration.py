@@ -34,7 +34,10 @@ class _Part(BaseModel):
 
 
 class CalibratedMotor(_Part):
-    """The motor that was calibrated: what has to agree with the bench's `[motor]`."""
+    """The motor that was calibrated: what has to agree with the bench's `[motor]`.
+
+    encoder_direction: the cogging torque is by count. Files do not name it where it is 1.
+    """
 
     name: str
     serial: str = ""
@@ -43,6 +46,7 @@ class CalibratedMotor(_Part):
     counts: Annotated[int, Field(ge=1)]
     rated_torque_Nm: Positive
     connection: Literal["star", "independent"]
+    encoder_direction: Literal[1, -1] = 1
 
     @classmethod
     def of(cls, motor: MotorConfig) -> "CalibratedMotor":
@@ -190,13 +194,16 @@ class Calibration(_Part):
     def to_json(self) -> dict[str, Any]:
         """Return the content of the file; without `learned` where nothing was learned.
 
-        Nor is there an error of a phase where none is known: files from before have no such key.
+        Nor is there an error of a phase where none is known, or an encoder's direction of 1: files
+        from before have no such keys.
         """
         nothing = {"learned"} if self.learned is None else set()
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
         for harmonic in content["tau_cog_harmonics"]:
             if harmonic["phase_stderr_rad"] is None:
                 del harmonic["phase_stderr_rad"]
+        if content["motor"]["encoder_direction"] == 1:
+            del content["motor"]["encoder_direction"]
         return content
 
     def save(self, path: Path) -> None:

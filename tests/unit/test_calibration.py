@@ -128,6 +128,7 @@ def test_nan_and_wrong_length_are_refused() -> None:
         {"counts": 128},
         {"rated_torque_Nm": 7.0},
         {"connection": "independent"},
+        {"encoder_direction": -1},
     ],
 )
 def test_another_motor_is_refused_naming_what_differs(change: dict[str, object]) -> None:
