@@ -1,28 +1,21 @@
 """The slow devices over Modbus, TCP or RTU: eddy-current brake and external drive.
 
 One exchange is a write of the set-point and a read of set-point, status and value. A device that
-does not answer costs one `timeout_s` and raises; the connection is then dropped and made anew by
-the next exchange, so that no late answer is ever taken for the answer to a later question.
+does not answer costs one `timeout_s` and raises. An answer that comes late is never taken for the
+answer to a later question: over TCP the connection is dropped and made anew by the next exchange;
+on a serial line, whose frames have no numbers, each exchange begins with a write, whose answer no
+read can have, and what arrives before that is passed over.
 """
 
-import logging
 import math
-import socket
 import termios
-from collections.abc import Callable, Sequence
 from contextlib import suppress
-
-import serial
-from pymodbus.client import ModbusSerialClient, ModbusTcpClient
-from pymodbus.exceptions import ModbusException, ModbusIOException
-from pymodbus.pdu import ModbusPDU
 
 from motord.config import Config, ModbusConfig
 from motord.hal.base import DeviceError, DeviceReading
+from motord.hal.modbus_link import ModbusLink, connect
+from motord.wire.modbus_pdu import Question, Refusal, read, write
 from motord.wire.registers import Register, layout
-
-# pymodbus tells its own log of every error that it also raises; here they become DeviceError
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 EXCEPTION_NAMES = {
     1: "illegal function",
@@ -34,9 +27,6 @@ EXCEPTION_NAMES = {
     10: "no path to the unit",
     11: "no such unit",
 }
-
-
-_Client = ModbusTcpClient | ModbusSerialClient
 
 
 class ModbusDevice:
@@ -51,132 +41,87 @@ class ModbusDevice:
         self._low = low
         self._high = high
         self._layout = layout(config)
-        self._client: _Client | None = None
+        self._link: ModbusLink | None = None
 
     def open(self) -> None:
         """Connect and read the device once. Raises DeviceError."""
-        self._read(self._connected(), self._layout.status, self._config.read_table)
+        self._read(self._layout.status, self._config.read_table)
 
     def exchange(self, setpoint: float) -> DeviceReading:
         """Write the set-point, read the device back. Raises DeviceError.
 
         Each request waits at most `timeout_s`; the first that fails ends the exchange.
         """
-        client, table, parts = self._connected(), self._config.read_table, self._layout
-        self._write(client, setpoint)
-        actual = parts.setpoint.decode(self._read(client, parts.setpoint, "holding"))
-        word = self._read(client, parts.status, table)[0]
-        value = parts.value.decode(self._read(client, parts.value, table))
+        table, parts = self._config.read_table, self._layout
+        self._write(setpoint)
+        actual = parts.setpoint.decode(self._read(parts.setpoint, "holding"))
+        word = self._read(parts.status, table)[0]
+        value = parts.value.decode(self._read(parts.value, table))
         return DeviceReading(int(parts.understand(word)), actual, value)
 
     def safe_stop(self) -> None:
-        """Write a set-point of zero, if the device can be reached."""
-        with suppress(DeviceError):
-            self._write(self._connected(), 0.0)
+        """Write a set-point of zero, if the device can be reached; over a new link if need be."""
+        for _ in range(2):
+            with suppress(DeviceError):
+                self._write(0.0)
+                return
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
-        client, self._client = self._client, None
-        if client is not None:
-            client.close()  # type: ignore[no-untyped-call]
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
 
-    def _connected(self) -> _Client:
-        if self._client is None:
-            tcp = self._config.transport == "tcp"
-            self._client = self._tcp_client() if tcp else self._rtu_client()
-        return self._client
-
-    def _tcp_client(self) -> ModbusTcpClient:
-        config = self._config
-        client = ModbusTcpClient(
-            config.host, port=config.tcp_port, timeout=config.timeout_s, retries=0
+    def _write(self, setpoint: float) -> None:
+        limited = min(max(setpoint, self._low), self._high) if math.isfinite(setpoint) else 0.0
+        target = self._layout.setpoint
+        self._ask(
+            f"write of register {target.address}", write(target.address, target.encode(limited))
         )
+
+    def _read(self, register: Register, table: str) -> list[int]:
+        question = read(table, register.address, register.words)
+        return self._ask(f"read of {table} register {register.address}", question)
+
+    def _ask(self, what: str, question: Question) -> list[int]:
+        link = self._connected()
         try:
-            client.socket = socket.create_connection(
-                (config.host, config.tcp_port), timeout=config.timeout_s
-            )
+            answer = link.ask(self._config.unit, question)
+        except TimeoutError as error:
+            self.close()
+            heard = f", only {error}" if str(error) else ""
+            raise self._error(
+                f"{what}: no valid answer within {self._config.timeout_s:g} s{heard}; "
+                "is the device on, and is unit right?"
+            ) from None
+        except ValueError as error:
+            self.close()
+            raise self._error(f"{what}: {error}") from None
+        except OSError as error:
+            self.close()
+            raise self._error(f"{what}: connection lost") from error
+        if isinstance(answer, Refusal):
+            name = EXCEPTION_NAMES.get(answer.code, "unknown cause")
+            raise self._error(f"{what}: device answers exception {answer.code} ({name})")
+        return answer
+
+    def _connected(self) -> ModbusLink:
+        if self._link is None:
+            self._link = self._connect()
+        return self._link
+
+    def _connect(self) -> ModbusLink:
+        config = self._config
+        try:
+            return connect(config)
         except ConnectionRefusedError:
             raise self._error("refused: nothing listens there; is the device on?") from None
         except TimeoutError:
             raise self._error(f"no connection within {config.timeout_s:g} s") from None
-        except OSError as error:
-            raise self._error(f"cannot connect: {error.strerror or error}") from error
-        client.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        return client
-
-    def _rtu_client(self) -> ModbusSerialClient:
-        config = self._config
-        client = ModbusSerialClient(
-            config.serial_port,
-            baudrate=config.baud,
-            parity=config.parity,
-            stopbits=config.stop_bits,
-            timeout=config.timeout_s,
-            retries=0,
-        )
-        try:
-            client.socket = serial.Serial(
-                config.serial_port,
-                baudrate=config.baud,
-                parity=config.parity,
-                stopbits=config.stop_bits,
-                timeout=config.timeout_s,
-                write_timeout=config.timeout_s,
-                exclusive=True,
-            )
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             reason = getattr(error, "strerror", None) or str(error)
-            raise self._error(f"cannot open it: {reason}") from error
-        return client
-
-    def _write(self, client: _Client, setpoint: float) -> None:
-        limited = min(max(setpoint, self._low), self._high) if math.isfinite(setpoint) else 0.0
-        target, unit = self._layout.setpoint, self._config.unit
-        words = target.encode(limited)
-        if len(words) == 1:
-            self._ask(
-                f"write of register {target.address}",
-                lambda: client.write_register(target.address, words[0], device_id=unit),
-            )
-        else:
-            self._ask(
-                f"write of register {target.address}",
-                lambda: client.write_registers(target.address, words, device_id=unit),
-            )
-
-    def _read(self, client: _Client, register: Register, table: str) -> Sequence[int]:
-        address, words, unit = register.address, register.words, self._config.unit
-        if table == "holding":
-            answer = self._ask(
-                f"read of holding register {address}",
-                lambda: client.read_holding_registers(address, count=words, device_id=unit),
-            )
-        else:
-            answer = self._ask(
-                f"read of input register {address}",
-                lambda: client.read_input_registers(address, count=words, device_id=unit),
-            )
-        if len(answer.registers) != words:
-            self.close()
-            raise self._error(f"read of register {address}: answer of a wrong length")
-        return answer.registers
-
-    def _ask(self, what: str, request: Callable[[], ModbusPDU]) -> ModbusPDU:
-        try:
-            answer = request()
-        except ModbusIOException:
-            self.close()
-            raise self._error(
-                f"{what}: no valid answer within {self._config.timeout_s:g} s; "
-                "is the device on, and is unit right?"
-            ) from None
-        except (ModbusException, OSError) as error:
-            self.close()
-            raise self._error(f"{what}: connection lost") from error
-        if answer.isError():
-            name = EXCEPTION_NAMES.get(answer.exception_code, "unknown cause")
-            raise self._error(f"{what}: device answers exception {answer.exception_code} ({name})")
-        return answer
+            how = "connect" if config.transport == "tcp" else "open it"
+            raise self._error(f"cannot {how}: {reason}") from error
 
     def _error(self, what: str) -> DeviceError:
         config = self._config

@@ -248,7 +248,7 @@ def test_an_answer_of_the_wrong_length_is_told(scripted):
         return transaction + struct.pack(">HHBBBHH", 0, 7, 1, 3, 4, 1, 2)
 
     _, host = scripted(two_registers, timeout_s=2.0)
-    with pytest.raises(DeviceError, match="wrong length"):
+    with pytest.raises(DeviceError, match="does not fit the question"):
         host.open()
 
 

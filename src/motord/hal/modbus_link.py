@@ -1,0 +1,219 @@
+"""Links to Modbus devices: a TCP connection, or a serial line that several devices share.
+
+A link asks one question at a time and waits for its answer, `timeout_s` at most. A computer that
+was kept from running for longer than that takes one last look at what has come meanwhile.
+"""
+
+import os
+import select
+import socket
+import threading
+import time
+from typing import ClassVar, Protocol
+
+import serial
+
+from motord.config import ModbusConfig
+from motord.wire.modbus_pdu import TCP_HEAD, Answer, Question, rtu_answer, rtu_frame, tcp_frame
+
+CHUNK_BYTES = 4096
+TRANSACTIONS = 1 << 16
+PAUSE_CHARACTERS = 3.5
+BITS_PER_CHARACTER = 11
+PAUSE_LEAST_S = 0.00175
+"""Silence between two frames on a serial line, as the Modbus specification has it."""
+
+
+class ModbusLink(Protocol):
+    """Something to ask Modbus devices by."""
+
+    def ask(self, unit: int, question: Question) -> Answer:
+        """Return the answer of `unit`.
+
+        Raises TimeoutError if none comes, ValueError for one that does not fit, and OSError if
+        the link is lost.
+        """
+
+    def close(self) -> None:
+        """Release it; may be called twice."""
+
+
+class _Deadline:
+    """Time to wait; when it is over, one more look."""
+
+    def __init__(self, timeout_s: float) -> None:
+        self._end_s = time.monotonic() + timeout_s
+        self._over = False
+
+    def left_s(self) -> float:
+        """Return how long to wait; 0 once, when time is up. Raises TimeoutError after that."""
+        left_s = self._end_s - time.monotonic()
+        if left_s > 0:
+            return left_s
+        if self._over:
+            raise TimeoutError
+        self._over = True
+        return 0.0
+
+
+class TcpLink:
+    """A connection of its own. Answers carry the number of their question."""
+
+    def __init__(self, host: str, port: int, timeout_s: float) -> None:
+        """Connect. Raises OSError."""
+        self._timeout_s = timeout_s
+        self._transaction = 0
+        self._rest = b""
+        self._socket = socket.create_connection((host, port), timeout=timeout_s)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def ask(self, unit: int, question: Question) -> Answer:
+        """Return the answer of `unit`. Raises TimeoutError, ValueError, OSError."""
+        self._transaction = (self._transaction + 1) % TRANSACTIONS
+        self._socket.sendall(tcp_frame(self._transaction, unit, question))
+        deadline = _Deadline(self._timeout_s)
+        while True:
+            transaction, answering_unit, pdu = self._frame(deadline)
+            if transaction != self._transaction:
+                continue
+            answer = question.understand(pdu)
+            if answer is None or answering_unit != unit:
+                raise ValueError("the answer does not fit the question")
+            return answer
+
+    def close(self) -> None:
+        """Disconnect; may be called twice."""
+        self._socket.close()
+
+    def _frame(self, deadline: _Deadline) -> tuple[int, int, bytes]:
+        """Return transaction, unit and content of the next frame."""
+        self._await(TCP_HEAD.size, deadline)
+        transaction, protocol, size, unit = TCP_HEAD.unpack_from(self._rest)
+        if protocol != 0 or not 2 <= size <= 254:
+            raise ValueError("what answers there does not speak Modbus TCP")
+        end = TCP_HEAD.size - 1 + size
+        self._await(end, deadline)
+        pdu, self._rest = self._rest[TCP_HEAD.size : end], self._rest[end:]
+        return transaction, unit, pdu
+
+    def _await(self, size: int, deadline: _Deadline) -> None:
+        while len(self._rest) < size:
+            if not select.select([self._socket], [], [], deadline.left_s())[0]:
+                continue
+            data = self._socket.recv(CHUNK_BYTES)
+            if not data:
+                raise ConnectionResetError("the device closed the connection")
+            self._rest += data
+
+
+class RtuLink:
+    """A device's place on a serial line, which other devices of this program may share."""
+
+    def __init__(self, config: ModbusConfig) -> None:
+        """Open the port, or join those who have. Raises OSError, ValueError."""
+        self._timeout_s = config.timeout_s
+        self._line: _SerialLine | None = _SerialLine.join(config)
+
+    def ask(self, unit: int, question: Question) -> Answer:
+        """Return the answer of `unit`. Raises TimeoutError, OSError."""
+        if self._line is None:
+            raise ConnectionResetError("closed")
+        return self._line.ask(unit, question, self._timeout_s)
+
+    def close(self) -> None:
+        """Leave the line; the last one closes the port. May be called twice."""
+        line, self._line = self._line, None
+        if line is not None:
+            line.leave()
+
+
+class _SerialLine:
+    """An open port. Frames are not numbered: see `wire.modbus_pdu` for what counts as an answer."""
+
+    _open: ClassVar[dict[str, "_SerialLine"]] = {}
+
+    @classmethod
+    def join(cls, config: ModbusConfig) -> "_SerialLine":
+        path = os.path.realpath(config.serial_port)
+        line = cls._open.get(path)
+        if line is None:
+            line = cls._open[path] = cls(path, config)
+        elif line._settings != _settings(config):
+            raise ValueError("another device on it has other baud, parity or stop_bits")
+        line._users += 1
+        return line
+
+    def __init__(self, path: str, config: ModbusConfig) -> None:
+        self._path = path
+        self._settings = _settings(config)
+        self._users = 0
+        self._pause_s = max(PAUSE_CHARACTERS * BITS_PER_CHARACTER / config.baud, PAUSE_LEAST_S)
+        self._lock = threading.Lock()
+        self._port = serial.Serial(
+            config.serial_port,
+            baudrate=config.baud,
+            parity=config.parity,
+            stopbits=config.stop_bits,
+            timeout=0,
+            write_timeout=config.timeout_s,
+            exclusive=True,
+        )
+        self._quiet_since_s = time.monotonic()
+
+    def ask(self, unit: int, question: Question, timeout_s: float) -> Answer:
+        with self._lock:
+            try:
+                return self._ask(unit, question, timeout_s)
+            except TimeoutError:
+                raise
+            except OSError:
+                self._close()
+                raise
+
+    def leave(self) -> None:
+        self._users -= 1
+        if self._users == 0:
+            self._close()
+
+    def _ask(self, unit: int, question: Question, timeout_s: float) -> Answer:
+        self._await_silence(_Deadline(timeout_s))
+        self._port.write(rtu_frame(unit, question))
+        deadline = _Deadline(timeout_s)
+        heard = b""
+        try:
+            while (answer := rtu_answer(heard, unit, question)) is None:
+                heard += self._hear(deadline.left_s())
+        except TimeoutError:
+            raise TimeoutError(f"{len(heard)} bytes of something else" if heard else "") from None
+        return answer
+
+    def _await_silence(self, deadline: _Deadline) -> None:
+        """Wait out the pause between frames; what comes now is nobody's answer."""
+        while (left_s := self._quiet_since_s + self._pause_s - time.monotonic()) > 0:
+            self._hear(min(left_s, deadline.left_s()))
+        while self._hear(0.0):
+            deadline.left_s()
+
+    def _hear(self, timeout_s: float) -> bytes:
+        """Return what has come within `timeout_s`, b"" if nothing. Raises OSError."""
+        if not select.select([self._port], [], [], timeout_s)[0]:
+            return b""
+        data: bytes = self._port.read(CHUNK_BYTES)
+        self._quiet_since_s = time.monotonic()
+        return data
+
+    def _close(self) -> None:
+        if self._open.get(self._path) is self:
+            del self._open[self._path]
+        self._port.close()
+
+
+def _settings(config: ModbusConfig) -> tuple[int, str, int]:
+    return config.baud, config.parity, config.stop_bits
+
+
+def connect(config: ModbusConfig) -> ModbusLink:
+    """Return a link to a device. Raises OSError, ValueError."""
+    if config.transport == "tcp":
+        return TcpLink(config.host, config.tcp_port, config.timeout_s)
+    return RtuLink(config)

@@ -1,0 +1,155 @@
+import os
+import socket
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import count
+
+import pytest
+
+from motord.config import ModbusConfig
+from motord.hal import modbus_link
+from motord.hal.modbus_link import RtuLink, TcpLink, connect
+from motord.wire.modbus_pdu import Question, read, rtu_frame, write
+
+PATIENCE_S = 10.0
+
+
+@contextmanager
+def answering(answer: Callable[[bytes], bytes]) -> Iterator[int]:
+    """Yield the port of a server that answers the first connection."""
+
+    def serve() -> None:
+        connection, _ = server.accept()
+        with connection:
+            while request := connection.recv(300):
+                connection.sendall(answer(request))
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield server.getsockname()[1]
+        thread.join()
+
+
+def ask(answer: Callable[[bytes], bytes], question: Question, timeout_s: float = PATIENCE_S):
+    with answering(answer) as port:
+        link = TcpLink("127.0.0.1", port, timeout_s)
+        try:
+            return link.ask(1, question)
+        finally:
+            link.close()
+            link.close()
+
+
+def test_answers_to_earlier_questions_are_passed_over() -> None:
+    def answer(request: bytes) -> bytes:
+        other = (int.from_bytes(request[:2], "big") - 1).to_bytes(2, "big")
+        return b"".join(
+            n + b"\0\0\0\5\1\3\2\0" + v for n, v in ((other, b"\7"), (request[:2], b"\x08"))
+        )
+
+    assert ask(answer, read("holding", 0, 1)) == [8]
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [b"\0\0\0\5\2\3\2\0\7", b"\0\0\0\5\1\4\2\0\7", b"\0\0\0\7\1\3\4\0\7\0\7", b"\0\0\0\2\1\3"],
+    ids=["unit", "function", "registers", "cut off"],
+)
+def test_an_answer_that_does_not_fit(frame: bytes) -> None:
+    with pytest.raises(ValueError, match="does not fit the question"):
+        ask(lambda request: request[:2] + frame, read("holding", 0, 1))
+
+
+@pytest.mark.parametrize(
+    "greeting", [b"SSH-2.0-OpenSSH_9.2\r\n", b"\0\1\0\0\0\1\1", b"\0\1\0\0\1\1\1"]
+)
+def test_something_else_than_modbus(greeting: bytes) -> None:
+    with pytest.raises(ValueError, match="does not speak Modbus TCP"):
+        ask(lambda _: greeting, read("holding", 0, 1))
+
+
+def test_half_an_answer_is_waited_for_only_so_long() -> None:
+    with pytest.raises(TimeoutError):
+        ask(lambda request: request[:2] + b"\0\0\0\5\1\3", read("holding", 0, 1), 0.05)
+
+
+def test_a_computer_that_stalls_looks_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time is over when the link comes to look, but the answer is there."""
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    link = RtuLink(ModbusConfig(transport="rtu", serial_port=os.ttyname(host_fd), timeout_s=0.05))
+    question = write(3, [9])
+    clock = count(time.monotonic() + 1.0)
+    monkeypatch.setattr(modbus_link.time, "monotonic", lambda: next(clock))
+    written = modbus_link.serial.Serial.write
+
+    def answered(port: object, data: bytes) -> int:
+        os.write(device_fd, rtu_frame(1, question))
+        return written(port, data)
+
+    monkeypatch.setattr(modbus_link.serial.Serial, "write", answered)
+    assert link.ask(1, question) == []
+    monkeypatch.undo()
+    link.close()
+    link.close()
+    with pytest.raises(OSError, match="closed"):
+        link.ask(1, question)
+    os.close(device_fd)
+    os.close(host_fd)
+
+
+def test_a_line_that_is_never_quiet() -> None:
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    os.set_blocking(device_fd, False)
+    link = RtuLink(ModbusConfig(transport="rtu", serial_port=os.ttyname(host_fd), timeout_s=0.1))
+    stop = threading.Event()
+
+    def babble() -> None:
+        while not stop.wait(0.0005):
+            try:
+                os.write(device_fd, b"\x55" * 64)
+            except BlockingIOError:
+                continue
+
+    thread = threading.Thread(target=babble)
+    thread.start()
+    with pytest.raises(TimeoutError):
+        link.ask(1, write(0, [1]))
+    stop.set()
+    thread.join()
+    link.close()
+    os.close(device_fd)
+    os.close(host_fd)
+
+
+def test_devices_on_one_line_must_agree_on_it() -> None:
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    port = os.ttyname(host_fd)
+    first = connect(ModbusConfig(transport="rtu", serial_port=port))
+    with pytest.raises(ValueError, match="other baud, parity or stop_bits"):
+        connect(ModbusConfig(transport="rtu", serial_port=port, baud=9600))
+    first.close()
+    connect(ModbusConfig(transport="rtu", serial_port=port, baud=9600)).close()
+    os.close(device_fd)
+    os.close(host_fd)
+
+
+def test_a_port_that_is_lost_is_opened_anew_by_all() -> None:
+    """Pulled out: the next question fails, and the devices on it each open it again."""
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    config = ModbusConfig(transport="rtu", serial_port=os.ttyname(host_fd), timeout_s=0.05)
+    first, second = connect(config), connect(config)
+    os.close(host_fd)
+    os.close(device_fd)
+    for link in (first, second):
+        with pytest.raises(OSError, match=r"."):
+            link.ask(1, write(0, [1]))
+        link.close()
+    assert not modbus_link._SerialLine._open
