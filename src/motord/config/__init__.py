@@ -22,12 +22,12 @@ from motord.config.bench import (
     RecordingConfig,
     ZenohConfig,
 )
+from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.devices import (
     BrakeConfig,
     BridgeConfig,
     CanBusConfig,
     CanConfig,
-    CanSignalMap,
     DriveConfig,
     InverterConfig,
     ModbusConfig,
@@ -48,6 +48,7 @@ from motord.config.motor import (
     back_emf_waves,
 )
 from motord.config.plans import (
+    AlignConfig,
     CalibrateConfig,
     DrivenConfig,
     LearnConfig,
@@ -67,6 +68,7 @@ from motord.config.reading import (
 __all__ = [
     "SEQUENCE",
     "AccelerationConfig",
+    "AlignConfig",
     "BackEmfHarmonic",
     "BackEmfTable",
     "BenchConfig",
@@ -78,6 +80,7 @@ __all__ = [
     "CanSignalMap",
     "Config",
     "ConfigError",
+    "DqConfig",
     "DriveConfig",
     "DrivenConfig",
     "EffectiveMass",

@@ -170,6 +170,9 @@ class ZenohConfig(Section):
         return self
 
 
+_ON_CAN = ("can", "can-dq")
+
+
 class Config(Section):
     """A whole bench."""
 
@@ -199,7 +202,7 @@ class Config(Section):
     @model_validator(mode="after")
     def _bus_voltage_is_watched(self) -> "Config":
         can = self.inverter.can
-        if self.inverter.driver == "can" and can and not can.signals.feedback_u_bus_V:
+        if self.inverter.driver in _ON_CAN and can and not can.signals.feedback_u_bus_V:
             raise ValueError(
                 "[inverter.can.signals] has no feedback_u_bus_V: the interlock of the bus voltage "
                 "needs it"
@@ -232,6 +235,16 @@ class Config(Section):
     def renew_within_s(self) -> float:
         """Within this time a lease has to be renewed, whatever the torque."""
         return self.zenoh.lease_s - self.wind_down_s(self.limits.torque_Nm)
+
+    @model_validator(mode="after")
+    def _rotating_needs_a_star(self) -> "Config":
+        if self.inverter.driver == "can-dq" and self.motor.connection != "star":
+            raise ValueError(
+                f'[inverter] driver = "can-dq" with [motor] connection = "{self.motor.connection}"'
+                ": currents along d and q say nothing of the part that is common to all phases, "
+                "which independent windings can carry; it takes a star"
+            )
+        return self
 
     @property
     def simulated(self) -> bool:

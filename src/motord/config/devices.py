@@ -6,33 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
-
-
-class CanSignalMap(Section):
-    """Names in the DBC of what motord sends and reads: `Message.Signal`.
-
-    The command is one message; the feedback may lie in several, each with a counter and a CRC of
-    its own, or none. `command_constants` sets other signals of the command. The masks tell which
-    bits of the drive's status word mean what (0 = the drive does not say).
-    """
-
-    command_i_A: tuple[str, str, str]
-    command_enable: str
-    command_enable_value: Annotated[int, Field(ge=1)] = 1
-    command_constants: dict[str, Finite] = Field(default_factory=dict)
-    command_counter: str = ""
-    command_crc: str = ""
-    feedback_i_A: tuple[str, str, str]
-    feedback_u_V: tuple[str, str, str] | tuple[()] = ()
-    feedback_u_bus_V: str = ""
-    feedback_temperature_C: str = ""
-    feedback_status: str
-    feedback_counter: tuple[str, ...] = ()
-    feedback_crc: tuple[str, ...] = ()
-    status_ready_mask: Annotated[int, Field(ge=0)] = 1
-    status_fault_mask: Annotated[int, Field(ge=0)] = 2
-    status_timeout_mask: Annotated[int, Field(ge=0)] = 4
-    status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
+from motord.config.can_signals import CanSignalMap, DqConfig
 
 
 class CanBusConfig(Section):
@@ -63,10 +37,13 @@ class InverterConfig(Section):
 
     actuation_delay_s is from the start of a tick until its current flows, dead time and the lag
     of the current loops together; lag_s is how much of it is that lag (1 / (2 pi bandwidth)).
+    driver "can" is for a drive that takes phase currents, "can-dq" for one that takes currents
+    along the rotor's axes, which `dq` describes.
     """
 
     driver: str = "sim"
     can: CanConfig | None = None
+    dq: DqConfig = DqConfig()
     stale_after_s: Positive = 0.02
     timeout_s: Positive = 0.05
     actuation_delay_s: NonNegative = 0.0008
@@ -81,9 +58,26 @@ class InverterConfig(Section):
 
     @model_validator(mode="after")
     def _needs_can(self) -> "InverterConfig":
-        if self.driver == "can" and self.can is None:
-            raise ValueError('driver = "can" needs a table [inverter.can]')
+        if self.driver not in ("can", "can-dq"):
+            return self
+        if self.can is None:
+            raise ValueError(f'driver = "{self.driver}" needs a table [inverter.can]')
+        if self.driver == "can" and self.can.signals.rotating:
+            raise ValueError(
+                'driver = "can" takes phase currents: can.signals needs command_i_A, or take '
+                'driver = "can-dq"'
+            )
+        if self.driver == "can-dq" and not self.can.signals.rotating:
+            raise ValueError(
+                'driver = "can-dq" takes currents along d and q: can.signals needs command_i_q_A, '
+                'or take driver = "can"'
+            )
         return self
+
+    @property
+    def q_only(self) -> bool:
+        """True if the drive makes current along q alone."""
+        return self.driver == "can-dq" and self.can is not None and self.can.signals.q_only
 
 
 class BridgeConfig(Section):

@@ -14,7 +14,10 @@ from motord.wire.can_signal import SignalCodec
 from motord.wire.crc import crc8
 
 COMMAND_SLOTS = ("i_a_A", "i_b_A", "i_c_A", "enable")
-"""The values of the command message, in the order of its `MessageCodec`."""
+"""The values of a command of phase currents, in the order of its `MessageCodec`."""
+
+DQ_COMMAND_SLOTS = ("i_d_A", "i_q_A", "enable")
+"""The values of a command of currents along d and q; a drive need not take i_d."""
 
 FEEDBACK_SLOTS = (
     "i_a_A",
@@ -28,6 +31,9 @@ FEEDBACK_SLOTS = (
     "status",
 )
 """The values that the drive sends, over all its messages; a DBC need not have all."""
+
+DQ_FEEDBACK_SLOTS = ("i_d_A", "i_q_A", "u_d_V", "u_q_V")
+"""What a drive may send besides, or instead of phase currents and voltages."""
 
 EXTENDED = 1 << 31
 _FD_BYTES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
@@ -145,30 +151,50 @@ class InverterCodec:
     feedback: tuple[MessageCodec, ...]
     signals: CanSignalMap
 
-    def encode_command(self, i_A: Sequence[float], enable: bool, counter: int) -> bytes:
-        """Return the payload of `command` for phase-current references and the enable bit."""
-        on = float(self.signals.command_enable_value) if enable else 0.0
-        return self.command.encode((*i_A, on), counter)
+    def encode_command(self, currents_A: Sequence[float], enable: bool, counter: int) -> bytes:
+        """Return the payload of `command` for current references and the enable bit.
+
+        The currents are those of the three phases, or d and q; what the drive has no signal for
+        is left out.
+        """
+        signals = self.signals
+        if signals.q_only:
+            currents_A = currents_A[1:]
+        if not signals.command_enable:
+            return self.command.encode(currents_A, counter)
+        on = signals.command_enable_value if enable else signals.command_disable_value
+        return self.command.encode((*currents_A, on), counter)
 
     def decode_command(self, payload: bytes) -> tuple[tuple[float, ...], bool] | None:
-        """Return phase-current references and enable bit, or None for a corrupt payload."""
+        """Return three currents and the enable bit, or None for a corrupt payload.
+
+        The currents are those of the phases; or d, q and 0. A drive without an enable signal is
+        told to be on by every command.
+        """
         values = self.command.decode(payload)
         if values is None:
             return None
-        return values[:3], round(values[3]) == self.signals.command_enable_value
+        signals = self.signals
+        on = not signals.command_enable or round(values[-1]) == signals.command_enable_value
+        if not signals.rotating:
+            return values[:3], on
+        i_d_A = 0.0 if signals.q_only else values[0]
+        return (i_d_A, values[0 if signals.q_only else 1], 0.0), on
 
     def encode_feedback(
         self, values: Mapping[str, float], counter: int
     ) -> list[tuple[MessageCodec, bytes]]:
-        """Return every feedback message with its payload; `values` has the FEEDBACK_SLOTS."""
+        """Return every feedback message with its payload; `values` has all slots that it maps."""
         return [(m, m.encode([values[s] for s in m.slots], counter)) for m in self.feedback]
 
     def understand(self, word: int) -> InverterStatus:
         """Return what the drive's status word says, in motord's bits.
 
-        A drive without a ready bit (mask 0) counts as ready.
+        A drive without a ready bit (mask 0), or without a status word, counts as ready.
         """
         masks, status = self.signals, InverterStatus(0)
+        if not masks.feedback_status:
+            return InverterStatus.READY
         if word & masks.status_ready_mask == masks.status_ready_mask:
             status |= InverterStatus.READY
         for mask, meaning in self._meanings():

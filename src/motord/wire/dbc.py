@@ -15,13 +15,12 @@ from cantools.database.errors import Error as DatabaseError
 
 from motord.config import CanConfig, CanSignalMap, ConfigError
 from motord.wire.can_codec import (
-    COMMAND_SLOTS,
     EXTENDED,
-    FEEDBACK_SLOTS,
     Checks,
     InverterCodec,
     MessageCodec,
 )
+from motord.wire.can_names import command_names, feedback_names
 from motord.wire.can_signal import SignalCodec
 
 CLASSIC_BYTES = 8
@@ -58,12 +57,11 @@ def compile_codec(database: Database, path: Path, signals: CanSignalMap) -> Inve
     """Compile the mapped signals of `database`; `path` is for messages. Raises ConfigError."""
     names = _Names(database, path)
     commands = _Drafts(names)
-    for slot, name in zip(COMMAND_SLOTS[:3], signals.command_i_A, strict=True):
-        commands.add(slot, "command_i_A", name)
-    commands.add("enable", "command_enable", signals.command_enable)
+    for slot, key, name in command_names(signals):
+        commands.add(slot, key, name)
     if len(commands.drafts) > 1:
         raise names.error(
-            "command_enable",
+            "command_enable" if signals.command_enable else "command_i_q_A",
             "currents and enable must be in one message, they are in "
             + " and ".join(commands.drafts),
         )
@@ -73,26 +71,13 @@ def compile_codec(database: Database, path: Path, signals: CanSignalMap) -> Inve
         commands.fix("command_constants", name, value)
 
     feedback = _Drafts(names)
-    for slot, (key, name) in zip(FEEDBACK_SLOTS, _feedback_names(signals), strict=True):
-        if name:
-            feedback.add(slot, key, name)
+    for slot, key, name in feedback_names(signals):
+        feedback.add(slot, key, name)
     for name in signals.feedback_counter:
         feedback.count("feedback_counter", name)
     for name in signals.feedback_crc:
         feedback.guard("feedback_crc", name)
     return InverterCodec(commands.compiled()[0], feedback.compiled(), signals)
-
-
-def _feedback_names(signals: CanSignalMap) -> list[tuple[str, str]]:
-    """Return key of the map and name, "" if not mapped, for each of FEEDBACK_SLOTS."""
-    groups: tuple[tuple[str, tuple[str, ...]], ...] = (
-        ("feedback_i_A", signals.feedback_i_A),
-        ("feedback_u_V", signals.feedback_u_V or ("", "", "")),
-        ("feedback_u_bus_V", (signals.feedback_u_bus_V,)),
-        ("feedback_temperature_C", (signals.feedback_temperature_C,)),
-        ("feedback_status", (signals.feedback_status,)),
-    )
-    return [(key, name) for key, group in groups for name in group]
 
 
 @dataclass
