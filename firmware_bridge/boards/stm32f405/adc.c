@@ -4,6 +4,7 @@
 
 #define CHANNEL 1U
 #define SAMPLING_15_CYCLES UINT32_C(1)
+#define PATIENCE 100U
 #define UNUSED UINT16_C(0xFFFF) /* no conversion gives this */
 
 static volatile uint16_t ring[ADC_OVERSAMPLING];
@@ -12,13 +13,14 @@ void adc_start(void)
 {
     ADC1->CR2 = 0;
     DMA2_STREAM0->CR = 0;
-    while (DMA2_STREAM0->CR & DMA_CR_EN) { /* until the transfer that goes on has ended */
+    for (uint32_t turn = 0; turn < PATIENCE && DMA2_STREAM0->CR & DMA_CR_EN; turn++) {
+        /* until the transfer that goes on has ended, a few cycles */
     }
     DMA2_LIFCR = DMA_LIFCR_STREAM0;
     for (uint32_t i = 0; i < ADC_OVERSAMPLING; i++) {
         ring[i] = UNUSED;
     }
-    DMA2_STREAM0->PAR = (uint32_t)&ADC1->SR + 0x4C; /* ADC_DR */
+    DMA2_STREAM0->PAR = (uint32_t)&ADC1->DR;
     DMA2_STREAM0->M0AR = (uint32_t)ring;
     DMA2_STREAM0->NDTR = ADC_OVERSAMPLING;
     DMA2_STREAM0->CR =

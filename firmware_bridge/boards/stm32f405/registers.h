@@ -12,12 +12,14 @@ typedef volatile uint32_t reg;
 /* ---- core: ARMv7-M system control space ---------------------------------------------------- */
 #define NVIC_ISER(n) (((reg *)0xE000E100)[n])
 #define NVIC_IPR(irq) (((volatile uint8_t *)0xE000E400)[irq])
+#define SCB_ICSR (*(reg *)0xE000ED04)
 #define SCB_VTOR (*(reg *)0xE000ED08)
 #define SCB_AIRCR (*(reg *)0xE000ED0C)
 #define SCB_SHPR3 (*(reg *)0xE000ED20)
 #define SCB_CPACR (*(reg *)0xE000ED88)
 #define AIRCR_SYSRESETREQ (UINT32_C(0x05FA0000) | BIT(2))
 
+#define ICSR_PENDSVSET BIT(28)
 #define SYST_CSR (*(reg *)0xE000E010)
 #define SYST_RVR (*(reg *)0xE000E014)
 #define SYST_CVR (*(reg *)0xE000E018)
@@ -97,7 +99,7 @@ typedef struct {
 
 /* ---- ADC and its DMA stream ----------------------------------------------------------------- */
 typedef struct {
-    reg SR, CR1, CR2, SMPR1, SMPR2, JOFR[4], HTR, LTR, SQR1, SQR2, SQR3;
+    reg SR, CR1, CR2, SMPR1, SMPR2, JOFR[4], HTR, LTR, SQR1, SQR2, SQR3, JSQR, JDR[4], DR;
 } adc_registers;
 #define ADC1 ((adc_registers *)0x40012000)
 #define ADC_CCR (*(reg *)0x40012304)
@@ -113,7 +115,6 @@ typedef struct {
     reg CR, NDTR, PAR, M0AR, M1AR, FCR;
 } dma_stream_registers;
 #define DMA2_LIFCR (*(reg *)0x40026408)
-#define DMA2_LISR (*(reg *)0x40026400)
 #define DMA2_STREAM0 ((dma_stream_registers *)0x40026410)
 #define DMA_CR_EN BIT(0)
 #define DMA_CR_CIRC BIT(8)
@@ -182,6 +183,10 @@ static inline void irq_enable(uint32_t irq, uint8_t priority)
     NVIC_IPR(irq) = (uint8_t)(priority << 4);
     NVIC_ISER(irq / 32) = BIT(irq % 32);
 }
+
+static inline void irq_disable(void) { __asm volatile("cpsid i" ::: "memory"); }
+
+static inline void irq_enable_all(void) { __asm volatile("cpsie i" ::: "memory"); }
 
 static inline uint32_t irq_save(void)
 {

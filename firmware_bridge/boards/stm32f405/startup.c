@@ -22,7 +22,6 @@ void reset_handler(void)
     fault_handler();
 }
 
-/* Faults, the failing crystal (NMI) and interrupts that nobody asked for: open the line, start anew. */
 void fault_handler(void)
 {
     board_open_line();
@@ -32,11 +31,13 @@ void fault_handler(void)
 }
 
 /* Handlers that a board does not have are faults. */
-__attribute__((weak, alias("fault_handler"))) void systick_handler(void);
-__attribute__((weak, alias("fault_handler"))) void usart1_handler(void);
-__attribute__((weak, alias("fault_handler"))) void usart2_handler(void);
-__attribute__((weak, alias("fault_handler"))) void can1_tx_handler(void);
-__attribute__((weak, alias("fault_handler"))) void can1_rx0_handler(void);
+#define OPTIONAL __attribute__((weak, alias("fault_handler"), noreturn))
+OPTIONAL void systick_handler(void);
+OPTIONAL void pendsv_handler(void);
+OPTIONAL void usart1_handler(void);
+OPTIONAL void usart2_handler(void);
+OPTIONAL void can1_tx_handler(void);
+OPTIONAL void can1_rx0_handler(void);
 
 #define SYSTEM_VECTORS 16
 
@@ -51,6 +52,7 @@ __attribute__((section(".vectors"), used)) static const vector vectors[SYSTEM_VE
     [0 ... SYSTEM_VECTORS + IRQ_COUNT - 1] = {.function = fault_handler},
     [0] = {.stack = &stack_top},
     [1] = {.function = reset_handler},
+    [14] = {.function = pendsv_handler},
     [15] = {.function = systick_handler},
     [SYSTEM_VECTORS + IRQ_CAN1_TX] = {.function = can1_tx_handler},
     [SYSTEM_VECTORS + IRQ_CAN1_RX0] = {.function = can1_rx0_handler},

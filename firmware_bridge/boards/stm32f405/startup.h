@@ -11,11 +11,12 @@ void board_open_line(void);
 /* Where the chip starts. */
 void reset_handler(void);
 
-/* Open the line and reset the chip. */
+/* Faults, a failing crystal (NMI), interrupts that nobody asked for: open the line, reset the chip. */
 void fault_handler(void) __attribute__((noreturn));
 
 /* Interrupts that a board may define. */
 void systick_handler(void);
+void pendsv_handler(void);
 void usart1_handler(void);
 void usart2_handler(void);
 void can1_tx_handler(void);

@@ -1,4 +1,4 @@
-/* A USART with a ring to transmit from; what is received goes to a function at once. */
+/* A USART with a ring in each direction. Its interrupt only moves bytes. */
 #ifndef STM32F405_USART_H
 #define STM32F405_USART_H
 
@@ -8,24 +8,34 @@
 
 #include "registers.h"
 
-#define USART_RING_BYTES 2048U /* power of two */
+enum { USART_RING_BYTES = 2048 }; /* a power of two */
 
-typedef struct {
+struct usart_ring {
+    volatile uint32_t head, tail; /* bytes put in and taken out so far */
+    uint8_t bytes[USART_RING_BYTES];
+};
+
+struct usart {
     usart_registers *registers;
-    void (*received)(uint8_t byte);
-    uint32_t overruns; /* bytes lost because nobody read them in time */
-    volatile uint32_t head, tail;
-    uint8_t ring[USART_RING_BYTES];
-} usart;
+    struct usart_ring received, sent;
+};
 
-/* Open a USART whose clock and pins are set; its interrupt calls `usart_interrupt`. */
-void usart_open(usart *port, usart_registers *registers, uint32_t bus_Hz, uint32_t baud,
-                void (*received)(uint8_t byte));
+/* Opens a USART whose clock and pins are set. */
+void usart_open(struct usart *port, usart_registers *registers, uint32_t bus_Hz, uint32_t baud);
 
-/* Put all bytes into the ring, or none: false if there is no room. */
-bool usart_send(usart *port, const uint8_t *bytes, size_t size);
+/* Puts all bytes into the ring to be sent, or none: false if there is no room. From one context
+ * other than the interrupt. */
+bool usart_send(struct usart *port, const uint8_t *bytes, size_t count);
 
-/* Receive and transmit what can be. From the interrupt; calling it besides does no harm. */
-void usart_interrupt(usart *port);
+/* Takes up to `count` received bytes; returns how many. From one context. Bytes that found no room,
+ * or came before the last was read, are lost: the frame's CRC tells. */
+size_t usart_take(struct usart *port, uint8_t *bytes, size_t count);
+
+/* Moves bytes. To be called from the USART's interrupt. */
+void usart_interrupt(struct usart *port);
+
+/* Sends what can be sent without waiting for the interrupt: QEMU's USART has no transmit interrupt.
+ * From the context of usart_send; needless but harmless on the chip. */
+void usart_push(struct usart *port);
 
 #endif

@@ -1,0 +1,46 @@
+# The images of the boards: make boards. Each needs arm-none-eabi-gcc (Debian: gcc-arm-none-eabi,
+# libnewlib-arm-none-eabi). HSE_HZ is the crystal of the STM32F405 board.
+
+CROSS ?= arm-none-eabi-
+HSE_HZ ?= 8000000
+BUILD ?= build
+BOARDS_BUILD := $(BUILD)/boards
+
+BOARD_FLAGS := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=soft
+BOARD_CFLAGS := $(BOARD_FLAGS) -std=c11 -Os -g -ffreestanding -fno-common \
+  -ffunction-sections -fdata-sections -fstack-usage \
+  -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wundef -Werror \
+  -I. -Iboards/stm32f405 -DHSE_HZ=$(HSE_HZ)U
+BOARD_LDFLAGS := $(BOARD_FLAGS) -nostartfiles --specs=nano.specs -Wl,--gc-sections \
+  -Wl,--fatal-warnings -Wl,-T,boards/stm32f405/stm32f405.ld
+
+BOARD_CORE := $(sort $(wildcard protocol/*.c core/*.c))
+BOARD_SHARED := $(addprefix boards/stm32f405/,startup.c program.c timing.c usart.c port_serial.c)
+BOARD_CHIP := $(addprefix boards/stm32f405/,board.c adc.c clocks.c pins.c watchdog.c)
+BOARD_IMAGES := stm32f405 stm32f405_can qemu
+
+stm32f405_SOURCES := $(BOARD_CORE) $(BOARD_SHARED) $(BOARD_CHIP)
+stm32f405_can_SOURCES := $(subst port_serial.c,port_can.c,$(stm32f405_SOURCES))
+qemu_SOURCES := $(BOARD_CORE) $(BOARD_SHARED) boards/qemu/board.c boards/qemu/feed.c \
+  boards/stm32f405/pins.c
+
+board_objects = $(patsubst %.c,$(BOARDS_BUILD)/%.o,$($(1)_SOURCES))
+
+.PHONY: boards
+boards: $(foreach image,$(BOARD_IMAGES),$(BOARDS_BUILD)/$(image).elf $(BOARDS_BUILD)/$(image).bin)
+	$(CROSS)size $(filter %.elf,$^)
+
+$(BOARDS_BUILD)/%.o: %.c boards/boards.mk
+	@mkdir -p $(@D)
+	$(CROSS)gcc $(BOARD_CFLAGS) -MMD -MP -c $< -o $@
+
+define board_image
+$(BOARDS_BUILD)/$(1).elf: $(call board_objects,$(1)) boards/stm32f405/stm32f405.ld
+	$(CROSS)gcc $(BOARD_LDFLAGS) -Wl,-Map,$$(@:.elf=.map) $$(filter %.o,$$^) -o $$@
+endef
+$(foreach image,$(BOARD_IMAGES),$(eval $(call board_image,$(image))))
+
+$(BOARDS_BUILD)/%.bin: $(BOARDS_BUILD)/%.elf
+	$(CROSS)objcopy -O binary $< $@
+
+-include $(patsubst %.o,%.d,$(sort $(foreach image,$(BOARD_IMAGES),$(call board_objects,$(image)))))
