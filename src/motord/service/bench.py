@@ -58,7 +58,7 @@ class Bench:
         self.events = events
         self.devices = devices
         self.setpoint = Setpoint(mailbox)
-        self.watch = TickWatch(config.loop.rate_Hz, config.limits, events)
+        self.watch = TickWatch(config, events)
         self.injected = InjectedFaults(config, events)
         self.lease = Lease(config.zenoh.lease_s)
         self.hand = Hand(config, self.setpoint)

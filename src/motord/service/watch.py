@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from motord.config import LimitsConfig
+from motord.config import Config
 from motord.schema import State, Trip
 from motord.service.events import EventLog
-from motord.service.trip_values import trip_values
+from motord.service.recent_ticks import RecentTicks
+from motord.service.trip_values import Seen, trip_values
 from motord.service.views import LoopView, TickView, TripView
 from motord.service.words import TRIP_MEANING, flag_names, trip_action, trip_names, trip_words
 
@@ -30,12 +31,17 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def _told(values: Mapping[str, Mapping[str, float]]) -> str:
+    return "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}" for what, v in values.items())
+
+
 class TickWatch:
     """The newest tick and what has happened since the loop started."""
 
-    def __init__(self, rate_Hz: float, limits: LimitsConfig, events: EventLog) -> None:
-        self._rate_Hz = rate_Hz
-        self._limits = limits
+    def __init__(self, config: Config, events: EventLog) -> None:
+        self._config = config
+        self._rate_Hz = config.loop.rate_Hz
+        self._recent = RecentTicks(config)
         self._events = events
         self.on_trip: OnTrip = lambda t_ns, tick, account: ""
         self._timing: deque[np.ndarray] = deque()
@@ -76,6 +82,7 @@ class TickWatch:
             )
         if len(block) == 0:
             return
+        self._recent.add(block)
         self._follow_states(block)
         self.last = block[-1]
         self.seen_at_ns = now_ns
@@ -86,6 +93,7 @@ class TickWatch:
     def forget(self) -> None:
         """Start anew: the loop was restarted and its counters with it."""
         self.last = None
+        self._recent.forget()
         self._timing.clear()
         self._missed_reported = 0
 
@@ -96,33 +104,37 @@ class TickWatch:
         bits = block["trip_bits"]
         if (states == before).all() and (bits == first_bits).all():
             return
-        for tick in block:
+        for row, tick in enumerate(block):
             state = int(tick["state"])
             if state != before:
-                self._report_change(State(before), State(state), tick)
+                self._report_change(State(before), State(state), row, tick)
             elif state == State.TRIPPED and int(tick["trip_bits"]) & ~first_bits:
                 added = int(tick["trip_bits"]) & ~first_bits
+                values = self._values(added, row)
                 self._events.emit(
-                    "trip", f"further cause: {trip_words(added)}", int(tick["t_ns"]),
-                    causes=trip_names(added), action=trip_action(added), tick=int(tick["tick"]),
+                    "trip", f"further cause: {trip_words(added)}{_told(values)}",
+                    int(tick["t_ns"]), causes=trip_names(added), values=values,
+                    action=trip_action(added), tick=int(tick["tick"]),
                 )  # fmt: skip
             before, first_bits = state, int(tick["trip_bits"])
 
-    def _report_change(self, old: State, new: State, tick: np.void) -> None:
+    def _values(self, bits: int, row: int) -> dict[str, dict[str, float]]:
+        """Return value and limit for each cause in `bits`, as of a row of the newest block."""
+        return trip_values(bits, Seen(*self._recent.until(row), self._config))
+
+    def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:
         where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}
         t_ns = int(tick["t_ns"])
         if new is not State.TRIPPED:
             self._events.emit("state", f"{old.name} -> {new.name}", t_ns, **where)
             return
         bits, first = int(tick["trip_bits"]), int(tick["first_trip"])
-        values = trip_values(bits, tick, self._limits)
-        said = "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}"
-                       for what, v in values.items())  # fmt: skip
+        values = self._values(bits, row)
         account = {
             "first": trip_names(first), "causes": trip_names(bits), "values": values,
             "action": trip_action(first or bits),
         }  # fmt: skip
-        reason = f"{old.name} -> TRIPPED: {trip_words(first or bits)}{said}"
+        reason = f"{old.name} -> TRIPPED: {trip_words(first or bits)}{_told(values)}"
         box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **account})
         self._events.emit("trip", reason, t_ns, **where, **account, blackbox=box)
 

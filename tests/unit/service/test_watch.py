@@ -18,7 +18,7 @@ def events():
 
 @pytest.fixture
 def watch(events):
-    return TickWatch(1000.0, load().limits, events)
+    return TickWatch(load(), events)
 
 
 def block(count=4, **fields):

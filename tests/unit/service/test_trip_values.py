@@ -1,0 +1,140 @@
+"""The account of a trip: for every cause a value beyond its limit, and what to do."""
+
+import numpy as np
+import pytest
+
+from motord.config import load
+from motord.config.faults import Fault
+from motord.schema import TICK_DTYPE, Request, State, Trip
+from motord.service.events import EventLog
+from motord.service.recent_ticks import RecentTicks
+from motord.service.trip_values import Seen, trip_values
+from motord.service.watch import TickWatch
+from motord.service.words import TRIP_ACTION, TRIP_MEANING
+from tests.campaigns.fault_bench import TORQUE_NM, Driver
+
+BLOCK = 10
+
+
+def watched(ticks):
+    """Return the accounts that a watch gives of the trips in `ticks`, read in blocks."""
+    events = EventLog(lambda: 0)
+    watch = TickWatch(load(), events)
+    for first in range(0, len(ticks), BLOCK):
+        watch.update(ticks[first : first + BLOCK], 0, 0)
+    return [event for event in events.recent() if event.kind == "trip"]
+
+
+def test_every_trip_has_a_value_a_limit_a_meaning_and_an_action():
+    seen = Seen(np.zeros(3, TICK_DTYPE), 0.0, load())
+    told = {trip: trip_values(int(trip), seen) for trip in Trip}
+    assert all(len(values) == 1 for values in told.values())
+    assert len(trip_values(sum(Trip), seen)) == len(Trip)
+    for values in told.values():
+        for value in values.values():
+            assert np.isfinite([value["value"], value["limit"]]).all()
+    assert all(TRIP_ACTION[trip] and TRIP_MEANING[trip] for trip in Trip)
+
+
+FAULTS = [
+    (Trip.INVERTER_FAULT, "inverter_fault", {}),
+    (Trip.INVERTER_FAULT, "inverter_off", {}),
+    (Trip.OVER_CURRENT, "current_noise", {}),
+    (Trip.CURRENT_IMPLAUSIBLE, "phase_open", {}),
+    (Trip.TORQUE_IMPLAUSIBLE, "encoder_frozen", {}),
+    (Trip.TORQUE_IMPLAUSIBLE, "torque_drift", {}),
+    (Trip.ENCODER_IMPLAUSIBLE, "encoder_bit", {}),
+    (Trip.ENCODER_IMPLAUSIBLE, "index_slip", {}),
+    (Trip.OVER_TORQUE, "torque_saturated", {}),
+    (Trip.TEMPERATURE, "inverter_hot", {}),
+    (Trip.BRAKE_TEMPERATURE, "brake_hot", {}),
+    (Trip.BUS_VOLTAGE, "bus_voltage", {}),
+    (Trip.BUS_VOLTAGE, "bus_voltage", {"bus_V": 60.0}),
+    (Trip.LOOP_OVERRUN, "host_stall", {"for_s": 0.1}),
+    (Trip.INVERTER_STALE, "can_drop", {}),
+    (Trip.LINK_ERRORS, "can_duplicate", {}),
+    (Trip.BUS_OFF, "can_bus_off", {}),
+    (Trip.ENCODER_STALE, "bridge_drop", {}),
+    (Trip.SUPERVISOR_STALE, "supervisor_silent", {}),
+]
+
+
+@pytest.mark.parametrize(("trip", "kind", "parameters"), FAULTS, ids=lambda given: str(given))
+def test_the_value_of_a_first_cause_is_beyond_its_limit(trip, kind, parameters):
+    driver = Driver()
+    driver.bring_to("torque")
+    driver.bench.inject(Fault.model_validate({"kind": kind, **parameters}))
+    driver.run(1.0)
+    account = watched(np.concatenate(driver.ticks))[0].data
+    assert account["first"] == [trip.name]
+    value, limit = _of(trip, account["values"])
+    assert abs(value) > limit or value < limit == load().limits.bus_V_min
+    assert account["action"] == TRIP_ACTION[trip]
+
+
+def _of(trip, values):
+    what = next(iter(trip_values(int(trip), Seen(np.zeros(3, TICK_DTYPE), 0.0, load()))))
+    return values[what]["value"], values[what]["limit"]
+
+
+def test_an_inverter_that_never_gets_ready():
+    driver = Driver()
+    driver.run(0.5)
+    driver.bench.inject(Fault(kind="inverter_off", for_s=5.0))
+    driver.ask(Request.ENABLE)
+    driver.run(1.5)
+    account = watched(np.concatenate(driver.ticks))[0].data
+    assert account["first"] == ["ENABLE_TIMEOUT"]
+    value, limit = _of(Trip.ENABLE_TIMEOUT, account["values"])
+    assert value == pytest.approx(limit, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("trip", "fields", "value", "limit"),
+    [
+        (Trip.TORQUE_STALE, {"bridge_status": [0, 4, 4, 4], "flags": [256, 256, 0, 256]}, 2, 5),
+        (Trip.BRIDGE_FAULT, {"bridge_status": [0, 0, 8, 16]}, 2, 0),
+        (Trip.FEEDBACK_INVALID, {"torque_Nm": np.nan, "i_b_A": np.inf}, 2, 0),
+        (Trip.I2T, {"i_c_A": -24.0}, 24, 22),
+        (Trip.LOOP_OVERRUN, {"missed": [3, 3, 3, 90]}, 87, 50),
+        (Trip.INVERTER_STALE, {"sample_age_ns": 10**6, "i_age_ns": 29 * 10**6}, 0.03, 0.02),
+        (Trip.CURRENT_IMPLAUSIBLE, {"i_a_A": 9.0, "i_cmd_a_A": [0, 4, 1, 0]}, 5, 7.5),
+        (Trip.ENCODER_IMPLAUSIBLE, {"encoder_count": [4090, 4095, 6, 8]}, 7 * 2 * np.pi / 4096, 0.15),
+    ],
+    ids=lambda given: getattr(given, "name", ""),
+)  # fmt: skip
+def test_values_that_are_read_off_several_ticks(trip, fields, value, limit):
+    ticks = np.zeros(4, TICK_DTYPE)
+    for name, given in fields.items():
+        ticks[name] = given
+    [told] = trip_values(int(trip), Seen(ticks, 0.0, load())).values()
+    assert told["value"] == pytest.approx(value)
+    assert told["limit"] == limit
+
+
+def test_the_torque_expected_goes_through_the_high_pass():
+    driver = Driver()
+    driver.bring_to("torque")
+    ticks = np.concatenate(driver.ticks)
+    recent = RecentTicks(driver.bench.config)
+    for first in range(0, len(ticks), BLOCK):
+        recent.add(ticks[first : first + BLOCK])
+    seen, expected_Nm = recent.until(BLOCK - 1)
+    assert seen["tick"][-1] == ticks["tick"][-1]
+    assert len(seen) < len(ticks)
+    mean_Nm = float(ticks["torque_Nm"][-200:].mean())
+    assert expected_Nm == pytest.approx(mean_Nm, abs=0.3)
+    assert expected_Nm < 0.7 * TORQUE_NM
+    recent.forget()
+    recent.add(ticks[:1])
+    assert recent.until(0)[1] == 0.0
+
+
+def test_a_further_cause_has_its_value_too():
+    ticks = np.zeros(3, TICK_DTYPE)
+    ticks["state"], ticks["speed_rad_s"] = State.TRIPPED, 30.0
+    ticks["first_trip"] = Trip.BUS_OFF
+    ticks["trip_bits"] = [Trip.BUS_OFF, Trip.BUS_OFF, Trip.BUS_OFF | Trip.OVER_SPEED]
+    _, further = watched(ticks)
+    assert further.data["values"] == {"speed, rad/s": {"value": 30.0, "limit": 25.0}}
+    assert further.message.endswith("speed, rad/s 30, limit 25")
