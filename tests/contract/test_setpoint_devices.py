@@ -16,7 +16,9 @@ from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
 from motord.hal.registry import make_setpoint_device
+from motord.wire.registers import layout
 from tests.contract.peers import MOTOR
+from tests.modbus.peers import BAUD, Peer, SerialLine
 
 Told = Callable[[], float]
 Pair = tuple[SetpointDevice, Told, Callable[[], None]]
@@ -33,18 +35,46 @@ def modbus_rtu(folder: Path) -> Iterator[Pair]:
     yield from _modbus(ModbusConfig(transport="rtu", serial_port=port, timeout_s=2.0))
 
 
+def _config(table: ModbusConfig) -> Config:
+    return Config(motor=MOTOR, brake=BrakeConfig(driver="modbus", modbus=table))
+
+
 def _modbus(table: ModbusConfig) -> Iterator[Pair]:
     other_end = RegisterDevice(table, 0.0, 1.0)
     servers = ModbusServers({"brake": (table, other_end)})
     servers.start()
-    config = Config(motor=MOTOR, brake=BrakeConfig(driver="modbus", modbus=table))
-    device = make_setpoint_device("brake", config)
+    device = make_setpoint_device("brake", _config(table))
     yield device, lambda: other_end.setpoint, servers.close
     device.close()
     servers.close()
 
 
-DEVICES = (modbus_tcp, modbus_rtu)
+def libmodbus_tcp(folder: Path) -> Iterator[Pair]:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    yield from _libmodbus(
+        ModbusConfig(tcp_port=port, timeout_s=2.0), Peer("server", "tcp", port, 1)
+    )
+
+
+def libmodbus_rtu(folder: Path) -> Iterator[Pair]:
+    line = SerialLine()
+    try:
+        table = ModbusConfig(transport="rtu", serial_port=line.host, timeout_s=1.0)
+        yield from _libmodbus(table, Peer("server", "rtu", line.device, BAUD, 1))
+    finally:
+        line.close()
+
+
+def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
+    with other_end:
+        device = make_setpoint_device("brake", _config(table))
+        told = layout(table).setpoint
+        yield device, lambda: told.decode(other_end.numbers("read", told.address)), other_end.close
+        device.close()
+
+
+DEVICES = (modbus_tcp, modbus_rtu, libmodbus_tcp, libmodbus_rtu)
 
 
 @pytest.fixture(params=DEVICES, ids=lambda make: make.__name__)

@@ -63,10 +63,18 @@ static void raw(modbus_t *context, const char *hex, int awaits) {
     size_t count = from_hex(hex, bytes);
     if (!awaits) {
         printf("ok %d\n", (int)write(modbus_get_socket(context), bytes, count));
-    } else if (modbus_send_raw_request(context, bytes, (int)count) < 0) {
+        return;
+    }
+    int header = modbus_get_header_length(context);
+    int length = modbus_send_raw_request(context, bytes, (int)count) < 0
+                     ? -1
+                     : modbus_receive_confirmation(context, answer);
+    if (length < 0) {
         report(-1, NULL);
+    } else if (answer[header] & 0x80) {
+        printf("exception %d\n", answer[header + 1]);
     } else {
-        report(modbus_receive_confirmation(context, answer) < 0 ? -1 : 0, NULL);
+        printf("ok\n");
     }
 }
 

@@ -131,8 +131,8 @@ class SerialLine:
                 os.write(device_fd, asked)
             if device_fd in ready:
                 answer = self._spoilt(os.read(device_fd, 4096))
-                os.write(host_fd, answer)
                 self._answered_s = time.monotonic()
+                os.write(host_fd, answer)
 
     def _spoilt(self, answer: bytes) -> bytes:
         """Return what is left of an answer; libmodbus writes each in one piece."""

@@ -25,7 +25,11 @@ from motord.emulate.pty import Pty
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 READ_INPUT = 4
-"""Function code "read input registers"; every other one that is served concerns holding ones."""
+"""Function code "read input registers"; the others that are served concern holding ones."""
+SERVED = (3, READ_INPUT, 6, 16, 22, 23)
+
+FRAME_PAUSE_S = 0.005
+"""Silence on a serial line after which what comes is the start of a new frame."""
 
 SILENT_LOOK_S = 0.02
 """Time between two looks whether a device that is silent answers again."""
@@ -132,6 +136,8 @@ def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
     ) -> ExcCodes | None:
         while device.silent:
             await asyncio.sleep(SILENT_LOOK_S)
+        if function_code not in SERVED:
+            return ExcCodes.ILLEGAL_FUNCTION
         if values is not None and not device.write(
             address, [int(v) for v in values], time.monotonic_ns()
         ):
@@ -199,12 +205,19 @@ class _PtyTransport(asyncio.Transport):
         self._loop = loop
         self._pty = pty
         self._protocol = protocol
+        self._heard_s = 0.0
         loop.add_reader(pty.fileno(), self._read)
         loop.call_soon(protocol.connection_made, self)
 
     def _read(self) -> None:
-        if data := self._pty.read():
-            self._protocol.data_received(data)
+        data = self._pty.read()
+        if not data:
+            return
+        now_s = self._loop.time()
+        if now_s - self._heard_s > FRAME_PAUSE_S:
+            self._protocol.recv_buffer = b""  # half a frame, or one that nobody understood
+        self._heard_s = now_s
+        self._protocol.data_received(data)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         self._pty.write(bytes(data))
