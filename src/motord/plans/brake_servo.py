@@ -25,17 +25,33 @@ def excitation_for(brake: BrakeConfig, torque_Nm: float, speed_rad_s: float) -> 
     return min(math.sqrt(abs(torque_Nm) / full_Nm), 1.0) if full_Nm > 0 else 1.0
 
 
+TRUST_ERROR = 0.1
+TRUST_S = 0.5
+"""What holds the speed within TRUST_ERROR of the wanted one for TRUST_S is learnt of the brake."""
+
+
 @dataclass
 class BrakeServo:
-    """Holds a speed by the brake. The state is the departure from the told curve, as a log."""
+    """Holds a speed by the brake. The state is the departure from the told curve, as a log.
+
+    A speed far from the wanted one may be no more than an encoder that has lost the rotor, so what
+    was made of the brake meanwhile is not learnt.
+    """
 
     brake: BrakeConfig
     shift: float = 0.0
     _t_ns: int | None = None
+    _learnt: float = 0.0
+    _held_s: float = 0.0
 
     def start(self, t_ns: int) -> None:
-        """Begin to integrate at `t_ns`; what was learnt of the brake is kept."""
+        """Begin to integrate at `t_ns`, from what was learnt of the brake."""
         self._t_ns = t_ns
+        self.drop_unproven()
+
+    def drop_unproven(self) -> None:
+        """Go back to what was learnt of the brake with the speed held."""
+        self.shift, self._held_s = self._learnt, 0.0
 
     def excitation(self, torque_Nm: float, speed_Hz: float) -> float:
         """Return the excitation for a torque and speed with what is known of the brake."""
@@ -46,7 +62,10 @@ class BrakeServo:
         """Move towards more brake if `speed_Hz` is above `wanted_Hz`, towards less if below."""
         dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * 1e-9
         self._t_ns = t_ns
+        dt_s = min(max(dt_s, 0.0), 0.5)
         error = max(min(speed_Hz / wanted_Hz - 1.0, 1.0), -1.0)
         limit = math.log(SHIFT_MAX)
-        shift = self.shift + GAIN_PER_S * error * min(max(dt_s, 0.0), 0.5)
-        self.shift = max(min(shift, limit), -limit)
+        self.shift = max(min(self.shift + GAIN_PER_S * error * dt_s, limit), -limit)
+        self._held_s = self._held_s + dt_s if abs(error) <= TRUST_ERROR else 0.0
+        if self._held_s >= TRUST_S:
+            self._learnt = self.shift

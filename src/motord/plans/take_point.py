@@ -48,6 +48,7 @@ class TakePoint:
 
     def begin(self, seen: Observation) -> None:
         """Start over with the brake."""
+        self.servo.drop_unproven()
         self._brake_before = None
         self._enter(Phase.BRAKE, seen)
 

@@ -62,6 +62,7 @@ class Hand:
         """Forget what was set: no torque, no speed, open brake, standing drive."""
         self._torque_Nm = 0.0
         self._setpoint.rest()
+        self._servo.drop_unproven()
 
     def drop_torque(self) -> None:
         """No more torque; brake and drive stay as they are."""

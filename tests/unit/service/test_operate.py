@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from motord.config.faults import Fault
 from motord.schema import Request, State, Trip
 from motord.service.refusal import Refusal
 from tests.unit.service.virtual_service import VirtualService
@@ -287,3 +288,21 @@ def test_a_speed_next_to_nothing_is_no_division_by_zero(service, speed_Hz):
     token = service.enabled()
     service.ask("set", token=token, speed_Hz=speed_Hz)
     assert refused(service, "refused", "set", token=token, speed_Hz=1e308)
+
+
+def test_a_trim_of_the_brake_learnt_from_a_frozen_encoder_is_forgotten(service):
+    token = service.enabled()
+    asked = {"token": token, "torque_Nm": 2.0, "speed_Hz": 0.7}
+    service.ask("set", **asked)
+    service.run_s(8.0, token)
+    held = service.bench.setpoint.brake
+    for _ in range(3):
+        service.loop.virtual.inject(Fault(kind="encoder_frozen", for_s=1.0))
+        service.run_s(1.5, token)
+        assert service.bench.state is State.TRIPPED
+        service.ask("reset", token=token)
+        service.ask("enable", token=token)
+        service.ask("set", **asked)
+        assert service.bench.setpoint.brake == pytest.approx(held, rel=0.1)
+        service.run_s(8.0, token)
+        assert service.bench.watch.tick_view().speed_Hz == pytest.approx(0.7, rel=0.1)

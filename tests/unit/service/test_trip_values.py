@@ -14,6 +14,7 @@ from motord.service.words import TRIP_ACTION, TRIP_MEANING
 from tests.campaigns.fault_bench import TORQUE_NM, Driver
 
 BLOCK = 10
+STEP_RAD = 2 * np.pi / 4096
 
 
 def watched(ticks):
@@ -99,7 +100,7 @@ def test_an_inverter_that_never_gets_ready():
         (Trip.LOOP_OVERRUN, {"missed": [3, 3, 3, 90]}, 87, 50),
         (Trip.INVERTER_STALE, {"sample_age_ns": 10**6, "i_age_ns": 29 * 10**6}, 0.03, 0.02),
         (Trip.CURRENT_IMPLAUSIBLE, {"i_a_A": 9.0, "i_cmd_a_A": [0, 4, 1, 0]}, 5, 7.5),
-        (Trip.ENCODER_IMPLAUSIBLE, {"encoder_count": [4090, 4095, 6, 8]}, 7 * 2 * np.pi / 4096, 0.15),
+        (Trip.ENCODER_IMPLAUSIBLE, {"encoder_count": [4090, 4095, 6, 8]}, 7 * STEP_RAD, 0.15),
     ],
     ids=lambda given: getattr(given, "name", ""),
 )  # fmt: skip
