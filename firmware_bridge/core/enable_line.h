@@ -37,8 +37,8 @@ void enable_line_init(struct enable_line *line, uint32_t timeout_us);
 /* A heartbeat came at `t_us`. Judges the time before it first. */
 void enable_line_heartbeat(struct enable_line *line, uint32_t t_us, bool enable);
 
-/* The host said Stop. */
-void enable_line_stop(struct enable_line *line);
+/* The host said Stop, at `t_us`. Judges the time before it first. */
+void enable_line_stop(struct enable_line *line, uint32_t t_us);
 
 /* Lets time pass; to be called at least once in 2^31 us. */
 void enable_line_judge(struct enable_line *line, uint32_t t_us);

@@ -9,6 +9,7 @@
 #ifndef PROTOCOL_CAN_PIECES_H
 #define PROTOCOL_CAN_PIECES_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -31,16 +32,19 @@ uint8_t piece_split(const uint8_t *body, uint8_t count, uint8_t piece_max, uint8
 
 struct piece_joiner {
     uint8_t body[BRIDGE_BODY_MAX];
-    uint8_t count;    /* bytes so far */
+    uint8_t size;     /* bytes of the body being joined */
+    uint8_t count;    /* of them so far */
     uint8_t expected; /* number of the next piece */
-    uint8_t joining;  /* 1 after a first piece, until the last or an error */
+    uint8_t state;    /* between bodies, joining one, or skipping the rest of one given up */
+    bool lost;        /* the piece taken last began anew in the middle of a body */
 };
 
 /* Starts between two bodies. */
 void piece_reset(struct piece_joiner *joiner);
 
-/* Takes the data field of one CAN frame. RECEIVED_CORRUPT: a body was given up, or a piece came
- * that fits none. `frame` is written only with RECEIVED_FRAME. One context only. */
+/* Takes the data field of one CAN frame. RECEIVED_CORRUPT: the body of this piece cannot be
+ * completed, or is corrupt (told once for each body). joiner->lost: besides, a body before it was
+ * not ended. `frame` is written only with RECEIVED_FRAME. One context only. */
 enum received piece_take(struct piece_joiner *joiner, const uint8_t *piece, size_t count,
                          union bridge_frame *frame);
 

@@ -58,8 +58,11 @@ class PieceJoiner:
         """
         head = piece[0] if piece else 0
         first, last = bool(head & FIRST), bool(head & LAST)
+        if not 2 <= len(piece) <= FD_BYTES:
+            self._give_up(last)
+            return None
         if first:
-            self._begin(piece)
+            self._begin(piece[1])
         elif not self._size or head % PIECE_NUMBERS != self._expected:
             self._give_up(last)
             return None
@@ -75,12 +78,12 @@ class PieceJoiner:
         self._size = 0
         return self._body
 
-    def _begin(self, piece: bytes) -> None:
+    def _begin(self, code: int) -> None:
         if self._size:
             self.errors += 1
         self._skipping = False
         self._body = b""
-        self._size = BODY_BYTES.get(piece[1], 0) if len(piece) > 1 else 0
+        self._size = BODY_BYTES.get(code, 0)
 
     def _give_up(self, last: bool) -> None:
         """Count a body that cannot be completed, once; what follows of it means nothing."""
@@ -92,7 +95,7 @@ class PieceJoiner:
 
 def _fills(filling: bytes, piece_length: int, last: bool) -> bool:
     """Say whether what is in a piece beyond its body may be there."""
-    return not filling or (last and CLASSIC_BYTES < piece_length <= FD_BYTES and not any(filling))
+    return not filling or (last and piece_length > CLASSIC_BYTES and not any(filling))
 
 
 class PieceDecoder:
