@@ -11,7 +11,8 @@ from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.bridge_serial import SerialBridge
 from motord.hal.inverter_can import CanInverter
 from motord.hal.registry import make_rig
-from tests.contract.peers import Board, Drive, Peer, bench, can_config
+from tests.contract.peers import SOCKETCAN, Board, Drive, Peer, bench, can_config
+from tests.contract.slcan import SlcanEnd
 
 
 @dataclass
@@ -43,6 +44,17 @@ def can_virtual() -> Bench:
     return _can("virtual")
 
 
+def can_socketcan() -> Bench:
+    return _can("socketcan")
+
+
+def can_slcan() -> Bench:
+    end = SlcanEnd()
+    can = can_config("slcan", channel=end.port, options={"sleep_after_open": 0.0})
+    drive = Drive(can, end)
+    return Bench(CanInverter(bench(can)), ("t_inverter_ns",), (drive,), _drive_heard(drive))
+
+
 def _can(interface: str) -> Bench:
     can = can_config(interface)
     drive = Drive(can)
@@ -71,8 +83,10 @@ def simulated() -> Bench:
     return Bench(make_rig(config.load()), ("t_ns", "t_inverter_ns"), (), lambda: None)
 
 
-BENCHES = (can_udp, can_virtual, serial, wires, simulated)
-ON_A_WIRE = (can_udp, can_virtual, serial, wires)
+ON_A_WIRE: tuple[Callable[[], Bench], ...] = (can_udp, can_virtual, can_slcan, serial, wires)
+if SOCKETCAN:
+    ON_A_WIRE += (can_socketcan,)
+BENCHES = (*ON_A_WIRE, simulated)
 
 
 def new_feedback() -> np.ndarray:

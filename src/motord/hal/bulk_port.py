@@ -12,6 +12,8 @@ import serial
 
 _CHUNK_BYTES = 1 << 16
 _LINE_END = b"\r"
+_ASCII = bytes(range(128)) + b"?" * 128
+"""slcan would never get past a byte that is no character of its lines."""
 
 
 class BulkPort:
@@ -32,7 +34,7 @@ class BulkPort:
         if self._place >= len(self._arrived):
             self._place = 0
             try:
-                self._arrived = os.read(self._fd, _CHUNK_BYTES)
+                self._arrived = os.read(self._fd, _CHUNK_BYTES).translate(_ASCII)
             except BlockingIOError:
                 self._arrived = b""
         return len(self._arrived) - self._place

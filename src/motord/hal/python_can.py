@@ -26,6 +26,8 @@ net.core.rmem_max."""
 HOST_STAMP_S = 10.0
 """Time stamps further than this from the system's clock are some other clock's: not used."""
 FAILURES = (can.CanError, OSError)
+NONSENSE = (ValueError, IndexError, KeyError)
+"""What interfaces of python-can raise for a frame that they cannot make sense of."""
 
 
 class PythonCan:
@@ -44,15 +46,19 @@ class PythonCan:
     def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
         heard: list[Frame] = []
-        try:
-            for _ in range(FRAMES_AT_ONCE):
+        for _ in range(FRAMES_AT_ONCE):
+            try:
                 message = self._bus.recv(timeout_s)
-                if message is None:
-                    break
-                self._take(message, heard)
-                timeout_s = 0.0
-        except FAILURES as error:
-            self.state.failed(error)
+            except FAILURES as error:
+                self.state.failed(error)
+                break
+            except NONSENSE as error:
+                self.state.failed(error)
+                continue
+            if message is None:
+                break
+            self._take(message, heard)
+            timeout_s = 0.0
         return heard
 
     def send(self, key: int, payload: bytes) -> None:
@@ -74,7 +80,8 @@ class PythonCan:
 
     def close(self) -> None:
         """Release the channel; may be called twice."""
-        self._bus.shutdown()
+        with suppress(*FAILURES):  # an adapter that was unplugged cannot be told
+            self._bus.shutdown()
 
     def _take(self, message: can.Message, heard: list[Frame]) -> None:
         if message.is_error_frame:

@@ -1,0 +1,71 @@
+"""The adapter's end of a pseudo-terminal that speaks slcan, as a bus that a `Drive` can be on."""
+
+import os
+import select
+import tty
+
+import can
+
+DLC_BYTES = can.util.CAN_FD_DLC
+
+
+class SlcanEnd:
+    """What `Drive` uses of a `can.BusABC`; the host opens `port`."""
+
+    def __init__(self) -> None:
+        self._fd, host_fd = os.openpty()
+        tty.setraw(host_fd)
+        self.port = os.ttyname(host_fd)
+        self._host_fd = host_fd  # or the first close by the host would end it
+        self._rest = b""
+        self.commands: list[bytes] = []
+        """Lines that are no frames: opening, closing, bit rates."""
+
+    def recv(self, timeout_s: float) -> can.Message | None:
+        while True:
+            line, end, rest = self._rest.partition(b"\r")
+            if end:
+                self._rest = rest
+                if line[:1] in b"tTdDbB" and line:
+                    return _message(line.decode())
+                self.commands.append(line)
+            elif select.select([self._fd], [], [], timeout_s)[0]:
+                self._rest += os.read(self._fd, 65536)
+            else:
+                return None
+
+    def send(self, message: can.Message) -> None:
+        self.write(_line(message))
+
+    def write(self, line: bytes) -> None:
+        """Send these bytes as they are."""
+        os.write(self._fd, line)
+
+    def unplug(self) -> None:
+        """Let the port vanish under the host."""
+        for fd in (self._fd, self._host_fd):
+            if fd >= 0:
+                os.close(fd)
+        self._fd = self._host_fd = -1
+
+    shutdown = unplug
+
+
+def _message(line: str) -> can.Message:
+    kind, end = line[0], 9 if line[0].isupper() else 4
+    return can.Message(
+        arbitration_id=int(line[1:end], 16),
+        is_extended_id=kind.isupper(),
+        is_fd=kind in "dDbB",
+        bitrate_switch=kind in "bB",
+        dlc=DLC_BYTES[int(line[end], 16)],
+        data=bytes.fromhex(line[end + 1 :]),
+    )
+
+
+def _line(message: can.Message) -> bytes:
+    kind = "b" if message.bitrate_switch else "d" if message.is_fd else "t"
+    wide = message.is_extended_id
+    identifier = f"{message.arbitration_id:08X}" if wide else f"{message.arbitration_id:03X}"
+    code = can.util.len2dlc(message.dlc)
+    return f"{kind.upper() if wide else kind}{identifier}{code:X}{message.data.hex()}\r".encode()

@@ -1,0 +1,61 @@
+"""What an slcan adapter may do to the driver besides: lines of nonsense, being unplugged."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from motord.hal.can_base import REFUSED_MAX
+from motord.schema import InverterStatus
+from tests.contract.benches import Bench, can_slcan, new_command, new_feedback
+from tests.contract.peers import Drive, until
+from tests.contract.slcan import SlcanEnd
+
+
+@pytest.fixture
+def adapter() -> Iterator[tuple[Bench, Drive, SlcanEnd]]:
+    bench = can_slcan()
+    (drive,) = bench.peers
+    assert isinstance(drive, Drive)
+    bench.driver.open()
+    yield bench, drive, drive.bus
+    bench.close()
+
+
+def read(bench: Bench) -> np.ndarray:
+    feedback = new_feedback()
+    bench.driver.read(time.time_ns(), feedback)
+    return feedback[0]
+
+
+@pytest.mark.parametrize(
+    "nonsense",
+    [b"tXYZ8\r", b"t12\r", b"b180\r", b"b180G\r", b"t\xff\xfe0\r", b"b18081z\r", b"\r", b"T18\r"],
+)
+def test_nonsense_is_passed_over(adapter: tuple[Bench, Drive, SlcanEnd], nonsense: bytes) -> None:
+    bench, drive, end = adapter
+    drive.stop()
+    before = read(bench)
+    end.write(nonsense)
+    drive.speak()
+    after = until(lambda: (f := read(bench)).t_inverter_ns > before.t_inverter_ns and f)
+    assert after.i_A.tolist() == [1.0, -2.5, 1.5]
+    assert after.link_errors <= before.link_errors + 2
+    assert after.link_errors > before.link_errors or nonsense in (b"\r", b"b18081z\r")
+
+
+def test_an_adapter_that_is_unplugged_is_a_bus_that_is_off(
+    adapter: tuple[Bench, Drive, SlcanEnd],
+) -> None:
+    bench, drive, end = adapter
+    last_ns = read(bench).t_inverter_ns
+    drive.stop()
+    end.unplug()
+    for _ in range(REFUSED_MAX):
+        bench.driver.write(new_command((1.0, 0.0, 0.0), 1))
+    first, second = read(bench), read(bench)
+    assert first.inverter_status & second.inverter_status & InverterStatus.BUS_OFF
+    assert second.link_errors >= REFUSED_MAX
+    assert second.t_inverter_ns >= last_ns
+    bench.driver.safe_stop()
