@@ -27,7 +27,8 @@ qemu_SOURCES := $(BOARD_CORE) $(BOARD_SHARED) boards/qemu/board.c boards/qemu/fe
 board_objects = $(patsubst %.c,$(BOARDS_BUILD)/%.o,$($(1)_SOURCES))
 
 .PHONY: boards
-boards: $(foreach image,$(BOARD_IMAGES),$(BOARDS_BUILD)/$(image).elf $(BOARDS_BUILD)/$(image).bin)
+boards: $(foreach image,$(BOARD_IMAGES),$(BOARDS_BUILD)/$(image).elf $(BOARDS_BUILD)/$(image).bin) \
+  $(BOARDS_BUILD)/stm32f405_in_qemu.elf
 	$(CROSS)size $(filter %.elf,$^)
 
 $(BOARDS_BUILD)/%.o: %.c boards/boards.mk
@@ -39,6 +40,10 @@ $(BOARDS_BUILD)/$(1).elf: $(call board_objects,$(1)) boards/stm32f405/stm32f405.
 	$(CROSS)gcc $(BOARD_LDFLAGS) -Wl,-Map,$$(@:.elf=.map) $$(filter %.o,$$^) -o $$@
 endef
 $(foreach image,$(BOARD_IMAGES),$(eval $(call board_image,$(image))))
+
+# The STM32F405's image as QEMU can start it: QEMU has nothing where the chip has its number.
+$(BOARDS_BUILD)/stm32f405_in_qemu.elf: $(call board_objects,stm32f405) boards/stm32f405/stm32f405.ld
+	$(CROSS)gcc $(BOARD_LDFLAGS) -Wl,--defsym,chip_number=0x20010000 $(filter %.o,$^) -o $@
 
 $(BOARDS_BUILD)/%.bin: $(BOARDS_BUILD)/%.elf
 	$(CROSS)objcopy -O binary $< $@

@@ -16,6 +16,8 @@
 #define SLOW_BLINK_US 19 /* bit of the clock: on and off for 0.52 s each */
 #define FAST_BLINK_US 16 /* 0.07 s each */
 
+extern const uint32_t chip_number[3]; /* its place is in stm32f405.ld */
+
 static bool clocks_good;
 static bool tested_good;
 static bool line_closed;
@@ -80,10 +82,10 @@ void board_main(void)
     RCC->APB1ENR |= RCC_APB1ENR_TIM5;
     RCC->APB2ENR |= RCC_APB2ENR_ADC1;
     (void)RCC->APB2ENR;
-    timing_start();
+    timing_start(APB1_TIMER_HZ);
     board.link = port_link;
     board.rate_max_Hz = port_link == BOARD_LINK_SERIAL ? RATE_MAX_SERIAL_HZ : RATE_MAX_CAN_HZ;
-    board.serial = UID_WORD(0) ^ UID_WORD(1) ^ UID_WORD(2);
+    board.serial = chip_number[0] ^ chip_number[1] ^ chip_number[2];
     watchdog_start();
     program_run(&board, read);
 }

@@ -175,9 +175,6 @@ typedef struct {
 #define IRQ_USART2 38
 #define IRQ_COUNT 82
 
-/* ---- the chip's own 96-bit number ------------------------------------------------------------ */
-#define UID_WORD(n) (((reg *)0x1FFF7A10)[n])
-
 static inline void irq_enable(uint32_t irq, uint8_t priority)
 {
     NVIC_IPR(irq) = (uint8_t)(priority << 4);

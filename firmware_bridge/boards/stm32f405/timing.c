@@ -6,9 +6,9 @@
 #define RELOAD_MAX UINT32_C(0xFFFFFF)
 #define SYSTICK_RUN (SYST_CSR_ENABLE | SYST_CSR_TICKINT | SYST_CSR_CLKSOURCE)
 
-void timing_start(void)
+void timing_start(uint32_t timer_Hz)
 {
-    TIM5->PSC = APB1_TIMER_HZ / 1000000 - 1;
+    TIM5->PSC = timer_Hz / 1000000 - 1;
     TIM5->ARR = UINT32_MAX;
     TIM5->EGR = TIM_EGR_UG; /* the prescaler takes effect */
     TIM5->CNT = 0;

@@ -31,6 +31,10 @@ def emulate(
         Path | None,
         typer.Option(metavar="FILE", help="A timeline of faults, instead of the bench file's."),
     ] = None,
+    firmware: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.elf", help="Let QEMU run this image as the bridge board."),
+    ] = None,
     duration_s: Annotated[
         float | None, typer.Option("--duration-s", min=0, help="End after this time.")
     ] = None,
@@ -53,7 +57,12 @@ def emulate(
             timeline = load_timeline(faults) if faults else None
             rig = load_rig(bench.bench.rig)
             emulator = Emulator(
-                bench, rig, sink, timeline, lambda told: _say(told, _fault_line(told), as_json)
+                bench,
+                rig,
+                sink,
+                timeline,
+                lambda told: _say(told, _fault_line(told), as_json),
+                firmware,
             )
             with _signals_stop(emulator), emulator:
                 _say(emulator.ready(), _ready_line(emulator.ready()), as_json)

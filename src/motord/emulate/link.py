@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from motord.emulate.bench import Reading
+from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.emulate.pty import Pty
@@ -69,9 +71,17 @@ class BoardLink:
         for _, encoded in self.faults.due(now_ns):
             self._pty.write(encoded)
 
-    def restart(self) -> None:
-        """Number frames anew, as a board does that was reset."""
+    def sample(self, board: Board, reading: Reading, now_ns: int) -> None:
+        """Send the sample of this instant, if the board is to."""
+        if board.streaming:
+            clipped = reading.torque_clipped != 0
+            sample = board.sample(now_ns, reading.encoder_gray, reading.torque_counts, clipped)
+            board.dropped += not self.send(sample, now_ns)
+
+    def greet(self, board: Board) -> None:
+        """Say who the board is and number frames anew, as a board does that was reset."""
         self._sequence = 0
+        self.send(board.hello())
 
     def close(self) -> None:
         """Remove the port; may be called twice."""

@@ -21,8 +21,10 @@ from motord.emulate.can import CanPort
 from motord.emulate.clock import HostClock
 from motord.emulate.control import ControlSocket, control_path
 from motord.emulate.faults import Injector, check_timeline
+from motord.emulate.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
 from motord.emulate.link import BoardLink
 from motord.emulate.modbus import ModbusServers, place_of
+from motord.emulate.qemu import Qemu
 from motord.emulate.schedule import Schedule
 from motord.emulate.selection import check_drivers, is_fast, register_devices
 from motord.emulate.truth_log import TruthLog, TruthSink
@@ -46,17 +48,22 @@ class Emulator:
         sink: TruthSink | None = None,
         faults: Timeline | None = None,
         tell: Callable[[dict[str, Any]], None] = lambda told: None,
+        firmware: Path | None = None,
     ) -> None:
         """Prepare. Raises EmulatorError, ConfigError.
 
         `sink` takes blocks of TRUTH_DTYPE; `faults` is by default the timeline of the bench file,
-        from the start of `run` on; `tell` takes the account of each fault when it begins.
+        from the start of `run` on; `tell` takes the account of each fault when it begins;
+        `firmware` is an image that QEMU runs as the bridge board.
         """
         check_drivers(config)
         if faults is None:
             faults = load_timeline(config.bench.faults) if config.bench.faults else Timeline()
         check_timeline(faults)
+        if firmware is not None:
+            check_faults(faults)
         self._timeline = faults
+        self._firmware = firmware
         self._tell = tell
         assert config.inverter.can is not None
         self._config = config
@@ -89,8 +96,7 @@ class Emulator:
             servers = ModbusServers(register_devices(self._config, self.bench))
             ports.callback(servers.close)
             servers.start()
-            self._link = BoardLink(Path(self._config.bridge.port))
-            ports.callback(self._link.close)
+            self._link = self._open_link(ports)
             self._can = CanPort(self._can_config, self._codec)
             ports.callback(self._can.close)
             self._control = ControlSocket(control_path(self._config))
@@ -104,8 +110,22 @@ class Emulator:
             time.sleep,
             self._restart_board,
         )
-        self._link.send(self.bench.board.hello())
+        self._link.greet(self.bench.board)
         return self
+
+    def _open_link(self, ports: ExitStack) -> BoardLink | FirmwareLink:
+        """Open the bridge's port, with the board or its firmware behind it."""
+        port = Path(self._config.bridge.port)
+        link: BoardLink | FirmwareLink
+        if self._firmware is None:
+            link = BoardLink(port)
+        else:
+            machine = Qemu(self._firmware)
+            ports.callback(machine.close)
+            self.bench.board = board = FirmwareBoard(self._config, machine)
+            link = FirmwareLink(port, machine, board)
+        ports.callback(link.close)
+        return link
 
     def __exit__(self, *_error: object) -> None:
         """Hand the last truth to the sink and close all ports."""
@@ -204,8 +224,7 @@ class Emulator:
     def _restart_board(self) -> None:
         """Let the board, which was silent, say who it is."""
         self._link.faults.clear()
-        self._link.restart()
-        self._link.send(self.bench.board.hello())
+        self._link.greet(self.bench.board)
 
     def _obey(self, now_ns: int) -> None:
         """Carry out the commands that have come."""
@@ -215,6 +234,8 @@ class Emulator:
                 self._control.answer(sender, {"error": fault})
                 continue
             try:
+                if self._firmware is not None:
+                    check_fault(fault)
                 self._faults.add(fault, now_ns)
             except ValueError as error:
                 self._control.answer(sender, {"error": str(error)})
@@ -249,11 +270,8 @@ class Emulator:
         """Send everything that is due at this instant."""
         reading, board = self.bench.sense(), self.bench.board
         status = self.bench.inverter_status(reading)
-        if self._samples.due(at_ns) and board.streaming:
-            sample = board.sample(
-                at_ns, reading.encoder_gray, reading.torque_counts, reading.torque_clipped != 0
-            )
-            board.dropped += not self._link.send(sample, at_ns)
+        if self._samples.due(at_ns):
+            self._link.sample(board, reading, at_ns)
         if self._feedback.due(at_ns):
             self._send(self._fast, reading, status, at_ns)
             self.ticks += 1

@@ -3,9 +3,12 @@ import os
 import pytest
 import serial
 
+from motord import config
+from motord.emulate.board import Board
 from motord.emulate.link import BoardLink
 from motord.wire import frames
 from motord.wire.stream import StreamDecoder
+from tests.unit.emulate.benches import EMULATED
 
 
 @pytest.fixture
@@ -66,7 +69,7 @@ def test_faults_on_the_line(ends):
     while len(got) < 2:
         got += decoder.feed(os.read(host.fileno(), 4096))
     assert [(n.sequence, n.frame.t_us) for n in got] == [(0, 1), (2, 3)]
-    link.restart()
-    link.send(frames.Sample(4, 4, 4, 0))
+    board = Board(config.load(EMULATED), 0)
+    link.greet(board)
     [anew] = StreamDecoder().feed(os.read(host.fileno(), 4096))
-    assert anew.sequence == 0
+    assert (anew.sequence, anew.frame.layout) == (0, frames.LAYOUT_HASH)
