@@ -92,8 +92,8 @@ class DqConfig(Section):
     With all defaults d points along the magnets' flux as the told back-EMF has it, and q is where
     a positive current makes torque in the bench's positive direction. direction -1: the drive's
     own positive direction is the bench's negative one. d_axis_rad: electrical angle by which the
-    drive's d axis is ahead of the flux, in its own direction. current_scale: what the drive calls
-    1 A of phase amplitude (1.2247 where it keeps the power, 0.7071 where it says r.m.s.).
+    drive's d axis is ahead of the flux, in its own direction. scale: what the drive calls 1 A, or
+    1 V, of phase amplitude (1.2247 where it keeps the power, 0.7071 where it says r.m.s.).
 
     angle: "turning" for a drive that turns its set-point with the rotor between commands, as field
     orientation does; "latched" for one that makes phase currents of it once, when it arrives.
@@ -102,6 +102,6 @@ class DqConfig(Section):
 
     direction: Literal[1, -1] = 1
     d_axis_rad: Finite = 0.0
-    current_scale: Positive = 1.0
+    scale: Positive = 1.0
     angle: Literal["turning", "latched"] = "turning"
     angle_age_s: NonNegative = 0.0

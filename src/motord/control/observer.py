@@ -36,7 +36,7 @@ def gray_to_count(gray: int) -> int:
 def wrap_angle(angle_rad: float) -> float:
     """Return `angle_rad` in [0, 2 pi)."""
     wrapped = angle_rad - TWO_PI * math.floor(angle_rad / TWO_PI)
-    return 0.0 if wrapped >= TWO_PI else wrapped
+    return 0.0 if wrapped >= TWO_PI or wrapped < 0.0 else wrapped
 
 
 @jit

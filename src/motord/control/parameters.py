@@ -6,6 +6,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.learned import VALUES
+from motord.control.rotating import Axes
 from motord.control.tracks import watched_tracks
 from motord.control.types import PARAMETERS
 from motord.learned import LearnedTorque
@@ -39,6 +40,11 @@ def build(
     p.actuation_delay_s = config.inverter.actuation_delay_s + 0.5 / config.loop.rate_Hz
     p.simulated = config.simulated
     _fill_limits(p, config)
+    if config.inverter.q_only:
+        axes = Axes.of(config)
+        p.q_only = True
+        p.axes_rad, p.axes_sequence = axes.offset_rad, axes.sequence
+        p.axes_age_s = axes.command_age_s
     p.alpha[:] = calibration.alpha if calibration else 1.0
     p.beta_A[:] = calibration.beta_A if calibration else 0.0
     p.delta_epsilon = calibration.delta_epsilon if calibration else 1.0

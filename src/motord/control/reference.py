@@ -11,13 +11,17 @@ by the cogging torque at the angle where the current will flow.
 
 import math
 
+import numpy as np
+
 from motord.control.observer import TWO_PI
+from motord.control.rotating import to_phases
 from motord.jit import jit
 from motord.schema import Compensate
 
 __all__ = [
     "Compensate",
     "clamp",
+    "currents_along_q",
     "limit_currents",
     "phase_currents",
     "ramp",
@@ -50,6 +54,37 @@ def phase_currents(
         return 0.0, 0.0, 0.0
     scale = torque_Nm / power
     return scale * k_a, scale * k_b, scale * k_c
+
+
+@jit
+def currents_along_q(
+    p: np.record, compensate: bool, torque_Nm: float, angle_rad: float, k: tuple[float, ...]
+) -> tuple[float, float, float]:
+    """Return the currents (A) that make `torque_Nm`, of which those there are with d at zero.
+
+    For a star and a drive that makes current along q alone: in phase p flows g_p (x_p + c) + beta_p
+    where x_p was commanded, and c is such that nothing is left over. So the torque is
+    sum_p (k_p - kappa) (g_p x_p + beta_p), kappa = sum_p g_p k_p / sum_p g_p. `compensate`: with
+    gains and offsets of the calibration, else with 1 and 0. k (3,): back-EMF constants (V s/rad).
+    """
+    electrical_rad = p.pole_pairs * angle_rad + p.axes_rad
+    x_a, x_b, x_c = to_phases(electrical_rad, p.axes_sequence, 0.0, 1.0)
+    g_a, g_b, g_c, offset_Nm = 1.0, 1.0, 1.0, 0.0
+    if compensate:
+        g_a, g_b, g_c = (
+            p.alpha[0] * p.delta_epsilon,
+            p.alpha[1] * p.delta_epsilon,
+            p.alpha[2] * p.delta_epsilon,
+        )
+    kappa = (g_a * k[0] + g_b * k[1] + g_c * k[2]) / (g_a + g_b + g_c)
+    m_a, m_b, m_c = k[0] - kappa, k[1] - kappa, k[2] - kappa
+    if compensate:
+        offset_Nm = m_a * p.beta_A[0] + m_b * p.beta_A[1] + m_c * p.beta_A[2]
+    torque_per_A = m_a * g_a * x_a + m_b * g_b * x_b + m_c * g_c * x_c
+    if not torque_per_A * torque_per_A > TINY_V2_S2:
+        return 0.0, 0.0, 0.0
+    i_q = (torque_Nm - offset_Nm) / torque_per_A
+    return i_q * x_a, i_q * x_b, i_q * x_c
 
 
 @jit

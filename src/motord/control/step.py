@@ -90,15 +90,21 @@ def _currents(
     k_a = (1.0 - weight) * back_emf[n, 0] + weight * back_emf[following, 0]
     k_b = (1.0 - weight) * back_emf[n, 1] + weight * back_emf[following, 1]
     k_c = (1.0 - weight) * back_emf[n, 2] + weight * back_emf[following, 2]
-    i_a, i_b, i_c = reference.phase_currents(torque_Nm, k_a, k_b, k_c, p.star)
+    compensated = s.compensate & _COMPENSATE_CURRENTS != 0
+    flags |= _CURRENTS_COMPENSATED if compensated else 0
+    if p.q_only:
+        axes_rad = angle_rad - m.speed_rad_s * p.axes_age_s
+        k = (k_a, k_b, k_c)
+        i_a, i_b, i_c = reference.currents_along_q(p, compensated, torque_Nm, axes_rad, k)
+    else:
+        i_a, i_b, i_c = reference.phase_currents(torque_Nm, k_a, k_b, k_c, p.star)
     i_a = (1.0 + s.induced_gain[0]) * i_a + s.induced_offset_A[0]
     i_b = (1.0 + s.induced_gain[1]) * i_b + s.induced_offset_A[1]
     i_c = (1.0 + s.induced_gain[2]) * i_c + s.induced_offset_A[2]
-    if s.compensate & _COMPENSATE_CURRENTS:
+    if compensated and not p.q_only:
         i_a = (i_a - p.beta_A[0]) / (p.alpha[0] * p.delta_epsilon)
         i_b = (i_b - p.beta_A[1]) / (p.alpha[1] * p.delta_epsilon)
         i_c = (i_c - p.beta_A[2]) / (p.alpha[2] * p.delta_epsilon)
-        flags |= _CURRENTS_COMPENSATED
     i_a, i_b, i_c, limited = reference.limit_currents(i_a, i_b, i_c, p.current_limit_A)
     command.i_A[0], command.i_A[1], command.i_A[2] = i_a, i_b, i_c
     return flags | (_CURRENT_LIMITED if limited else 0)
@@ -207,9 +213,11 @@ def step(
     causes = _decide(p, m, s, f, t.missed, flags, supervisor_late)
     t.trip_bits = causes if m.state == states.OFF else m.trip_bits
     flags |= _set_torque(p, m, s, supervisor_late)
-    ahead_s = (f.now_ns - m.t_ns) * 1e-9 + p.actuation_delay_s
-    angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * min(ahead_s, AHEAD_MAX_S))
+    ahead_s = min((f.now_ns - m.t_ns) * 1e-9 + p.actuation_delay_s, AHEAD_MAX_S)
+    angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * ahead_s)
     t.angle_predicted_rad = angle_rad
+    c.angle_rad, c.speed_rad_s = angle_rad, m.speed_rad_s
+    c.angle_ns = m.t_ns + int(ahead_s * 1e9)
     t.cogging_comp_Nm = 0.0
     c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0
     if m.state == _ENABLED:

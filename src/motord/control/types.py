@@ -51,6 +51,10 @@ COMMAND = record_dtype(
         ("enable", "u4"),  # power stage and enable line wanted on
         ("brake", "f4"),
         ("drive_rad_s", "f4"),
+        # where the rotor will be when the currents flow, for drives that turn with it
+        ("angle_rad", "f8"),
+        ("speed_rad_s", "f8"),
+        ("angle_ns", "i8"),  # when (Unix ns)
     ]
 )
 
@@ -99,6 +103,11 @@ PARAMETERS = record_dtype(
         ("enable_timeout_s", "f8"),
         ("overrun_ticks", "i8"),
         ("simulated", "i8"),
+        # a drive that makes current along its q axis alone (`control.rotating`)
+        ("q_only", "i8"),
+        ("axes_rad", "f8"),  # electrical angle of its d axis at angle 0
+        ("axes_sequence", "f8"),
+        ("axes_age_s", "f8"),  # of its angle when its current flows
     ]
 )
 

@@ -5,13 +5,14 @@ from collections.abc import Collection
 
 import numpy as np
 
-from motord.wire.can_codec import FEEDBACK_SLOTS, InverterCodec, MessageCodec
+from motord.wire.can_codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCodec, MessageCodec
 from motord.wire.sequence import SequenceCheck
 
 SILENT_AFTER_NS = 500_000_000
 """A slow message (status, temperature) missing for so long makes all feedback stale."""
 
-_SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS)}
+_SLOT = {slot: index for index, slot in enumerate(FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS)}
+_AXES = slice(len(FEEDBACK_SLOTS), len(_SLOT))
 _STATUS = _SLOT["status"]
 
 
@@ -39,7 +40,7 @@ class CanFeedback:
         self._codec = codec
         self._age_ns = age_ns
         self._incoming = {m.key: _Incoming(m) for m in codec.feedback}
-        self._values = [math.nan] * len(FEEDBACK_SLOTS)
+        self._values = [math.nan] * len(_SLOT)
         self._values[_STATUS] = 0.0
         self._word = -1
         self._status = 0
@@ -84,6 +85,10 @@ class CanFeedback:
         feedback["temperature_C"] = values[7]
         feedback["t_inverter_ns"] = self._sampled_ns()
         feedback["inverter_status"] = self._understood()
+
+    def along_axes(self) -> list[float]:
+        """Return i_d, i_q (A), u_d, u_q (V) as the drive says them."""
+        return self._values[_AXES]
 
     def _sampled_ns(self) -> int:
         """Return when the currents were sampled, or when a message last came that stays away."""

@@ -14,11 +14,11 @@ from motord.hal.can_feedback import CanFeedback
 from motord.schema import InverterStatus
 from motord.wire import dbc
 
-_NO_CURRENT_A = (0.0, 0.0, 0.0)
-
 
 class CanInverter:
     """An `InverterDriver` for a drive whose messages a DBC describes."""
+
+    NO_CURRENT_A: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __init__(self, config: Config) -> None:
         """Compile the drive's messages; nothing is opened. Raises ConfigError, DeviceError."""
@@ -32,7 +32,7 @@ class CanInverter:
 
     def open(self) -> None:
         """Open the bus and wait until every feedback message has come. Raises DeviceError."""
-        self._drive.open(lambda: self._send(_NO_CURRENT_A, False))
+        self._drive.open(lambda: self._send(self.NO_CURRENT_A, False))
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
         """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status, link_errors."""
@@ -48,18 +48,18 @@ class CanInverter:
         if math.isfinite(i_a_A + i_b_A + i_c_A):
             self._send((i_a_A, i_b_A, i_c_A), bool(command["enable"][0]))
         else:
-            self._send(_NO_CURRENT_A, bool(command["enable"][0]))
+            self._send(self.NO_CURRENT_A, bool(command["enable"][0]))
 
     def safe_stop(self) -> None:
         """Send zero current and disable; twice, in case a frame is lost."""
-        self._send(_NO_CURRENT_A, False)
-        self._send(_NO_CURRENT_A, False)
+        self._send(self.NO_CURRENT_A, False)
+        self._send(self.NO_CURRENT_A, False)
 
     def close(self) -> None:
         """Stop safely and release the bus; may be called twice."""
         self.safe_stop()
         self._drive.close()
 
-    def _send(self, i_A: tuple[float, float, float], enable: bool) -> None:
+    def _send(self, i_A: tuple[float, ...], enable: bool) -> None:
         self._drive.send(self._codec.encode_command(i_A, enable, self._counter))
         self._counter += 1

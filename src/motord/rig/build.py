@@ -1,14 +1,16 @@
 """From the truth of a rig to the records that its kernels step."""
 
+import cmath
 import math
 from functools import cache
 
 import numpy as np
 from scipy.linalg import expm
 
-from motord.config import SEQUENCE
+from motord.config import SEQUENCE, DqConfig
 from motord.rig.bar import add_bar
 from motord.rig.noise import gaussian, random_state
+from motord.rig.rotating import LATCHED, TURNING
 from motord.rig.truth import RigTruth, TorqueSensorTruth
 from motord.rig.types import RIG_PARAMETERS, RIG_STATE
 from motord.rig.waves import wave_values
@@ -92,8 +94,23 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
     p.reference_C = inverter.reference_C
     p.inverter_K_per_W = inverter.thermal_resistance_K_per_W
     p.inverter_decay = _decay(slow_s, inverter.thermal_time_constant_s)
+    if inverter.dq is not None:
+        _fill_axes(p, truth, inverter.dq)
     p.current_noise_A = inverter.current_noise_A
     p.voltage_noise_V = inverter.voltage_noise_V
+
+
+def _fill_axes(p: np.record, truth: RigTruth, dq: DqConfig) -> None:
+    motor = truth.motor
+    first = sum(
+        (cmath.rect(h.amplitude_V_s_per_rad, h.phase_rad) for h in motor.back_emf if h.order == 1),
+        complex(0.0),
+    )
+    p.axes = TURNING if dq.angle == "turning" else LATCHED
+    p.axes_pole_pairs, p.axes_sign = motor.pole_pairs, dq.direction
+    p.axes_order = dq.direction * SEQUENCE[truth.inverter.phase_order]
+    p.axes_rad = dq.direction * (cmath.phase(first) - math.pi) + dq.d_axis_rad
+    p.axes_age_s, p.axes_scale = dq.angle_age_s, dq.scale
 
 
 def _fill_rotor_and_brake(p: np.record, truth: RigTruth) -> None:

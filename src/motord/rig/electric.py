@@ -14,6 +14,7 @@ import numpy as np
 from motord.jit import jit
 from motord.rig.bend import bent, bent_common_part, bent_slope, straightened
 from motord.rig.faults import disturbed_currents
+from motord.rig.rotating import TURNING, add_turning, along_axes, axes_angle, set_phases
 from motord.rig.types import QUEUE_LENGTH
 
 
@@ -39,13 +40,15 @@ def take_command(p: np.record, s: np.record, i_command_A: np.ndarray) -> None:
 
 @jit
 def _next_command(p: np.record, s: np.record) -> None:
-    """Put the oldest queued command in force; in a star without its common part."""
+    """Put the oldest queued command in force; of phases in a star without its common part."""
     first = 3 * s.queue_head
-    common_A = 0.0
-    if p.star:
+    common_A, unit = 0.0, 1.0
+    if p.axes == TURNING:
+        unit = float(p.axes_scale)
+    elif p.star:
         common_A = (s.queue_A[first] + s.queue_A[first + 1] + s.queue_A[first + 2]) / 3.0
     for phase in range(3):
-        s.i_command_A[phase] = s.queue_A[first + phase] - common_A
+        s.i_command_A[phase] = s.queue_A[first + phase] / unit - common_A
     s.queue_head = (s.queue_head + 1) % QUEUE_LENGTH
     s.queue_size -= 1
 
@@ -71,6 +74,17 @@ def _run_loops(p: np.record, s: np.record) -> None:
     if position > 0.0:
         rest = math.exp(-p.loop_rate_per_s * p.substep_s * (1.0 - position))
     _track(s, rest)
+
+
+@jit
+def _run_turning_loops(p: np.record, s: np.record, speed_rad_s: float) -> None:
+    """As `_run_loops`, for commands along axes that turn by a substep meanwhile."""
+    loop_A = s.i_loop_A
+    before_rad = axes_angle(p, s.angle_rad, speed_rad_s)
+    loop_A[0], loop_A[1] = along_axes(p, before_rad, loop_A)
+    _run_loops(p, s)
+    after_rad = axes_angle(p, s.angle_rad + p.substep_s * speed_rad_s, speed_rad_s)
+    set_phases(p, after_rad, loop_A[0], loop_A[1], loop_A)
 
 
 @jit
@@ -204,7 +218,10 @@ def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
     """Advance queue, power stage and currents by one substep at the mean speed of it."""
     s.on_steps = s.on_steps + 1 if s.wanted else 0
     s.inverter_on = 1 if s.on_steps > p.ready_steps else 0
-    _run_loops(p, s)
+    if p.axes == TURNING:
+        _run_turning_loops(p, s, speed_rad_s)
+    else:
+        _run_loops(p, s)
     if s.inverter_on and s.phase_open | s.current_runaway:
         _flow_disturbed(p, s, speed_rad_s)
     elif s.inverter_on:
@@ -214,12 +231,27 @@ def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
 
 
 @jit
+def _set_slopes(p: np.record, s: np.record) -> None:
+    """Set how fast the loops change their currents now."""
+    d, q, axis_rad = 0.0, 0.0, 0.0
+    if p.axes == TURNING:
+        axis_rad = axes_angle(p, s.angle_rad, s.speed_rad_s)
+        d, q = along_axes(p, axis_rad, s.i_loop_A)
+    for phase in range(3):
+        error_A = s.i_command_A[phase] - s.i_loop_A[phase]
+        s.i_slope_A_per_s[phase] = error_A * p.loop_rate_per_s if s.inverter_on else 0.0
+    if p.axes == TURNING and s.inverter_on:
+        s.i_slope_A_per_s[0] = (s.i_command_A[0] - d) * p.loop_rate_per_s
+        s.i_slope_A_per_s[1] = (s.i_command_A[1] - q) * p.loop_rate_per_s
+        add_turning(p, axis_rad, s.speed_rad_s, s)
+
+
+@jit
 def winding_voltages(p: np.record, s: np.record) -> tuple[float, float, float]:
     """Return the voltages (V) across the windings now: R i + L di/dt + k w."""
     slope, gain = s.i_slope_A_per_s, s.gain_now
+    _set_slopes(p, s)
     for phase in range(3):
-        error_A = s.i_command_A[phase] - s.i_loop_A[phase]
-        slope[phase] = error_A * p.loop_rate_per_s if s.inverter_on else 0.0
         gain[phase] = s.gain[phase]
         if p.nonlinear:
             gain[phase] *= bent_slope(p, phase, s.i_sensed_A[phase])

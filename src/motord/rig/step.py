@@ -9,6 +9,7 @@ from motord.rig.electric import step_currents, take_command
 from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
 from motord.rig.mechanics import step_brake, step_drive, step_rotor
 from motord.rig.noise import gaussian
+from motord.rig.rotating import read_axes
 from motord.rig.sensors import (
     gray_code,
     read_encoder,
@@ -124,6 +125,8 @@ def sense(parameters: np.ndarray, state: np.ndarray, rig_output: np.ndarray) -> 
     o.drive_rad_s = s.drive_rad_s
     if s.faults:
         disturb_readings(p, s, o)
+    if p.axes:
+        read_axes(p, s, o)
 
 
 @jit

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from motord.config import (
     BackEmfHarmonic,
+    DqConfig,
     Finite,
     NonNegative,
     PhaseOrder,
@@ -99,7 +100,8 @@ class InverterTruth(Section):
     eq. (4.1); where there is a `nonlinearity`, it is added to i* first. alpha holds at
     `reference_C`; it moves by gain_drift_per_K with the inverter's temperature, at most
     gain_drift_max either way. phase_order: "acb" where the motor's phases b and c are exchanged at
-    its outputs.
+    its outputs. dq: the axes of a drive whose commands are currents along d and q; in a rig file
+    this is what is true of them.
     """
 
     bus_V: Positive = 24.0
@@ -119,6 +121,7 @@ class InverterTruth(Section):
     voltage_noise_V: NonNegative = 0.0
     nonlinearity: NonlinearityTruth | None = None
     phase_order: PhaseOrder = "abc"
+    dq: DqConfig | None = None
 
 
 class RotorTruth(Section):

@@ -15,7 +15,8 @@ QUEUE_LENGTH = 32
 
 RIG_INPUT = record_dtype(
     [
-        ("i_command_A", "f8", (3,)),  # newest command that the inverter has; not finite counts as 0
+        # newest command that the inverter has, of phases, or (d, q, -); not finite counts as 0
+        ("i_command_A", "f8", (3,)),
         ("brake", "f8"),  # excitation asked for, 0 to 1
         ("drive_rad_s", "f8"),  # speed asked of the external drive; not 0 puts the belt on
         ("enable_command", "u4"),  # the inverter is told to switch on
@@ -29,6 +30,10 @@ RIG_OUTPUT = record_dtype(
     [
         ("i_sensed_A", "f8", (3,)),  # sensed currents i*
         ("u_V", "f8", (3,)),  # voltage across each winding
+        ("i_d_A", "f8"),  # the same along the drive's axes, if it turns with the rotor
+        ("i_q_A", "f8"),
+        ("u_d_V", "f8"),
+        ("u_q_V", "f8"),
         ("u_bus_V", "f8"),
         ("temperature_C", "f8"),  # inverter
         ("brake_temperature_C", "f8"),
@@ -68,6 +73,14 @@ RIG_PARAMETERS = record_dtype(
         ("ready_steps", "i8"),
         ("gain", "f8", (3,)),  # alpha epsilon at the reference temperature
         ("beta_A", "f8", (3,)),
+        # axes of a drive that turns with the rotor (`rig.rotating`)
+        ("axes", "i8"),  # PHASES, TURNING or LATCHED: what the commands are
+        ("axes_pole_pairs", "f8"),
+        ("axes_sign", "f8"),  # -1: the drive's positive direction is the rig's negative one
+        ("axes_order", "f8"),  # -1: its phases b and c are those that follow forwards
+        ("axes_rad", "f8"),
+        ("axes_age_s", "f8"),
+        ("axes_scale", "f8"),
         # nonlinearity of the current sensors: amplitude sin(wave i* + phase)
         ("nonlinear", "i8"),
         ("bend_A", "f8", (3,)),

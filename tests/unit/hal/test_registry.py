@@ -71,7 +71,8 @@ def test_an_unknown_driver_is_told_the_known_ones() -> None:
     with pytest.raises(DeviceError) as caught:
         registry.make_rig(with_driver("telepathy"))
     assert str(caught.value) == (
-        '[inverter] driver = "telepathy" is not known; known: broken, can, foreign, nameless, sim'
+        '[inverter] driver = "telepathy" is not known; known: broken, can, can-dq, '
+        "foreign, nameless, sim"
     )
     setup = Config(motor=MOTOR, brake=BrakeConfig(driver="anvil"))
     with pytest.raises(DeviceError, match="known: modbus, none, sim"):
