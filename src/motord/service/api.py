@@ -15,6 +15,7 @@ import zenoh
 
 from motord.service.calls import Answer, Call, CallQueue
 from motord.service.endpoints import key, router_config
+from motord.service.log import log_error
 from motord.service.messages import REQUESTS, Request, error_json, parse
 from motord.service.refusal import Refusal
 
@@ -104,7 +105,11 @@ class Api:
     def _declare(self, name: str, serve: Callable[[zenoh.Query], None]) -> None:
         def finish_query(query: zenoh.Query) -> None:
             with query:
-                serve(query)
+                try:
+                    serve(query)
+                except Exception as error:  # no client may be left without an answer
+                    said = log_error(f"in the answer to {name}", error)
+                    query.reply_err(error_json("internal", said), encoding=JSON)
 
         assert self._session is not None
         self._declared.append(

@@ -170,7 +170,7 @@ def assemble(
     )
     return Assembly(
         supervisor=Supervisor(
-            *(bench, Desk(handlers), calls, children, loop, recording, publisher),
+            *(bench, Desk(handlers, bench.erred), calls, children, loop, recording, publisher),
             gate=GateLink(children, events) if config.zenoh.remote else None,
         ),
         api=api,

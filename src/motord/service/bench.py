@@ -18,6 +18,7 @@ from motord.service.events import EventLog
 from motord.service.hand import Hand
 from motord.service.injected import InjectedFaults
 from motord.service.lease import Lease
+from motord.service.log import log_error
 from motord.service.plan_runner import PlanRunner, PlanSink
 from motord.service.setpoint import RAD_PER_TURN, Mailbox, Setpoint
 from motord.service.views import Health
@@ -125,6 +126,15 @@ class Bench:
         self.plans.end(why, "aborted")
         self.hand.rest()
 
+    def erred(self, where: str, error: Exception) -> str:
+        """Stop, because the program erred; return in a line how. The traceback is in the log."""
+        self.setpoint.request(Request.STOP)
+        said = log_error(where, error)
+        self.events.emit("fault", f"{said}; stopped")
+        self.plans.end(said)
+        self.stop(said)
+        return said
+
     def nobody_commands(self, why: str) -> None:
         """Ramp down and disable, unless a detached plan is its own commander."""
         if self.plans.detached:
@@ -227,10 +237,10 @@ class Bench:
         self._looked_ns = now_ns
         seen = self._watcher.take(np.concatenate(self._unlooked))
         self._unlooked.clear()
-        if self.plans.active:
-            self.plans.look(seen)
-        else:
-            self.hand.look(seen)
+        try:
+            self.plans.look(seen) if self.plans.active else self.hand.look(seen)
+        except Exception as error:  # of a plan, or of the servo: the rest of the bench goes on
+            self.erred("in a look at the bench", error)
 
     def _pass_to_devices(self, now_ns: int) -> None:
         brake, drive = self.devices.get("brake"), self.devices.get("drive")

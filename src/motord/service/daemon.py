@@ -21,10 +21,15 @@ from motord.service.assembly import Assembly, assemble
 from motord.service.calibrations import state_directory
 from motord.service.log import log_to_stderr
 from motord.service.notify import Notifier
+from motord.service.supervisor import Supervisor
 
 
 class LoopFailedError(Exception):
     """The loop did not come up; the message says why."""
+
+
+class SupervisorFailedError(Exception):
+    """The supervisor ended by an error in the program; its traceback is in the log."""
 
 
 EXPLAINED = (
@@ -35,6 +40,7 @@ EXPLAINED = (
     RunDirError,
     SecurityError,
     SharedFileError,
+    SupervisorFailedError,
 )
 """What may go wrong through no fault of the program: one clear line, exit 1."""
 
@@ -115,11 +121,28 @@ def _run(
         supervisor.gate.start(time.monotonic_ns())
     supervisor.recording.start_recorder(time.monotonic_ns())
     supervisor.loop.start(time.monotonic_ns())
+    _guarded(supervisor, stopping, on_ready)
+
+
+def _guarded(supervisor: Supervisor, stopping: Stopping, on_ready: Callable[[], None]) -> None:
+    """As `_supervise`; an error in the program takes the current away. Raises one of EXPLAINED."""
+    try:
+        _supervise(supervisor, stopping, on_ready)
+    except EXPLAINED:
+        raise
+    except Exception as error:  # whatever it is, the current has to go before the daemon does
+        said = supervisor.emergency(error)
+        raise SupervisorFailedError(f"{said}; stopped, the traceback is in the log") from error
+
+
+def _supervise(supervisor: Supervisor, stopping: Stopping, on_ready: Callable[[], None]) -> None:
+    """Wait for the loop, step until a signal comes, ramp down. Raises LoopFailedError."""
     if not supervisor.wait_for_loop(stopping):
         if stopping():
             return
         raise LoopFailedError(supervisor.bench.loop_fault)
     on_ready()
+    config = supervisor.bench.config
     supervisor.notifier.ready(f"bench {config.bench.name} is up, OFF")
     supervisor.run(stopping)
     supervisor.notifier.stopping(f"ramping down: {stopping.reason}")

@@ -1,7 +1,8 @@
 """Where requests arrive: each goes to its handler; those that take time wait here for their end.
 
 A handler answers at once, refuses, or returns a `Wait`: a condition on the bench that is looked at
-in every step until it holds, becomes impossible or takes too long. Every call gets an answer.
+in every step until it holds, becomes impossible or takes too long. Every call gets an answer, also
+one over which a handler fails by an error in the program: it must not take the supervisor along.
 """
 
 from collections.abc import Callable, Mapping
@@ -41,11 +42,19 @@ def expect(model: type[_Model], call: Call) -> _Model:
     return call.request
 
 
-class Desk:
-    """Takes calls, finds their handlers, keeps those that wait."""
+OnError = Callable[[str, Exception], str]
+"""Makes the bench safe after an error in the program, at a place in words; returns it in a line."""
 
-    def __init__(self, handlers: Mapping[str, Handler]) -> None:
+
+class Desk:
+    """Takes calls, finds their handlers, keeps those that wait.
+
+    `on_error` is told of every error that is no refusal.
+    """
+
+    def __init__(self, handlers: Mapping[str, Handler], on_error: OnError) -> None:
         self._handlers = handlers
+        self._on_error = on_error
         self._waiting: list[tuple[Call, Wait, int]] = []
 
     def handle(self, call: Call, now_ns: int) -> None:
@@ -57,6 +66,9 @@ class Desk:
         except Refusal as refusal:
             call.answer(refusal)
             return
+        except Exception as error:  # whatever it is, the supervisor has to go on
+            call.answer(self._failed(call, error))
+            return
         if isinstance(answer, Wait):
             self._waiting.append((call, answer, now_ns + round(answer.timeout_s * 1e9)))
         else:
@@ -66,7 +78,7 @@ class Desk:
         """Answer the waiting calls whose time has come."""
         still = []
         for call, wait, deadline_ns in self._waiting:
-            answer = _look(wait, late=now_ns >= deadline_ns)
+            answer = self._look(call, wait, late=now_ns >= deadline_ns)
             if answer is None:
                 still.append((call, wait, deadline_ns))
             else:
@@ -79,13 +91,17 @@ class Desk:
             call.answer(Refusal("refused", f"{call.name}: {why}"))
         self._waiting = []
 
+    def _look(self, call: Call, wait: Wait, *, late: bool) -> Answer | Refusal | None:
+        try:
+            answer = wait.check()
+            return Refusal("timeout", wait.too_late()) if answer is None and late else answer
+        except Refusal as refusal:
+            return refusal
+        except Exception as error:  # as in `handle`
+            return self._failed(call, error)
 
-def _look(wait: Wait, *, late: bool) -> Answer | Refusal | None:
-    try:
-        answer = wait.check()
-    except Refusal as refusal:
-        return refusal
-    return Refusal("timeout", wait.too_late()) if answer is None and late else answer
+    def _failed(self, call: Call, error: Exception) -> Refusal:
+        return Refusal("internal", f"{self._on_error(f'in {call.name}', error)}; stopped")
 
 
 def need_loop(bench: Bench) -> None:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
+from motord.service.log import log_error
 from motord.service.views import DeviceView, Health
 
 JOIN_S = 5.0
@@ -47,6 +48,11 @@ class SlowDevice:
             reading = self._device.exchange(self.wanted)
         except DeviceError as error:
             self._error = str(error)
+            return
+        except Exception as error:  # of a driver: the other device must still be served
+            if not self._error:
+                log_error(f"in the driver of the {self.name}", error)
+            self._error = f"error in its driver: {type(error).__name__}: {error}"
             return
         self._reading, self._heard_ns, self._error = reading, clock_ns(), ""
 

@@ -22,6 +22,13 @@ class _DroppingHandler(logging.handlers.QueueHandler):
             return
 
 
+def log_error(where: str, error: Exception) -> str:
+    """Log an error of the program itself with its traceback; return it in a line."""
+    said = f"error in the program, {where}: {type(error).__name__}: {error}"
+    logging.getLogger("motord").error("%s", said, exc_info=error)
+    return said
+
+
 @contextmanager
 def log_to_stderr() -> Iterator[None]:
     """Log what `motord` loggers say, from INFO on, to stderr."""

@@ -12,6 +12,7 @@ Code = Literal[
     "timeout",  # what was asked for did not happen in time
     "failed",  # a file or a device could not be used
     "busy",  # the daemon did not come to it in time
+    "internal",  # the program erred; the bench was stopped, the traceback is in the daemon's log
 ]
 
 

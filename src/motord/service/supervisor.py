@@ -6,13 +6,16 @@ take long (devices, the network, the disk) happens in other threads or processes
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
+from motord.schema import Request
 from motord.schema import State as DriveState
 from motord.service.bench import Bench
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
 from motord.service.gate_link import GateLink
+from motord.service.log import log_error
 from motord.service.loop_link import LOOP, LoopLink
 from motord.service.notify import Notifier
 from motord.service.processes import Children
@@ -85,6 +88,32 @@ class Supervisor:
         bench.stop("the daemon shut down")
         over = (DriveState.OFF, DriveState.TRIPPED)
         self._until(lambda: bench.state in over, STOP_NS)
+
+    def emergency(self, error: Exception) -> str:
+        """Take the current away at once after an error in the program; return it in a line.
+
+        The daemon ends with it: nobody knows in what state it left the supervisor. So nothing is
+        used here but the mailbox and the ring.
+        """
+        setpoint = self.bench.setpoint
+        setpoint.request(Request.STOP)
+        end_ns = self.clock_ns() + STOP_NS
+        seen_seq, state = 0, self.bench.watch.state
+        while self.clock_ns() < end_ns:
+            setpoint.write(self.clock_ns(), seen_seq)
+            block, _ = self.loop.read()
+            if len(block):
+                seen_seq, state = (
+                    int(block["setpoint_seq"][-1]),
+                    DriveState(int(block["state"][-1])),
+                )
+            if state in (DriveState.OFF, DriveState.TRIPPED):
+                break
+            time.sleep(PERIOD_NS / 1e9)
+        said = log_error("in the supervisor", error)
+        with suppress(Exception):  # whoever listens may be what erred
+            self.bench.events.emit("fault", f"{said}; stopped, the daemon ends")
+        return said
 
     def take_down(self) -> None:
         """Take no more requests, end the loop, then the recorder, which by then has everything."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from motord.schema import TICK
+from motord.service.log import log_error
 from motord.wire.blocks import BlockCodec
 
 CAPACITY = 512
@@ -35,6 +36,7 @@ class Telemetry:
         self._queue: deque[np.ndarray | tuple[str, bytes]] = deque()
         self._changed = threading.Condition()
         self._stopping = False
+        self._failing = False
         self._pending: list[np.ndarray] = []
         self.dropped = 0
         self._thread = threading.Thread(target=self._run, name="motord-telemetry", daemon=True)
@@ -75,11 +77,23 @@ class Telemetry:
                 if not self._queue:
                     break
                 item = self._queue.popleft()
+            self._publish(item)
+        self._flush()
+
+    def _publish(self, item: np.ndarray | tuple[str, bytes]) -> None:
+        try:
             if isinstance(item, tuple):
                 self._put(*item)
             else:
                 self._take_ticks(item)
-        self._flush()
+        except Exception as error:  # what cannot be published must not end all telemetry
+            if not self._failing:
+                log_error("in the telemetry", error)
+            self._failing = True
+            self._pending = []
+            self.dropped += 1
+        else:
+            self._failing = False
 
     def _take_ticks(self, block: np.ndarray) -> None:
         for tick in block[block["tick"] % self._every == 0]:

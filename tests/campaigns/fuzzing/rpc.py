@@ -67,7 +67,8 @@ class Rpc:
         store = CalibrationStore(service.config, Path(self._folder.name))
         self._installation = Installation(service.bench, store, lambda *tables: None, "text")
         self._store = store
-        service.desk = Desk({**service.desk._handlers, **self._installation.handlers})
+        handlers = {**service.desk._handlers, **self._installation.handlers}
+        service.desk = Desk(handlers, service.bench.erred)
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])
         self._turn += 1

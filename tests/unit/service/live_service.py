@@ -61,7 +61,8 @@ class LiveService(VirtualService):
                 **Operate(self.bench, self._restart).handlers,
                 **experiments.handlers,
                 **installation.handlers,
-            }
+            },
+            self.bench.erred,
         )
         slow = {
             "calibration/install": (installation.prepare, installation.keep),

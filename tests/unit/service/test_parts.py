@@ -129,7 +129,7 @@ def test_only_the_first_answer_counts():
 def test_a_wait_ends_with_its_condition_or_its_time():
     seen = []
     wait = Wait(lambda: {} if seen else None, 1.0, lambda: "too slow")
-    desk = Desk({"stop": lambda call, now_ns: wait})
+    desk = Desk({"stop": lambda call, now_ns: wait}, lambda where, error: "")
     late, right = Call("stop", Stop()), Call("stop", Stop())
     desk.handle(late, 0)
     desk.step(1_000_000_000)

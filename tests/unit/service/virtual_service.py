@@ -102,10 +102,18 @@ class Pending:
             return None if refusal.code == "busy" else refusal
 
 
-class VirtualService:
-    """Bench and desk over a virtual loop; `devices` are slow devices on a wire."""
+def fail(where, error):
+    """Let a test fail by an error in the program, which the daemon would outlive."""
+    raise error
 
-    def __init__(self, devices=None, bench_config=None, journal=None, **changes):
+
+class VirtualService:
+    """Bench and desk over a virtual loop; `devices` are slow devices on a wire.
+
+    Errors in the program come out, unless it is to be as `safe` as the daemon.
+    """
+
+    def __init__(self, devices=None, bench_config=None, journal=None, safe=False, **changes):
         base = (bench_config or config.load()).model_dump()
         for section, values in changes.items():
             base[section].update(values)
@@ -123,9 +131,13 @@ class VirtualService:
             self.sink, self.journal, self.resumption, self.events, lambda: self.now_ns
         )
         self.bench = Bench(self.config, self.loop, devices or {}, self.events, durable)
+        if not safe:
+            self.bench.erred = fail
         self.restarts = 0
         handlers = Operate(self.bench, self._restart).handlers
-        self.desk = Desk({**handlers, **Experiments(self.bench, self.resumption).handlers})
+        self.desk = Desk(
+            {**handlers, **Experiments(self.bench, self.resumption).handlers}, self.bench.erred
+        )
         self.bench.loop_up()
         self.step(2)
 

@@ -1,0 +1,65 @@
+"""Errors in the program itself, put into a running daemon: answered, stopped, restarted OFF."""
+
+import pytest
+
+from motord.client import ClientError
+from tests.system.daemons import daemon, wait_for, write_sim
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+BUGS = """
+import sys
+if "run" in sys.orig_argv:
+    from motord.service.hand import Hand
+    from motord.service.publisher import Publisher
+
+    publish, set_by_hand = Publisher.step, Hand.set
+
+    def failing_set(self, asked, state):
+        if asked.torque_Nm == 1.25:
+            raise ZeroDivisionError("put into set")
+        return set_by_hand(self, asked, state)
+
+    def failing_step(self, block, now_ns):
+        if len(block) and block["torque_set_Nm"][-1] == 1.5:
+            raise ZeroDivisionError("put into the supervisor")
+        return publish(self, block, now_ns)
+
+    Hand.set, Publisher.step = failing_set, failing_step
+"""
+"""A torque of 1.25 Nm meets a bug in a request's handler, one of 1.5 Nm in the supervisor."""
+
+
+@pytest.fixture
+def before(tmp_path):
+    (tmp_path / "bugs").mkdir()
+    (tmp_path / "bugs" / "sitecustomize.py").write_text(BUGS)
+    return ("env", f"PYTHONPATH={tmp_path / 'bugs'}")
+
+
+def test_a_daemon_outlives_a_handler_and_ends_off_after_its_supervisor(tmp_path, before):
+    bench = write_sim(tmp_path)
+    with daemon(tmp_path, bench, before) as running:
+        with running.connect() as client, client.lease("anna") as lease:
+            turn = {"token": lease.token, "brake": 1.0}
+            client.rpc("enable", token=lease.token)
+            client.rpc("set", torque_Nm=1.0, **turn)
+            wait_for(client, lambda s: s.tick.torque_set_Nm == 1.0, "the torque")
+            with pytest.raises(ClientError, match="put into set; stopped") as caught:
+                client.rpc("set", torque_Nm=1.25, **turn)
+            assert caught.value.code == "internal"
+            wait_for(client, lambda s: s.state == "OFF", "OFF")
+            client.rpc("enable", token=lease.token)
+            client.rpc("set", torque_Nm=1.5, **turn)
+            assert running.wait() == 1
+            assert lease.lost.wait(60.0)
+        said = running.said()
+        assert said.count("Traceback (most recent call last)") == 2
+        assert "motord: error in the program, in the supervisor: ZeroDivisionError: put" in said
+        ticks = running.runs()[-1].ticks()
+        assert ticks["torque_set_Nm"][-1] == 0.0
+        assert ticks["state"][-1] == 0
+    with daemon(tmp_path, bench) as again:
+        with again.connect() as client:
+            assert client.state().state == "OFF"
+        assert again.end() == 0
