@@ -6,7 +6,15 @@ from functools import partial
 from typing import Any
 
 from motord.config import Config
-from motord.plans import driven, inertia_acceleration, inertia_oscillation, learn, mesh, sensitivity
+from motord.plans import (
+    align,
+    driven,
+    inertia_acceleration,
+    inertia_oscillation,
+    learn,
+    mesh,
+    sensitivity,
+)
 from motord.plans.settings import PlanError
 from motord.plans.steps import Plan
 
@@ -20,6 +28,10 @@ class Kind:
 
 
 PLANS: dict[str, Kind] = {
+    "align": Kind(
+        "a current vector turned by hand, for phase order, encoder direction and encoder zero",
+        align.make,
+    ),
     "calibrate": Kind(
         "torque/speed mesh without compensation, for alpha, beta and cogging",
         partial(mesh.make, "calibrate"),

@@ -2,6 +2,7 @@
 
 import typer
 
+from motord.cli.analyse.align import align
 from motord.cli.analyse.back_emf import back_emf
 from motord.cli.analyse.calibrate import calibrate
 from motord.cli.analyse.cogging import cogging
@@ -13,5 +14,5 @@ from motord.cli.analyse.verify import verify
 app = typer.Typer(
     no_args_is_help=True, pretty_exceptions_enable=False, help="Identify, verify, report."
 )
-for command in (calibrate, learn, verify, cogging, back_emf, inertia, sensitivity):
+for command in (align, calibrate, learn, verify, cogging, back_emf, inertia, sensitivity):
     app.command()(command)

@@ -1,0 +1,65 @@
+"""Single values written into the text of a bench file, everything else left as it is."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+
+from motord.config.base import ConfigError
+
+Value = str | int | float
+
+
+def with_values(text: str, table: str, values: Mapping[str, Value], where: str) -> str:
+    """Return a TOML `text` in which `[table]` has `values`; comments and order stay.
+
+    A key that is there gets the new value in its line, others come right under the table's head.
+    Raises ConfigError, beginning with `where`, if the text does not allow it: no such table, or a
+    value that is not on a line of its own.
+    """
+    lines = text.splitlines()
+    try:
+        wanted = tomllib.loads(text)
+        head = lines.index(next(line for line in lines if _is_head(line, table)))
+    except (tomllib.TOMLDecodeError, StopIteration):
+        raise ConfigError(f"{where}: there is no table [{table}] to write to") from None
+    missing = []
+    for key, value in values.items():
+        place = _line_of(lines, head, key)
+        if place is None:
+            missing.append(f"{key} = {_toml(value)}")
+        else:
+            lines[place] = f"{key} = {_toml(value)}{_comment(lines[place])}"
+        wanted[table][key] = value
+    lines[head + 1 : head + 1] = missing
+    edited = "\n".join(lines) + "\n"
+    try:
+        understood = tomllib.loads(edited) == wanted
+    except tomllib.TOMLDecodeError:
+        understood = False
+    if not understood:
+        keys = ", ".join(f"{key} = {_toml(value)}" for key, value in values.items())
+        raise ConfigError(f"{where}: cannot be changed safely; write into [{table}]: {keys}")
+    return edited
+
+
+def _is_head(line: str, table: str) -> bool:
+    return re.fullmatch(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?", line) is not None
+
+
+def _line_of(lines: list[str], head: int, key: str) -> int | None:
+    for number in range(head + 1, len(lines)):
+        if re.match(r"\s*\[\[?[A-Za-z]", lines[number]):
+            return None
+        if re.match(rf"\s*{re.escape(key)}\s*=", lines[number]):
+            return number
+    return None
+
+
+def _comment(line: str) -> str:
+    """Return the comment of a line with a value that has no # in it, with two spaces before."""
+    found = re.search(r"#.*$", line)
+    return f"  {found.group()}" if found else ""
+
+
+def _toml(value: Value) -> str:
+    return f'"{value}"' if isinstance(value, str) else repr(value)
