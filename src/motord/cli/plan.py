@@ -8,7 +8,7 @@ import typer
 
 from motord.cli.command import in_command
 from motord.cli.console import fail
-from motord.cli.preflight import preflight
+from motord.cli.preflight import LIMIT_S, as_dict, in_words, predict, warning
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 from motord.cli.settings import settings_of
 
@@ -26,9 +26,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help="Experiments: list, start, steer.",
 )
-
-
-app.command()(preflight)
 
 
 @app.command("list")
@@ -55,8 +52,17 @@ def start(
         typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check limits, show points and time; move nothing.")
+        bool,
+        typer.Option(
+            "--dry-run",
+            help="Move nothing: check limits, show points and time, and what would become of each "
+            "point on the simulated rig. Ends with 1 if one would trip, fail or be poor.",
+        ),
     ] = False,
+    limit_s: Annotated[
+        float,
+        typer.Option("--limit-s", min=0.0, help="With --dry-run: simulate no longer than that."),
+    ] = LIMIT_S,
     detach: Annotated[
         bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
     ] = False,
@@ -70,8 +76,7 @@ def start(
     with daemon(bench, connect) as client:
         asked = {"name": name, "settings": settings_of(client, name, settings or [])}
         if dry_run:
-            outline = client.rpc("plan/start", dry_run=True, **asked)
-            say(outline, "\n".join(_outline_lines(outline)), as_json)
+            _dry_run(client, asked, limit_s, as_json)
             return
         with in_command(client, force=force) as command, client.subscribe_plan() as progress:
             answer = client.rpc(
@@ -90,10 +95,23 @@ def _say_end(view: "PlanView", as_json: bool) -> None:
         fail(f"{view.plan} {view.state}: {view.message}")
 
 
-def _outline_lines(outline: dict[str, Any]) -> list[str]:
+def _dry_run(client: "Client", asked: dict[str, Any], limit_s: float, as_json: bool) -> None:
+    """Check a plan, then try it out on the simulated rig unless there is no time for that."""
+    name, settings = asked["name"], asked["settings"]
+    outline = client.rpc("plan/start", dry_run=True, **asked)
+    found = predict(client, name, settings, limit_s) if limit_s else []
+    outline["forecast"] = [as_dict(each) for each in found]
+    words = {each.point.index: in_words(each) for each in found}
+    say(outline, "\n".join(_outline_lines(outline, words)), as_json)
+    if said := warning(found, name):
+        fail(said)
+
+
+def _outline_lines(outline: dict[str, Any], words: dict[int, str]) -> list[str]:
     points = outline["points"]
     lines = [
-        f"{p['index']:4d}  {p['torque_Nm']:g} Nm  {p['speed_Hz']:g} Hz  {p['turns']} turns"
+        f"{p['index']:4d}  {p['torque_Nm']:g} Nm  {p['speed_Hz']:g} Hz  {p['turns']} turns  "
+        f"{words.get(p['index'], '')}".rstrip()
         for p in points
     ]
     minutes = outline["estimate_s"] / 60

@@ -21,7 +21,7 @@ class Forecast:
     """What became of a point in the simulation.
 
     trouble: why it would fail, "" if it would not; quality: of its last take; simulated: False if
-    there was no time for it.
+    there was no time for it, or if it cannot be, for the reason that trouble then tells.
     """
 
     point: OperatingPoint
@@ -33,6 +33,10 @@ class Forecast:
     def fine(self) -> bool:
         """True if the point was simulated, did not fail and would be good."""
         return self.simulated and not self.trouble and self.quality == GOOD
+
+
+BY_HAND = frozenset({"inertia-oscillation"})
+"""Plans in which somebody has to do something at the rig."""
 
 
 class _TooLongError(Exception):
@@ -51,6 +55,10 @@ def forecasts(
     Each point is taken on a rig of its own, from standstill, so nothing is told of the ways
     between points. After `limit_s` of elapsed time those that are left are not simulated.
     """
+    if plan.name in BY_HAND:
+        why = "somebody has to move the rotor by hand"
+        yield from (Forecast(point, trouble=why, simulated=False) for point in plan.points)
+        return
     deadline_s = time.monotonic() + limit_s
     tries = [
         pool.submit(_try, config, plan.part((point,)), calibration, deadline_s)

@@ -192,9 +192,12 @@ def test_plans_are_listed_with_their_settings(motord):
 
 def test_a_dry_run_shows_points_and_time(motord):
     arguments = ("plan", "start", "calibrate", "--set", "torques_Nm=1,2", "--set", "speeds_Hz=0.5")
-    text = motord(*arguments, "--dry-run").stdout
+    arguments = (*arguments, "--dry-run", "--limit-s", "0")
+    text = motord(*arguments).stdout
     assert "4 points, about" in text  # two of the mesh, two with scaled currents
-    assert printed(motord(*arguments, "--dry-run", "--json"))["settings"]["speeds_Hz"] == [0.5]
+    outline = printed(motord(*arguments, "--json"))
+    assert outline["settings"]["speeds_Hz"] == [0.5]
+    assert outline["forecast"] == []
 
 
 def test_settings_that_are_wrong_are_told(motord):
@@ -205,24 +208,42 @@ def test_settings_that_are_wrong_are_told(motord):
 
 
 @pytest.mark.slow
-def test_a_plan_is_tried_out_before_it_is_run(motord):
+def test_a_dry_run_tells_what_would_become_of_each_point(motord):
     quick = ("--set", "turns=2", "--set", "settle_s=0.2", "--set", "gain_steps=[]")
-    given = ("--set", "torques_Nm=2", "--set", "speeds_Hz=0.8,1.0", *quick)
-    result = motord("plan", "preflight", "calibrate", *given)
+    dry = ("plan", "start", "calibrate", "--dry-run", *quick, "--set", "speeds_Hz=0.8,1.0")
+    result = motord(*dry, "--set", "torques_Nm=2")
     assert result.exit_code == 0, result.output
-    assert result.stdout == "   0  2 Nm  0.8 Hz  ok\n   1  2 Nm  1 Hz  ok\n"
-    poor = motord(
-        "plan", "preflight", "calibrate", *given, "--set", "temperature_C=80,90", "--json"
-    )
-    assert "2 of 2 points of calibrate would fail, be poor" in failed(poor)
-    assert "outside 80 to 90" in json.loads(poor.stdout)[1]["quality"]
+    first, second, last = result.stdout.splitlines()
+    assert first == "   0  2 Nm  0.8 Hz  2 turns  ok"
+    assert second == "   1  2 Nm  1 Hz  2 turns  ok"
+    assert "2 points, about" in last
+    poor = motord(*dry, "--set", "torques_Nm=2", "--set", "temperature_C=80,90", "--json")
+    assert "2 of 2 points of calibrate would fail or be poor" in failed(poor)
+    assert "outside 80 to 90" in json.loads(poor.stdout)["forecast"][1]["quality"]
+    hasty = motord(*dry, "--set", "torques_Nm=2", "--limit-s", "1e-6")
+    assert "not simulated: no time left" in hasty.stdout
+    assert "2 were not simulated: give it more time" in failed(hasty)
+
+
+@pytest.mark.slow
+def test_a_dry_run_names_the_trip_of_a_point(motord):
+    tight = ("torques_Nm=1,5", "speeds_Hz=1.0", "settle_timeout_s=0.5", "speed_tolerance=1e-4")
+    given = [word for setting in (*tight, "gain_steps=[]") for word in ("--set", setting)]
+    result = motord("plan", "start", "calibrate", "--dry-run", *given)
+    assert "2 of 2 points" in failed(result)
+    assert "1 Nm, 1 Hz: the speed was still" in result.stdout
+
+
+def test_a_plan_that_needs_a_hand_is_not_simulated(motord):
+    result = motord("plan", "start", "inertia-oscillation", "--dry-run")
+    assert result.exit_code == 0, result.output
+    assert "not simulated: somebody has to move the rotor by hand" in result.stdout
 
 
 def test_what_cannot_be_tried_out_is_one_line(motord):
-    assert "torque_Nm = 6" in failed(
-        motord("plan", "preflight", "calibrate", "--set", "torques_Nm=9")
-    )
-    assert "no calibration is installed" in failed(motord("plan", "preflight", "verify"))
+    dry = ("plan", "start", "--dry-run")
+    assert "torque_Nm = 6" in failed(motord(*dry, "calibrate", "--set", "torques_Nm=9"))
+    assert "no calibration is installed" in failed(motord(*dry, "verify"))
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 
 from motord.config import ConfigError, load
 from motord.config.back_emf import BackEmfTable
-from motord.plans import build
+from motord.plans import PLANS, build
 from motord.virtual import preflight
 from motord.virtual.preflight import forecasts
 from motord.virtual.told import as_told
@@ -119,3 +119,11 @@ def test_a_measured_back_emf_becomes_harmonics():
         for h in truth.motor.back_emf
     )
     assert np.allclose(again, table.values[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", [n for n in PLANS if n != "sensitivity"])
+def test_every_plan_can_be_tried_out_or_says_why_not(name):
+    settings = {"compensate": "off"} if name == "verify" else {}
+    plan = build(name, load(), settings)
+    [each] = forecasts(load(), plan.part(plan.points[:1]), None, Here(), 1e6)
+    assert each.fine or (not each.simulated and "by hand" in each.trouble)
