@@ -26,6 +26,11 @@ RATED_PARTS = (0.2, 0.4)
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     """Return the plan of `[plans.align]` with `settings`. Raises PlanError."""
     own = chosen(NAME, config.plans.align, settings)
+    if config.inverter.driver == "can-dq":
+        raise PlanError(
+            f"{NAME}: a drive that takes currents along d and q has an angle of its own, by which "
+            "the current vector would turn: align it by its own tool, and tell [inverter.dq]"
+        )
     if isinstance(config.motor.back_emf, BackEmfTable):
         raise PlanError(
             f"{NAME}: [motor] back_emf is a measured table, which has direction and zero in it: "

@@ -92,6 +92,13 @@ def test_a_measured_table_has_nothing_to_align() -> None:
         build("align", changed(motor={"back_emf": table}))
 
 
+def test_a_drive_with_an_angle_of_its_own_aligns_itself() -> None:
+    config = load()
+    inverter = config.inverter.model_copy(update={"driver": "can-dq"})
+    with pytest.raises(PlanError, match="align it by its own tool"):
+        build("align", config.model_copy(update={"inverter": inverter}))
+
+
 def fails(words: str, config: Config, current_A: float, **truth: dict[str, object]) -> None:
     bench = VirtualBench(config, random_case(0).truth(**truth), seed=0)
     plan = build("align", config, {**SHORT, "currents_A": [current_A]})
