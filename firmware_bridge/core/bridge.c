@@ -95,16 +95,16 @@ static void put_sample(struct bridge *bridge, uint32_t lines)
     }
 }
 
-static void sample(struct bridge *bridge, const struct board_reading *reading,
-                   struct gray_reading encoder)
+static void sample(struct bridge *bridge, const struct board_reading *reading, uint32_t lines)
 {
     const struct torque_sample torque =
         torque_average(reading->adc, reading->adc_count, bridge->board->adc_full_scale);
     bridge->torque_counts = torque.counts;
     bridge->sample_status = (uint16_t)((torque.valid ? 0 : BRIDGE_STATUS_TORQUE_INVALID) |
-                                       (encoder.valid ? 0 : BRIDGE_STATUS_ENCODER_INVALID));
+                                       (bridge->encoder_valid ? 0 : BRIDGE_STATUS_ENCODER_INVALID));
+    bridge->encoder_valid = true;
     if (bridge->streaming) {
-        put_sample(bridge, encoder.lines);
+        put_sample(bridge, lines);
     }
 }
 
@@ -114,9 +114,10 @@ void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading)
     enable_line_judge(&bridge->line, reading->t_us);
     drive_line(bridge);
     const struct gray_reading encoder = gray_filter_take(&bridge->encoder, reading->lines);
+    bridge->encoder_valid = bridge->encoder_valid && encoder.valid;
     if (--bridge->ticks_to_sample == 0) {
         bridge->ticks_to_sample = bridge->ticks_per_sample;
-        sample(bridge, reading, encoder);
+        sample(bridge, reading, encoder.lines);
     }
     if (bridge->streaming &&
         clock_since(reading->t_us, bridge->status_t_us) >= BRIDGE_STATUS_PERIOD_US) {

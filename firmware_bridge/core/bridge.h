@@ -60,6 +60,7 @@ struct bridge {
     uint32_t dropped;
     uint16_t heartbeat_sequence;
     uint16_t sample_status; /* torque and encoder bits of the newest sample */
+    bool encoder_valid;     /* at every tick since that sample */
     bool streaming;
 
     /* from the interrupts to the main loop */

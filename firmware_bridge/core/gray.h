@@ -7,8 +7,8 @@
 
 enum {
     GRAY_LINES_MAX = 24,
-    GRAY_AGREEING = 4,  /* readings in a row that agree with each other make a position */
-    GRAY_BRIDGED = 3    /* implausible readings in a row for which the last good one stands in */
+    GRAY_BRIDGED = 3,  /* implausible readings in a row for which the last good one stands in */
+    GRAY_AGREEING = 16 /* readings in a row that agree with each other make a position */
 };
 
 /* Position 0 to 2^24 - 1 of a reflected Gray code; and back. Pure. */

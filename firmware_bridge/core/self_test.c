@@ -31,8 +31,8 @@ static bool frames(void)
     const size_t unstuffed = cobs_decode(stuffed, cobs_encode(body, bytes, stuffed));
     const bool whole = frame_unpack(stuffed, unstuffed, &got);
     stuffed[5] ^= 0x10U;
-    const bool torn = frame_unpack(stuffed, unstuffed, &got);
-    return whole & !torn & (got.Sample.t_us == sent.Sample.t_us) &
+    const bool torn_refused = !frame_unpack(stuffed, unstuffed, &got);
+    return whole & torn_refused & (got.Sample.t_us == sent.Sample.t_us) &
            (got.Sample.torque_counts == sent.Sample.torque_counts) &
            (got.Sample.status == sent.Sample.status);
 }
@@ -50,13 +50,13 @@ static bool line(void)
 {
     struct enable_line line;
     enable_line_init(&line, 1000);
-    const bool at_first = enable_line_closed(&line);
+    const bool open_first = !enable_line_closed(&line);
     enable_line_heartbeat(&line, 0xFFFFFF00U, true);
     enable_line_judge(&line, 0x2E7U); /* 999 us later, across the wrap */
     const bool in_time = enable_line_closed(&line);
     enable_line_judge(&line, 0x2E8U);
-    const bool too_late = enable_line_closed(&line);
-    return !at_first & in_time & !too_late;
+    const bool open_then = !enable_line_closed(&line);
+    return open_first & in_time & open_then;
 }
 
 /* Without short cuts, so that every part runs every time. */

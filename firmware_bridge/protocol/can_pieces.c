@@ -23,10 +23,10 @@ uint8_t piece_split(const uint8_t *body, uint8_t count, uint8_t piece_max, uint8
 {
     const uint8_t left = (uint8_t)(count - *offset);
     const uint8_t room = (uint8_t)(piece_max - 1U);
-    const uint8_t bytes = left < room ? left : room;
+    const bool last = left <= room;
+    const uint8_t bytes = last ? left : room;
     const uint8_t length = fd_length((uint8_t)(bytes + 1U));
-    piece[0] = (uint8_t)((*offset == 0 ? PIECE_FIRST : 0) | (bytes == left ? PIECE_LAST : 0) |
-                         *number);
+    piece[0] = (uint8_t)((*offset == 0 ? PIECE_FIRST : 0) | (last ? PIECE_LAST : 0) | *number);
     memcpy(piece + 1, body + *offset, bytes);
     memset(piece + 1 + bytes, 0, (size_t)(length - 1 - bytes));
     *offset = (uint8_t)(*offset + bytes);

@@ -33,6 +33,7 @@ class Device:
         self.sequence = 0
         self._piece_bytes = (0, 8, 64)[link]
         self._piece = 0
+        self._ticked_us = float(now_us)
         self._stream = StreamDecoder()
         self._pieces = PieceDecoder()
 
@@ -75,12 +76,12 @@ class Device:
     def pass_us(self, time_us: int, lines: int = 0) -> None:
         """Let time pass: ticks come at the rate that the core asked for, from now on."""
         end = self.now_us + time_us
-        step = 1e6 / self.host.tick_Hz
-        at = self.now_us + step
-        while at <= end:
-            self.now_us = round(at)
+        while True:
+            at = max(self._ticked_us + 1e6 / self.host.tick_Hz, self.now_us)
+            if at > end:
+                break
+            self.now_us, self._ticked_us = round(at), at
             self.tick(lines)
-            at += step
         self.now_us = end
 
     def answers(self) -> list[frames.Frame]:

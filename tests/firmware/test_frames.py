@@ -7,16 +7,16 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tools import bridge_layout
 
 from motord.wire import cobs, frames
 from motord.wire.bridge_layout import LAYOUTS, PROTOCOL
 from motord.wire.can_pieces import PieceDecoder, split
 from motord.wire.crc import crc16
-from motord.wire.stream import StreamDecoder
 from motord.wire.sequence import SequenceCheck
+from motord.wire.stream import StreamDecoder
 from tests.firmware.library import Library
 from tests.unit.wire.test_frames import FRAMES, KINDS, U16
-from tools import bridge_layout
 
 BODIES = st.builds(frames.pack, FRAMES, U16)
 
@@ -54,8 +54,8 @@ def test_named_tuples_have_the_headers_fields() -> None:
 
 def test_both_sides_have_one_layout_hash(library: Library) -> None:
     assert library.lib.frame_layout_hash() == frames.LAYOUT_HASH
-    assert library.lib.BRIDGE_BODY_MAX == max(frames.BODY_BYTES.values())
-    assert library.lib.BRIDGE_BODY_MIN == min(frames.BODY_BYTES.values())
+    assert max(frames.BODY_BYTES.values()) == library.lib.BRIDGE_BODY_MAX
+    assert min(frames.BODY_BYTES.values()) == library.lib.BRIDGE_BODY_MIN
     assert library.lib.STREAM_STUFFED_MAX == frames.MAX_STUFFED_BYTES
     assert PROTOCOL == frames.PROTOCOL
 
