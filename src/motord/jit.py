@@ -23,7 +23,7 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
 def _kernel_digest(package: Path) -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    virtual = ("virtual/bench.py", "virtual/faults.py")
+    virtual = ("virtual/bench.py", "virtual/drive.py", "virtual/faults.py")
     single = ("jit.py", "schema.py", "runtime/histogram.py", *virtual)
     sources = [package / name for name in single]
     for name in KERNEL_PACKAGES:

@@ -28,7 +28,9 @@ AXES = record_dtype(
         ("scale", "f8"),  # what the drive calls 1 A of phase amplitude
         ("command_age_s", "f8"),  # of the drive's angle when its current flows
         ("feedback_age_s", "f8"),  # of the drive's angle when it senses currents
-        ("senses_phases", "f8"),  # the drive says phase currents, not those along its axes
+        ("turning", "i8"),  # the drive takes d and q; else nothing here means anything
+        ("q_only", "i8"),
+        ("says_phases", "i8"),  # it says phase currents, not those along its axes
     ]
 )
 
@@ -103,16 +105,20 @@ class Axes:
         q *= self.direction
         return to_phases(electrical_rad, self.sequence, d / self.scale, q / self.scale)
 
-    def record(self, senses_phases: bool) -> np.ndarray:
-        """Return the same as an AXES, shape (1,), for compiled code."""
-        record = np.zeros(1, AXES)
-        for name, value in vars(self).items():
-            record[name] = value
-        record["senses_phases"] = senses_phases
-        return record
-
     def _electrical_rad(self, angle_rad: float) -> float:
         return self.pole_pairs * angle_rad + self.offset_rad
+
+
+def axes_record(config: Config) -> np.ndarray:
+    """Return the axes of a bench's drive as AXES, shape (1,), for compiled code; zeros for none."""
+    record = np.zeros(1, AXES)
+    can = config.inverter.can
+    if config.inverter.driver == "can-dq" and can is not None:
+        for name, value in vars(Axes.of(config)).items():
+            record[name] = value
+        record["turning"], record["q_only"] = True, can.signals.q_only
+        record["says_phases"] = bool(can.signals.feedback_i_A)
+    return record
 
 
 def flux_axis(back_emf: np.ndarray, pole_pairs: int) -> tuple[float, int]:

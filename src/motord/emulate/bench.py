@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from motord.config import Config, ModbusConfig
 from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS, Currents, Inverter, RegisterDevice
-from motord.rig import build, step
+from motord.rig import build, rotating, step
+from motord.rig.drive import with_drive
+from motord.rig.rotating import LATCHED
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_OUTPUT, new_input, new_output
 from motord.schema import TRUTH_DTYPE, InverterStatus
@@ -27,7 +29,7 @@ ADVANCE_MAX_NS = 500_000_000
 
 
 class Command(NamedTuple):
-    """A current command as the inverter received it."""
+    """A current command as the inverter received it: of the phases, or (d, q, 0)."""
 
     i_A: Currents
     enable: bool
@@ -38,6 +40,10 @@ class Reading(NamedTuple):
 
     i_sensed_A: NDArray[np.float64]
     u_V: NDArray[np.float64]
+    i_d_A: float
+    i_q_A: float
+    u_d_V: float
+    u_q_V: float
     u_bus_V: float
     temperature_C: float
     brake_temperature_C: float
@@ -61,7 +67,10 @@ class EmulatedBench:
         self.skipped_ns = 0
         self.played_ns = 0
         self.paused_ns = 0
-        self.inverter = Inverter(config.inverter.timeout_s)
+        can = config.inverter.can
+        self.inverter = Inverter(
+            config.inverter.timeout_s, always_on=can is not None and not can.signals.command_enable
+        )
         self.board = Board(config, start_ns)
         self.brake = RegisterDevice(config.brake.modbus or ModbusConfig(), 0.0, 1.0)
         fastest_rad_s = config.drive.speed_max_rad_s
@@ -73,7 +82,9 @@ class EmulatedBench:
         self._woke_ns = start_ns
         self._awake_until_ns = NEVER_NS
         self._temperature_max_C = config.brake.temperature_max_C
+        truth = with_drive(truth, config.inverter)
         self._parameters, self._state = build.build(truth, config.bench.seed)
+        self._latches = bool(self._parameters["axes"][0] == LATCHED)
         self._output = new_output()
         self.rig_input = new_input()
         self._fields = {name: self.rig_input[name] for name in self.rig_input.dtype.names or ()}
@@ -130,10 +141,18 @@ class EmulatedBench:
 
     def _take(self, what: Command | Numbered, answer: Callable[[Frame], object]) -> None:
         if isinstance(what, Command):
-            self.inverter.command(self.now_ns, what.i_A, what.enable)
+            i_A = self.latch(what.i_A) if self._latches else what.i_A
+            self.inverter.command(self.now_ns, i_A, what.enable)
             return
         for frame in self.board.receive(self.now_ns, what):
             answer(frame)
+
+    def latch(self, i_A: Currents) -> Currents:
+        """Return the phase currents that (d, q, -) are with the rotor where it is."""
+        phases_A = np.array(i_A)
+        rotating.latch(self._parameters, self._state, phases_A)
+        i_a_A, i_b_A, i_c_A = phases_A.tolist()
+        return i_a_A, i_b_A, i_c_A
 
     def _step(self, to_ns: int) -> None:
         duration_ns = to_ns - self.now_ns
@@ -166,5 +185,6 @@ def compile_kernels(config: Config, truth: RigTruth) -> None:
     """Compile the kernels of the rig, which may take seconds, with a bench thrown away."""
     bench = EmulatedBench(config, truth, 0)
     bench.advance(1_000_000, lambda _frame: None)
+    bench.latch((0.0, 0.0, 0.0))
     bench.sense()
     bench.fill_truth(0, np.zeros(1, TRUTH_DTYPE)[0])

@@ -18,9 +18,11 @@ class Inverter:
 
     After `timeout_s` without a command its currents are zero and its power stage is off; it stays
     off until it has been told to be off, so that a host that comes back does not find it running.
+    One that is `always_on` cannot be told to: it follows the next command.
     """
 
-    def __init__(self, timeout_s: float) -> None:
+    def __init__(self, timeout_s: float, always_on: bool = False) -> None:
+        self._always_on = always_on
         self.i_A = ZERO_A
         self.enabled = False
         self.timed_out = False
@@ -33,7 +35,7 @@ class Inverter:
         """Take a command; currents that are not finite are refused as zero."""
         self.commanded_ns = now_ns
         self.deadline_ns = now_ns + self._timeout_ns
-        self.timed_out = self.timed_out and enable
+        self.timed_out = self.timed_out and enable and not self._always_on
         self.enabled = enable and not self.timed_out
         self.i_A = i_A if self.enabled and all(map(math.isfinite, i_A)) else ZERO_A
 

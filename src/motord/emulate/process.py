@@ -26,12 +26,17 @@ from motord.emulate.link import BoardLink
 from motord.emulate.modbus import ModbusServers, place_of
 from motord.emulate.qemu import Qemu
 from motord.emulate.schedule import Schedule
-from motord.emulate.selection import check_drivers, is_fast, register_devices
+from motord.emulate.selection import (
+    check_drivers,
+    is_fast,
+    register_devices,
+    said_by_inverter,
+)
 from motord.emulate.truth_log import TruthLog, TruthSink
 from motord.rig.truth import RigTruth
 from motord.schema import InverterStatus
 from motord.wire import dbc
-from motord.wire.can_codec import FEEDBACK_SLOTS, MessageCodec
+from motord.wire.can_codec import MessageCodec
 
 CATCH_UP_NS = 200_000_000
 BOARD_STATUS_HZ = 20
@@ -287,14 +292,6 @@ class Emulator:
     def _send(
         self, messages: list[MessageCodec], reading: Reading, status: InverterStatus, at_ns: int
     ) -> None:
-        currents_A, voltages_V = reading.i_sensed_A.tolist(), reading.u_V.tolist()
-        values = (
-            *currents_A,
-            *voltages_V,
-            reading.u_bus_V,
-            reading.temperature_C,
-            self._codec.status_word(status),
-        )
-        named = dict(zip(FEEDBACK_SLOTS, values, strict=True))
+        named = said_by_inverter(reading, self._codec.status_word(status))
         for message in messages:
             self._can.send(message, named, at_ns)

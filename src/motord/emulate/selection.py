@@ -2,17 +2,20 @@
 
 from motord.config import Config, ModbusConfig
 from motord.emulate import EmulatorError
-from motord.emulate.bench import EmulatedBench
+from motord.emulate.bench import EmulatedBench, Reading
 from motord.emulate.devices import RegisterDevice
-from motord.wire.can_codec import FEEDBACK_SLOTS, MessageCodec
+from motord.wire.can_codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, MessageCodec
+
+_SLOTS = FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS
+_FAST = {*FEEDBACK_SLOTS[:6], *DQ_FEEDBACK_SLOTS}
 
 
 def check_drivers(config: Config) -> None:
     """Raise EmulatorError unless the bench's devices are ones that can be emulated."""
-    if config.inverter.driver != "can" or config.inverter.can is None:
+    if config.inverter.driver not in ("can", "can-dq") or config.inverter.can is None:
         raise EmulatorError(
             f'[inverter] driver = "{config.inverter.driver}": the emulator serves driver = "can" '
-            "only; take config/emulated.toml as a start"
+            'and "can-dq" only; take config/emulated.toml or config/dq.toml as a start'
         )
     if config.bridge.driver != "serial":
         raise EmulatorError(
@@ -23,7 +26,23 @@ def check_drivers(config: Config) -> None:
 
 def is_fast(message: MessageCodec) -> bool:
     """Return whether a message carries currents or voltages: it is sent at the loop's rate."""
-    return not set(message.slots).isdisjoint(FEEDBACK_SLOTS[:6])
+    return not _FAST.isdisjoint(message.slots)
+
+
+def said_by_inverter(reading: Reading, status_word: int) -> dict[str, float]:
+    """Return all values that messages of the inverter may carry."""
+    values = (
+        *reading.i_sensed_A.tolist(),
+        *reading.u_V.tolist(),
+        reading.u_bus_V,
+        reading.temperature_C,
+        status_word,
+        reading.i_d_A,
+        reading.i_q_A,
+        reading.u_d_V,
+        reading.u_q_V,
+    )
+    return dict(zip(_SLOTS, values, strict=True))
 
 
 def register_devices(

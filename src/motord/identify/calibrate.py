@@ -6,13 +6,14 @@ import numpy as np
 
 from motord.calibration import Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.identify import star
+from motord.identify import IdentifyError, star
 from motord.identify.basis import Basis
 from motord.identify.checks import check_fit, check_points
+from motord.identify.common_part import is_missing, restored
 from motord.identify.joint import Fit, fit
 from motord.identify.moments import PointMoments, accumulate
 from motord.identify.orders import allowed_orders
-from motord.identify.points import PointData, prepare, require_currents
+from motord.identify.points import PointData, Samples, prepare, require_currents
 from motord.identify.residual import ResidualEstimator
 from motord.identify.result import CalibrationResult, Method
 from motord.identify.ripple import harmonics_table
@@ -26,12 +27,17 @@ SAMPLES_PER_PERIOD = 2.4
 """Samples that a period of the highest cogging order needs, at the fastest operating point."""
 
 
+ROUNDS = 4
+"""Fits by which the common part of a star's currents settles, where it was not recorded."""
+
+
 class Calibrator:
     """Takes operating points one by one; then gives the result of either estimator.
 
     Points with induced errors tell the joint estimator of the common gain; the residual estimator,
     which knows nothing of that, and the ripples go without.
-    What it keeps of a point does not grow with the number of samples.
+    What it keeps of a point does not grow with the number of samples; but for a star whose
+    currents were recorded without their common part, it keeps them all.
     """
 
     def __init__(self, motor: MotorConfig, sensor: TorqueSensorConfig) -> None:
@@ -41,6 +47,7 @@ class Calibrator:
         )
         self._basis = Basis.of(motor, self._orders)
         self._points: list[PointMoments] = []
+        self._bare: list[Samples] = []  # samples without the common part of their currents
         self._residual = ResidualEstimator(motor, self._orders)
         self._ripples: list[PointRipple] = []
 
@@ -49,6 +56,8 @@ class Calibrator:
         samples = prepare(point, self._motor.counts)
         require_currents(samples)
         self._points.append(accumulate(samples, self._basis, self._sensor))
+        if self._motor.connection == "star" and is_missing(samples):
+            self._bare.append(samples)
         if point.induced:
             return
         self._residual.add(samples)
@@ -62,14 +71,22 @@ class Calibrator:
         """Return the result of the joint estimator. Raises IdentifyError."""
         check_points(self._points)
         orders = self._sampled_orders()
-        is_star = self._motor.connection == "star"
-        gatherer = Gatherer(self._points, self._basis, len(orders), is_star)
+        # Kirchhoff's law tells nothing of currents that were made to add up to nothing
+        has_law = self._motor.connection == "star" and not self._bare
         rated_A = rated_current_A(self._motor)
+        gatherer = Gatherer(self._points, self._basis, len(orders), has_law)
         fitted = fit(gatherer, rated_A)
         check_fit(fitted)
+        if self._bare:
+            fitted = self._with_common_part(fitted, len(orders), rated_A)
         words = _what_was_seen(fitted)
-        if is_star:
+        if has_law:
             words.append(star.compare(gatherer, rated_A))
+        elif self._bare:
+            words.append(
+                "common part of the currents: not recorded (currents along d and q, or of two "
+                "sensors); from Kirchhoff's law with the gains found"
+            )
         if len(orders) < len(self._orders):
             dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
             words.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
@@ -91,6 +108,22 @@ class Calibrator:
             current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
         )
+
+    def _with_common_part(self, fitted: Fit, orders: int, rated_A: float) -> Fit:
+        """Return the fit to currents with the common part that it itself implies."""
+        if len(self._bare) < len(self._points):
+            raise IdentifyError(
+                "some operating points have currents with a common part, others without; "
+                "calibrate from runs of one drive only"
+            )
+        for _ in range(ROUNDS):
+            alpha = fitted.solution.alpha
+            points = [
+                accumulate(restored(samples, alpha), self._basis, self._sensor)
+                for samples in self._bare
+            ]
+            fitted = fit(Gatherer(points, self._basis, orders, False), rated_A)
+        return fitted
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import MotorConfig, TorqueSensorConfig
+from motord.identify.common_part import is_missing, restored
 from motord.identify.points import Samples, require_currents
 from motord.identify.verify import PointRipple, point_ripple, repeating_rms, ripple_of
 
@@ -71,6 +72,8 @@ def reconstructed_torque(
     gain = calibration.delta_epsilon * np.array(calibration.alpha)
     back_emf = motor.back_emf_table()[samples.count]
     cogging_Nm = np.array(calibration.tau_cog_Nm)[samples.count]
+    if motor.connection == "star" and is_missing(samples):
+        samples = restored(samples, gain)
     flowing_A = samples.i_A * gain + np.array(calibration.beta_A)
     rate_A_per_s = np.gradient(samples.i_A, samples.t_s, axis=0) * gain
     return (flowing_A * back_emf).sum(axis=1) + cogging_Nm, (rate_A_per_s * back_emf).sum(axis=1)

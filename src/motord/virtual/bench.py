@@ -8,15 +8,18 @@ import numpy as np
 from motord.config import Config, ConfigError
 from motord.config.faults import Fault, Timeline, load_timeline
 from motord.control import parameters as control_parameters
+from motord.control.rotating import axes_record
 from motord.control.step import new_memory, step
 from motord.control.types import COMMAND, FEEDBACK
 from motord.jit import jit
 from motord.rig.build import build
+from motord.rig.drive import with_drive
 from motord.rig.feedback import apply_command, fill_feedback
 from motord.rig.step import advance, fill_truth, sense
 from motord.rig.truth import RigTruth, load
 from motord.rig.types import new_input, new_output
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
+from motord.virtual.drive import hear_drive, tell_drive
 from motord.virtual.faults import (
     Player,
     deliver,
@@ -52,7 +55,7 @@ class VirtualBench:
         faults: Timeline | None = None,
     ) -> None:
         self.config = config
-        self.truth = truth or load(config.bench.rig)
+        self.truth = with_drive(truth or load(config.bench.rig), config.inverter)
         if self.truth.encoder.counts != config.motor.counts:
             raise ConfigError(
                 f"{config.bench.rig or 'the simulated rig'}: its encoder has "
@@ -60,12 +63,14 @@ class VirtualBench:
             )
         self.tick = 0
         self.missed = 0
+        self._axes = axes_record(config)
         self._rig = build(
             self.truth, config.bench.seed if seed is None else seed, self._fitting_substep_s()
         )
         self._input, self._output = new_input(), new_output()
         self._memory = new_memory()
         self._feedback, self._command = np.zeros(1, FEEDBACK), np.zeros(1, COMMAND)
+        self._sent = np.zeros(1, COMMAND)
         self._torque_Nm_per_count = (
             config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
         )
@@ -164,6 +169,8 @@ class VirtualBench:
             self._feedback,
             setpoint.copy(),
             self._command,
+            self._axes,
+            self._sent,
             self._link,
             self._ring,
             self._fresh,
@@ -195,6 +202,8 @@ def _run(
     feedback: np.ndarray,
     setpoint: np.ndarray,
     command: np.ndarray,
+    axes: np.ndarray,
+    sent: np.ndarray,
     link: np.ndarray,
     ring: np.ndarray,
     fresh: np.ndarray,
@@ -206,19 +215,24 @@ def _run(
 ) -> None:
     """Sense, decide, act, let a period pass; once for every row of the blocks."""
     s, lk, period_s = setpoint[0], link[0], 1.0 / rate_Hz
-    disturbed = lk.active != 0
+    disturbed, turning = lk.active != 0, axes[0].turning != 0
+    hears_axes = turning and not axes[0].says_phases
     for row in range(tick_block.size):
         number = first_tick + row
         t_ns = EPOCH_NS + number * 1_000_000_000 // rate_Hz
         sense(rig_parameters, rig_state, rig_output)
         if disturbed:
             fill_feedback(rig_output, t_ns, torque_Nm_per_count, fresh)
+            if hears_axes:
+                hear_drive(axes, command, rig_output, fresh)
             deliver(link, ring, fresh, feedback)
             if not lk.supervisor_silent:
                 lk.heartbeat_ns = t_ns
             s.heartbeat_ns = lk.heartbeat_ns
         else:
             fill_feedback(rig_output, t_ns, torque_Nm_per_count, feedback)
+            if hears_axes:
+                hear_drive(axes, command, rig_output, feedback)
             s.heartbeat_ns = t_ns
         s.brake_temperature_C = rig_output[0].brake_temperature_C
         tick_block[row].tick = number
@@ -234,8 +248,12 @@ def _run(
             tick_block[row : row + 1],
         )
         fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
+        told = command
+        if turning:
+            tell_drive(axes, command, sent, rig_parameters, rig_state)
+            told = sent
         if disturbed:
-            deliver_command(link, command, rig_input)
+            deliver_command(link, told, rig_input)
         else:
-            apply_command(command, rig_input)
+            apply_command(told, rig_input)
         advance(rig_parameters, rig_state, rig_input, period_s)
