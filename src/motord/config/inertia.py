@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Fraction, NonNegative, Positive, Section
+from motord.config.base import Fraction, NonNegative, Positive, Section, TemperatureBand
 
 Tolerance = Annotated[float, Field(ge=0, lt=0.5)]
 """Half the width of a rectangular distribution, in parts of the value."""
@@ -29,7 +29,8 @@ class OscillationConfig(Section):
     are named once and shared by the springs at them. The tolerances are half widths of rectangular
     distributions in parts of the value (that of the effective mass: of the spring's mass); `shared`
     is the part of the variance that all springs, or all levers, have in common. `stator`: it is in
-    place, so that cogging torque acts on the swing.
+    place, so that cogging torque acts on the swing. temperature_C: band of the inverter's; outside,
+    a release is poor and another is waited for.
     """
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 30
@@ -38,6 +39,7 @@ class OscillationConfig(Section):
     still_s: Positive = 0.2
     swing_max_s: Positive = 1.6
     timeout_s: Positive = 120.0
+    temperature_C: TemperatureBand | None = None
     levers_m: tuple[Positive, ...] = ()
     springs: tuple[SpringConfig, ...] = ()
     bar_inertia_kg_m2: NonNegative = 0.0
@@ -68,14 +70,17 @@ class AccelerationConfig(Section):
 
     Each begins after rest_s at rest, ends at stop_speed_Hz and is followed for coast_s. The
     tolerances are half widths of rectangular distributions in parts of the value: of the torque
-    sensor's gain and of its time constant.
+    sensor's gain and of its time constant. A rotor that moves by more than rest_rad while it should
+    rest makes a step poor, as an inverter outside the band temperature_C does.
     """
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 10
     torque_Nm: Positive = 1.0
     stop_speed_Hz: Positive = 1.0
     rest_s: Annotated[float, Field(ge=0.5, le=60)] = 3.0
+    rest_rad: Annotated[float, Field(gt=0, lt=1)] = 0.02
     coast_s: Annotated[float, Field(ge=0.1, le=10)] = 0.3
     timeout_s: Positive = 20.0
+    temperature_C: TemperatureBand | None = None
     gain_tolerance: Tolerance = 0.01
     highpass_tolerance: Tolerance = 0.05

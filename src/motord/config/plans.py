@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field, field_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.base import Finite, NonNegative, Positive, Section, TemperatureBand
 from motord.config.inertia import AccelerationConfig, OscillationConfig
 
 SMALLEST_GAIN_STEP = 0.05
@@ -23,14 +23,7 @@ class MeshConfig(Section):
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
-    temperature_C: tuple[Finite, Finite] | None = None
-
-    @field_validator("temperature_C")
-    @classmethod
-    def _is_a_band(cls, band_C: tuple[float, float] | None) -> tuple[float, float] | None:
-        if band_C is not None and band_C[0] >= band_C[1]:
-            raise ValueError("the lower temperature comes first")
-        return band_C
+    temperature_C: TemperatureBand | None = None
 
 
 class CalibrateConfig(MeshConfig):
@@ -59,7 +52,7 @@ class DrivenConfig(Section):
     Each speed is approached from spin_up times that speed: from below, a rotor on a flexible belt
     can be caught in large swings between belt and cogging. The belt creeps: the rotor's mean speed
     may differ from the drive's by speed_tolerance (in parts), and must then hold still within
-    settle_tolerance for settle_s.
+    settle_tolerance for settle_s. temperature_C: as of a mesh.
     """
 
     speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -69,6 +62,7 @@ class DrivenConfig(Section):
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
     settle_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
     spin_up: Annotated[float, Field(ge=1, le=3)] = 1.3
+    temperature_C: TemperatureBand | None = None
 
 
 class SensitivityConfig(Section):

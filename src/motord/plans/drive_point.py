@@ -7,6 +7,7 @@ from typing import Any
 
 from motord.config import DrivenConfig
 from motord.plans.observation import Observation
+from motord.plans.quality import of_capture
 from motord.plans.steps import Advance, Demand, OperatingPoint, Outcome
 from motord.schema import State
 
@@ -136,8 +137,6 @@ class DrivePoint:
 
     def _account(self, seen: Observation) -> dict[str, Any]:
         """Return the operating point as it was taken (topic `/operating_point`)."""
-        off = abs(seen.point_speed_Hz / self.point.speed_Hz - 1.0)
-        drifted = off > 2 * self.driven.speed_tolerance
         return {
             "index": self.point.index,
             "torque_Nm": 0.0,
@@ -150,5 +149,5 @@ class DrivePoint:
             "speed_mean_Hz": round(seen.point_speed_Hz, 5),
             "driven": True,
             "compensate": 0,
-            "quality": f"speed off by {100 * off:.1f} %" if drifted else "ok",
+            "quality": of_capture(seen, self.point.speed_Hz, self.driven),
         }

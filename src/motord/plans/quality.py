@@ -1,6 +1,6 @@
 """How well an operating point was taken, judged from its capture."""
 
-from motord.config import MeshConfig
+from motord.config import AccelerationConfig, DrivenConfig, MeshConfig, OscillationConfig
 from motord.plans.observation import Observation
 
 GOOD = "ok"
@@ -16,16 +16,27 @@ ERRORS_PART = 0.01
 """Frames that may be lost or corrupt, for each tick."""
 
 
-def of_capture(seen: Observation, speed_Hz: float, mesh: MeshConfig) -> str:
+def of_capture(seen: Observation, speed_Hz: float, how: MeshConfig | DrivenConfig) -> str:
     """Return "ok", or what is wrong with the point captured at `speed_Hz`, in words.
 
     `seen` is the observation at the end of its capture.
     """
-    wrong = [
-        _speed(seen, speed_Hz, mesh.speed_tolerance),
-        _noise(seen),
-        _temperature(seen, mesh.temperature_C),
-    ]
+    return _all_of(_speed(seen, speed_Hz, how.speed_tolerance), seen, how.temperature_C)
+
+
+def of_push(seen: Observation, moved_rad: float, push: AccelerationConfig) -> str:
+    """As `of_capture`, of a step of torque from a rest in which the rotor moved so far."""
+    moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
+    return _all_of(moved if moved_rad > push.rest_rad else "", seen, push.temperature_C)
+
+
+def of_swing(seen: Observation, swing: OscillationConfig) -> str:
+    """As `of_capture`, of a release of the bar, which is only taken once it was held still."""
+    return _all_of("", seen, swing.temperature_C)
+
+
+def _all_of(settled: str, seen: Observation, band_C: tuple[float, float] | None) -> str:
+    wrong = (settled, _noise(seen), _temperature(seen, band_C))
     return "; ".join(filter(None, wrong)) or GOOD
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from motord.config import AccelerationConfig, BrakeConfig
 from motord.plans.observation import Observation
+from motord.plans.quality import of_push
 from motord.plans.steps import Advance, Demand, OperatingPoint, Outcome
 
 STANDSTILL_RAD = 0.01
@@ -35,6 +36,7 @@ class TakePush:
     phase: Phase = Phase.STOP
     _phase_began_ns: int = 0
     _began_ns: int = 0
+    _rest_rad: tuple[float, float] = (0.0, 0.0)  # where the rotor was while it rested
 
     @property
     def label(self) -> str:
@@ -71,8 +73,14 @@ class TakePush:
         elif self.phase is Phase.RELEASE:
             if elapsed_s >= self._release_s:
                 self._enter(Phase.REST, seen)
+                self._rest_rad = (seen.turned_rad, seen.turned_rad)
                 return Advance(marked)
         elif self.phase is Phase.REST:
+            lowest_rad, highest_rad = self._rest_rad
+            self._rest_rad = (
+                min(lowest_rad, seen.lowest_rad),
+                max(highest_rad, seen.highest_rad),
+            )
             if elapsed_s >= self.push.rest_s:
                 self._enter(Phase.PUSH, seen)
                 return Advance(replace(marked, torque_Nm=self.point.torque_Nm))
@@ -113,5 +121,5 @@ class TakePush:
             "speed_mean_Hz": round(seen.point_speed_Hz, 5),
             "brake": 0.0,
             "compensate": demand.compensate,
-            "quality": "ok",
+            "quality": of_push(seen, self._rest_rad[1] - self._rest_rad[0], self.push),
         }

@@ -8,6 +8,7 @@ from typing import Any
 
 from motord.config import OscillationConfig
 from motord.plans.observation import Observation
+from motord.plans.quality import of_swing
 from motord.plans.steps import Advance, Demand, OperatingPoint, Outcome
 from motord.schema import State
 
@@ -153,7 +154,7 @@ class TakeSwing:
             "speed_mean_Hz": 0.0,
             "brake": 0.0,
             "compensate": 0,
-            "quality": "ok",
+            "quality": of_swing(seen, self.swing),
             "swing": {
                 "deflection_rad": round(self._furthest_rad / 2, 5),
                 "seconds": round((seen.t_ns - self._left_ns) * 1e-9, 3),

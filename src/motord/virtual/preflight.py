@@ -36,7 +36,7 @@ class Forecast:
 
 
 BY_HAND = frozenset({"inertia-oscillation"})
-"""Plans in which somebody has to do something at the rig."""
+"""Plans in which somebody has to move the rotor, unless the simulated rig has a hand."""
 
 
 class _TooLongError(Exception):
@@ -55,7 +55,7 @@ def forecasts(
     Each point is taken on a rig of its own, from standstill, so nothing is told of the ways
     between points. After `limit_s` of elapsed time those that are left are not simulated.
     """
-    if plan.name in BY_HAND:
+    if plan.name in BY_HAND and as_told(config)[1].swing is None:
         why = "somebody has to move the rotor by hand"
         yield from (Forecast(point, trouble=why, simulated=False) for point in plan.points)
         return

@@ -144,6 +144,29 @@ def test_a_speed_that_drifts_away_in_the_capture_is_told() -> None:
     assert driven.executor.points[0]["quality"].startswith("speed off by")
 
 
+@pytest.mark.parametrize(
+    ("swing", "words"), [(0.12, "ok"), (0.25, "not settled: turns from 0.3")], ids=["small", "big"]
+)
+def test_a_speed_that_swings_about_its_mean_in_the_capture_has_not_settled(swing, words) -> None:
+    driven = Driven(lambda drive, _: drive, turns=12)
+    while driven.demand.plan_point < 0:
+        driven.look()
+    begun, turn = driven.bench.number, 200  # ticks of a turn at 0.5 Hz
+    driven.answer = lambda drive, n: (
+        drive * (1 + swing * np.sin(2 * np.pi * (n - begun) / (6 * turn)))
+    )
+    while not driven.executor.points:
+        driven.look()
+    assert driven.executor.points[0]["quality"].startswith(words)
+
+
+def test_a_poor_driven_point_is_taken_again_and_marked() -> None:
+    driven = Driven(lambda drive, _: drive, temperature_C=[30.0, 50.0], speeds_Hz=[0.5])
+    driven.finish()
+    takes = [(p["take"], p["quality"].partition(",")[0]) for p in driven.executor.points]
+    assert takes == [(take, "inverter at 0.0 degC") for take in (1, 2, 3)]
+
+
 def test_a_stop_by_somebody_else_ends_it() -> None:
     driven = Driven(lambda drive, _: drive)
     while driven.demand.plan_point < 0:

@@ -205,3 +205,49 @@ def test_a_rotor_that_does_not_stop_is_told() -> None:
         if executor.state is PlanState.ENDING:
             bar.state = State.READY
     assert "did not come to rest" in executor.message
+
+
+class NoisyBar(Bar):
+    """A bar whose bridge loses a frame in ten ticks until `until_s`."""
+
+    until_s = 5.0
+
+    def look(self, plan_point: int) -> np.ndarray:
+        block = super().look(plan_point)
+        block["link_errors"] = np.minimum(block["tick"], 1000 * self.until_s) / 10
+        return block
+
+
+def test_a_release_that_was_noisy_is_waited_for_again() -> None:
+    def twice(t_s: float) -> float:
+        return released(t_s if t_s < 5.0 else t_s - 5.0)
+
+    executor = watch(NoisyBar(twice), 12.0, repeats=1)
+    assert executor.state is PlanState.DONE
+    poor, good = executor.points
+    assert poor["quality"].startswith("noisy: ")
+    assert (poor["take"], good["take"], good["quality"]) == (1, 2, "ok")
+    assert executor.points_done == 1
+
+
+def test_a_band_of_temperature_holds_for_a_release() -> None:
+    executor = watch(Bar(released), 8.0, repeats=1, temperature_C=(20.0, 40.0))
+    assert executor.points[0]["quality"].startswith("inverter at 0.0 degC, outside")
+
+
+@pytest.mark.parametrize(
+    ("creeps_rad_per_s", "words"), [(0.001, "ok"), (0.05, "not settled: moved by 0.0")]
+)
+def test_a_rotor_that_creeps_before_a_step_makes_it_poor(creeps_rad_per_s, words) -> None:
+    plan = build("inertia-acceleration", load(), {"repeats": 1, "rest_s": 0.6})
+    executor, watcher = Executor(plan), TickWatcher()
+    bar = Bar(lambda t_s: creeps_rad_per_s * t_s, State.ENABLED)
+    point = torque_Nm = 0
+    while not executor.points:
+        block = bar.look(point)
+        if torque_Nm:
+            block["speed_rad_s"] = 10.0
+        demand = executor.advance(watcher.take(block))
+        point, torque_Nm = demand.plan_point, demand.torque_Nm
+        assert bar.tick < 20_000
+    assert executor.points[0]["quality"].startswith(words)

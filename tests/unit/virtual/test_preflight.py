@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.config import ConfigError, load
+from motord.config import ConfigError, load, packaged
 from motord.config.back_emf import BackEmfTable
 from motord.plans import PLANS, build
 from motord.virtual import preflight
@@ -119,6 +119,13 @@ def test_a_measured_back_emf_becomes_harmonics():
         for h in truth.motor.back_emf
     )
     assert np.allclose(again, table.values[:, 0], atol=1e-9)
+
+
+def test_a_release_by_a_simulated_hand_can_be_tried_out():
+    config = load(packaged("inertia.toml"))
+    plan = build("inertia-oscillation", config, {"repeats": 1})
+    [each] = forecasts(config, plan, None, Here(), 1e6)
+    assert each.fine
 
 
 @pytest.mark.parametrize("name", [n for n in PLANS if n != "sensitivity"])
