@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 
 from motord import config
+from motord.config import CanConfig, packaged
+from motord.control.rotating import Axes
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.bridge_serial import SerialBridge
 from motord.hal.inverter_can import CanInverter
+from motord.hal.inverter_dq import DqInverter
 from motord.hal.registry import make_rig
-from tests.contract.peers import SOCKETCAN, Board, Drive, Peer, bench, can_config
+from tests.contract.peers import DQ_SIGNALS, SOCKETCAN, Board, Drive, Peer, bench, can_config
 from tests.contract.slcan import SlcanEnd
 
 
@@ -61,6 +64,38 @@ def _can(interface: str) -> Bench:
     return Bench(CanInverter(bench(can)), ("t_inverter_ns",), (drive,), _drive_heard(drive))
 
 
+def dq_config(interface: str = "virtual", **signals: Any) -> CanConfig:
+    """Return a bus with a drive that takes d and q."""
+    mapped = {name: value for name, value in (DQ_SIGNALS | signals).items() if value}
+    return can_config(interface, dbc=packaged("dq_drive.dbc"), fd=False, signals=mapped)
+
+
+def can_dq() -> Bench:
+    return _dq(dq_config("udp_multicast"))
+
+
+def can_q_only() -> Bench:
+    """A drive that takes and says q alone, with nothing that guards its messages."""
+    left_out = ("command_i_d_A", "command_counter", "command_crc", "feedback_i_d_A")
+    left_out += ("feedback_counter", "feedback_crc")
+    return _dq(dq_config(**dict.fromkeys(left_out, "")))
+
+
+def _dq(can: CanConfig) -> Bench:
+    """Return a drive with its rotor at 0, where it hears and says phase currents, to 10 mA."""
+    drive, config = Drive(can), bench(can)
+    axes = Axes.of(config)
+    for key, phases in (("i_{}_A", (1.0, -2.5, 1.5)), ("u_{}_V", (3.0, -6.0, 3.0))):
+        d, q = axes.to_drive(0.0, 0.0, phases)
+        drive.values |= {key.format("d"): d, key.format("q"): q}
+
+    def heard() -> Any:
+        phases = axes.from_drive(0.0, 0.0, *drive.i_A[:2])
+        return tuple(round(i_A, 2) for i_A in phases), drive.enable
+
+    return Bench(DqInverter(config), ("t_inverter_ns",), (drive,), heard)
+
+
 def serial() -> Bench:
     board = Board()
     return Bench(
@@ -83,10 +118,17 @@ def simulated() -> Bench:
     return Bench(make_rig(config.load()), ("t_ns", "t_inverter_ns"), (), lambda: None)
 
 
-ON_A_WIRE: tuple[Callable[[], Bench], ...] = (can_udp, can_virtual, can_slcan, serial, wires)
+ON_A_WIRE: tuple[Callable[[], Bench], ...] = (
+    can_udp,
+    can_virtual,
+    can_slcan,
+    can_dq,
+    serial,
+    wires,
+)
 if SOCKETCAN:
     ON_A_WIRE += (can_socketcan,)
-BENCHES = (*ON_A_WIRE, simulated)
+BENCHES = (*ON_A_WIRE, can_q_only, simulated)
 
 
 def new_feedback() -> np.ndarray:

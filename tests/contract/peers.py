@@ -102,10 +102,12 @@ def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
 
 
 def bench(can: CanConfig | None = None, port: str = "/dev/null", **bridge: Any) -> Config:
-    """Return a bench with these wires."""
+    """Return a bench with these wires; with a star for a drive that takes d and q."""
+    can = can or can_config("virtual")
+    rotating = can.signals.rotating
     return Config(
-        motor=MOTOR,
-        inverter={"driver": "can", "can": can or can_config("virtual")},
+        motor=MOTOR.model_copy(update={"connection": "star"}) if rotating else MOTOR,
+        inverter={"driver": "can-dq" if rotating else "can", "can": can},
         bridge={
             "driver": "serial",
             "port": port,
@@ -181,6 +183,10 @@ class Drive(Peer):
             "u_bus_V": 24.0,
             "temperature_C": 41.5,
             "status": ready,
+            "i_d_A": 0.0,
+            "i_q_A": 0.0,
+            "u_d_V": 0.0,
+            "u_q_V": 0.0,
         }
         self._config = config
         self._counter = 0
