@@ -24,6 +24,7 @@ class Debugger:
 
     def __enter__(self):
         self.command("?")
+        self.command("qXfer:features:read:target.xml:0,fff")  # QEMU writes registers only then
         return self
 
     def __exit__(self, *_error):

@@ -19,6 +19,9 @@ from motord.emulate.pty import Pty
 from motord.emulate.qemu import Qemu, receive, send
 from motord.wire.frames import DELIMITER, Frame, Numbered
 
+FEED_HZ = 2000
+"""How often the rig's encoder and torque are fed, and what the firmware has sent is handed on."""
+
 
 def check_fault(fault: Fault) -> None:
     """Raise ValueError for a fault that the firmware cannot have."""
@@ -40,6 +43,7 @@ class FirmwareBoard(Board):
 
     def __init__(self, config: Config, machine: Qemu) -> None:
         super().__init__(config, 0)
+        self.rate_Hz = FEED_HZ
         self._machine = machine
 
     def receive(self, now_ns: int, numbered: Numbered) -> list[Frame]:

@@ -15,7 +15,7 @@ MACHINE = "netduinoplus2"
 END_S = 2.0
 _CHUNK_BYTES = 1 << 16
 _SOCKET_BYTES = 1 << 20
-"""What the firmware may send before the emulator reads it: seconds. When it is full QEMU waits."""
+"""What either side may send before the other reads it. When the firmware's is full QEMU waits."""
 
 
 class Qemu:
@@ -34,7 +34,8 @@ class Qemu:
         try:
             for ours, other in pairs:
                 ours.setblocking(False)
-                other.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
+                for end in (ours, other):
+                    end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
             command = _command_line(image, [other.fileno() for other in theirs])
             self._process = subprocess.Popen(
                 [*command, *arguments],

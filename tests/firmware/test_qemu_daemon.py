@@ -1,0 +1,147 @@
+"""Firmware in the loop: `motord run` with its serial driver, and the bridge's firmware in QEMU."""
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from motord import config
+from motord.emulate.control import inject
+from motord.record.reader import open_run
+from tests.firmware.images import emulated, with_other_layout
+from tests.system.daemons import Program, daemon, patient, wait_for
+from tests.system.test_wire import currents, hold
+from tests.unit.emulate.benches import write_bench
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+HEARTBEAT_TIMEOUT_S = 0.2
+INVERTER_TIMEOUT_S = 0.5
+"""Until then the rig waits for a command: `rig_patience_s`."""
+MARGIN_S = 1.5
+"""What a busy computer may take longer than the timeouts say."""
+COUNT_RAD = 2 * np.pi / 4096
+
+
+class Bench:
+    """A bench file and what runs on it."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.truth_path = folder / "truth.mcap"
+        self.path = write_bench(folder)
+        text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S)
+        text = text.replace("timeout_s = 5.0", f"timeout_s = {HEARTBEAT_TIMEOUT_S}", 1)
+        self.path.write_text(text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n"))
+        assert config.load(self.path).bridge.heartbeat_timeout_s == HEARTBEAT_TIMEOUT_S
+
+    def devices(self, image):
+        return Program(
+            self.folder, "emulate", "-c", self.path, "--truth", self.truth_path, "--json",
+            "--firmware", image,
+        )  # fmt: skip
+
+    def inject(self, **fault):
+        inject(config.load(self.path), fault)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    return Bench(tmp_path)
+
+
+@pytest.fixture
+def devices(bench):
+    running = bench.devices(emulated())
+    yield running
+    running.close()
+
+
+def truth_of(bench, devices):
+    """End the devices and return what the rig truly did."""
+    assert devices.end() == 0, devices.said()
+    return open_run(bench.truth_path).truth()
+
+
+def between(rows, begun, held):
+    return rows[(rows["t_ns"] > begun.tick.t_ns) & (rows["t_ns"] < held.tick.t_ns)]
+
+
+def test_the_bench_turns_with_the_firmware_in_the_loop(bench, devices):
+    with daemon(bench.folder, bench.path) as running:
+        with running.connect() as client, client.lease("anna") as lease:
+            begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
+        assert running.end() == 0, running.said()
+        [run] = running.runs()
+        ticks = between(run.ticks(), begun, held)
+    truth = truth_of(bench, devices)
+    expected_rad = np.interp(ticks["t_ns"], truth["t_ns"], np.unwrap(truth["angle_rad"]))
+    wrong_rad = (ticks["angle_rad"] - expected_rad + np.pi) % (2 * np.pi) - np.pi
+    assert len(ticks) > 100
+    assert abs(np.median(wrong_rad)) < 6 * COUNT_RAD  # 2 ms at that speed
+    assert np.mean(ticks["speed_rad_s"]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
+    truth = between(truth, begun, held)
+    assert np.median(truth["torque_Nm"]) == pytest.approx(3.0, rel=0.1)
+    assert (truth["enable_line"] == 1).all()
+
+
+def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
+    with daemon(bench.folder, bench.path) as running, running.connect() as client:
+        with client.lease("anna") as lease:
+            hold(client, lease, 2.0, 0.7, states_in_a_row=5)
+            bench.inject(kind="bridge_reboot", for_s=0.05)
+            tripped = wait_for(client, lambda state: state.trips, "a trip")
+            # the line opened, and so the power stage is off; or the board's first samples came first
+            assert tripped.first_trip in ("INVERTER_FAULT", "BRIDGE_FAULT"), tripped.trips
+            hold(client, lease, 2.0, 0.7, states_in_a_row=5)
+        assert running.end() == 0, running.said()
+    assert "trip: ENABLED -> TRIPPED" in running.said()
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL], ids=["stop", "kill"])
+def test_a_dead_loop_opens_the_line(bench, devices, number):
+    with daemon(bench.folder, bench.path) as running, running.connect() as client:
+        lease = client.lease("anna")
+        lease.acquire()
+        _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+        loop = state.processes["loop"].pid
+        stopped_ns = time.time_ns()
+        os.kill(loop, number)
+        time.sleep(INVERTER_TIMEOUT_S + MARGIN_S + 0.5)  # the emulator goes on
+        stopped_s = (time.time_ns() - stopped_ns) * 1e-9
+        if number == signal.SIGSTOP:
+            os.kill(loop, signal.SIGCONT)
+    truth = truth_of(bench, devices)
+    before = truth[(truth["t_ns"] > state.tick.t_ns) & (truth["t_ns"] < stopped_ns)]
+    since_s = (truth["t_ns"] - stopped_ns) * 1e-9
+    after = (since_s > INVERTER_TIMEOUT_S + MARGIN_S) & (since_s < stopped_s)
+    assert (before["enable_line"] == 1).all()
+    assert after.sum() > 10
+    assert (truth["enable_line"][after] == 0).all()
+    assert currents(truth, int(truth["t_ns"][after][0])).max() < 1e-6
+
+
+def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
+    with daemon(bench.folder, bench.path) as running, running.connect() as client:
+        with client.lease("anna") as lease:
+            hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+            bench.inject(kind="bridge_corrupt", for_s=1.0, fraction=0.1)
+            time.sleep(1.5)
+            assert client.state().state == "ENABLED", client.state().trips
+        assert running.end() == 0, running.said()
+        [run] = running.runs()
+        assert 10 < run.ticks(("link_errors",))["link_errors"].max() < 1000
+
+
+def test_firmware_with_other_frames_is_refused(bench, tmp_path):
+    devices = bench.devices(with_other_layout(tmp_path))
+    try:
+        program = Program(bench.folder, "run", "-c", bench.path, ready=False)
+        assert program.wait() == 1
+        last = program.said().splitlines()[-1]
+        assert "qemu-stm32f405 (firmware 1.0.0) was built with other frame layouts" in last
+        assert "update the older of the two" in last
+    finally:
+        devices.close()
