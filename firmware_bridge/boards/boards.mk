@@ -8,7 +8,7 @@ BOARDS_BUILD := $(BUILD)/boards
 
 BOARD_FLAGS := -mcpu=cortex-m4 -mthumb -mfpu=fpv4-sp-d16 -mfloat-abi=soft
 BOARD_CFLAGS := $(BOARD_FLAGS) -std=c11 -Os -g -ffreestanding -fno-common \
-  -ffunction-sections -fdata-sections -fstack-usage \
+  -ffunction-sections -fdata-sections -fstack-usage -fcallgraph-info=su \
   -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wundef -Werror \
   -I. -Iboards/stm32f405 -DHSE_HZ=$(HSE_HZ)U
 BOARD_LDFLAGS := $(BOARD_FLAGS) -nostartfiles --specs=nano.specs -Wl,--gc-sections \

@@ -23,10 +23,14 @@ class Machine:
         self.qemu = qemu
         self.frames = []
         self.told = []
-        self.errors = 0
         self._decoder = StreamDecoder()
         self._feed = FeedDecoder()
         self._sequence = 0
+
+    @property
+    def errors(self):
+        """Return the frames from the board that were lost or corrupt."""
+        return self._decoder.errors
 
     def send(self, *sent):
         """Send frames, or bytes as they are."""

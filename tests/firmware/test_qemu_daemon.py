@@ -93,7 +93,7 @@ def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
             hold(client, lease, 2.0, 0.7, states_in_a_row=5)
             bench.inject(kind="bridge_reboot", for_s=0.05)
             tripped = wait_for(client, lambda state: state.trips, "a trip")
-            # the line opened, and so the power stage is off; or the board's first samples came first
+            # the line opened and the power stage went off, or the first samples came sooner
             assert tripped.first_trip in ("INVERTER_FAULT", "BRIDGE_FAULT"), tripped.trips
             hold(client, lease, 2.0, 0.7, states_in_a_row=5)
         assert running.end() == 0, running.said()
