@@ -17,7 +17,8 @@ class CanSignalMap(Section):
     several messages, each with a counter and a CRC of its own, or none. A drive that is always on,
     or says nothing of its state, has "" for `command_enable` or `feedback_status`.
     `command_constants` sets other signals of the command. The masks tell which bits of the drive's
-    status word mean what (0 = the drive does not say).
+    status word mean what (0 = the drive does not say): all of them for ready, any for the others;
+    or, with a value besides, that the bits of the mask have that value.
     """
 
     command_i_A: Phases = ()
@@ -44,6 +45,10 @@ class CanSignalMap(Section):
     status_fault_mask: Annotated[int, Field(ge=0)] = 2
     status_timeout_mask: Annotated[int, Field(ge=0)] = 4
     status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
+    status_ready_value: Annotated[int, Field(ge=0)] | None = None
+    status_fault_value: Annotated[int, Field(ge=0)] | None = None
+    status_timeout_value: Annotated[int, Field(ge=0)] | None = None
+    status_enable_line_value: Annotated[int, Field(ge=0)] | None = None
 
     @property
     def rotating(self) -> bool:
@@ -66,6 +71,19 @@ class CanSignalMap(Section):
             raise ValueError("command_i_d_A needs command_i_q_A")
         if self.command_enable_value == self.command_disable_value:
             raise ValueError("command_enable_value and command_disable_value must differ")
+        return self
+
+    @model_validator(mode="after")
+    def _values_are_of_the_masks(self) -> "CanSignalMap":
+        for name in ("ready", "fault", "timeout", "enable_line"):
+            mask, value = (
+                getattr(self, f"status_{name}_mask"),
+                getattr(self, f"status_{name}_value"),
+            )
+            if value is not None and value & ~mask:
+                raise ValueError(
+                    f"status_{name}_value = {value} has bits that status_{name}_mask = {mask} lacks"
+                )
         return self
 
     @model_validator(mode="after")

@@ -192,28 +192,44 @@ class InverterCodec:
 
         A drive without a ready bit (mask 0), or without a status word, counts as ready.
         """
-        masks, status = self.signals, InverterStatus(0)
-        if not masks.feedback_status:
+        if not self.signals.feedback_status:
             return InverterStatus.READY
-        if word & masks.status_ready_mask == masks.status_ready_mask:
-            status |= InverterStatus.READY
-        for mask, meaning in self._meanings():
-            if word & mask:
+        status = InverterStatus(0)
+        for mask, value, meaning in self._meanings():
+            if value is not None:
+                said = word & mask == value
+            elif meaning is InverterStatus.READY:
+                said = word & mask == mask
+            else:
+                said = word & mask != 0
+            if said:
                 status |= meaning
         return status
 
     def status_word(self, status: InverterStatus) -> int:
-        """Return the status word with which the drive says `status`."""
-        word = self.signals.status_ready_mask if status & InverterStatus.READY else 0
-        for mask, meaning in self._meanings():
+        """Return the status word with which the drive says `status`.
+
+        Of meanings that share bits, as values of a mode do, the last of ready, timeout, fault.
+        """
+        word = 0
+        for mask, value, meaning in self._meanings():
             if status & meaning:
-                word |= mask
+                word = word & ~mask | (mask if value is None else value)
         return word
 
-    def _meanings(self) -> tuple[tuple[int, InverterStatus], ...]:
-        masks = self.signals
+    def _meanings(self) -> tuple[tuple[int, int | None, InverterStatus], ...]:
+        signals = self.signals
         return (
-            (masks.status_fault_mask, InverterStatus.FAULT),
-            (masks.status_timeout_mask, InverterStatus.COMMAND_TIMEOUT),
-            (masks.status_enable_line_mask, InverterStatus.ENABLE_LINE),
+            (signals.status_ready_mask, signals.status_ready_value, InverterStatus.READY),
+            (
+                signals.status_enable_line_mask,
+                signals.status_enable_line_value,
+                InverterStatus.ENABLE_LINE,
+            ),
+            (
+                signals.status_timeout_mask,
+                signals.status_timeout_value,
+                InverterStatus.COMMAND_TIMEOUT,
+            ),
+            (signals.status_fault_mask, signals.status_fault_value, InverterStatus.FAULT),
         )
