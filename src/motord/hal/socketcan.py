@@ -2,7 +2,8 @@
 
 All frames that have arrived come in one system call into memory made once, each with the time at
 which the kernel took it from the controller; one call sends one. The kernel hands over no frame
-that was not asked for (`listen`). A socket outlives its interface going down and up again.
+that was not asked for (`listen`). A socket outlives its interface going down and up again; one
+whose interface vanished (an adapter unplugged) takes it up again when it is back.
 """
 
 import ctypes
@@ -33,6 +34,8 @@ _ERRORS_HEARD = 0x1FD
 _CAN_RAW_ERR_FILTER = 2
 _SO_TIMESTAMPNS = 35
 _SIOCGIFMTU = 0x8921
+
+_GONE = (errno.ENODEV, errno.ENXIO)
 
 _HEAD = struct.Struct("=IBB")
 _FILTER = struct.Struct("=II")
@@ -96,9 +99,11 @@ class _Inbox:
 class SocketCan:
     """A `CanBus` on a raw CAN socket, which it closes in the end."""
 
-    def __init__(self, end: socket.socket, fd: bool) -> None:
+    def __init__(self, end: socket.socket, channel: str, fd: bool) -> None:
         self.state = BusState()
         self._socket = end
+        self._channel = channel
+        self._filters = _FILTER.pack(0, 0)  # everything
         self._flags = _BIT_RATE_SWITCH if fd else 0
         self._outgoing = bytearray(_FD_BYTES if fd else _CLASSIC_BYTES)
         self._inbox = _Inbox()
@@ -128,15 +133,23 @@ class SocketCan:
             self.state.sent()
         except OSError as error:
             self.state.refused(error.strerror)
+            if error.errno in _GONE:
+                self._bind_again()
 
     def listen(self, keys: Collection[int]) -> None:
         """From now on take frames with these keys only; all are taken until then."""
-        filters = b"".join(_FILTER.pack(key, _mask(key)) for key in keys)
-        self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
+        self._filters = b"".join(_FILTER.pack(key, _mask(key)) for key in keys)
+        self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, self._filters)
 
     def close(self) -> None:
         """Release the channel; may be called twice."""
         self._socket.close()
+
+    def _bind_again(self) -> None:
+        """Bind to the interface if there is one of that name; the kernel dropped the filters."""
+        with suppress(OSError):
+            self._socket.bind((self._channel,))
+            self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, self._filters)
 
     def _sort(self, count: int, heard: list[Frame]) -> None:
         """Add `count` frames of the inbox to `heard`, tell the state of error frames."""
@@ -175,7 +188,7 @@ def open_socketcan(channel: str, fd: bool) -> SocketCan:
     except BaseException:
         end.close()
         raise
-    return SocketCan(end, fd)
+    return SocketCan(end, channel, fd)
 
 
 def _needs_fd(end: socket.socket, channel: str) -> None:

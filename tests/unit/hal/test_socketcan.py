@@ -29,7 +29,7 @@ def pair() -> Iterator[Pair]:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     ours.setblocking(False)
     ours.setsockopt(socket.SOL_SOCKET, socketcan._SO_TIMESTAMPNS, 1)
-    bus = SocketCan(ours, fd=True)
+    bus = SocketCan(ours, "can7", fd=True)
     with theirs:
         yield bus, theirs
     bus.close()
@@ -56,7 +56,7 @@ def test_frames_go_out_whole(pair: Pair, key: int, payload: bytes) -> None:
 
 def test_classical_frames_are_short() -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    bus = SocketCan(ours, fd=False)
+    bus = SocketCan(ours, "can7", fd=False)
     with theirs:
         bus.send(0x123, b"1234567")
         assert theirs.recv(100) == classic_frame(0x123, b"1234567")
@@ -77,7 +77,7 @@ def test_frames_come_in_whole_with_the_time_of_arrival(pair: Pair) -> None:
 
 def test_without_a_stamp_there_is_no_time() -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    bus = SocketCan(ours, fd=True)
+    bus = SocketCan(ours, "can7", fd=True)
     with theirs:
         theirs.send(classic_frame(0x181, b"abc"))
         assert bus.receive() == [(0x181, b"abc", 0)]
