@@ -1,9 +1,10 @@
 """A sweep whose processes are killed again and again, and that is finished all the same.
 
-`python -m tests.campaigns.plan_kills [--kills 500] [--seed 1]` runs sweeps on the simulated bench
-in real time. At random moments it kills (-9) the supervisor, the loop, the recorder or all of
-them, starts what does not come back by itself and resumes the plan. At the end of each sweep the
-recordings must hold every point, whole.
+`python -m tests.campaigns.plan_kills [--kills 500] [--seed 1] [--benches 3]` runs sweeps on
+simulated benches in real time, some side by side. At random moments it kills (-9) the supervisor,
+the loop, the recorder or all of them, starts what does not come back by itself and resumes the
+plan. The journal must be whole after every kill; at the end of a sweep the recordings must hold
+every point, whole, once, and every tick but the last 1.5 s before everything was killed.
 """
 
 import argparse
@@ -14,22 +15,56 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Lock
 
 from motord.client import ClientError
-from motord.record.errors import RecordError
-from motord.record.reader import open_run
+from motord.runtime.ring import RingReader
+from motord.runtime.rundir import RunDir
+from motord.service.journal import read
+from tests.campaigns.plan_kills_found import MISSING_LIMIT_S, Found, Kill, look
 from tests.system.daemons import Daemon, wait_for, wait_until, write_sim
-from tests.system.test_durable_plans import alive, kill_everything, points_of
+from tests.system.test_durable_plans import alive, kill_everything
 
 PLAN = {
-    "torques_Nm": [1.0, 2.0], "speeds_Hz": [0.8, 0.9, 1.0], "turns": 2, "settle_s": 0.2,
-    "gain_steps": [],
+    "torques_Nm": [1.0, 2.0], "speeds_Hz": [1.6, 1.8, 2.0], "turns": 2, "settle_s": 0.1,
+    "speed_tolerance": 0.05, "gain_steps": [],
 }  # fmt: skip
-POINTS = 6
+POINTS = frozenset(range(6))
 VICTIMS = ("everything", "supervisor", "loop", "recorder")
-LONGEST_S = 9.0
+MEAN_S, LONGEST_S = 2.0, 8.0
+PATIENT = 0.5
+"""Part of the supervisor's deaths after which loop and recorder are waited for."""
 LOOK_S = 0.05
+
+
+@dataclass
+class Outcome:
+    """What a sweep has come to."""
+
+    killed: Counter[str] = field(default_factory=Counter)
+    torn: list[str] = field(default_factory=list)
+    found: Found = field(default_factory=Found)
+
+    @property
+    def problems(self) -> list[str]:
+        """What is not as it should be, in words."""
+        found, once = self.found, Counter(dict.fromkeys(POINTS, 1))
+        return [
+            *self.torn,
+            *found.unreadable,
+            *([f"points {dict(found.points)}"] if found.points != once else []),
+            *([f"{found.gone} ticks gone"] if found.gone else []),
+            *([f"{found.double} ticks twice"] if found.double else []),
+            *(
+                f"{late_s:.2f} s missing after {victim} was killed"
+                for victim, late_s in (*found.missing_s, *found.missing_then_s)
+                if late_s > MISSING_LIMIT_S
+            ),
+        ]
 
 
 class Sweep:
@@ -38,13 +73,17 @@ class Sweep:
     def __init__(self, folder: Path, kills: int, rng: random.Random) -> None:
         self.folder, self.rng, self.kills_left = folder, rng, kills
         self.bench = write_sim(folder)
-        self.killed = Counter()
+        self.run_dir = RunDir(self.bench.stem, folder / "motord")
+        self.outcome = Outcome()
+        self.kills: list[Kill] = []
         self.started = False
 
-    def run(self) -> None:
-        """Kill and resume until nothing is missing."""
+    def run(self) -> Outcome:
+        """Kill and resume until nothing is missing; return what came of it."""
         while not self._one_daemon():
             continue
+        self.outcome.found = look(self.folder / "runs", self.kills)
+        return self.outcome
 
     def _one_daemon(self) -> bool:
         """Run a daemon until the sweep is finished (True) or the daemon is killed."""
@@ -54,7 +93,8 @@ class Sweep:
                 while self._go_on(client, lease.token):
                     if self._killed_within(daemon, client):
                         return False
-                    if client.state().fault:
+                    state = client.state()
+                    if state.fault or state.state == "TRIPPED":
                         client.rpc("reset", token=lease.token)
                 wait_for(
                     client, lambda s: "calibrate" not in s.recording.path, "the next recording"
@@ -79,68 +119,125 @@ class Sweep:
 
     def _killed_within(self, daemon, client) -> bool:
         """Wait for the plan to be over, killing something meanwhile; True if the daemon is gone."""
-        kill_s = time.monotonic() + self.rng.uniform(0.1, LONGEST_S)
+        kill_s = self._next_kill_s()
         while not client.plan().over:
             if self.kills_left and time.monotonic() >= kill_s:
-                self.kills_left -= 1
-                victim = self.rng.choice(VICTIMS)
-                self.killed[victim] += 1
-                if self._kill(victim, daemon, client):
+                if self._kill(self.rng.choice(VICTIMS), daemon, client):
                     return True
-                kill_s = time.monotonic() + self.rng.uniform(0.1, LONGEST_S)
+                kill_s = self._next_kill_s()
             time.sleep(LOOK_S)
         return False
 
+    def _next_kill_s(self) -> float:
+        return time.monotonic() + min(self.rng.expovariate(1 / MEAN_S), LONGEST_S)
+
     def _kill(self, victim: str, daemon, client) -> bool:
-        """Kill a process or all; return whether the daemon is gone."""
-        processes = client.state().processes
+        """Kill a process, if it runs, or all; return whether the daemon is gone."""
+        pids = {name: view.pid for name, view in client.state().processes.items() if view.pid}
+        fatal = victim in ("everything", "supervisor")
+        if not fatal and victim not in pids:
+            return False
         if victim == "everything":
             kill_everything(daemon, client)
-            return True
-        if victim == "supervisor":
-            others = [view.pid for view in processes.values() if view.pid]
+        elif victim == "supervisor":
             assert daemon.end(signal.SIGKILL) == -signal.SIGKILL
-            wait_until(lambda: not any(map(alive, others)), "loop and recorder to end")
-            return True
-        if processes[victim].pid:
-            os.kill(processes[victim].pid, signal.SIGKILL)
-        return False
+            if self.rng.random() < PATIENT:  # else the next daemon is started beside them
+                wait_until(lambda: not any(map(alive, pids.values())), "loop and recorder to end")
+        else:
+            os.kill(pids[victim], signal.SIGKILL)
+        self.kills_left -= 1
+        self.outcome.killed[victim] += 1
+        self._note(victim)
+        return fatal
 
-    def points(self) -> Counter:
-        """Return how often the recordings hold each point, whole."""
-        runs = []
-        for path in sorted((self.folder / "runs").glob("*calibrate*")):
-            try:
-                runs.append(open_run(path))
-            except RecordError:
-                continue  # its recorder was killed before it had written anything
-        whole = 0.9 * PLAN["turns"] * 500 / max(PLAN["speeds_Hz"])
-        return Counter(index for index, ticks in points_of(runs) if ticks >= whole)
+    def _note(self, victim: str) -> None:
+        """Keep what there was when a process had been killed; look at the journal."""
+        block, _ = RingReader(self.run_dir.ring, "oldest").read()
+        if len(block):
+            files = frozenset(path.name for path in (self.folder / "runs").glob("*.mcap*"))
+            self.kills.append(Kill(victim, int(block["t_ns"][-1]), files))
+        [journal] = (self.folder / "state").rglob(f"{self.bench.stem}.jsonl")
+        content = journal.read_bytes()
+        text = read(content)
+        if text.story is None or text.size != len(content):
+            self.outcome.torn.append(f"journal torn after {victim} was killed")
+
+
+class Campaign:
+    """Sweeps until there were so many kills, by several threads with a bench each."""
+
+    def __init__(self, kills: int, per_sweep: int) -> None:
+        self._left, self._per_sweep, self._lock = kills, per_sweep, Lock()
+        self.outcomes: list[Outcome] = []
+        self._begun_s = time.monotonic()
+
+    def sweeps(self, seed: str) -> None:
+        """Run sweeps on one bench."""
+        rng = random.Random(seed)
+        for kills in self._shares():
+            with tempfile.TemporaryDirectory(prefix="motord-kills-") as name:
+                sweep = Sweep(Path(name), kills, rng)
+                outcome = sweep.run()
+            with self._lock:
+                self._left += sweep.kills_left
+                self.outcomes.append(outcome)
+                self._tell(outcome)
+
+    def _shares(self) -> Iterator[int]:
+        """Yield how many kills the next sweep may have, as long as any are left."""
+        while True:
+            with self._lock:
+                share = min(self._left, self._per_sweep)
+                self._left -= share
+            if not share:
+                return
+            yield share
+
+    def _tell(self, outcome: Outcome) -> None:
+        kills = sum(sum(each.killed.values()) for each in self.outcomes)
+        sys.stdout.write(
+            f"{'BAD' if outcome.problems else 'ok '} killed {dict(outcome.killed)} "
+            f"{'; '.join(outcome.problems)}; {kills} kills in all, "
+            f"{(time.monotonic() - self._begun_s) / 60:.1f} min\n"
+        )
+        sys.stdout.flush()
+
+    def summary(self) -> str:
+        """Return the figures of all sweeps, in words."""
+        killed = sum((each.killed for each in self.outcomes), Counter())
+        finds = [each.found for each in self.outcomes]
+        lines = [
+            f"{killed.total()} kills in {len(self.outcomes)} sweeps, {dict(killed)}; "
+            f"{sum(find.ticks for find in finds)} ticks, "
+            f"{sum(map(bool, (each.problems for each in self.outcomes)))} sweeps with problems"
+        ]
+        for name, pairs in (
+            ("when the recorder died", [p for find in finds for p in find.missing_then_s]),
+            ("in the end", [p for find in finds for p in find.missing_s]),
+        ):
+            for victim in VICTIMS:
+                some_s = sorted(late_s for who, late_s in pairs if who == victim)
+                if some_s:
+                    lines.append(
+                        f"missing {name}, {victim} killed: at most {some_s[-1]:.3f} s, "
+                        f"median {some_s[len(some_s) // 2]:.3f} s of {len(some_s)}"
+                    )
+        return "\n".join(lines)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=500)
-    parser.add_argument("--per-sweep", type=int, default=10)
+    parser.add_argument("--per-sweep", type=int, default=25)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--benches", type=int, default=3, help="side by side")
     options = parser.parse_args()
-    rng, left, bad = random.Random(options.seed), options.kills, 0
-    while left > 0:
-        with tempfile.TemporaryDirectory(prefix="motord-kills-") as name:
-            sweep = Sweep(Path(name), min(left, options.per_sweep), rng)
-            before = sweep.kills_left
-            sweep.run()
-            left -= max(before - sweep.kills_left, 1)
-            points = sweep.points()
-            good = set(points) == set(range(POINTS))
-            bad += not good
-            twice = sum(points.values()) - len(points)
-            sys.stdout.write(
-                f"{'ok ' if good else 'BAD'} killed {dict(sweep.killed)}; {len(points)} of "
-                f"{POINTS} points, {twice} more than once; {left} kills left\n"
-            )
-            sys.stdout.flush()
-    return 1 if bad else 0
+    campaign = Campaign(options.kills, options.per_sweep)
+    seeds = [f"{options.seed}.{bench}" for bench in range(options.benches)]
+    with ThreadPoolExecutor(options.benches) as threads:
+        list(threads.map(campaign.sweeps, seeds))
+    sys.stdout.write(f"{campaign.summary()}\n")
+    return 1 if any(outcome.problems for outcome in campaign.outcomes) else 0
 
 
 if __name__ == "__main__":

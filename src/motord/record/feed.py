@@ -67,23 +67,35 @@ class Feed:
         self._path = path
         self._mark = mark
         self._new_ring = False
+        self._staying = False
         self.problem = ""
         self._reader = self._attach(start)
 
     @property
     def over(self) -> bool:
-        """True if the loop has said that no more ticks will come, and all have been read."""
-        return self._reader is not None and self._reader.closed and self._reader.backlog == 0
+        """True if no more ticks will come, as the loop says or for want of one, and all are read.
+
+        Where the feed stays at its ring, another that takes its place means the same.
+        """
+        reader = self._reader
+        if reader is None:
+            return self._staying
+        ended = reader.closed or (self._staying and reader.superseded())
+        return ended and reader.backlog == 0
+
+    def stay(self) -> None:
+        """Read this ring to its end and no other: its successors are somebody else's."""
+        self._staying = True
 
     def read(self) -> Piece:
         """Return the ticks that have come since the last call, perhaps none."""
-        if self._reader is None:
+        if self._reader is None and not self._staying:
             self._reader = self._attach("oldest")  # younger than this feed: all of it is wanted
         if self._reader is None:
             return Piece(np.empty(0, TICK_DTYPE))
         superseded = self._reader.superseded()  # asked first, so that no last tick is left behind
         block, lost = self._reader.read()
-        if superseded and not len(block):
+        if superseded and not len(block) and not self._staying:
             successor = self._attach("oldest")
             if successor is not None:
                 self._reader, self._new_ring = successor, True

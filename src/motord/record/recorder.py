@@ -1,8 +1,9 @@
 """The recorder process: drains the tick ring into MCAP files, apart from the loop.
 
 `python -m motord.record.recorder --config FILE --dir RUNDIR`: commands come as lines of JSON on
-stdin (`Session.handle`), reports go as lines of JSON to stdout (`Session.report`). When stdin ends
-or SIGTERM comes, it takes what the loop still writes, closes the file and ends.
+stdin (`Session.handle`), reports go as lines of JSON to stdout (`Session.report`). When SIGTERM
+comes, it takes what the loop still writes, closes the file and ends; when stdin ends, because the
+supervisor died, it follows the loop until that has ramped down and ended.
 """
 
 import argparse
@@ -31,7 +32,8 @@ REPORT_S = 0.5
 """Time between two reports, if nothing happens."""
 
 LAST_TICKS_S = 1.0
-"""How long to wait, when asked to end, for the loop to end first."""
+"""How long to wait, when asked to end, for the loop to end first; without a supervisor, for its
+next tick."""
 
 
 class Reporter:
@@ -71,12 +73,15 @@ def run(
         now_s = clock_s()
         for line in commands.read():
             session.handle(line, now_s)
-        session.step(now_s)
+        ticks_came = session.step(now_s)
         reporter.tell(session.report(), now_s)
         if end_s is None and (stopping() or commands.ended):
             end_s = now_s + LAST_TICKS_S
             if not stopping():
+                session.stay()
                 on_orphaned(now_s)
+        if end_s is not None and ticks_came and not stopping():
+            end_s = now_s + LAST_TICKS_S
         if end_s is not None and (session.over or now_s >= end_s):
             break
         wait(DRAIN_S)

@@ -97,19 +97,26 @@ class Session:
         if self._feed is None:
             self._feed = Feed(self._ring, "oldest" if resume else "now", mark)
 
-    def step(self, now_s: float) -> None:
-        """Have the ticks that have come written, and what is due done."""
+    def stay(self) -> None:
+        """Follow the loop that there is to its end, and no other after it."""
+        if self._feed is not None:
+            self._feed.stay()
+
+    def step(self, now_s: float) -> bool:
+        """Have the ticks that have come written, and what is due done; True if any have come."""
         self.boxes.step(now_s)
         recording = self._recording
         if recording is None:
-            return
+            return False
         if not recording.open:
             self._feed = None
         piece = None if self._feed is None or self._disk.full else self._feed.read()
         if piece is not None and (len(piece.block) or piece.lost):
             self._disk.do(lambda: _record(recording, piece, now_s), piece.block.nbytes)
-        elif self._disk.idle:
+            return True
+        if self._disk.idle:
             self._disk.do(lambda: recording.step(now_s))
+        return False
 
     def settle(self) -> None:
         """Wait until the files hold what they have been given."""

@@ -19,7 +19,7 @@ from motord.record.container import part_of
 from motord.record.launch import RecorderLink, recorder_command, spawn_recorder
 from motord.record.lines import LineReader
 from motord.record.reader import open_run
-from motord.record.recorder import LAST_TICKS_S, Reporter
+from motord.record.recorder import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.record.session import Session
 from motord.runtime.ring import RingWriter
 from motord.runtime.rundir import RunDir
@@ -134,17 +134,39 @@ def test_on_a_signal_it_ends_when_the_loop_has_ended(tmp_path, pipe):
     assert run.end["reason"] == "asked to stop"
 
 
-def test_when_the_supervisor_dies_it_waits_only_so_long_for_the_loop(tmp_path, pipe):
+def test_when_the_supervisor_dies_it_follows_the_loop_until_no_more_ticks_come(tmp_path, pipe):
     scene = Scene(tmp_path, pipe)
     scene.at = {
         2: lambda: os.close(pipe[1]),
         4: lambda: publish(scene.ring, 0, 10),
+        20: lambda: publish(scene.ring, 10, 10),
     }
     scene.run()
-    assert scene.now_s == pytest.approx(LAST_TICKS_S + 0.1, abs=0.06)
+    assert scene.now_s == pytest.approx(20 * DRAIN_S + LAST_TICKS_S, abs=0.06)
     run = open_run(tmp_path / "day-000.mcap")
-    assert len(run.ticks()) == 10
+    assert len(run.ticks()) == 20
     assert run.end["reason"] == "the supervisor ended"
+
+
+@pytest.mark.parametrize("said", [True, False], ids=["closed", "superseded"])
+def test_when_the_supervisor_dies_it_leaves_the_next_loop_to_others(tmp_path, pipe, said):
+    scene = Scene(tmp_path, pipe)
+
+    def next_loop() -> None:
+        publish(scene.ring, 11, 10)
+        if said:
+            scene.ring.close()
+        publish(RingWriter(tmp_path / "ring", 512), 0, 7)
+
+    scene.at = {
+        2: lambda: publish(scene.ring, 0, 10),
+        3: lambda: os.close(pipe[1]),
+        30: next_loop,
+    }
+    scene.at[20] = lambda: publish(scene.ring, 10, 1)
+    scene.run()
+    assert scene.waits in (30, 31)
+    assert len(open_run(tmp_path / "day-000.mcap").ticks()) == 21
 
 
 def test_commands_are_carried_out_in_order(tmp_path, pipe):
