@@ -4,9 +4,7 @@
 
 void enable_line_init(struct enable_line *line, uint32_t timeout_us)
 {
-    line->state = LINE_SILENT;
-    line->heartbeat_t_us = 0;
-    line->timeout_us = timeout_us;
+    *line = (struct enable_line){.state = LINE_SILENT, .timeout_us = timeout_us};
 }
 
 void enable_line_judge(struct enable_line *line, uint32_t t_us)

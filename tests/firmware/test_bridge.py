@@ -385,3 +385,12 @@ def test_the_line_is_driven_at_every_tick(library: Library) -> None:
     device.host.line_closed = False
     device.tick()
     assert device.closed
+
+
+def test_a_body_that_does_not_end_is_an_error(library: Library) -> None:
+    device = Device(library, 1)
+    device.beat(0)
+    device.receive(device.wire(frames.Configure(1000, 50_000))[0])
+    status = device.ask(frames.Start())
+    assert isinstance(status, frames.Status)
+    assert status.errors == 1

@@ -309,3 +309,20 @@ def test_a_step_back_is_refused_where_no_sender_may_start_anew(
     assert library.lib.sequence_accept(check, (101 + step) % 65536, False) == taken
     expected = (102 + step) % 65536 if taken else 101
     assert check.expected == expected
+
+
+def test_pieces_of_every_length(library: Library) -> None:
+    for length in range(1, 254):
+        body = bytes(number % 251 for number in range(length))
+        for size in (8, 64):
+            assert c_split(library, body, length % 64, size) == split(body, length % 64, size)
+
+
+@pytest.mark.parametrize(
+    "piece", [b"", b"\xc0", b"\xc0" + bytes(64), bytes((0x80, 0x15)) + bytes(20), b"\x41\0\0"]
+)
+def test_what_is_no_piece(library: Library, piece: bytes) -> None:
+    for before in ([], split(frames.pack(frames.Configure(1, 2), 3), 0)[:1]):
+        twins = PieceTwins(library)
+        for data in (*before, piece, b"\xc5", *split(frames.pack(frames.Stop(), 9), 30)):
+            twins.feed(data)

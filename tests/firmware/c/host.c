@@ -100,7 +100,8 @@ static void random_frame(struct wire *wire)
 
 static void flip(uint8_t *bytes, uint32_t bit) { bytes[bit / 8] ^= (uint8_t)(1U << bit % 8); }
 
-static void mutate(struct wire *wire, enum mutation mutation)
+/* `other` is the frame that SPLICE takes the tail of. */
+static void mutate(struct wire *wire, enum mutation mutation, const struct wire *other)
 {
     uint8_t *bytes = wire->bytes;
     const uint32_t bits = wire->count * 8;
@@ -152,16 +153,11 @@ static void mutate(struct wire *wire, enum mutation mutation)
         break;
     }
     default: { /* SPLICE */
-        struct wire other;
-        random_frame(&other);
         const uint32_t head = draw(wire->count + 1);
-        const uint32_t tail = draw(other.count + 1);
+        const uint32_t tail = draw(other->count + 1);
         const uint32_t kept = tail < WIRE_MAX - head ? tail : WIRE_MAX - head;
-        memcpy(bytes + head, other.bytes + other.count - kept, kept);
+        memcpy(bytes + head, other->bytes + other->count - kept, kept);
         wire->count = head + kept;
-        if (head == 0 && kept == other.count) {
-            *wire = other; /* a whole good frame: as sent */
-        }
         break;
     }
     }
@@ -191,9 +187,12 @@ uint32_t host_mutated(uint32_t seed, uint32_t count, enum mutation mutation)
     state = seed * 2654435761U | 1U;
     for (uint32_t i = 0; i < count; i++) {
         struct wire wire;
+        struct wire other;
         random_frame(&wire);
-        mutate(&wire, mutation);
-        wrong += accepted(wire.bytes, wire.count, wire.body, wire.body_bytes);
+        random_frame(&other);
+        mutate(&wire, mutation, &other);
+        wrong += accepted(wire.bytes, wire.count, wire.body, wire.body_bytes) &&
+                 accepted(wire.bytes, wire.count, other.body, other.body_bytes);
     }
     return wrong;
 }
@@ -254,18 +253,19 @@ uint32_t host_flipped_body(const uint8_t *body, uint32_t bytes, uint32_t bits, u
     return wrong;
 }
 
-uint32_t host_burst_body(const uint8_t *body, uint32_t bytes, uint32_t *tried)
+uint32_t host_burst_body(const uint8_t *body, uint32_t bytes, uint32_t within, uint32_t *tried)
 {
     uint32_t wrong = 0;
     *tried = 0;
-    for (uint32_t start = 0; start + 16 <= bytes * 8; start++) {
+    for (uint32_t start = 0; start + 16 <= within * 8; start++) {
         for (uint32_t pattern = 1; pattern < 0x10000U; pattern += 2) { /* begins at `start` */
             uint8_t hurt[WIRE_MAX];
             union bridge_frame frame;
             memcpy(hurt, body, bytes);
             for (uint32_t bit = 0; bit < 16; bit++) {
                 if ((pattern >> bit & 1U) != 0) {
-                    flip(hurt, start + bit);
+                    const uint32_t at = start + bit; /* in the order of the CRC, highest first */
+                    hurt[at / 8] ^= (uint8_t)(0x80U >> at % 8);
                 }
             }
             wrong += frame_unpack(hurt, bytes, &frame);

@@ -61,7 +61,8 @@ uint32_t host_flipped(const uint8_t *wire, uint32_t bytes, uint32_t bits, uint32
 /* The same of the body, before stuffing: what the CRC says by itself. */
 uint32_t host_flipped_body(const uint8_t *body, uint32_t bytes, uint32_t bits, uint32_t *tried);
 
-/* Every burst of up to 16 bits of the body, whatever is inside it. */
-uint32_t host_burst_body(const uint8_t *body, uint32_t bytes, uint32_t *tried);
+/* Every burst of up to 16 bits of the first `within` bytes of the body, whatever is inside it,
+ * highest bit of a byte first. */
+uint32_t host_burst_body(const uint8_t *body, uint32_t bytes, uint32_t within, uint32_t *tried);
 
 #endif
