@@ -13,17 +13,27 @@ def free_port(kind: int = socket.SOCK_STREAM) -> int:
         return int(probe.getsockname()[1])
 
 
-def write_bench(folder: Path, changes: dict[str, str] | None = None) -> Path:
-    """Write config/emulated.toml with ports of its own into `folder`; `changes` replaces text."""
-    text = EMULATED.read_text()
+PLACES = {
+    "emulated": ("/tmp/motord-emulated-bridge", 43117, 15020, 15021),
+    "dq": ("/tmp/motord-dq-bridge", 43118, 15030, 15031),
+}
+"""Bridge port, port of the CAN frames and Modbus ports in the files of config/."""
+
+
+def write_bench(
+    folder: Path, changes: dict[str, str] | None = None, source: Path = EMULATED
+) -> Path:
+    """Write a file of config/ with ports of its own into `folder`; `changes` replaces text."""
+    text = source.read_text()
+    bridge, can, brake, drive = PLACES[source.stem]
     ours = {
-        '"/tmp/motord-emulated-bridge"': f'"{folder / "bridge"}"',
-        "port = 43117": f"port = {free_port(socket.SOCK_DGRAM)}",
-        "tcp_port = 15020": f"tcp_port = {free_port()}",
-        "tcp_port = 15021": f"tcp_port = {free_port()}",
+        f'"{bridge}"': f'"{folder / "bridge"}"',
+        f"port = {can}": f"port = {free_port(socket.SOCK_DGRAM)}",
+        f"tcp_port = {brake}": f"tcp_port = {free_port()}",
+        f"tcp_port = {drive}": f"tcp_port = {free_port()}",
     }
     for old, new in (ours | (changes or {})).items():
-        assert old in text, f"{old} is not in {EMULATED}"
+        assert old in text, f"{old} is not in {source}"
         text = text.replace(old, new)
     path = folder / "bench.toml"
     path.write_text(text)

@@ -1,0 +1,56 @@
+"""Daemon and emulated devices with a drive that takes d and q."""
+
+import numpy as np
+import pytest
+
+from tests.system.daemons import daemon, emulator, patient
+from tests.system.test_wire import Wire, hold
+from tests.unit.emulate.benches import EMULATED, write_bench
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+DQ = EMULATED.with_name("dq.toml")
+OWN_AXES = 'direction = -1\nd_axis_rad = 0.6\nscale = 1.2247\nangle = "turning"\n'
+
+
+def write_dq_bench(folder, axes):
+    """Write config/dq.toml with ports of its own and a drive with axes of its own."""
+    path = write_bench(folder, source=DQ)
+    text = patient(path.read_text(), "dqwire")
+    start = text.index("\n", text.index("[inverter.dq]")) + 1
+    end = text.index("\n[", start)
+    text = text[:start] + axes + text[end:]
+    text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(params=["", OWN_AXES], ids=["default", "own-axes"])
+def wire(tmp_path, request):
+    bench = write_dq_bench(tmp_path, request.param)
+    truth = tmp_path / "truth.mcap"
+    with emulator(tmp_path, bench, truth) as devices, daemon(tmp_path, bench) as running:
+        yield Wire(running, devices, truth)
+
+
+def test_torque_and_speed_by_d_and_q(wire):
+    with wire.daemon.connect() as client:
+        with client.lease("anna") as lease:
+            begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
+            client.rpc("disable", token=lease.token)
+        client.rpc("stop")
+    assert wire.daemon.end() == 0, wire.daemon.said()
+    [run] = wire.daemon.runs()
+    ticks = run.ticks()
+    truth = wire.truth()
+    then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
+    assert then.sum() > 300
+    # without a calibration the phases' errors stand; their mean gain is 1.012
+    assert np.mean(truth["torque_Nm"][then]) == pytest.approx(3.0 * 1.012, rel=0.04)
+    # what is recorded are phase currents: those that flow, but for the sensors' errors
+    during = ticks[(ticks["t_ns"] > begun.tick.t_ns) & (ticks["t_ns"] < held.tick.t_ns)]
+    for phase, alpha, beta_A in (("a", 0.8, 1.0), ("b", 1.118, -0.5), ("c", 1.118, -0.5)):
+        sensed_A = np.interp(truth["t_ns"][then], during["t_ns"], during[f"i_{phase}_A"])
+        likely_A = alpha * sensed_A + beta_A
+        assert np.corrcoef(likely_A, truth[f"i_{phase}_A"][then])[0, 1] > 0.97
+    assert np.abs(during["i_a_A"] + during["i_b_A"] + during["i_c_A"]).max() < 1e-4
