@@ -210,3 +210,14 @@ def test_after_silence_old_numbers_are_a_new_host(library: Library) -> None:
     device.beat(0)
     device.beat(1)
     assert device.closed
+
+
+def test_a_longer_timeout_comes_too_late_for_a_host_that_fell_silent(library: Library) -> None:
+    """Configure counts from when it comes, even if no tick has judged the time before it."""
+    for silent_us, closed in ((49_999, True), (50_000, False)):
+        device = Device(library)
+        device.beat(1)
+        device.now_us += silent_us
+        device.send(frames.Configure(1000, 1_000_000))
+        device.tick()
+        assert device.closed == closed
