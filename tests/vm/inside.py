@@ -1,26 +1,24 @@
-"""What runs in the machine: the drivers' contract over the kernel's CAN, then the tests in `inner`.
+"""What runs in the machine.
 
-    python -m tests.vm.inside OUT
+    python -m tests.vm.inside tests OUT     the contract over the kernel's CAN, then `inner`
+    python -m tests.vm.inside cost OUT      what a tick costs (`tests.vm.cost`)
 
-leaves OUT/results.xml (JUnit) and OUT/seconds, how long the machine took until here.
+leaves OUT/seconds, how long the machine took until here, and OUT/results.xml (JUnit) or
+OUT/cost.json.
 """
 
+import json
 import os
 import sys
 from pathlib import Path
 
 INTERFACE = "vcan0"
+os.environ.setdefault("MOTORD_TEST_CAN", INTERFACE)
 
 
-def main(out: Path) -> int:
-    (out / "seconds").write_text(Path("/proc/uptime").read_text().split()[0])
-    os.environ["MOTORD_TEST_CAN"] = INTERFACE
-
+def run_tests(out: Path) -> int:
     import pytest
 
-    from tests.vm.inner import interface
-
-    interface.make()
     return pytest.main(
         [
             *("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "can_socketcan or inner"),
@@ -30,5 +28,20 @@ def main(out: Path) -> int:
     )
 
 
+def measure(out: Path) -> int:
+    from tests.vm import cost
+
+    (out / "cost.json").write_text(json.dumps(cost.measure(INTERFACE)))
+    return 0
+
+
+def main(what: str, out: Path) -> int:
+    from tests.vm.inner import interface
+
+    (out / "seconds").write_text(Path("/proc/uptime").read_text().split()[0])
+    interface.make()
+    return {"tests": run_tests, "cost": measure}[what](out)
+
+
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(main(sys.argv[1], Path(sys.argv[2])))
