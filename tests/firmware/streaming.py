@@ -74,10 +74,10 @@ def main(duration_s):
     held = 0
     for rate_Hz in RATES_HZ:
         streamed = stream(rate_Hz, duration_s)
-        print(streamed, flush=True)  # noqa: T201
+        print(streamed, flush=True)
         if streamed.lost < 1 - HOLDS and not streamed.corrupt:
             held = rate_Hz
-    print(f"highest rate with less than {100 * (1 - HOLDS):.0f} % lost: {held} Hz")  # noqa: T201
+    print(f"highest rate with less than {100 * (1 - HOLDS):.0f} % lost: {held} Hz")
 
 
 if __name__ == "__main__":
