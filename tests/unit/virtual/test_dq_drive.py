@@ -163,6 +163,26 @@ def enabled(virtual: VirtualBench, torque_Nm: float) -> tuple[State, float]:
     return State(int(ticks["state"][-1])), float(truth["torque_em_Nm"][-100:].mean())
 
 
+@pytest.mark.kernel
+@pytest.mark.parametrize(
+    "bench", [bench_file(OWN_AXES), bench_file(LATCHED)], ids=["own", "latched"]
+)
+def test_currents_flow_as_the_kernel_commands_them(bench: Config) -> None:
+    """Through the told axes to the drive and back: small steps, told and true rig agreeing."""
+    virtual = VirtualBench(bench)
+    virtual.run(np.zeros(1, SETPOINT), 5)
+    ticks, truth = virtual.run(setpoint(1.0), 60)
+    assert ticks["state"][-1] == State.ENABLED
+    command_A, sensed_A, flowing_A = (
+        np.array([block[name.format(phase)][-1] for phase in "abc"], dtype=float)
+        for block, name in ((ticks, "i_cmd_{}_A"), (ticks, "i_{}_A"), (truth, "i_{}_A"))
+    )
+    assert np.abs(command_A).max() > 0.5
+    assert sensed_A == pytest.approx(command_A, abs=0.35)  # noise, and a tick's ramp
+    common_A = -(TRUE_ALPHA @ sensed_A) / TRUE_ALPHA.sum()
+    assert flowing_A == pytest.approx(TRUE_ALPHA * (sensed_A + common_A) + TRUE_BETA_A, abs=0.25)
+
+
 def test_independent_windings_are_refused() -> None:
     content = config.load(DQ).model_dump()
     content["motor"]["connection"] = "independent"
