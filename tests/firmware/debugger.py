@@ -1,12 +1,15 @@
 """A debugger on a machine's processor: as much of gdb's protocol as these tests need."""
 
+import re
 import socket
-import time
 
-PC = 15
-HANG_AT = 0x2001_F000
+_PC = 15
+_XPSR = 25
+_IPSR_MASK = 0x1FF  # the interrupt that the processor is in, 0 for none
+_HANG_AT = 0x2001_F000
 """Memory that the firmware does not use."""
-ENABLE_INTERRUPTS_AND_HANG = bytes.fromhex("62b6fee7")  # cpsie i; b .
+_ENABLE_INTERRUPTS_AND_HANG = bytes.fromhex("62b6fee7")  # cpsie i; b .
+_PACKET = re.compile(rb"\$([^#]*)#[0-9a-f]{2}")
 
 
 def arguments(path):
@@ -18,34 +21,53 @@ class Debugger:
     """Stops the processor while it is connected; use as a context manager."""
 
     def __init__(self, path):
+        self._received = b""
         self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.settimeout(5.0)
+        self._socket.settimeout(10.0)
         self._socket.connect(str(path))
 
     def __enter__(self):
-        self.command("?")
-        self.command("qXfer:features:read:target.xml:0,fff")  # QEMU writes registers only then
+        self._command("qXfer:features:read:target.xml:0,fff")  # QEMU writes registers only then
         return self
 
     def __exit__(self, *_error):
-        self.command("D")  # detach: the processor goes on
+        self._command("D")  # detach: the processor goes on
         self._socket.close()
-
-    def command(self, text):
-        """Give a command; return the answer."""
-        self._socket.sendall(f"${text}#{sum(text.encode()) % 256:02x}".encode())
-        data = b""
-        deadline_s = time.monotonic() + 5.0
-        while data[-3:-2] != b"#":
-            assert time.monotonic() < deadline_s
-            data += self._socket.recv(4096)
-        self._socket.sendall(b"+")
-        return data[data.index(b"$") + 1 : -3].decode()
 
     def jump(self, address):
         """Let the processor go on at `address`."""
-        assert self.command(f"P{PC:x}={address.to_bytes(4, 'little').hex()}") == "OK"
+        assert self._command(f"P{_PC:x}={address.to_bytes(4, 'little').hex()}") == "OK"
+
+    def in_interrupt(self):
+        """Return whether the processor is in one."""
+        register = bytes.fromhex(self._command(f"p{_XPSR:x}"))
+        return int.from_bytes(register, "little") & _IPSR_MASK != 0
 
     def write(self, address, data):
         """Write memory."""
-        assert self.command(f"M{address:x},{len(data):x}:{data.hex()}") == "OK"
+        assert self._command(f"M{address:x},{len(data):x}:{data.hex()}") == "OK"
+
+    def _command(self, text):
+        """Give a command; return the answer, which no news of the processor's stop is."""
+        self._socket.sendall(f"${text}#{sum(text.encode()) % 256:02x}".encode())
+        while (answer := self._packet()).startswith("T"):
+            pass
+        return answer
+
+    def _packet(self):
+        while (found := _PACKET.search(self._received)) is None:
+            self._received += self._socket.recv(4096)
+        self._received = self._received[found.end() :]
+        self._socket.sendall(b"+")
+        return found[1].decode()
+
+
+def hang(path):
+    """Let the main loop go no further; the interrupts go on."""
+    hangs = False
+    while not hangs:
+        with Debugger(path) as debugger:
+            if not debugger.in_interrupt():
+                debugger.write(_HANG_AT, _ENABLE_INTERRUPTS_AND_HANG)
+                debugger.jump(_HANG_AT)
+                hangs = True

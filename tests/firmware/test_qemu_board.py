@@ -1,15 +1,17 @@
 """The firmware that goes onto the chip, run by QEMU and spoken to over its link."""
 
 import random
+import select
 
 import numpy as np
 import pytest
 
+from motord.emulate.qemu import receive
 from motord.schema import BridgeStatus
 from motord.wire import frames
-from tests.firmware.debugger import ENABLE_INTERRUPTS_AND_HANG, HANG_AT, Debugger, arguments
+from tests.firmware.debugger import Debugger, arguments, hang
 from tests.firmware.images import emulated
-from tests.firmware.machine import FIRMWARE_TIME, machine, mutated
+from tests.firmware.machine import FIRMWARE_TIME, PATIENCE_S, machine, mutated
 
 pytestmark = pytest.mark.system
 
@@ -41,7 +43,8 @@ def test_the_image_of_the_chip_starts_and_knows_that_its_clock_and_adc_fail():
         assert (hello.board_name, hello.layout) == ("stm32f405", frames.LAYOUT_HASH)
         board.send(frames.Configure(1000, 1_000_000), frames.Start(), frames.Heartbeat(1))
         status = board.next(frames.Status, lambda status: status.heartbeats > 0)
-        assert status.status == BridgeStatus.FAULT | BridgeStatus.TORQUE_INVALID
+        failed = BridgeStatus.FAULT | BridgeStatus.TORQUE_INVALID
+        assert status.status & (failed | BridgeStatus.ENABLE_LINE) == failed
         samples = [board.next(frames.Sample) for _ in range(50)]
         assert all(sample.status & BridgeStatus.FAULT for sample in samples)
 
@@ -58,14 +61,24 @@ def test_samples_tell_what_the_rig_feeds():
             assert (sample.torque_counts, sample.status) == (torque, 0)
 
 
-@pytest.mark.parametrize("rate_Hz", [100, 1000, 5000])
-def test_samples_come_at_their_rate(rate_Hz):
-    with machine(emulated(), *FIRMWARE_TIME[:1], "shift=4") as board:
-        board.configure(rate_Hz)
-        count = max(rate_Hz // 4, 50)
-        t_us = [board.next(frames.Sample).t_us for _ in range(count)]
-    assert np.median(np.diff(t_us)) == pytest.approx(1e6 / rate_Hz, rel=0.02)
+def test_samples_come_at_their_rate():
+    with machine(emulated()) as board:
+        board.configure(1000)
+        t_us = [board.next(frames.Sample).t_us for _ in range(300)]
     assert np.diff(t_us).min() > 0
+    assert np.median(np.diff(t_us)) == pytest.approx(1000, rel=0.2)
+
+
+@pytest.mark.parametrize("rate_Hz", [100, 1000, 5000])
+def test_in_the_firmwares_time_no_sample_is_missing(rate_Hz):
+    with machine(emulated(), *FIRMWARE_TIME) as board:
+        board.configure(2 * rate_Hz)  # every second tick is left out
+        samples = [board.next(frames.Sample) for _ in range(rate_Hz)]
+        board.send(frames.Configure(2 * rate_Hz, 100_000))
+        status = board.next(frames.Status, lambda s: s.t_us > samples[-1].t_us)
+    apart_us = np.diff([sample.t_us for sample in samples])
+    assert (status.dropped, status.errors, board.errors) == (0, 0, 0)
+    assert np.abs(apart_us - 1e6 / rate_Hz).max() < 20
 
 
 def test_a_reset_opens_the_line_and_starts_anew():
@@ -81,6 +94,12 @@ def test_a_reset_opens_the_line_and_starts_anew():
         status = board.next(frames.Status)
         assert (status.streaming, status.heartbeats) == (0, 0)
         assert not status.status & (BridgeStatus.ENABLE_LINE | BridgeStatus.HEARTBEAT_LOST)
+
+
+def test_hello_is_heard_though_the_reset_tore_a_frame():
+    with machine(emulated()) as board:
+        assert select.select([board.qemu.link], (), (), PATIENCE_S)[0]
+        assert receive(board.qemu.link)[:1] == b"\0"  # ends what came before
 
 
 def silence(board, chance):
@@ -152,9 +171,7 @@ def test_a_main_loop_that_hangs_does_not_keep_the_line_closed(tmp_path):
         board.send(frames.Heartbeat(1))
         board.line(closed=True)
         board.told.clear()
-        with Debugger(tmp_path / "gdb") as debugger:
-            debugger.write(HANG_AT, ENABLE_INTERRUPTS_AND_HANG)
-            debugger.jump(HANG_AT)
+        hang(tmp_path / "gdb")
         board.line(closed=True)  # the interrupts go on
         board.line(closed=False)
         board.frames.clear()

@@ -19,6 +19,7 @@ void port_open(void)
     pins_alternate(GPIOA, 10, 7);
     usart_open(&usart, USART1, APB2_HZ, BAUD);
     irq_enable(IRQ_USART1, PRIORITY_BYTES);
+    usart_send(&usart, &(const uint8_t){0}, 1); /* ends a frame that the reset tore, before Hello */
 }
 
 bool port_send(const uint8_t *data, size_t count) { return usart_send(&usart, data, count); }

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from motord.config import Config, ConfigError
 from motord.config.faults import Fault, Timeline
+from motord.emulate import EmulatorError
 from motord.emulate.bench import Reading
 from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS
@@ -82,7 +83,12 @@ class FirmwareLink:
         return self._pty.fileno()
 
     def receive(self, now_ns: int) -> Iterator[tuple[int, Numbered]]:
-        """Hand on what has come on either side; there are no frames for the bench."""
+        """Hand on what has come on either side; there are no frames for the bench.
+
+        Raises EmulatorError if the machine has ended.
+        """
+        if not self._machine.running:
+            raise EmulatorError("the bridge's firmware: QEMU has ended; see what it said above")
         data: bytes | None = self._pty.read()
         if data and self.faults.active:
             data = self.faults.to_device(data)

@@ -1,0 +1,106 @@
+"""The serial driver's process dies: how soon, by the firmware's clock, the enable line opens."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from motord.emulate.pty import Pty
+from motord.wire import frames
+from tests.firmware.images import emulated
+from tests.firmware.machine import PATIENCE_S, machine
+from tests.unit.emulate.benches import write_bench
+
+pytestmark = pytest.mark.system
+
+TIMEOUT_US = 100_000
+LATE_US = 1000
+TRIES = 8
+"""A computer that stalls stops QEMU, too, but not its clock: the best try counts."""
+HOST = """
+import sys, time
+import numpy as np
+from pathlib import Path
+from motord import config
+from motord.control.types import COMMAND, FEEDBACK
+from motord.hal.bridge_serial import SerialBridge
+
+bridge = SerialBridge(config.load(Path(sys.argv[1])))
+bridge.open()
+command, feedback = np.zeros(1, COMMAND), np.zeros(1, FEEDBACK)
+while True:
+    bridge.read(time.time_ns(), feedback)
+    command["enable"] = not feedback["bridge_status"] & 2  # again after a heartbeat was lost
+    bridge.write(command)
+    time.sleep(0.002)
+"""
+
+
+class Wire:
+    """What lies between the machine and the driver: bytes to and fro, and who sees them."""
+
+    def __init__(self, board, pty):
+        self.board = board
+        self._pty = pty
+        self.status = None  # the newest
+
+    def wait_for(self, condition, what):
+        """Let bytes pass until `condition()` holds."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline_s, f"waited in vain for {what}"
+            self._pass()
+            time.sleep(0.0005)
+
+    def _pass(self):
+        if data := self._pty.read():
+            self.board.send(data)
+        self.board.poll()
+        for sequence, frame in self.board.frames:
+            self._pty.write(frames.encode(frame, sequence))
+            if type(frame) is frames.Status:
+                self.status = frame
+        self.board.frames.clear()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    timeout = {"heartbeat_timeout_s = 1.0": f"heartbeat_timeout_s = {TIMEOUT_US * 1e-6}"}
+    return write_bench(tmp_path, timeout)
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL], ids=["stop", "kill"])
+def test_the_line_opens_within_a_millisecond_of_the_timeout(bench, number):
+    took_us = []
+    while len(took_us) < TRIES and not any(took <= TIMEOUT_US + LATE_US for took in took_us):
+        took_us.append(opening_us(bench, number))
+    assert min(took_us) >= TIMEOUT_US
+    assert took_us[-1] <= TIMEOUT_US + LATE_US, took_us
+
+
+def opening_us(bench, number):
+    """Let the driver's process die; return the time from its last heartbeat to the open line."""
+    pty = Pty(bench.parent / "bridge")
+    try:
+        with machine(emulated()) as board:
+            wire = Wire(board, pty)
+            wire.wait_for(lambda: board.told, "the board")
+            host = subprocess.Popen([sys.executable, "-c", HOST, str(bench)])
+            try:
+                wire.wait_for(lambda: wire.status and wire.status.heartbeats > 50, "heartbeats")
+                wire.wait_for(lambda: board.told[-1].line_closed, "the line to close")
+                host.send_signal(number)
+                wire.wait_for(lambda: not board.told[-1].line_closed, "the line to open")
+                opened = board.told[-1]
+                while board.told and not board.told[-1].line_closed:
+                    opened = board.told.pop()
+                wire.status = None
+                wire.wait_for(lambda: wire.status, "Status")
+                return opened.t_us - wire.status.heartbeat_t_us
+            finally:
+                host.kill()
+                host.wait()
+    finally:
+        pty.close()

@@ -1,0 +1,51 @@
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.emulate.feed import FeedDecoder, Told, values
+
+CLOCKS = st.integers(0, 2**32 - 1)
+
+
+def told_frame(told):
+    """Write what the firmware writes (feed_write in feed.c), in another way."""
+    bits = f"{0:02b}{told.line_closed:b}{told.t_us:032b}"
+    sevens = [int(bits[place : place + 7], 2) for place in range(0, 35, 7)]
+    sevens[0] |= 0x80
+    return bytes((*sevens, (sum(sevens) + 0x35) % 128))
+
+
+@given(st.lists(st.builds(Told, st.booleans(), CLOCKS)), st.integers(1, 9))
+def test_what_the_firmware_tells_is_read_however_it_is_cut(told, chunk):
+    data = b"".join(map(told_frame, told))
+    decoder, got = FeedDecoder(), []
+    for place in range(0, len(data), chunk):
+        got += decoder.feed(data[place : place + chunk])
+    assert got == told
+
+
+@given(st.binary(), st.builds(Told, st.booleans(), CLOCKS))
+def test_it_is_in_step_again_after_any_noise(noise, told):
+    decoder = FeedDecoder()
+    decoder.feed(noise)
+    assert decoder.feed(told_frame(told))[-1:] == [told]
+
+
+def test_corrupt_and_cut_frames_are_left_out():
+    good = told_frame(Told(True, 123_456))
+    bad = bytes((*good[:-1], good[-1] ^ 1))
+    assert FeedDecoder().feed(bad + good[:3] + good) == [Told(True, 123_456)]
+    assert FeedDecoder().feed(good[1:]) == []
+
+
+@given(st.integers(0, 4095), st.integers(-32768, 32767))
+def test_values_for_the_firmware(gray, torque):
+    frame = values(gray, torque)
+    assert [byte >> 7 for byte in frame] == [1, 0, 0, 0, 0]
+    word = int("".join(f"{byte & 127:07b}" for byte in frame[:-1]), 2)
+    assert (word >> 16, (word & 0xFFFF) - 32768) == (gray, torque)
+    assert frame[-1] == (sum(frame[:-1]) + 0x35) % 128
+
+
+def test_torque_beyond_the_adc_stays_at_its_end():
+    assert values(0, 40_000) == values(0, 32_767)
+    assert values(0, -40_000) == values(0, -32_768)
