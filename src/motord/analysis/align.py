@@ -23,7 +23,11 @@ GAIN_APART = 0.1
 
 def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
     """Return the alignment over all sweeps of the runs. Raises AnalysisError, IdentifyError."""
-    return align([ticks for run in runs for ticks in _sweeps(run)], subject.motor)
+    sweeps = [ticks for run in runs for ticks in _sweeps(run)]
+    if not sweeps:
+        names = ", ".join(str(run.path) for run in runs)
+        raise AnalysisError(f"{names}: the plan was ended before a sweep was over: start it anew")
+    return align(sweeps, subject.motor)
 
 
 def _sweeps(run: Run) -> list[np.ndarray]:
@@ -32,8 +36,6 @@ def _sweeps(run: Run) -> list[np.ndarray]:
         said = f"is of the plan {name}" if name else "names no plan"
         raise AnalysisError(f"{run.path}: {said}; needed: {PLAN}")
     points = good_points(run.operating_points())
-    if not points:
-        raise AnalysisError(f"{run.path}: the plan was ended before a sweep was over: start anew")
     return [
         run.ticks(REQUIRED, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
         for point in points

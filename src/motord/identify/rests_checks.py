@@ -35,7 +35,7 @@ def check_rests(rests: Rests) -> None:
         of_way = rests.way == way
         if int((of_way & rests.still).sum()) >= STOPS_MIN:
             continue
-        if int(of_way.sum()) >= 2 * STOPS_MIN:
+        if int(of_way.sum()) >= STOPS_MIN:
             raise IdentifyError(
                 f"the rotor came to rest at {int((of_way & rests.still).sum())} of "
                 f"{int(of_way.sum())} stops {word}: set a longer hold_s, or more brake, which "

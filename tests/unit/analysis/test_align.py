@@ -13,10 +13,13 @@ from motord.analysis import align as analysis
 from motord.analysis.subject import Subject
 from motord.cli import app
 from motord.config import Config, MotorConfig, load, packaged
+from motord.control.types import SETPOINT
 from motord.identify.calibrate import calibrate
 from motord.identify.points import PointData
 from motord.plans import build
+from motord.record.metadata import describe
 from motord.record.reader import open_run
+from motord.record.writer import RunWriter
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 
@@ -148,3 +151,16 @@ def test_other_recordings_are_refused_in_one_line(bench: Path, tmp_path: Path) -
     done = motord("analyse", "align", bench / "run.mcap", "--write", tmp_path / "motorless.toml")
     assert done.exit_code == 1
     assert "there is no table [motor] to write to" in done.stderr
+
+
+def test_runs_that_were_ended_early_count_for_nothing(bench: Path, tmp_path: Path) -> None:
+    config = load(bench / "bench.toml")
+    ticks, _ = VirtualBench(config, seed=1).run(np.zeros(1, SETPOINT), 100)
+    early = tmp_path / "early.mcap"
+    metadata = describe(config, (bench / "bench.toml").read_text(), plan={"name": "align"})
+    with RunWriter(early, metadata) as writer:
+        writer.ticks(ticks)
+    done = motord("analyse", "align", early)
+    assert done.exit_code == 1
+    assert "the plan was ended before a sweep was over: start it anew" in done.stderr
+    assert motord("analyse", "align", early, bench / "run.mcap").exit_code == 0
