@@ -119,6 +119,9 @@ void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading)
         bridge->ticks_to_sample = bridge->ticks_per_sample;
         sample(bridge, reading, encoder.lines);
     }
+    if (clock_since(reading->t_us, bridge->heard_t_us) >= BRIDGE_SILENCE_US) {
+        bridge->host_silent = true;
+    }
     if (bridge->streaming &&
         clock_since(reading->t_us, bridge->status_t_us) >= BRIDGE_STATUS_PERIOD_US) {
         put_status(bridge);
@@ -173,7 +176,7 @@ static void hear(struct bridge *bridge, const union bridge_frame *frame)
         bridge->streaming = true;
         put_status(bridge);
         break;
-    default: /* BRIDGE_Stop: there is no other that accept() lets through */
+    default: /* BRIDGE_Stop: there is no other of a host's */
         bridge->streaming = false;
         enable_line_stop(&bridge->line, bridge->t_us);
         put_status(bridge);
@@ -181,20 +184,32 @@ static void hear(struct bridge *bridge, const union bridge_frame *frame)
     }
 }
 
-/* Checks a good frame's number. A board's frame is an echo of somebody's; HelloRequest is a host
- * that starts. While the line is closed no other frame may step back: a buffer that sends old
- * heartbeats over and over is no living host. */
+/* Checks a good frame's number. HelloRequest is a host that starts. No other frame may step back,
+ * unless the host was silent for long: a buffer that sends old heartbeats over and over is no living
+ * host. */
 static bool accept(struct bridge *bridge, const union bridge_frame *frame)
 {
     struct sequence_check *check = &bridge->receiver.check;
-    if (frame->type < BRIDGE_FROM_HOST) {
-        sequence_corrupt(check);
-        return false;
-    }
     if (frame->type == BRIDGE_HelloRequest) {
         sequence_restart(check);
     }
-    return sequence_accept(check, frame->sequence, !enable_line_closed(&bridge->line));
+    const bool accepted = sequence_accept(check, frame->sequence, bridge->host_silent);
+    bridge->heard_t_us = bridge->t_us;
+    bridge->host_silent = false;
+    return accepted;
+}
+
+/* A good frame came. What asks for an open line is obeyed whatever its number. */
+static void take(struct bridge *bridge, const union bridge_frame *frame)
+{
+    if (frame->type < BRIDGE_FROM_HOST) {
+        sequence_corrupt(&bridge->receiver.check); /* a board's frame: an echo of somebody's */
+    } else if (accept(bridge, frame)) {
+        hear(bridge, frame);
+    } else if (frame->type == BRIDGE_Stop ||
+               (frame->type == BRIDGE_Heartbeat && frame->Heartbeat.enable != 1)) {
+        enable_line_stop(&bridge->line, bridge->t_us);
+    }
 }
 
 void bridge_on_received(struct bridge *bridge, uint32_t t_us, const uint8_t *data, size_t count)
@@ -205,8 +220,8 @@ void bridge_on_received(struct bridge *bridge, uint32_t t_us, const uint8_t *dat
         union bridge_frame frame;
         enum received what;
         at += link_receive(&bridge->receiver, data + at, count - at, &what, &frame);
-        if (what == RECEIVED_FRAME && accept(bridge, &frame)) {
-            hear(bridge, &frame);
+        if (what == RECEIVED_FRAME) {
+            take(bridge, &frame);
         }
     }
     drive_line(bridge);
@@ -228,6 +243,7 @@ void bridge_init(struct bridge *bridge, const struct board *board)
     const bool board_works = board->self_test();
     const bool timer_works = set_rate(bridge, BRIDGE_RATE_DEFAULT_HZ);
     bridge->self_test_passed = core_works & board_works & timer_works;
+    bridge->host_silent = true;
     bridge->sample_status = BRIDGE_STATUS_ENCODER_INVALID | BRIDGE_STATUS_TORQUE_INVALID;
     if (!bridge->self_test_passed) {
         enable_line_bar(&bridge->line);

@@ -95,6 +95,7 @@ DEATHS: list[Death] = [
     a_buffer_again_and_again(2),
     a_buffer_again_and_again(7),
     a_buffer_again_and_again(100),
+    a_buffer_again_and_again(ALIVE_BEATS),  # with heartbeats in it that ask for an open line
     in_the_middle_of_a_frame,
     corrupt_heartbeats,
     torn_heartbeats,
@@ -145,7 +146,9 @@ def test_the_line_opens_in_time_and_stays_open(
         if device.now_us - died_us > 6 * TIMEOUT_US:
             break
     assert opened_us is not None
-    assert TIMEOUT_US <= opened_us - died_us <= TIMEOUT_US + 1000
+    assert opened_us - died_us <= TIMEOUT_US + 1000
+    asked_to = death.__name__.startswith(f"the_last_{ALIVE_BEATS}")
+    assert asked_to or opened_us - died_us >= TIMEOUT_US
 
 
 def test_a_host_that_comes_back_has_to_ask_for_an_open_line_first(library: Library) -> None:
@@ -170,11 +173,17 @@ def test_a_stop_that_is_lost_is_made_good_by_the_silence_after_it(library: Libra
 
 
 def test_the_line_opens_at_once_when_asked(library: Library) -> None:
-    for frame in (frames.Stop(), frames.Heartbeat(0), frames.HelloRequest(9)):
-        device = Device(library)
-        alive(device)
-        device.send(frame)
-        assert not device.closed
+    """Whatever number the frame has; the next heartbeat closes it again, but not an old one."""
+    for frame in (frames.Stop(), frames.Heartbeat(0), frames.Heartbeat(7), frames.HelloRequest(9)):
+        for sequence in (None, 0, 15, ALIVE_BEATS - 1):
+            device = Device(library)
+            alive(device)
+            device.send(frame, sequence)
+            assert not device.closed
+            device.send(frames.Heartbeat(1), 16)
+            assert not device.closed
+            device.beat(1)
+            assert device.closed == (type(frame) is not frames.HelloRequest)
 
 
 @pytest.mark.parametrize("late_us", [-1, 0])
@@ -202,14 +211,34 @@ def test_a_new_host_counts_from_zero(library: Library) -> None:
     assert device.closed
 
 
-def test_after_silence_old_numbers_are_a_new_host(library: Library) -> None:
-    device = Device(library)
+@pytest.mark.parametrize(("silent_us", "closed"), [(990_000, False), (1_010_000, True)])
+def test_after_a_second_of_silence_old_numbers_are_a_new_host(
+    library: Library, silent_us: int, closed: bool
+) -> None:
+    device = Device(library, now_us=CLOCK - 500_000)
     alive(device)
-    device.pass_us(60_000)
+    device.pass_us(silent_us)
     device.sequence = 3
     device.beat(0)
     device.beat(1)
+    assert device.closed == closed
+    status = device.ask(frames.HelloRequest(1))
+    assert isinstance(status, frames.Hello)
+    device.beat(0)
+    device.beat(1)
     assert device.closed
+
+
+def test_old_frames_are_no_signs_of_life(library: Library) -> None:
+    """Not even to the count of the silence: they come without end."""
+    device = Device(library)
+    sent = alive(device)
+    for _ in range(3):
+        for old in sent:
+            device.receive(old)
+            device.pass_us(10_000)
+            assert not device.closed
+    assert device.bridge.heartbeats == ALIVE_BEATS
 
 
 def test_a_longer_timeout_comes_too_late_for_a_host_that_fell_silent(library: Library) -> None:
