@@ -30,8 +30,8 @@ class Found:
 
     points: how often each is there, whole. missing_s: victim and time from the newest tick
     recorded in the end up to a kill to the newest that there was; missing_then_s: the same, of
-    those files alone that there were when the recorder died. gone, double: ticks of a loop that
-    are in no file, or in two.
+    those files alone that there were when the recorder died. gone: ticks of a loop that are in
+    no file. double: ticks that are in two.
     """
 
     points: Counter[int] = field(default_factory=Counter)
@@ -95,8 +95,7 @@ def _count(every: np.ndarray, found: Found) -> None:
     """Count ticks that are gone or double, where the counter does not begin anew."""
     steps = np.diff(every["tick"].astype(np.int64))
     skipped = np.diff(every["missed"].astype(np.int64))
-    later = np.diff(every["t_ns"]) > 0
-    same_loop = (steps > 0) & (skipped >= 0) & later
+    same_loop = (steps > 0) & (skipped >= 0) & (np.diff(every["t_ns"]) > 0)
     found.ticks = len(every)
     found.gone = int((steps - 1 - skipped)[same_loop].sum())
-    found.double = int((~later).sum())
+    found.double = len(every) - len(np.unique(every[["tick", "t_ns"]]))

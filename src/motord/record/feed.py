@@ -1,5 +1,6 @@
 """Ticks out of the ring, each once: from now on, or from where an earlier recorder ended."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -8,12 +9,15 @@ import numpy as np
 
 from motord.record.container import part_of
 from motord.record.errors import RecordError
-from motord.record.files import file_name, numbers
+from motord.record.files import file_name, newest_others, numbers
 from motord.record.reader import open_run
 from motord.runtime.ring import RingReader
 from motord.runtime.shared import SharedFileError
 from motord.schema import TICK_DTYPE
 from motord.wire.blocks import Block
+
+NEIGHBOURS = 4
+"""Other recordings that are looked at for where a recording begins."""
 
 
 @dataclass(frozen=True)
@@ -43,29 +47,50 @@ def last_mark(stem: Path) -> Mark | None:
     """Return the last tick in the newest file of the recording `stem`, None if there is none."""
     for number in reversed(numbers(stem)):
         path = file_name(stem, number)
-        try:
-            run = open_run(path if path.exists() else part_of(path))
-            last = run.tick_table.last(["tick", "t_ns", "missed"])
-        except RecordError:
-            continue  # nothing in it can be read
-        if len(last):
-            return Mark(*(int(last[name][0]) for name in ("tick", "t_ns", "missed")))
+        mark = _mark(path if path.exists() else part_of(path))
+        if mark is not None:
+            return mark
     return None
+
+
+def neighbours(stem: Path) -> tuple[Mark, ...]:
+    """Return the last ticks of the newest other recordings beside `stem`, the latest first.
+
+    One of them ended where `stem` begins, if it is of the same bench.
+    """
+    marks = map(_mark, newest_others(stem, NEIGHBOURS))
+    return tuple(sorted((m for m in marks if m is not None), key=lambda m: -m.t_ns))
+
+
+def _mark(path: Path) -> Mark | None:
+    """Return the last tick in a file, None if it has none, or none that can be read."""
+    try:
+        last = open_run(path).tick_table.last(["tick", "t_ns", "missed"])
+    except RecordError:
+        return None
+    if not len(last):
+        return None
+    return Mark(*(int(last[name][0]) for name in ("tick", "t_ns", "missed")))
 
 
 class Feed:
     """Reads the ring at `path`, which may not be there yet, and follows it to its successors.
 
     Ticks come from the moment of construction on ("now"), or from the oldest that the ring holds,
-    without those up to `mark`. `problem` says why there is no ring, if it is not only that the
-    loop has not started.
+    without those up to `mark`, or else to the first of `others` that is among them. `problem` says
+    why there is no ring, if it is not only that the loop has not started.
     """
 
     def __init__(
-        self, path: Path, start: Literal["now", "oldest"] = "now", mark: Mark | None = None
+        self,
+        path: Path,
+        start: Literal["now", "oldest"] = "now",
+        mark: Mark | None = None,
+        others: Sequence[Mark] = (),
     ) -> None:
         self._path = path
         self._mark = mark
+        self._others = others
         self._new_ring = False
         self._staying = False
         self.problem = ""
@@ -116,6 +141,9 @@ class Feed:
             return Piece(block, lost)
         new_ring, mark = self._new_ring, self._mark
         self._new_ring, self._mark = False, None
+        others, self._others = self._others, ()
+        if mark is None:
+            mark = next((other for other in others if _is_in(block, other).any()), None)
         if mark is None:
             return Piece(block, lost, new_ring=new_ring)
         fresh, lost = _after(block, mark)
@@ -125,9 +153,15 @@ class Feed:
         return Piece(fresh, lost, resumed=mark, new_ring=new_ring)
 
 
+def _is_in(block: Block, mark: Mark) -> Block:
+    """Return which ticks of `block` (n,) are the one of `mark`."""
+    found: Block = (block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns)
+    return found
+
+
 def _after(block: Block, mark: Mark) -> tuple[Block, int]:
     """Return the ticks of `block` that come after `mark`, and how many between are lost."""
-    same = (block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns)
+    same = _is_in(block, mark)
     if same.any():
         return block[int(np.argmax(same)) + 1 :], 0
     fresh = block[block["t_ns"] > mark.t_ns]

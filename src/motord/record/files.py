@@ -1,6 +1,7 @@
 """Names of the files of a recording: NAME-000.mcap, NAME-001.mcap and so on."""
 
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from motord.record.container import PART
@@ -30,6 +31,18 @@ def numbers(stem: Path) -> list[int]:
                 if number.isdecimal():
                     found.add(int(number))
     return sorted(found)
+
+
+def newest_others(stem: Path, count: int) -> list[Path]:
+    """Return the files beside `stem` that are not of it and were written last, newest first."""
+    written = []
+    if stem.parent.is_dir():
+        for path in stem.parent.iterdir():
+            whole = path.with_name(path.name.removesuffix(PART))
+            if stem_of(whole) not in (None, stem):
+                with suppress(FileNotFoundError):  # it has just been given its name
+                    written.append((path.stat().st_mtime_ns, path))
+    return [path for _, path in sorted(written, reverse=True)[:count]]
 
 
 def next_file(stem: Path) -> Path:

@@ -10,7 +10,7 @@ from motord.record.background import Background
 from motord.record.blackbox import Wanted, checked_event
 from motord.record.blackboxes import BlackBoxes
 from motord.record.errors import RecordError
-from motord.record.feed import Feed, Piece, last_mark
+from motord.record.feed import Feed, Piece, last_mark, neighbours
 from motord.record.recording import Recording, free_bytes
 
 TIME_MAX_NS = (1 << 63) - 1
@@ -87,15 +87,17 @@ class Session:
     ) -> None:
         """Begin the recording `stem`, after ending the one that is going on.
 
-        With `resume`, ticks go on after the last in the newest file of `stem`. Raises RecordError.
+        With `resume`, ticks go on after the last in the newest file of `stem`, or of the recording
+        that ended where this one begins. Raises RecordError.
         """
         self.close(f"the recording {stem.name} began", now_s)
         mark = last_mark(stem) if resume else None
+        others = neighbours(stem) if resume and mark is None else ()
         self.about = metadata
         self._recording = Recording(stem, metadata, self._settings, now_s, self._free)
         self._error = ""
         if self._feed is None:
-            self._feed = Feed(self._ring, "oldest" if resume else "now", mark)
+            self._feed = Feed(self._ring, "oldest" if resume else "now", mark, others)
 
     def stay(self) -> None:
         """Follow the loop that there is to its end, and no other after it."""

@@ -12,7 +12,8 @@ from typing import Any, Literal, Protocol
 from motord.service.views import ProcessView
 
 BACKOFF_FIRST_S = 0.1
-BACKOFF_LAST_S = 5.0
+BACKOFF_LAST_S = 0.5
+"""Ticks wait in the ring for a recorder, and are lost if the ring goes, too: never for long."""
 SETTLED_S = 10.0
 """A child that ran this long is started again at once when it ends."""
 

@@ -632,6 +632,36 @@ def test_a_mistake_in_the_background_is_not_kept_quiet(bench, monkeypatch):
 # --- names and marks
 
 
+def test_one_killed_as_a_recording_begins_does_not_record_twice_what_the_one_before_has(bench):
+    bench.start()
+    bench.loop(50)
+    bench.stem = bench.stem.with_name("night")
+    bench.start()
+    bench.loop(20)
+    bench.session = bench.new_session()  # none of them in a file
+    bench.start(resume=True)
+    bench.loop(5)
+    bench.step()
+    bench.stop()
+    assert bench.recorded() == list(range(75))
+    night = [f for f in bench.files() if f.name.startswith("night")]
+    assert sum(len(open_run(f).ticks()) for f in night) == 25
+
+
+def test_recordings_of_other_benches_beside_it_do_not_matter(bench):
+    bench.stem.parent.mkdir()
+    with RunWriter(file_name(bench.stem.with_name("other"), 0), {}) as writer:
+        writer.ticks(tick_block(10, 1000))
+    (bench.stem.parent / "no-recording.mcap").write_bytes(b"")
+    (bench.stem.parent / "broken-000.mcap").write_bytes(b"broken")
+    bench.loop(20)
+    bench.start(resume=True)
+    bench.step()
+    bench.stop()
+    [day] = [f for f in bench.files() if f.name.startswith("day")]
+    assert open_run(day).ticks(["tick"])["tick"].tolist() == list(range(20))
+
+
 def test_names_of_files(tmp_path):
     stem = tmp_path / "day"
     assert numbers(tmp_path / "absent" / "day") == []
