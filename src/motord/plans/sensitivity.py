@@ -33,6 +33,11 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
             f"{NAME}: errors are induced where all else is compensated: compensate is always "
             f"{COMPENSATE!r}"
         )
+    if config.inverter.q_only:
+        raise PlanError(
+            f"{NAME}: the drive takes current along q alone, so the phases cannot have errors of "
+            "their own induced"
+        )
     own = chosen(NAME, config.plans.sensitivity, given)
     taken = points(own)
     if not taken:

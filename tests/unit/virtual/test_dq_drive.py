@@ -18,7 +18,7 @@ from motord.identify.points import PointData, prepare, split
 from motord.identify.reconstruct import explain
 from motord.identify.result import CalibrationResult
 from motord.identify.verify import point_ripple
-from motord.plans import build
+from motord.plans import PlanError, build
 from motord.schema import Request, State, Trip
 from motord.virtual import VirtualBench, run_plan
 
@@ -188,6 +188,12 @@ def test_independent_windings_are_refused() -> None:
     content["motor"]["connection"] = "independent"
     with pytest.raises(ValueError, match="it takes a star"):
         Config.model_validate(content)
+
+
+def test_errors_of_phases_cannot_be_induced_along_q_alone() -> None:
+    with pytest.raises(PlanError, match="along q alone"):
+        build("sensitivity", CASES["q alone"], {})
+    assert build("sensitivity", CASES["d and q"], {}).points
 
 
 def test_the_refusal_names_the_file(tmp_path: Path) -> None:
