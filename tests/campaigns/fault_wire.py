@@ -210,18 +210,36 @@ def _bring_to(client: Any, token: str, state: str, config: Any) -> None:
     if state == "OFF":
         client.rpc("stop")
         return
+    if state in ("torque", "ramping"):
+        _turn(client, token, state)
+        return
     _enable(client, token)
     if state == "READY":
         client.rpc("disable", token=token)
-    elif state in ("torque", "ramping"):
-        client.rpc("set", token=token, brake=BRAKE)
-        time.sleep(BRAKE_S)
-        client.rpc("set", token=token, torque_Nm=TORQUE_NM)
-        if state == "torque":
-            wait_for(client, lambda s: s.tick.torque_set_Nm > TORQUE_NM - 0.01, "the torque")
     elif state == "TRIPPED":
         _trip(client, config)
         time.sleep(0.3)
+
+
+def _turn(client: Any, token: str, state: str) -> None:
+    """Bring the bench under torque; one that trips meanwhile, as in `_enable`, is tried again."""
+    deadline_s = time.monotonic() + TRIES_S
+    while True:
+        _enable(client, token)
+        try:
+            client.rpc("set", token=token, brake=BRAKE)
+            time.sleep(BRAKE_S)
+            client.rpc("set", token=token, torque_Nm=TORQUE_NM)
+        except ClientError:
+            if time.monotonic() > deadline_s:
+                raise
+            continue
+        if state == "ramping" or wait_for(client, _there_or_not, "the torque").state == "ENABLED":
+            return
+
+
+def _there_or_not(state: Any) -> bool:
+    return state.state != "ENABLED" or bool(state.tick.torque_set_Nm > TORQUE_NM - 0.01)
 
 
 def _trip(client: Any, config: Any) -> None:
