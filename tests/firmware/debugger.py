@@ -2,13 +2,19 @@
 
 import re
 import socket
+import time
 
+_PATIENCE_S = 20.0
 _PC = 15
 _XPSR = 25
 _IPSR_MASK = 0x1FF  # the interrupt that the processor is in, 0 for none
-_HANG_AT = 0x2001_F000
+_CODE_AT = 0x2001_F000
 """Memory that the firmware does not use."""
 _ENABLE_INTERRUPTS_AND_HANG = bytes.fromhex("62b6fee7")  # cpsie i; b .
+_PEND_AND_HANG = bytes.fromhex("02480349016062b6fee700bf")
+"""ldr r0, [pc, #8]; ldr r1, [pc, #12]; str r1, [r0]; cpsie i; b .; nop; and two words."""
+_PEND_HANGS_AT = 8
+_NVIC_ISPR0 = (0xE000_E200).to_bytes(4, "little")
 _PACKET = re.compile(rb"\$([^#]*)#[0-9a-f]{2}")
 
 
@@ -23,8 +29,11 @@ class Debugger:
     def __init__(self, path):
         self._received = b""
         self._socket = socket.socket(socket.AF_UNIX)
-        self._socket.settimeout(10.0)
-        self._socket.connect(str(path))
+        self._socket.settimeout(_PATIENCE_S)
+        deadline_s = time.monotonic() + _PATIENCE_S
+        while self._socket.connect_ex(str(path)):
+            assert time.monotonic() < deadline_s, "QEMU does not listen"
+            time.sleep(0.01)
 
     def __enter__(self):
         self._command("qXfer:features:read:target.xml:0,fff")  # QEMU writes registers only then
@@ -36,12 +45,27 @@ class Debugger:
 
     def jump(self, address):
         """Let the processor go on at `address`."""
-        assert self._command(f"P{_PC:x}={address.to_bytes(4, 'little').hex()}") == "OK"
+        self.set_register(_PC, address)
 
     def in_interrupt(self):
         """Return whether the processor is in one."""
-        register = bytes.fromhex(self._command(f"p{_XPSR:x}"))
-        return int.from_bytes(register, "little") & _IPSR_MASK != 0
+        return self.register(_XPSR) & _IPSR_MASK != 0
+
+    def register(self, number):
+        """Return a register of the processor."""
+        return int.from_bytes(bytes.fromhex(self._command(f"p{number:x}")), "little")
+
+    def set_register(self, number, word):
+        """Set a register of the processor."""
+        assert self._command(f"P{number:x}={word.to_bytes(4, 'little').hex()}") == "OK"
+
+    def word(self, address):
+        """Return a word of memory."""
+        return int.from_bytes(bytes.fromhex(self._command(f"m{address:x},4")), "little")
+
+    def write_word(self, address, word):
+        """Write a word of memory; QEMU does not write registers of devices so."""
+        self.write(address, word.to_bytes(4, "little"))
 
     def write(self, address, data):
         """Write memory."""
@@ -64,10 +88,27 @@ class Debugger:
 
 def hang(path):
     """Let the main loop go no further; the interrupts go on."""
+    _run(path, _ENABLE_INTERRUPTS_AND_HANG)
+
+
+def pend(path, irq):
+    """Let an interrupt come, as if its device had asked for it."""
+    before = _run(path, _PEND_AND_HANG + _NVIC_ISPR0 + (1 << irq).to_bytes(4, "little"))
     hangs = False
     while not hangs:
         with Debugger(path) as debugger:
+            hangs = debugger.register(_PC) == _CODE_AT + _PEND_HANGS_AT
+            if hangs:
+                for number, word in before.items():
+                    debugger.set_register(number, word)
+
+
+def _run(path, code):
+    """Let the main loop go on with `code`; return the registers that bring it back."""
+    while True:
+        with Debugger(path) as debugger:
             if not debugger.in_interrupt():
-                debugger.write(_HANG_AT, _ENABLE_INTERRUPTS_AND_HANG)
-                debugger.jump(_HANG_AT)
-                hangs = True
+                before = {number: debugger.register(number) for number in (0, 1, _PC)}
+                debugger.write(_CODE_AT, code)
+                debugger.jump(_CODE_AT)
+                return before

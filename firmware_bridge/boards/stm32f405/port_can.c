@@ -23,6 +23,7 @@
 _Static_assert(APB1_HZ == BIT_HZ * PRESCALER * (1 + SEGMENT_1 + SEGMENT_2), "bit timing");
 
 #define PATIENCE 1000000U
+#define RELEASE_TURNS 10U
 
 enum { RING_FRAMES_MAX = 64, MAILBOXES = 3 }; /* the ring's size is a power of two */
 
@@ -144,7 +145,8 @@ void can1_rx0_handler(void)
             received.head++;
         }
         CAN1->RF0R = CAN_RF0R_RFOM;
-        while (CAN1->RF0R & CAN_RF0R_RFOM) { /* two cycles, until the mailbox is released */
+        for (uint32_t turn = 0; turn < RELEASE_TURNS && CAN1->RF0R & CAN_RF0R_RFOM; turn++) {
+            /* two cycles, until the mailbox is released */
         }
     }
     program_received();

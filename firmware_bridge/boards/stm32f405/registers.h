@@ -1,5 +1,6 @@
 /* The registers of the STM32F405 that the bridge uses, named as in ST's reference manual RM0090 and
- * Arm's ARMv7-M manual (DDI 0403). Only those used are here. */
+ * Arm's ARMv7-M manual (DDI 0403). Only those used are here.
+ * What QEMU does not have is where stm32f405.ld says, so that tests can put it into RAM. */
 #ifndef STM32F405_REGISTERS_H
 #define STM32F405_REGISTERS_H
 
@@ -16,7 +17,6 @@ typedef volatile uint32_t reg;
 #define SCB_VTOR (*(reg *)0xE000ED08)
 #define SCB_AIRCR (*(reg *)0xE000ED0C)
 #define SCB_SHPR3 (*(reg *)0xE000ED20)
-#define SCB_CPACR (*(reg *)0xE000ED88)
 #define AIRCR_SYSRESETREQ (UINT32_C(0x05FA0000) | BIT(2))
 
 #define ICSR_PENDSVSET BIT(28)
@@ -34,7 +34,8 @@ typedef struct {
     reg reserved3[2], AHB1LPENR, AHB2LPENR, AHB3LPENR, reserved4, APB1LPENR, APB2LPENR;
     reg reserved5[2], BDCR, CSR;
 } rcc_registers;
-#define RCC ((rcc_registers *)0x40023800)
+extern rcc_registers rcc_block;
+#define RCC (&rcc_block)
 #define RCC_CR_HSEON BIT(16)
 #define RCC_CR_HSERDY BIT(17)
 #define RCC_CR_CSSON BIT(19)
@@ -59,7 +60,8 @@ typedef struct {
 #define RCC_CSR_IWDGRSTF BIT(29)
 
 /* ---- flash interface ------------------------------------------------------------------------ */
-#define FLASH_ACR (*(reg *)0x40023C00)
+extern reg flash_block;
+#define FLASH_ACR flash_block
 #define FLASH_ACR_LATENCY_5WS UINT32_C(5)
 #define FLASH_ACR_LATENCY_MASK UINT32_C(7)
 #define FLASH_ACR_PRFTEN BIT(8)
@@ -70,9 +72,10 @@ typedef struct {
 typedef struct {
     reg MODER, OTYPER, OSPEEDR, PUPDR, IDR, ODR, BSRR, LCKR, AFRL, AFRH;
 } gpio_registers;
-#define GPIOA ((gpio_registers *)0x40020000)
-#define GPIOB ((gpio_registers *)0x40020400)
-#define GPIOC ((gpio_registers *)0x40020800)
+extern gpio_registers gpioa_block, gpiob_block, gpioc_block;
+#define GPIOA (&gpioa_block)
+#define GPIOB (&gpiob_block)
+#define GPIOC (&gpioc_block)
 
 /* ---- USART ---------------------------------------------------------------------------------- */
 typedef struct {
@@ -101,8 +104,10 @@ typedef struct {
 typedef struct {
     reg SR, CR1, CR2, SMPR1, SMPR2, JOFR[4], HTR, LTR, SQR1, SQR2, SQR3, JSQR, JDR[4], DR;
 } adc_registers;
-#define ADC1 ((adc_registers *)0x40012000)
-#define ADC_CCR (*(reg *)0x40012304)
+extern adc_registers adc1_block;
+extern reg adc_ccr_block;
+#define ADC1 (&adc1_block)
+#define ADC_CCR adc_ccr_block
 #define ADC_SR_OVR BIT(5)
 #define ADC_CR2_ADON BIT(0)
 #define ADC_CR2_CONT BIT(1)
@@ -114,8 +119,12 @@ typedef struct {
 typedef struct {
     reg CR, NDTR, PAR, M0AR, M1AR, FCR;
 } dma_stream_registers;
-#define DMA2_LIFCR (*(reg *)0x40026408)
-#define DMA2_STREAM0 ((dma_stream_registers *)0x40026410)
+typedef struct {
+    reg LISR, HISR, LIFCR, HIFCR;
+    dma_stream_registers S[8];
+} dma_registers;
+extern dma_registers dma2_block;
+#define DMA2 (&dma2_block)
 #define DMA_CR_EN BIT(0)
 #define DMA_CR_CIRC BIT(8)
 #define DMA_CR_MINC BIT(10)
@@ -128,7 +137,8 @@ typedef struct {
 typedef struct {
     reg KR, PR, RLR, SR;
 } iwdg_registers;
-#define IWDG ((iwdg_registers *)0x40003000)
+extern iwdg_registers iwdg_block;
+#define IWDG (&iwdg_block)
 #define IWDG_KR_UNLOCK UINT32_C(0x5555)
 #define IWDG_KR_FEED UINT32_C(0xAAAA)
 #define IWDG_KR_START UINT32_C(0xCCCC)
@@ -149,7 +159,8 @@ typedef struct {
         reg FR1, FR2;
     } F[28];
 } can_registers;
-#define CAN1 ((can_registers *)0x40006400)
+extern can_registers can1_block;
+#define CAN1 (&can1_block)
 #define CAN_MCR_INRQ BIT(0)
 #define CAN_MCR_SLEEP BIT(1)
 #define CAN_MCR_TXFP BIT(2)

@@ -9,7 +9,6 @@ typedef void (*handler)(void);
 
 void reset_handler(void)
 {
-    SCB_CPACR |= UINT32_C(0xF) << 20; /* the FPU, before any code may use it */
     const uint32_t *from = &data_load;
     for (uint32_t *to = &data_start; to < &data_end; to++) {
         *to = *from++;
