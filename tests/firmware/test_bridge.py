@@ -88,6 +88,16 @@ def test_start_stream_stop(library: Library, link: int) -> None:
     assert status.errors == 0
 
 
+@pytest.mark.parametrize("rate_Hz", [100, 3000, 20_000])
+def test_status_comes_twenty_times_a_second_at_any_rate(library: Library, rate_Hz: int) -> None:
+    device = streaming(library, rate_Hz)
+    got = []
+    for _ in range(500):
+        device.pass_us(2000)
+        got += statuses(device.answers())
+    assert len(got) in (19, 20)
+
+
 @given(st.integers(100, 20_000))
 @settings(max_examples=40)
 def test_rates(library: Library, rate_Hz: int) -> None:

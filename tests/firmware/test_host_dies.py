@@ -211,6 +211,32 @@ def test_a_new_host_counts_from_zero(library: Library) -> None:
     assert device.closed
 
 
+@pytest.mark.parametrize(
+    "frame", [frames.Start(), frames.Configure(500, 9000), frames.Heartbeat(1)]
+)
+def test_an_old_command_does_nothing(library: Library, frame: frames.Frame) -> None:
+    device = Device(library)
+    alive(device)
+    device.answers()
+    device.send(frame, 30)
+    assert device.closed
+    assert not device.answers()
+    assert (device.bridge.heartbeats, device.bridge.streaming) == (ALIVE_BEATS, False)
+    assert device.bridge.rate_Hz == 1000
+
+
+@pytest.mark.parametrize(
+    ("silent_us", "taken"), [(999_999, False), (1_000_000, True), (1_000_001, True)]
+)
+def test_both_sides_of_the_silence(library: Library, silent_us: int, taken: bool) -> None:
+    device = Device(library, now_us=CLOCK - 999_000)
+    alive(device)
+    device.now_us += silent_us
+    device.tick()
+    device.send(frames.Heartbeat(0), 3)
+    assert device.bridge.heartbeats == ALIVE_BEATS + taken
+
+
 @pytest.mark.parametrize(("silent_us", "closed"), [(990_000, False), (1_010_000, True)])
 def test_after_a_second_of_silence_old_numbers_are_a_new_host(
     library: Library, silent_us: int, closed: bool
