@@ -1,0 +1,198 @@
+"""Are the tests of states, limits and lease good enough to notice a mistake?
+
+`python -m tests.campaigns.mutation [--jobs 2] [MODULE ...]` makes one small mistake after the other
+in the modules below (with the operators of Cosmic Ray) and runs their tests on each; at least 90 %
+of the mistakes must make a test fail. Kernels run interpreted. No file is changed: each mutant
+lives in a process of its own, forked from one that has imported everything else.
+"""
+
+import argparse
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+WANTED = 0.9
+TIMEOUT_S = 60
+
+_CONTROL = ("tests/unit/control/test_states.py", "tests/unit/control/test_interlocks.py")
+TESTS: dict[str, tuple[str, ...]] = {
+    "motord.control.states": _CONTROL,
+    "motord.control.interlocks": (*_CONTROL, "tests/unit/control/test_step.py"),
+    "motord.control.interlock_table": _CONTROL,
+    "motord.plans.limits": ("tests/unit/plans/test_limits.py",),
+    "motord.service.lease": ("tests/unit/service/test_lease.py",),
+}
+SLOW = "not test_limits_hold_for_any_input and not test_compensation_inverts_the_model"
+
+ARITHMETIC = ("Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow")
+BITWISE = ("BitAnd", "BitOr", "BitXor", "LShift", "RShift")
+NO_MISTAKES = ("RemoveDecorator", "_Is", "_IsNot", "VariableReplacer", "VariableInserter")
+"""Interpreted, a kernel has no compiler to take away; numbers are not told apart by identity; the
+last two must be told which variable.
+"""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A mistake in a module."""
+
+    module: str
+    operator: str
+    occurrence: int
+    line: int
+    code: str
+
+
+def is_used(operator: str) -> bool:
+    """Return whether an operator makes mistakes that could be somebody's.
+
+    What mixes arithmetic with bits fails at once, and would only flatter the tests.
+    """
+    name = operator.removeprefix("core/")
+    if name.endswith(NO_MISTAKES):
+        return False
+    if name.startswith("ReplaceBinaryOperator_"):
+        before, after = name.split("_")[1:]
+        return (before in ARITHMETIC) == (after in ARITHMETIC)
+    return True
+
+
+def mutants(module: str) -> Iterator[Mutant]:
+    """Yield all mutants of a module, the same ones every time."""
+    from cosmic_ray import plugins
+    from cosmic_ray.ast import ast_nodes, get_ast
+    from cosmic_ray.mutating import mutate_code
+
+    path = ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
+    source = path.read_text()
+    for name in filter(is_used, plugins.operator_names()):
+        operator = plugins.get_operator(name)()
+        tree = get_ast(source)
+        lines = [p[0][0] for n in ast_nodes(tree) for p in operator.mutation_positions(n)]
+        for occurrence, line in enumerate(lines):
+            code = mutate_code(source, operator, occurrence)
+            if code is not None and code != source:
+                yield Mutant(module, name.removeprefix("core/"), occurrence, line, code)
+
+
+class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
+    """Imports the mutant in the place of its module."""
+
+    def __init__(self, mutant: Mutant) -> None:
+        self._mutant = mutant
+
+    def find_spec(self, name, path, target=None):
+        if name != self._mutant.module:
+            return None
+        return importlib.util.spec_from_loader(name, self, origin="mutant")
+
+    def get_filename(self, name: str) -> str:
+        return f"<{name}, mutant>"
+
+    def get_data(self, path) -> bytes:
+        return self._mutant.code.encode()
+
+
+def _test(mutant: Mutant) -> int:
+    """Run the tests on a mutant, or on none of `code`; return the exit code of pytest."""
+    import pytest
+
+    if mutant.code:
+        sys.meta_path.insert(0, _Mutated(mutant))
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--hypothesis-seed=1"]
+    options += ["-W", "default", "-k", SLOW]
+    return int(pytest.main([*options, *TESTS[mutant.module]]))
+
+
+def killed(every: Sequence[Mutant], jobs: int) -> list[bool]:
+    """Return which mutants a test fails on; one that runs on and on counts, too."""
+    verdicts, running = [False] * len(every), {}
+    for number, mutant in enumerate(every):
+        if len(running) >= jobs:
+            pid, status = os.wait()
+            verdicts[running.pop(pid)] = status != 0
+        running[_fork(mutant)] = number
+    while running:
+        pid, status = os.wait()
+        verdicts[running.pop(pid)] = status != 0
+    return verdicts
+
+
+def _fork(mutant: Mutant) -> int:
+    """Start the tests on a mutant; return the process."""
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            signal.alarm(TIMEOUT_S)
+            code = _test(mutant)
+        finally:
+            os._exit(code)
+    return pid
+
+
+def _prepare() -> None:
+    """Import what every test needs but the modules that mutants are of."""
+    os.environ["NUMBA_DISABLE_JIT"] = "1"
+    os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = tempfile.mkdtemp(prefix="motord-mutants-")
+    os.chdir(ROOT)
+    sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
+    for name in ("cosmic_ray.mutating", "hypothesis.stateful", "numba", "pydantic", "pytest"):
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            sys.exit(f"{error}; set it up: pip install cosmic-ray")
+
+
+def judge(modules: Sequence[str], jobs: int) -> dict[str, list[tuple[Mutant, bool]]]:
+    """Return every mutant of each module, and whether it was killed."""
+    verdicts: dict[str, list[tuple[Mutant, bool]]] = {}
+    for module in modules:
+        if killed([Mutant(module, "", 0, 0, "")], 1)[0]:
+            sys.exit(f"{module}: its tests fail without any mistake in it")
+        every, begun_s = list(mutants(module)), time.monotonic()
+        verdicts[module] = list(zip(every, killed(every, jobs), strict=True))
+        sys.stdout.write(_account(module, verdicts[module], time.monotonic() - begun_s))
+        sys.stdout.flush()
+    return verdicts
+
+
+def _account(name: str, verdicts: Sequence[tuple[Mutant, bool]], seconds: float) -> str:
+    lines = []
+    for mutant, was_killed in verdicts:
+        if not was_killed:
+            text = mutant.code.splitlines()[mutant.line - 1].strip()
+            lines.append(f"    {name}:{mutant.line}: {mutant.operator}: {text}\n")
+    return "".join(lines) + f"{name}: {_share([dead for _, dead in verdicts])}, {seconds:.0f} s\n"
+
+
+def _share(dead: Sequence[bool]) -> str:
+    return f"{sum(dead)} of {len(dead)} killed, {100 * sum(dead) / len(dead):.1f} %"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("modules", nargs="*", default=list(TESTS))
+    options = parser.parse_args()
+    _prepare()
+    verdicts = judge(options.modules, options.jobs)
+    every = [dead for each in verdicts.values() for _, dead in each]
+    sys.stdout.write(f"{_share(every)}\n")
+    return 0 if sum(every) >= WANTED * len(every) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

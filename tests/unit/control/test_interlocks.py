@@ -1,0 +1,412 @@
+"""Each interlock by itself, at both sides of its limit and of the time that it may last."""
+
+import math
+
+import numpy as np
+import pytest
+
+from motord.config import Config
+from motord.control import interlocks, parameters
+from motord.control.interlock_table import INTERLOCKS
+from motord.control.interlocks import LINK_MEMORY_S, causes, count_link_errors, heat_up, latch
+from motord.control.step import new_memory
+from motord.control.types import FEEDBACK
+from motord.schema import BridgeStatus, Flag, InverterStatus, State, Trip
+from tests.unit.control.bench import EPOCH_NS, make_config
+
+NEW_BRIDGE, NEW_INVERTER = int(Flag.NEW_ENCODER), int(Flag.NEW_INVERTER)
+PERIOD_NS = 1_000_000
+SAMPLES = 7
+LIMITS = {
+    "trip_current_A": 35.0, "current_A": 25.0, "i2t_current_A": 20.0, "i2t_time_s": 0.5,
+    "trip_speed_rad_s": 20.0, "trip_torque_Nm": 12.0, "trip_temperature_C": 100.0,
+    "bus_V_min": 18.0, "bus_V_max": 32.0, "link_errors_per_s": 50.0, "encoder_jump_rad": 0.15,
+    "current_error_A": 4.0, "current_error_s": SAMPLES * 1e-3, "torque_error_Nm": 1.5,
+    "torque_error_s": SAMPLES * 1e-3,
+}  # fmt: skip
+LASTS = {row.trip: row.lasts for row in INTERLOCKS} | {
+    Trip.CURRENT_IMPLAUSIBLE: SAMPLES,
+    Trip.TORQUE_IMPLAUSIBLE: SAMPLES,
+    # as many samples in a row as the observer has not believed
+    Trip.ENCODER_IMPLAUSIBLE: 0,
+}
+LASTING = (1, 2, 5, 0, 0, 2, 5, 0, 2, 0, 0, 0, 20, 0, 20, 0, 0, 0, 0, 0, 20)
+"""Ticks or samples that each condition may last, in the order of the bits of their trips."""
+
+
+def bench_config(**sections: object) -> Config:
+    return make_config(limits=LIMITS, **sections)
+
+
+class Watched:
+    """Healthy feedback and memory, from which a test departs in one thing."""
+
+    def __init__(self, state: State = State.ENABLED, **sections: object) -> None:
+        self.config = bench_config(**sections)
+        self.p = parameters.build(self.config)[0][0]
+        self.memory, self.feedback = new_memory(), np.zeros(1, FEEDBACK)
+        self.m, self.f = self.memory[0], self.feedback[0]
+        self.m.state, self.m.started = int(state), 1
+        self.f.now_ns = self.f.t_ns = self.f.t_inverter_ns = EPOCH_NS
+        self.f.inverter_status = int(InverterStatus.READY)
+        self.f.u_bus_V, self.f.temperature_C = 24.0, 30.0
+        self.new = NEW_BRIDGE | NEW_INVERTER
+        self.missed = 0
+        self.late = False
+        self.brake_C = 40.0
+
+    def look(self) -> int:
+        """Return the causes that hold now."""
+        return int(
+            causes(
+                self.p, self.m, self.f, self.missed, self.new, self.late, self.brake_C
+            )
+        )  # fmt: skip
+
+
+def currents(value: float):
+    def depart(w: Watched) -> None:
+        w.m.i_last_A[:] = w.m.i_before_A[:] = (0.0, value, 0.0)  # as commanded
+        w.f.i_A[:] = (0.0, value, 0.0)
+
+    return depart
+
+
+def phase(number: int, value: float):
+    def depart(w: Watched) -> None:
+        w.f.i_A[number] = w.m.i_last_A[number] = value
+
+    return depart
+
+
+def of_memory(name: str, value: object):
+    return lambda w: setattr(w.m, name, value)
+
+
+def of_feedback(name: str, value: object):
+    return lambda w: setattr(w.f, name, value)
+
+
+def torque(value: float):
+    def depart(w: Watched) -> None:
+        w.p.torque_decay = 1.0
+        w.m.torque_expected_Nm, w.f.torque_Nm = value, value
+
+    return depart
+
+
+def torque_beside(apart_Nm: float, asked_Nm: float = 0.0):
+    def depart(w: Watched) -> None:
+        w.p.torque_decay = 1.0
+        w.m.torque_asked_Nm = w.m.torque_before_Nm = asked_Nm
+        w.m.torque_expected_Nm, w.f.torque_Nm = asked_Nm, asked_Nm + apart_Nm
+
+    return depart
+
+
+def hot(number: int, heat_s: float):
+    def depart(w: Watched) -> None:
+        w.m.heat_s[number] = heat_s
+
+    return depart
+
+
+def old(name: str, age_ns: int):
+    return lambda w: setattr(w.f, name, w.f.now_ns - age_ns)
+
+
+def attribute(name: str, value: object):
+    return lambda w: setattr(w, name, value)
+
+
+def missed(now: int, before: int):
+    def depart(w: Watched) -> None:
+        w.missed, w.m.missed = now, before
+
+    return depart
+
+
+def late(torque_Nm: float):
+    def depart(w: Watched) -> None:
+        w.late, w.m.torque_set_Nm = True, torque_Nm
+
+    return depart
+
+
+READY, FAULT, BUS_OFF = (
+    int(s) for s in (InverterStatus.READY, InverterStatus.FAULT, InverterStatus.BUS_OFF)
+)
+STALE_NS = 20_000_000
+
+BEYOND = [
+    (Trip.OVER_CURRENT, phase(0, 35.01)),
+    (Trip.OVER_CURRENT, phase(1, -35.01)),
+    (Trip.OVER_CURRENT, phase(2, 35.01)),
+    (Trip.OVER_CURRENT, phase(0, -35.01)),
+    (Trip.OVER_CURRENT, phase(2, -35.01)),
+    (Trip.OVER_SPEED, of_memory("speed_rad_s", 20.01)),
+    (Trip.OVER_SPEED, of_memory("speed_rad_s", -20.01)),
+    (Trip.OVER_TORQUE, torque(12.01)),
+    (Trip.OVER_TORQUE, torque(-12.01)),
+    (Trip.I2T, hot(0, 0.501)),
+    (Trip.I2T, hot(1, 0.501)),
+    (Trip.I2T, hot(2, 0.501)),
+    (Trip.ENCODER_STALE, old("t_ns", STALE_NS + 1000)),
+    (Trip.ENCODER_IMPLAUSIBLE, of_memory("implausible", 3)),
+    (Trip.TORQUE_STALE, of_feedback("bridge_status", int(BridgeStatus.TORQUE_INVALID))),
+    (Trip.INVERTER_STALE, old("t_inverter_ns", STALE_NS + 1000)),
+    (Trip.INVERTER_FAULT, of_feedback("inverter_status", READY | FAULT)),
+    (Trip.INVERTER_FAULT, of_feedback("inverter_status", 0)),
+    (Trip.BUS_OFF, of_feedback("inverter_status", READY | BUS_OFF)),
+    (Trip.LOOP_OVERRUN, missed(57, 7)),
+    (Trip.SUPERVISOR_STALE, late(0.0)),
+    (Trip.TEMPERATURE, of_feedback("temperature_C", 100.1)),
+    (Trip.LINK_ERRORS, of_memory("link_level", 50.001)),
+    (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", 17.99)),
+    (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", 32.01)),
+    (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", math.nan)),
+    (Trip.ENABLE_TIMEOUT, of_memory("arming_s", 1.0001)),
+    (Trip.BRIDGE_FAULT, of_feedback("bridge_status", int(BridgeStatus.FAULT))),
+    (Trip.BRIDGE_FAULT, of_feedback("bridge_status", int(BridgeStatus.ENCODER_INVALID))),
+    (Trip.FEEDBACK_INVALID, of_feedback("torque_Nm", math.inf)),
+    (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (4.01, 0.0, 0.0))),
+    (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (0.0, 0.0, -4.01))),
+    (Trip.TORQUE_IMPLAUSIBLE, torque_beside(1.501)),
+    (Trip.TORQUE_IMPLAUSIBLE, torque_beside(-2.502, 5.0)),
+    (Trip.BRAKE_TEMPERATURE, attribute("brake_C", 160.01)),
+]
+"""A departure just beyond each limit, and the only cause that it is."""
+
+WITHIN = [
+    phase(0, 35.0),
+    phase(1, -35.0),
+    phase(2, 35.0),
+    of_memory("speed_rad_s", 20.0),
+    of_memory("speed_rad_s", -20.0),
+    torque(12.0),
+    torque(-12.0),
+    hot(1, 0.5),
+    old("t_ns", STALE_NS - 1000),
+    old("t_inverter_ns", STALE_NS - 1000),
+    of_memory("implausible", 2),
+    missed(56, 7),
+    late(0.5),
+    of_feedback("temperature_C", 100.0),
+    of_memory("link_level", 50.0),
+    of_feedback("u_bus_V", 18.0),
+    of_feedback("u_bus_V", 32.0),
+    of_memory("arming_s", 1.0),
+    of_feedback("i_A", (0.0, 3.99, 0.0)),
+    torque_beside(1.5),
+    torque_beside(-2.5, 5.0),
+    attribute("brake_C", 160.0),
+    attribute("brake_C", math.nan),
+]
+"""Departures that are just allowed."""
+
+
+def lasting(trip: Trip) -> int:
+    return LASTS[trip]
+
+
+def test_how_long_each_condition_may_last() -> None:
+    assert tuple(row.lasts for row in INTERLOCKS) == LASTING
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize(("trip", "depart"), BEYOND)
+def test_beyond_its_limit_it_trips_after_its_time_and_nothing_else_does(trip, depart) -> None:
+    watched = Watched()
+    depart(watched)
+    for number in range(lasting(trip)):
+        assert watched.look() == 0, number
+    assert watched.look() == int(trip)
+    assert watched.look() == int(trip)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("depart", WITHIN)
+def test_within_its_limit_nothing_trips(depart) -> None:
+    watched = Watched()
+    depart(watched)
+    assert {watched.look() for _ in range(30)} == {0}
+
+
+@pytest.mark.parametrize(("trip", "depart"), BEYOND)
+def test_a_condition_that_is_interrupted_starts_over(trip, depart) -> None:
+    watched = Watched()
+    for _ in range(3):
+        depart(watched)
+        for _ in range(lasting(trip)):
+            assert watched.look() == 0
+        healthy = Watched()
+        watched.f, watched.late = healthy.f, False
+        watched.missed, watched.brake_C = 0, 40.0
+        kept = watched.memory["debounce"].copy()
+        watched.memory[:] = healthy.memory
+        watched.memory["debounce"] = kept
+        assert watched.look() == 0
+
+
+COUNTED = {
+    Trip.OVER_CURRENT: NEW_INVERTER, Trip.TEMPERATURE: NEW_INVERTER,
+    Trip.BUS_VOLTAGE: NEW_INVERTER, Trip.CURRENT_IMPLAUSIBLE: NEW_INVERTER,
+    Trip.OVER_TORQUE: NEW_BRIDGE, Trip.TORQUE_STALE: NEW_BRIDGE,
+    Trip.TORQUE_IMPLAUSIBLE: NEW_BRIDGE,
+}  # fmt: skip
+"""The flag that says of each condition of a sample whether the sample is new."""
+
+
+@pytest.mark.parametrize(("trip", "depart"), [case for case in BEYOND if case[0] in COUNTED])
+def test_a_sample_that_is_seen_again_is_no_further_evidence(trip, depart) -> None:
+    watched = Watched()
+    depart(watched)
+    flag = COUNTED[trip]
+    other = (NEW_BRIDGE | NEW_INVERTER) ^ flag
+    for _ in range(lasting(trip)):
+        watched.new = flag
+        assert watched.look() == 0
+        watched.new = other
+        assert watched.look() == 0
+    watched.new = flag
+    assert watched.look() == int(trip)
+    watched.new = other
+    assert watched.look() == int(trip)  # until a new sample says otherwise
+    watched.new = 0
+    assert watched.look() == int(trip)
+    watched.memory["debounce"] = 0
+    assert watched.look() == 0
+
+
+@pytest.mark.parametrize("state", [State.OFF, State.READY, State.TRIPPED])
+def test_a_power_stage_that_is_off_matters_only_where_it_should_be_on(state) -> None:
+    watched = Watched(state)
+    watched.f.inverter_status = 0
+    assert {watched.look() for _ in range(5)} == {0}
+
+
+@pytest.mark.parametrize("state", [State.OFF, State.READY, State.TRIPPED])
+def test_torque_is_compared_only_where_it_is_made(state) -> None:
+    watched = Watched(state)
+    torque_beside(3.0)(watched)
+    assert {watched.look() for _ in range(20)} == {0}
+
+
+def test_torque_that_is_limited_is_not_compared() -> None:
+    watched = Watched()
+    torque_beside(3.0)(watched)
+    watched.m.limited = 1
+    assert {watched.look() for _ in range(20)} == {0}
+
+
+def test_an_overrun_before_the_start_is_none() -> None:
+    watched = Watched()
+    missed(100, 0)(watched)
+    watched.m.started = 0
+    assert watched.look() == 0
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("number", [0, 1, 2])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_current_that_is_no_number_trips_at_once(number, value) -> None:
+    watched = Watched()
+    watched.f.i_A[number] = value
+    assert watched.look() & Trip.FEEDBACK_INVALID
+
+
+def test_tracks_that_are_stuck_trip() -> None:
+    watched = Watched()
+    watched.p.tracks = 10
+    trips = []
+    for number in range(1, 400):
+        watched.f.now_ns = watched.f.t_ns = watched.f.t_inverter_ns = EPOCH_NS + number * PERIOD_NS
+        watched.m.angle_rad = 0.01 * number % (2 * math.pi)
+        watched.m.speed_rad_s = 10.0
+        trips.append(watched.look())
+    assert set(trips) == {0, int(Trip.ENCODER_IMPLAUSIBLE)}
+
+
+# --- I2t, link errors, latch
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_heat_rises_and_falls_with_the_square_of_the_current(number) -> None:
+    watched = Watched()
+    watched.m.heat_s[number] = 0.1
+    watched.f.i_A[number] = -30.0
+    heat_up(watched.p, watched.m, watched.f)
+    assert watched.m.heat_s[number] == pytest.approx(0.1 + (1.5**2 - 1) * 1e-3, rel=1e-6)
+    watched.f.i_A[number] = 10.0
+    heat_up(watched.p, watched.m, watched.f)
+    expected = 0.1 + (1.5**2 - 1) * 1e-3 - 0.75e-3
+    assert watched.m.heat_s[number] == pytest.approx(expected, rel=1e-6)
+    others = [watched.m.heat_s[other] for other in range(3) if other != number]
+    assert others == [0.0, 0.0]
+
+
+def test_heat_is_bounded_and_a_reading_that_is_none_changes_nothing() -> None:
+    watched = Watched()
+    watched.f.i_A[:] = (1e4, math.nan, math.inf)
+    watched.m.heat_s[:] = (0.9, 0.2, 0.3)
+    heat_up(watched.p, watched.m, watched.f)
+    assert watched.m.heat_s.tolist() == [1.0, 0.2, 0.3]  # twice i2t_time_s
+    watched.f.i_A[:] = 0.0
+    for _ in range(1100):
+        heat_up(watched.p, watched.m, watched.f)
+    assert watched.m.heat_s.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.kernel
+def test_link_errors_add_up_and_fade_within_a_second() -> None:
+    watched = Watched()
+    watched.m.link_errors = 5
+    count_link_errors(watched.p, watched.m, 8)
+    assert (watched.m.link_level, watched.m.link_errors) == (3.0, 8)
+    count_link_errors(watched.p, watched.m, 9)
+    assert watched.m.link_level == pytest.approx(3.0 * (1 - 1e-3 / LINK_MEMORY_S) + 1.0)
+    count_link_errors(watched.p, watched.m, 2)  # a driver that began anew
+    assert watched.m.link_level == pytest.approx((3.0 * 0.999 + 1.0) * 0.999)
+    assert watched.m.link_errors == 2
+    for _ in range(3000):
+        count_link_errors(watched.p, watched.m, 2)
+    assert 0.0 < watched.m.link_level < 0.21
+    assert LINK_MEMORY_S == 1.0
+
+
+def test_link_errors_before_the_start_are_not_ours_and_slow_loops_forget_at_once() -> None:
+    watched = Watched()
+    watched.m.started = 0
+    count_link_errors(watched.p, watched.m, 8)
+    assert (watched.m.link_level, watched.m.link_errors) == (0.0, 8)
+    watched.m.link_level, watched.m.started = 4.0, 1
+    watched.p.period_s = 2.0
+    count_link_errors(watched.p, watched.m, 8)
+    assert watched.m.link_level == 0.0
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("state", [State.READY, State.ENABLED, State.TRIPPED])
+def test_causes_are_latched_and_the_first_is_kept(state) -> None:
+    memory = new_memory()
+    m = memory[0]
+    m.state = int(state)
+    latch(m, 0)
+    assert (m.first_trip, m.trip_bits) == (0, 0)
+    latch(m, 0b1100)
+    assert (m.first_trip, m.trip_bits) == (0b0100, 0b1100)
+    latch(m, 0b1001)
+    assert (m.first_trip, m.trip_bits) == (0b0100, 0b1101)
+    latch(m, 0)
+    assert (m.first_trip, m.trip_bits) == (0b0100, 0b1101)
+
+
+def test_off_latches_nothing() -> None:
+    memory = new_memory()
+    latch(memory[0], 0b11)
+    assert (memory[0].first_trip, memory[0].trip_bits) == (0, 0)
+
+
+def test_implausible_samples_are_as_many_as_the_observer_starts_afresh_after() -> None:
+    assert interlocks.IMPLAUSIBLE_SAMPLES == 3
