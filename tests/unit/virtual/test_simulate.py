@@ -39,7 +39,7 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("nothing",), "no plan 'nothing'; there are: calibrate"),
+        (("nothing",), "no plan 'nothing'; there are: align, calibrate"),
         (("verify",), "no calibration is named"),
         (("calibrate", "--set", "turns=0"), "setting turns"),
         (("calibrate", "--set", "torques_Nm=50"), "above [limits] torque_Nm"),
