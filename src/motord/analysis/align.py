@@ -17,6 +17,9 @@ from motord.report.align import AlignReport
 SCHEMA = "motord.align/1"
 PLAN = "align"
 
+POORLY_POINTS = 2.0
+"""95 % limit of the zero, in encoder points, beyond which it is worth more stops."""
+
 GAIN_APART = 0.1
 """Difference of a phase's sensed from its commanded current that is worth a word."""
 
@@ -124,6 +127,11 @@ def notes(found: Alignment, motor: MotorConfig) -> list[str]:
                 f"phase {phase}: sensed current is {gain:.2f} times the commanded one; are its "
                 "scales right?"
             )
+    if 1.96 * points_of(found.offset_stderr_rad, motor) > POORLY_POINTS:
+        words.append(
+            "the zero is not known well: take more stops (rests, turns), or two currents, which "
+            "tell cogging from the rest"
+        )
     if found.left_out > found.rests.still.size // 4:
         words.append(
             f"{found.left_out} of {found.rests.still.size} stops are left out, as the rotor still "

@@ -104,13 +104,14 @@ class AlignConfig(Section):
 
     currents_A: amplitudes; empty: a fifth and two fifths of what makes the rated torque. Each is
     turned through `turns` electrical turns forwards and back, with `rests` stops in each turn,
-    hold_s long, move_s apart. brake: excitation of the eddy-current brake, which has no torque at
-    rest and lets the rotor settle sooner; 0 for a brake that holds.
+    hold_s long, move_s apart; an odd number of them does not fall in step with the cogging torque.
+    brake: excitation of the eddy-current brake, which has no torque at rest and lets the rotor
+    settle sooner; 0 for a brake that holds.
     """
 
     currents_A: Annotated[tuple[Positive, ...], Field(max_length=8)] = ()
     turns: Annotated[int, Field(ge=1, le=200)] = 2
-    rests: Annotated[int, Field(ge=12, le=96)] = 24
+    rests: Annotated[int, Field(ge=13, le=99)] = 25
     hold_s: Annotated[float, Field(ge=0.2, le=10)] = 0.4
     move_s: Annotated[float, Field(ge=0.04, le=10)] = 0.1
     brake: Annotated[float, Field(ge=0, le=1)] = 0.4

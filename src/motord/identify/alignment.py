@@ -31,11 +31,15 @@ from motord.identify.rests_checks import (
 ORDERS_PER_PERIOD = 12
 """Highest order of the cogging torque that is fitted, in multiples of the pole pairs."""
 
-GAIN_PRIOR, OFFSET_PRIOR, COGGING_PRIOR, FRICTION_PRIOR = 0.2, 0.25, 0.5, 0.1
-"""Standard deviations: gains; offsets in parts of the largest current; the rest of rated torque."""
+GAIN_PRIOR, OFFSET_PRIOR, COGGING_PRIOR, FRICTION_PRIOR = 0.2, 0.05, 0.05, 0.02
+"""Standard deviations: gains; offsets in parts of the current that makes the rated torque; each
+order of the cogging torque and friction in parts of the rated torque."""
 
 ITERATIONS = 50
-CONVERGED_RAD = 1e-9
+WEIGHINGS = 8
+"""Iterations after which the weights of outliers stay as they are."""
+
+CONVERGED_RAD = 1e-7
 OUTLIER = 2.0
 """Residuals beyond so many standard deviations count less (Huber)."""
 
@@ -123,6 +127,18 @@ def _nearest_zero(value_rad: float, period_rad: float) -> float:
     return float((value_rad + period_rad / 2) % period_rad - period_rad / 2)
 
 
+def _fundamental(harmonics: Sequence[BackEmfHarmonic]) -> complex:
+    """Return amplitude and phase of order 1. Raises IdentifyError if there is none."""
+    line = sum(
+        h.amplitude_V_s_per_rad * complex(np.exp(1j * h.phase_rad))
+        for h in harmonics
+        if h.order == 1
+    )
+    if line == 0:
+        raise IdentifyError("[motor] back_emf has no order 1: what should the zero be of?")
+    return complex(line)
+
+
 class _Fit:
     """The weighted least squares, iterated over the offset and the weights.
 
@@ -149,11 +165,11 @@ class _Fit:
             + [-SEQUENCE[order] * rests.way.astype(float)],
             axis=1,
         )
-        rated_Nm, largest_A = motor.rated_torque_Nm, float(np.abs(rests.vector_A).max())
+        rated_Nm, line = motor.rated_torque_Nm, abs(_fundamental(harmonics))
         self._prior = np.concatenate(
             [
                 np.full(2, GAIN_PRIOR),
-                np.full(3, OFFSET_PRIOR * largest_A),
+                np.full(3, OFFSET_PRIOR * rated_Nm / (1.5 * line)),
                 np.full(2 * len(orders), COGGING_PRIOR * rated_Nm),
                 [FRICTION_PRIOR * rated_Nm],
             ]
@@ -165,12 +181,13 @@ class _Fit:
     def run(self) -> None:
         """Fit. Raises IdentifyError if it does not come to an end."""
         weight, noise_Nm = np.ones(self.angle_rad.size), 0.01 * self._motor.rated_torque_Nm
-        for _ in range(ITERATIONS):
+        for number in range(ITERATIONS):
             step_rad = self._step(weight, noise_Nm)
-            sigma_Nm = max(1.48 * float(np.median(np.abs(self.left_Nm))), 1e-9)
-            weight = 1 / np.maximum(1.0, np.abs(self.left_Nm) / (OUTLIER * sigma_Nm))
-            noise_Nm = self._noise_Nm(weight)
-            if abs(step_rad) < CONVERGED_RAD:
+            if number < WEIGHINGS:
+                noise_Nm = self._noise_Nm(weight)
+                far = np.abs(self.left_Nm) / (OUTLIER * noise_Nm)
+                weight = 1 / np.maximum(1.0, far)
+            elif abs(step_rad) < CONVERGED_RAD:
                 return
         raise IdentifyError(
             "no encoder offset fits the rests of the rotor: do [motor] back_emf, slots and "
@@ -197,11 +214,7 @@ class _Fit:
 
         There the torque i (k_a - k_b / 2 - k_c / 2) falls through zero.
         """
-        fundamental = [h for h in self._harmonics if h.order == 1]
-        line = sum(h.amplitude_V_s_per_rad * np.exp(1j * h.phase_rad) for h in fundamental)
-        if line == 0:
-            raise IdentifyError("[motor] back_emf has no order 1: what should the zero be of?")
-        return float(np.pi - np.angle(line))
+        return float(np.pi - np.angle(_fundamental(self._harmonics)))
 
     def _first_guess_rad(self) -> float:
         """Return the offset that the mean of the rests says."""
@@ -238,5 +251,8 @@ class _Fit:
         return float(solution[0])
 
     def _noise_Nm(self, weight: np.ndarray) -> float:
+        """Return the noise that is left, at least what the encoder's rounding makes."""
         free = max(self.angle_rad.size - self._prior.size, self.angle_rad.size // 4)
-        return float(np.sqrt(max((weight * self.left_Nm**2).sum() / free, 1e-12)))
+        left_Nm = float(np.sqrt((weight * self.left_Nm**2).sum() / free))
+        rounding_rad = TURN / self._motor.counts / np.sqrt(12)
+        return max(left_Nm, float(rounding_rad * np.abs(self.stiffness).mean()))

@@ -12,7 +12,7 @@ from motord.identify.rests import rests_of, unwrapped_rad
 from motord.identify.rests_checks import torque_answer
 from tests.campaigns.align import Case, random_case, sweeps_of
 
-SHORT = {"turns": 1, "rests": 16, "hold_s": 0.3}
+SHORT = {"turns": 1, "rests": 17, "hold_s": 0.3}
 CONFIG = load()
 POINT_RAD = 2 * np.pi / CONFIG.motor.counts
 
@@ -143,7 +143,7 @@ def test_few_stops_one_way_and_rotors_that_swing_are_refused(sweeps: list) -> No
         _with(t, encoder_count=t["encoder_count"] + 20 * (np.arange(t.size) // 30 % 2))
         for t in sweeps
     ]
-    with pytest.raises(IdentifyError, match=r"at 0 of 34 stops forwards: set a longer hold_s"):
+    with pytest.raises(IdentifyError, match=r"at 0 of 36 stops forwards: set a longer hold_s"):
         align(swing, CONFIG.motor)
 
 
@@ -180,8 +180,8 @@ def test_angles_go_on_beyond_a_turn() -> None:
 
 def test_stops_are_where_the_command_stays(sweeps: list) -> None:
     rests = rests_of(sweeps, 4096, 8)
-    assert rests.way.size == 4 * 17
+    assert rests.way.size == 4 * 18
     assert np.ptp(np.abs(rests.vector_A[rests.sweep == 3])) < 1e-5
     turns = rests.electrical_rad[rests.sweep == 2] / (2 * np.pi)
-    np.testing.assert_allclose(turns - turns[0], np.arange(17) / 16, atol=1e-6)
+    np.testing.assert_allclose(turns - turns[0], np.arange(18) / 17, atol=1e-6)
     assert rests_of([sweeps[0][:100]], 4096, 8).way.size == 0

@@ -12,7 +12,7 @@ from motord.virtual import VirtualBench
 from motord.virtual.plan import PlanFailed, run_plan
 from tests.campaigns.align import random_case
 
-SHORT = {"turns": 1, "rests": 12, "hold_s": 0.2, "currents_A": [6.0]}
+SHORT = {"turns": 1, "rests": 13, "hold_s": 0.2, "currents_A": [6.0]}
 
 
 def changed(**tables: dict[str, object]) -> Config:
@@ -61,7 +61,7 @@ def test_the_vector_goes_to_each_stop_and_back(run: tuple) -> None:
         ends = [commands_A[150], commands_A[-1]]
         np.testing.assert_allclose(ends, [vector_A(6.0, 0.0)] * 2, atol=1e-4)
         steps = np.abs(np.diff(commands_A, axis=0)).max(axis=1)
-        assert steps.max() < 2 * 6.0 * np.sin(np.pi / 12)
+        assert steps.max() < 2 * 6.0 * np.sin(np.pi / 13)
 
 
 def test_the_usual_currents_are_parts_of_the_rated_one() -> None:
@@ -150,6 +150,6 @@ def test_a_supervisor_that_was_kept_from_running_does_not_make_the_vector_jump()
         offset_A = np.array(demand.induced.offset_A)
         if before.any() and not offset_A.any():
             break  # the end of the sweep
-        assert np.abs(offset_A - before).max() < 6.0 * 2 * np.sin(np.pi / 12) + 1e-9
+        assert np.abs(offset_A - before).max() < 6.0 * 2 * np.sin(np.pi / 13) + 1e-9
         before = offset_A
     assert look > 30
