@@ -84,8 +84,8 @@ void bridge_init(struct bridge *bridge, const struct board *board);
 void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading);
 
 /* The receive interrupt: bytes as they come, cut anywhere (serial), or the data field of exactly
- * one CAN frame with the host's identifier. `t_us` is the clock at the interrupt's begin. A longer
- * burst is decoded in one call: some 30 cycles a byte on a Cortex-M4. */
+ * one CAN frame with the host's identifier. `t_us` is the clock at the interrupt's begin. All of it
+ * is decoded in the one call, and no tick comes meanwhile: hand over at most some 256 bytes. */
 void bridge_on_received(struct bridge *bridge, uint32_t t_us, const uint8_t *data, size_t count);
 
 /* The main loop: sends what waits, as far as the link has room; feeds the watchdog if the tick

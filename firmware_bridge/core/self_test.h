@@ -5,7 +5,7 @@
 #include <stdbool.h>
 
 /* True if checksums, stuffing, pieces, Gray code and the enable line's judgement give what they
- * must. Main context, once; some 0.1 ms. */
+ * must. Main context, once. */
 bool self_test(void);
 
 #endif

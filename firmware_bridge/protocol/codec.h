@@ -18,8 +18,8 @@ bool frame_unpack(const uint8_t *body, size_t count, union bridge_frame *frame);
 /* Bytes of the body of a frame of type `type`, 0 if there is none such. */
 size_t frame_body_bytes(uint8_t type);
 
-/* CRC-32 over the names and layouts of all frames: what Hello.layout says. Takes about 0.1 ms on
- * a Cortex-M4, so it is computed once, at boot. */
+/* CRC-32 over the names and layouts of all frames: what Hello.layout says. Goes bit by bit,
+ * so it is computed once, at boot. */
 uint32_t frame_layout_hash(void);
 
 #endif
