@@ -3,15 +3,17 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from motord import config
+from motord.emulate import EmulatorError
 from motord.emulate.control import inject
 from motord.record.reader import open_run
 from tests.firmware.images import emulated, with_other_layout
-from tests.system.daemons import Program, daemon, patient, wait_for
+from tests.system.daemons import Program, daemon, patient, wait_for, wait_until
 from tests.system.test_wire import currents, hold
 from tests.unit.emulate.benches import write_bench
 
@@ -135,6 +137,20 @@ def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
         assert running.end() == 0, running.said()
         [run] = running.runs()
         assert run.ticks(("link_errors",))["link_errors"].max() > 10
+
+
+def test_the_firmwares_clock_cannot_be_moved(bench, devices):
+    with pytest.raises(EmulatorError, match="bridge_clock: the clock of a firmware"):
+        bench.inject(kind="bridge_clock")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL], ids=["end", "kill"])
+def test_nothing_is_left_of_qemu(devices, number):
+    pid = devices.process.pid
+    [qemu] = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    assert "qemu-system-arm" in Path(f"/proc/{qemu}/cmdline").read_text()
+    assert devices.end(number) == (0 if number == signal.SIGTERM else -signal.SIGKILL)
+    wait_until(lambda: not Path(f"/proc/{qemu}").exists(), "the end of QEMU")
 
 
 def test_firmware_with_other_frames_is_refused(bench, tmp_path):
