@@ -6,10 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from motord.hal.base import DeviceError
 from motord.hal.can_base import REFUSED_MAX
+from motord.hal.can_bus import open_bus
 from motord.schema import InverterStatus
 from tests.contract.benches import Bench, can_slcan, new_command, new_feedback
-from tests.contract.peers import Drive, until
+from tests.contract.peers import Drive, can_config, until
 from tests.contract.slcan import SlcanEnd
 
 
@@ -59,3 +61,13 @@ def test_an_adapter_that_is_unplugged_is_a_bus_that_is_off(
     assert second.link_errors >= REFUSED_MAX
     assert second.t_inverter_ns >= last_ns
     bench.driver.safe_stop()
+
+
+def test_a_port_serves_one_driver(adapter: tuple[Bench, Drive, SlcanEnd]) -> None:
+    bench, _, end = adapter
+    config = can_config("slcan", channel=end.port, options={"sleep_after_open": 0.0})
+    with pytest.raises(DeviceError, match="another driver or program has the port open"):
+        open_bus(config, "second")
+    last_ns = read(bench).t_inverter_ns
+    until(lambda: read(bench).t_inverter_ns > last_ns)
+    assert b"C" not in end.commands, "the first driver's channel stays open"

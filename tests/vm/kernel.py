@@ -17,8 +17,6 @@ import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import zstandard
-
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "motord" / "vm"
 META_PACKAGE = "linux-image-amd64"
 MODULES = ("virtio_pci", "9pnet_virtio", "9p", "overlay", "vcan", "can-raw")
@@ -82,6 +80,8 @@ def _content(module: Path) -> bytes:
     if module.suffix == ".xz":
         return lzma.decompress(data)
     if module.suffix == ".zst":
+        import zstandard  # the rest runs without the project's packages, to fetch a kernel
+
         return zstandard.ZstdDecompressor().decompressobj().decompress(data)
     return data
 
@@ -92,19 +92,14 @@ def _depends(content: bytes) -> list[str]:
 
 
 def fetch() -> Path:
-    """Download the kernel's package into the cache."""
-    shown = subprocess.run(
-        ["apt-cache", "depends", META_PACKAGE], check=True, capture_output=True, text=True
-    ).stdout
-    name = re.search(r"Depends: (linux-image-\S+)", shown)
+    """Download the kernel's package into the cache, if it is not there. Raises SystemExit."""
+    shown = subprocess.run(["apt-cache", "depends", META_PACKAGE], capture_output=True, text=True)
+    name = re.search(r"Depends: (linux-image-\S+)", shown.stdout)
     if name is None:
-        raise SystemExit(f"apt knows no kernel that {META_PACKAGE} depends on; apt-get update?")
+        raise SystemExit(f"apt knows no package {META_PACKAGE}; on Debian: apt-get update")
     CACHE.mkdir(parents=True, exist_ok=True)
-    subprocess.run(
-        ["apt-get", "-qq", "-o", "APT::Sandbox::User=root", "download", name[1]],
-        check=True,
-        cwd=CACHE,
-    )
+    get = ("apt-get", "-qq", "-o", "APT::Sandbox::User=root", "download", name[1])
+    subprocess.run(get, check=True, cwd=CACHE)
     return next(CACHE.glob(f"{name[1]}_*.deb"))
 
 

@@ -26,7 +26,7 @@ ENVIRONMENT = {
 def prepare(scratch: Path) -> None:
     """Compile what is not compiled yet; forget what older sources left."""
     current = Path(numba.config.CACHE_DIR).name
-    for old in FOLDER.glob("kernels-*"):
+    for old in (FOLDER / "motord").glob("kernels-*"):
         if old.name != current:
             shutil.rmtree(old, ignore_errors=True)
     before = {name: os.environ.get(name) for name in ENVIRONMENT}

@@ -4,6 +4,8 @@ That interface reads byte by byte, with two system calls each, waits a milliseco
 nothing, and after each frame until it is transmitted. The loop can afford none of it.
 """
 
+import errno
+import fcntl
 import os
 from typing import Any
 
@@ -11,6 +13,7 @@ import can
 import serial
 
 _CHUNK_BYTES = 1 << 16
+_IN_USE = "another driver or program has the port open; only SocketCAN channels can be shared"
 _LINE_END = b"\r"
 _ASCII = bytes(range(128)) + b"?" * 128
 """slcan would never get past a byte that is no character of its lines."""
@@ -20,6 +23,7 @@ class BulkPort:
     """What slcan uses of a `serial.Serial`, whose descriptor it takes over. Raises OSError."""
 
     def __init__(self, port: serial.Serial) -> None:
+        """Take over an open port. Raises OSError if another driver or program did so before."""
         self.write_timeout: float | None = None
         self._port = port
         self._fd: int = port.fileno()
@@ -27,6 +31,11 @@ class BulkPort:
         self._place = 0
         self._torn = False
         os.set_blocking(self._fd, False)
+        try:
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            port.close()  # before anything closes the channel that the other uses
+            raise OSError(errno.EBUSY, _IN_USE) from None
 
     @property
     def in_waiting(self) -> int:

@@ -41,7 +41,6 @@ class PythonCan:
         self._outgoing: dict[int, can.Message] = {}
         self._host_stamps: bool | None = None
         _widen(bus)
-        read_in_bulk(bus)
 
     def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
@@ -131,6 +130,12 @@ def open_python_can(config: CanBusConfig) -> PythonCan:
         cause = error.__cause__ or error
         reason = getattr(cause, "strerror", None) or str(cause)
         raise OSError(getattr(cause, "errno", None) or 0, reason) from error
+    try:
+        read_in_bulk(bus)
+    except OSError:
+        with suppress(*FAILURES):
+            bus.shutdown()
+        raise
     return PythonCan(bus, config.fd)
 
 

@@ -5,10 +5,12 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from motord.client import Client, ClientError
 from motord.schema import InverterStatus, State, Trip
 from tests.contract.peers import SOCKETCAN
+from tests.system import daemons
 from tests.system.daemons import daemon, emulator, patient, wait_for
 from tests.unit.emulate.benches import write_bench
 from tests.vm.inner import interface
@@ -44,6 +46,13 @@ def enabled(client: Client, token: str) -> None:
         except ClientError:
             if time.monotonic() > deadline_s:
                 raise
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let programs take longer for their start than on a computer that is not emulated."""
+    monkeypatch.setattr(daemons, "START_S", 600.0)
+    monkeypatch.setattr(daemons, "PATIENCE_S", 300.0)
 
 
 def test_a_run_whose_bus_goes_down_and_up(tmp_path: Path) -> None:
