@@ -138,6 +138,27 @@ def test_the_axes_of_the_rig_file_are_true() -> None:
     assert torque_Nm == pytest.approx(2.0, abs=0.3)
 
 
+@pytest.mark.parametrize(
+    ("bench", "trip"),
+    [
+        (bench_file(), Trip.TORQUE_IMPLAUSIBLE),
+        (bench_file(None, ALONG_AXES, **PHASES), Trip.CURRENT_IMPLAUSIBLE),
+    ],
+    ids=["says d and q", "says phases"],
+)
+def test_a_drive_that_pushes_the_other_way_is_found_out(bench: Config, trip: Trip) -> None:
+    """Told a direction that is not the drive's: its own d and q look right, the torque does not."""
+    truth = VirtualBench(bench).truth
+    own = bench.inverter.dq.model_copy(update={"direction": -1})
+    wrong = truth.model_copy(update={"inverter": truth.inverter.model_copy(update={"dq": own})})
+    virtual = VirtualBench(bench, wrong)
+    virtual.run(np.zeros(1, SETPOINT), 50)
+    ticks, _ = virtual.run(setpoint(4.0), 1500)
+    assert State(int(ticks["state"][-1])) is State.TRIPPED
+    assert Trip(int(ticks["first_trip"][-1])) is trip
+    assert np.abs(ticks["torque_set_Nm"]).max() < 3.5
+
+
 def test_faults_reach_a_drive_that_takes_d_and_q() -> None:
     virtual = VirtualBench(bench_file())
     virtual.inject(Fault(kind="can_drop", at_s=0.8, for_s=2.0, fraction=1.0))
