@@ -3,7 +3,8 @@
 `python -m tests.campaigns.mutation [--jobs 2] [MODULE ...]` makes one small mistake after the other
 in the modules below (with the operators of Cosmic Ray) and runs their tests on each; at least 90 %
 of the mistakes must make a test fail. Kernels run interpreted. No file is changed: each mutant
-lives in a process of its own, forked from one that has imported everything else.
+lives in a process of its own, forked from one that has imported everything else. `--few` makes a
+few mistakes that are written down here; every one must be noticed.
 """
 
 import argparse
@@ -32,6 +33,20 @@ TESTS: dict[str, tuple[str, ...]] = {
     "motord.service.lease": ("tests/unit/service/test_lease.py",),
 }
 SLOW = "not test_limits_hold_for_any_input and not test_compensation_inverts_the_model"
+
+FEW = (
+    ("motord.control.states", "if causes != 0:", "if causes > 1:"),
+    ("motord.control.states", "request == _RESET and causes == 0", "request == _RESET"),
+    ("motord.control.states", "arming and inverter_ready", "arming"),
+    ("motord.control.states", "if stopping and at_zero:", "if stopping:"),
+    ("motord.control.interlocks", "largest_A > p.trip", "largest_A > 1.001 * p.trip"),
+    ("motord.control.interlocks", "bits & -bits", "bits"),
+    ("motord.control.interlocks", "(ratio * ratio - 1.0)", "(ratio * ratio)"),
+    ("motord.control.interlock_table", '"limits.trip_torque_Nm", 5', '"limits.trip_torque_Nm", 6'),
+    ("motord.plans.limits", "SPEED_MARGIN = 0.8", "SPEED_MARGIN = 0.81"),
+    ("motord.service.lease", "held is not None and not force", "held is not None and force"),
+)
+"""Module, what it says, and what it says with a mistake in it."""
 
 ARITHMETIC = ("Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow")
 BITWISE = ("BitAnd", "BitOr", "BitXor", "LShift", "RShift")
@@ -68,12 +83,13 @@ def is_used(operator: str) -> bool:
 
 def mutants(module: str) -> Iterator[Mutant]:
     """Yield all mutants of a module, the same ones every time."""
-    from cosmic_ray import plugins
-    from cosmic_ray.ast import ast_nodes, get_ast
-    from cosmic_ray.mutating import mutate_code
-
-    path = ROOT / "src" / Path(*module.split(".")).with_suffix(".py")
-    source = path.read_text()
+    try:
+        from cosmic_ray import plugins
+        from cosmic_ray.ast import ast_nodes, get_ast
+        from cosmic_ray.mutating import mutate_code
+    except ImportError as error:
+        sys.exit(f"{error}; set it up: pip install cosmic-ray")
+    source = _source(module)
     for name in filter(is_used, plugins.operator_names()):
         operator = plugins.get_operator(name)()
         tree = get_ast(source)
@@ -82,6 +98,20 @@ def mutants(module: str) -> Iterator[Mutant]:
             code = mutate_code(source, operator, occurrence)
             if code is not None and code != source:
                 yield Mutant(module, name.removeprefix("core/"), occurrence, line, code)
+
+
+def few() -> Iterator[Mutant]:
+    """Yield the mutants that are written down."""
+    for number, (module, right, wrong) in enumerate(FEW):
+        source = _source(module)
+        if source.count(right) < 1:
+            sys.exit(f"{module} does not say any more: {right}")
+        line = source[: source.index(right)].count("\n") + 1
+        yield Mutant(module, "few", number, line, source.replace(right, wrong))
+
+
+def _source(module: str) -> str:
+    return (ROOT / "src" / Path(*module.split(".")).with_suffix(".py")).read_text()
 
 
 class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
@@ -149,11 +179,8 @@ def _prepare() -> None:
     os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = tempfile.mkdtemp(prefix="motord-mutants-")
     os.chdir(ROOT)
     sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
-    for name in ("cosmic_ray.mutating", "hypothesis.stateful", "numba", "pydantic", "pytest"):
-        try:
-            importlib.import_module(name)
-        except ImportError as error:
-            sys.exit(f"{error}; set it up: pip install cosmic-ray")
+    for name in ("hypothesis.stateful", "numba", "pydantic", "pytest"):
+        importlib.import_module(name)
 
 
 def judge(modules: Sequence[str], jobs: int) -> dict[str, list[tuple[Mutant, bool]]]:
@@ -185,9 +212,15 @@ def _share(dead: Sequence[bool]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--few", action="store_true", help="those that are written down here")
     parser.add_argument("modules", nargs="*", default=list(TESTS))
     options = parser.parse_args()
     _prepare()
+    if options.few:
+        every = list(few())
+        verdict = list(zip(every, killed(every, options.jobs), strict=True))
+        sys.stdout.write(_account("few", verdict, time.process_time()))
+        return 0 if all(dead for _, dead in verdict) else 1
     verdicts = judge(options.modules, options.jobs)
     every = [dead for each in verdicts.values() for _, dead in each]
     sys.stdout.write(f"{_share(every)}\n")

@@ -89,13 +89,13 @@ class Sweep:
         """Run a daemon until the sweep is finished (True) or the daemon is killed."""
         daemon = Daemon(self.folder, self.bench)
         try:
-            with daemon.connect() as client, client.lease("campaign") as lease:
-                while self._go_on(client, lease.token):
+            with daemon.connect() as client:
+                while self._go_on(client):
                     if self._killed_within(daemon, client):
                         return False
                     state = client.state()
                     if state.fault or state.state == "TRIPPED":
-                        client.rpc("reset", token=lease.token)
+                        _command(client, "reset")
                 wait_for(
                     client, lambda s: "calibrate" not in s.recording.path, "the next recording"
                 )
@@ -104,14 +104,14 @@ class Sweep:
         finally:
             daemon.close()
 
-    def _go_on(self, client, token) -> bool:
+    def _go_on(self, client) -> bool:
         """Start or resume the plan; return whether anything is under way."""
         if not self.started:
-            client.rpc("plan/start", token=token, name="calibrate", settings=PLAN, detach=True)
+            _command(client, "plan/start", name="calibrate", settings=PLAN, detach=True)
             self.started = True
             return True
         try:
-            return client.rpc("plan/resume", token=token, detach=True)["state"] != "done"
+            return _command(client, "plan/resume", detach=True)["state"] != "done"
         except ClientError as error:
             if "none was interrupted" in str(error):
                 return False
@@ -161,6 +161,18 @@ class Sweep:
         text = read(content)
         if text.story is None or text.size != len(content):
             self.outcome.torn.append(f"journal torn after {victim} was killed")
+
+
+def _command(client, name: str, **arguments):
+    """Carry out a request in command; once more where a busy computer let the lease run out."""
+    for last in (False, True):
+        try:
+            with client.lease("campaign", force=True) as lease:
+                return client.rpc(name, token=lease.token, **arguments)
+        except ClientError as error:
+            if error.code != "no_lease" or last:
+                raise
+    raise AssertionError("the loop returns or raises")
 
 
 class Campaign:

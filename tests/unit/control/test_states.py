@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 
 from motord.control.states import transition
@@ -9,7 +10,7 @@ from motord.schema import Request, State
 
 CASES = list(
     itertools.product(
-        State, (False, True), (False, True), Request, (0, 5), (False, True), (False, True)
+        State, (False, True), (False, True), Request, (0, 1, 1 << 20), (False, True), (False, True)
     )
 )
 
@@ -40,6 +41,44 @@ def test_every_case_obeys_the_rules() -> None:
             assert after == State.READY, case
         if stops:
             assert after == State.ENABLED, case
+
+
+def without_causes(state, arming, stopping, request, ready, at_zero):
+    """What comes next, told request by request."""
+    asked = {
+        State.OFF: {Request.ENABLE: (State.READY, True, False)},
+        State.READY: {
+            Request.ENABLE: (State.ENABLED, False, False) if ready else (State.READY, True, False),
+            Request.DISABLE: (State.READY, False, False),
+            Request.STOP: (State.OFF, False, False),
+        },
+        State.ENABLED: {
+            Request.ENABLE: (State.ENABLED, False, False),
+            Request.DISABLE: (State.READY, False, False)
+            if at_zero
+            else (State.ENABLED, False, True),
+            Request.STOP: (State.OFF, False, False),
+        },
+        State.TRIPPED: {Request.RESET: (State.READY, False, False)},
+    }
+    if state is State.READY and arming and request not in (Request.DISABLE, Request.STOP):
+        request = Request.ENABLE
+    if state is State.ENABLED and stopping and request not in (Request.ENABLE, Request.STOP):
+        request = Request.DISABLE
+    return asked[state].get(request, (state, False, False))
+
+
+@pytest.mark.kernel
+def test_every_case_ends_as_it_is_told() -> None:
+    for state, arming, stopping, request, causes, ready, at_zero in CASES:
+        expected = without_causes(state, arming, stopping, request, ready, at_zero)
+        if causes:
+            tripped = state in (State.READY, State.ENABLED, State.TRIPPED)
+            expected = (State.TRIPPED if tripped else State.OFF, False, False)
+        found = transition(int(state), arming, stopping, int(request), causes, ready, at_zero)
+        case = (state, arming, stopping, request, causes, ready, at_zero)
+        assert tuple(found) == expected, case
+        assert all(isinstance(flag, (bool, np.bool_)) for flag in found[1:]), case
 
 
 @pytest.mark.parametrize("state", list(State))
