@@ -16,6 +16,8 @@ HEARTBEAT_LATENCY_NS = 100_000
 the round trip is the time until the loop comes round to read."""
 INCONSISTENT_NS = 20_000
 """A heartbeat heard before it can have been sent by more than this was stamped wrongly."""
+JITTER_WEIGHT = 1 / 256
+"""Weight of each reading in the mean delay of samples and in their mean deviation from it."""
 JUMP_NS = 50_000_000
 LATE_NS = 1_000_000_000
 """A board's clock has jumped if its samples are ahead by more than JUMP_NS; or behind by more for
@@ -52,10 +54,13 @@ class BoardClock:
     Two-way: `received` for every reading of samples, `heartbeat` whenever the board tells when it
     heard one. Without heartbeats a sample's time is late by the least delay until it is read. A
     counter that jumps (a board that was reset) starts the filter anew and is counted in `resets`.
+    `jitter_ns` is the mean deviation of the samples' delay until they are read from its mean.
     """
 
     def __init__(self, unit_ns: int = 1000, modulus: int = 1 << 32) -> None:
         self.resets = 0
+        self.jitter_ns = 0.0
+        self._delay_ns = 0.0
         self._unit_ns = unit_ns
         self._modulus = modulus
         self._ticks: int | None = None
@@ -63,6 +68,11 @@ class BoardClock:
         self._upper: SampleBound | None = None
         self._lower: HeartbeatLine | None = None
         self._late_since_ns: int | None = None
+
+    @property
+    def drift_ppm(self) -> float:
+        """Return how much faster the board's clock runs than the loop's; 0 while not known."""
+        return self._lower.drift * 1e6 if self._lower is not None else 0.0
 
     def reset(self) -> None:
         """Forget the board's clock: the board says that it has started anew."""
@@ -88,7 +98,11 @@ class BoardClock:
             self._upper = SampleBound(self._board_ns, difference_ns)
         else:
             self._upper.add(self._board_ns, difference_ns)
-        return min(self._board_ns + self._difference_ns(), arrival_ns)
+        sampled_ns = min(self._board_ns + self._difference_ns(), arrival_ns)
+        away_ns = arrival_ns - sampled_ns - self._delay_ns
+        self._delay_ns += JITTER_WEIGHT * away_ns
+        self.jitter_ns += JITTER_WEIGHT * (abs(away_ns) - self.jitter_ns)
+        return sampled_ns
 
     def heartbeat(self, ticks: int, sent_ns: int) -> None:
         """Take that the board heard at `ticks` what was sent at `sent_ns`.
