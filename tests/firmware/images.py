@@ -14,6 +14,7 @@ PACKAGES = {
     "arm-none-eabi-gcc": "gcc-arm-none-eabi libnewlib-arm-none-eabi",
     "qemu-system-arm": "qemu-system-arm",
     "make": "make",
+    "cppcheck": "cppcheck",
 }
 
 

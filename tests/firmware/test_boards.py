@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.firmware.call_depth import CallGraph
-from tests.firmware.images import boards
+from tests.firmware.images import FIRMWARE, boards, need
 
 IMAGES = ("stm32f405", "stm32f405_can", "qemu")
 FLASH_MAX_BYTES = 16_384
@@ -61,6 +61,16 @@ def test_the_image_begins_with_stack_and_reset(name):
 def test_no_heap_and_little_of_the_library(name):
     found = symbols(boards() / f"{name}.elf")
     assert not {"malloc", "_malloc_r", "_sbrk", "printf", "__aeabi_dadd"} & found.keys()
+
+
+def test_static_analysis():
+    need("cppcheck")
+    done = subprocess.run(
+        ["cppcheck", "--std=c11", "--enable=warning,style,performance,portability",
+         "--inline-suppr", "--error-exitcode=1", "--quiet", "-I.", "-Iboards/stm32f405", "boards"],
+        cwd=FIRMWARE, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_stack_suffices():

@@ -1,21 +1,21 @@
 /* Vector table, start and faults of the STM32F405; the emulated board starts the same way. */
 #include "startup.h"
 
+#include <string.h>
+
 #include "registers.h"
 
-extern uint32_t stack_top, data_load, data_start, data_end, bss_start, bss_end;
+/* Of stm32f405.ld; the address of one that ends in _bytes is a number of bytes. */
+extern uint32_t stack_top[];
+extern uint8_t data_start[], bss_start[];
+extern const uint8_t data_load[], data_bytes[], bss_bytes[];
 
 typedef void (*handler)(void);
 
 void reset_handler(void)
 {
-    const uint32_t *from = &data_load;
-    for (uint32_t *to = &data_start; to < &data_end; to++) {
-        *to = *from++;
-    }
-    for (uint32_t *to = &bss_start; to < &bss_end; to++) {
-        *to = 0;
-    }
+    memcpy(data_start, data_load, (size_t)data_bytes);
+    memset(bss_start, 0, (size_t)bss_bytes);
     SCB_VTOR = UINT32_C(0x08000000);
     board_main();
     fault_handler();
@@ -41,15 +41,15 @@ OPTIONAL void can1_rx0_handler(void);
 #define SYSTEM_VECTORS 16
 
 typedef union {
-    handler function;
-    uint32_t *stack;
+    handler function; /* cppcheck-suppress unusedStructMember */
+    uint32_t *stack;  /* cppcheck-suppress unusedStructMember */
 } vector;
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Woverride-init"
 __attribute__((section(".vectors"), used)) static const vector vectors[SYSTEM_VECTORS + IRQ_COUNT] = {
     [0 ... SYSTEM_VECTORS + IRQ_COUNT - 1] = {.function = fault_handler},
-    [0] = {.stack = &stack_top},
+    [0] = {.stack = stack_top},
     [1] = {.function = reset_handler},
     [14] = {.function = pendsv_handler},
     [15] = {.function = systick_handler},
