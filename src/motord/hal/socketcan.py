@@ -21,6 +21,9 @@ from motord.hal.can_base import FRAMES_AT_ONCE, BusState, Frame
 RECEIVE_BUFFER_BYTES = 1 << 20
 """Asked of the kernel, so that a loop that was kept waiting loses no frames; it grants at most
 net.core.rmem_max."""
+SEND_BUFFER_BYTES = 0
+"""Of which the kernel makes its least, room for about six frames: what waits for a bus that takes
+none is old by the time it goes out, so it is better refused."""
 BATCH = 64
 """Frames of one system call."""
 
@@ -181,6 +184,7 @@ def open_socketcan(channel: str, fd: bool) -> SocketCan:
         end.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         with suppress(OSError):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
         end.bind((channel,))
         number = end.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if number:  # the interface is down

@@ -144,6 +144,11 @@ def test_a_flood_comes_in_order_and_in_bites(bus: SocketCan, other: can.BusABC) 
     assert 64 < len(numbers) < FLOOD, "the kernel keeps a bounded number"
 
 
+def test_few_frames_wait_for_a_bus_that_takes_none(bus: SocketCan) -> None:
+    size = bus._socket.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
+    assert 0 < size < 10_000, "a frame takes 768 bytes or more"
+
+
 def why_not(**changes: object) -> str:
     with pytest.raises(DeviceError) as caught:
         open_bus(can_config("socketcan", **changes), "drive")
