@@ -134,3 +134,72 @@ def test_a_lease_is_lost_so_long_before_its_end_as_the_torque_takes_to_go():
     assert lease.expire(1_199_999_999, 400_000_000) == "anna"
     with pytest.raises(Refusal, match="ran out"):
         lease.renew(token, 1_199_999_999)
+
+
+def test_refusals_say_who_is_in_command_and_for_how_long():
+    lease = Lease(2.0)
+    with pytest.raises(Refusal) as nobody:
+        lease.require("guessed", 0)
+    assert (nobody.value.code, str(nobody.value)) == (
+        "no_lease",
+        "this is not the token of the lease in force (nobody is in command)",
+    )
+    lease.acquire("anna", 0)
+    with pytest.raises(Refusal) as held:
+        lease.acquire("ben", 500_000_000)
+    assert held.value.code == "lease_held"
+    assert str(held.value) == (
+        "anna is in command, for another 1.5 s unless renewed; wait, or take over with force"
+    )
+    with pytest.raises(Refusal, match=r"the lease in force \(anna is in command\)"):
+        lease.renew("guessed", 0)
+    assert lease.remaining_s(500_000_000) == 1.5
+
+
+def test_a_lease_ends_to_the_nanosecond():
+    lease = Lease(2.0)
+    token = lease.acquire("anna", 7).token
+    assert lease.duration_ns == 2_000_000_000
+    assert lease.holder(2_000_000_006) == "anna"
+    assert lease.remaining_s(2_000_000_006) == 1e-9
+    assert lease.expire(2_000_000_006, 0) is None
+    assert lease.holder(2_000_000_007) is None
+    assert lease.remaining_s(2_000_000_007) == 0.0
+    with pytest.raises(Refusal):
+        lease.require(token, 2_000_000_007)
+    grant = lease.acquire("ben", 2_000_000_007)
+    assert (grant.holder, grant.took_over_from) == ("ben", None)
+
+
+def test_a_lease_that_was_given_back_is_free_and_its_token_worth_nothing():
+    lease = Lease(2.0)
+    token = lease.acquire("anna", 0).token
+    assert lease.release(token, 1) == "anna"
+    assert lease.holder(1) is None
+    assert lease.expire(10_000_000_000, 0) is None
+    with pytest.raises(Refusal) as over:
+        lease.release(token, 1)
+    assert (over.value.code, str(over.value)) == (
+        "no_lease",
+        "this lease is over: it was given back",
+    )
+
+
+def test_tokens_are_secrets_of_128_bits_unless_told_how_to_make_them():
+    tokens = {Lease(1.0).acquire("anna", 0).token for _ in range(50)}
+    assert len(tokens) == 50
+    assert {len(bytes.fromhex(token)) for token in tokens} == {16}
+    assert Lease(1.0, lambda: "mine").acquire("anna", 0).token == "mine"
+
+
+def test_taking_over_says_from_whom():
+    lease = Lease(1.0)
+    first = lease.acquire("anna", 0, force=True)
+    second = lease.acquire("ben", 0, force=True)
+    assert (first.took_over_from, second.took_over_from) == (None, "anna")
+    with pytest.raises(Refusal) as lost:
+        lease.require(first.token, 0)
+    assert str(lost.value) == "this lease is over: ben took over command"
+    lease.acquire("anna", 0, force=True)
+    with pytest.raises(Refusal, match="anna took over"):
+        lease.renew(second.token, 0)
