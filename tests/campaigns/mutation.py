@@ -132,6 +132,17 @@ class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.SourceLoader):
         return self._mutant.code.encode()
 
 
+class _NoShrinking:
+    """A plugin of pytest: an example that fails is enough, the smallest one does not matter."""
+
+    def pytest_sessionstart(self) -> None:
+        from hypothesis import Phase, settings
+
+        quick = {"phases": (Phase.explicit, Phase.generate), "database": None}
+        settings.register_profile("mutants", settings.get_profile("interpreted"), **quick)
+        settings.load_profile("mutants")
+
+
 def _test(mutant: Mutant) -> int:
     """Run the tests on a mutant, or on none of `code`; return the exit code of pytest."""
     import pytest
@@ -143,7 +154,7 @@ def _test(mutant: Mutant) -> int:
         os.dup2(nowhere.fileno(), 2)
     options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "--hypothesis-seed=1"]
     options += ["-W", "default", "-k", SLOW]
-    return int(pytest.main([*options, *TESTS[mutant.module]]))
+    return int(pytest.main([*options, *TESTS[mutant.module]], plugins=[_NoShrinking()]))
 
 
 def killed(every: Sequence[Mutant], jobs: int) -> list[bool]:

@@ -15,9 +15,16 @@ MISSING_LIMIT_S = 1.5
 COLUMNS = ("tick", "t_ns", "missed", "plan_point")
 
 
+UNRECORDED = " before the next recorder was up"
+
+
 @dataclass(frozen=True)
 class Kill:
-    """Who was killed, the newest tick (Unix ns) in the ring after it, and the files there were."""
+    """Who was killed, the newest tick (Unix ns) in the ring after it, and the files there were.
+
+    With UNRECORDED after the victim, the recorder had been killed just before, and nothing was
+    recorded when this kill came.
+    """
 
     victim: str
     newest_ns: int
@@ -62,7 +69,7 @@ def look(folder: Path, kills: Sequence[Kill]) -> Found:
     _count(every, found)
     for kill in kills:
         found.missing_s.append((kill.victim, _missing_s(kill.newest_ns, every["t_ns"])))
-        if kill.victim in ("recorder", "everything"):
+        if kill.victim.startswith(("recorder", "everything")):
             then = [blocks[name]["t_ns"] for name in kill.files if name in blocks]
             if then:
                 late_s = _missing_s(kill.newest_ns, np.concatenate(then))
