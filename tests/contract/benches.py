@@ -7,14 +7,25 @@ from typing import Any
 import numpy as np
 
 from motord import config
-from motord.config import CanConfig, packaged
+from motord.config import BridgeCanConfig, CanConfig, packaged
 from motord.control.rotating import Axes
 from motord.control.types import COMMAND, FEEDBACK
+from motord.hal.bridge_can import CanBridge
 from motord.hal.bridge_serial import SerialBridge
 from motord.hal.inverter_can import CanInverter
 from motord.hal.inverter_dq import DqInverter
 from motord.hal.registry import make_rig
-from tests.contract.peers import DQ_SIGNALS, SOCKETCAN, Board, Drive, Peer, bench, can_config
+from tests.contract.peers import (
+    DQ_SIGNALS,
+    SOCKETCAN,
+    Board,
+    CanBoard,
+    Drive,
+    Peer,
+    bench,
+    bridge_can_config,
+    can_config,
+)
 from tests.contract.slcan import SlcanEnd
 
 
@@ -103,6 +114,20 @@ def serial() -> Bench:
     )
 
 
+def bridge_can() -> Bench:
+    return _bridge_can(bridge_can_config())
+
+
+def bridge_can_fd() -> Bench:
+    return _bridge_can(bridge_can_config("virtual", fd=True, host_id=0x123, board_id=0x321))
+
+
+def _bridge_can(can: BridgeCanConfig) -> Bench:
+    board = CanBoard(can)
+    driver = CanBridge(bench(driver="can", bridge_can=can))
+    return Bench(driver, ("t_ns",), (board,), lambda: (None, board.line_closed))
+
+
 def wires() -> Bench:
     can = can_config()
     drive, board = Drive(can), Board()
@@ -124,6 +149,8 @@ ON_A_WIRE: tuple[Callable[[], Bench], ...] = (
     can_slcan,
     can_dq,
     serial,
+    bridge_can,
+    bridge_can_fd,
     wires,
 )
 if SOCKETCAN:

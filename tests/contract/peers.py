@@ -12,9 +12,10 @@ from typing import Any
 
 import can
 
-from motord.config import CanConfig, Config, MotorConfig, packaged
+from motord.config import BridgeCanConfig, CanConfig, Config, MotorConfig, packaged
 from motord.schema import BridgeStatus, InverterStatus
 from motord.wire import dbc, frames
+from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.stream import StreamDecoder
 
 PERIOD_S = 0.001
@@ -101,7 +102,18 @@ def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
     )
 
 
-def bench(can: CanConfig | None = None, port: str = "/dev/null", **bridge: Any) -> Config:
+def bridge_can_config(interface: str = "udp_multicast", **changes: Any) -> BridgeCanConfig:
+    """Return a bus of its own for a bridge board."""
+    bus = can_config(interface).model_dump(include={"interface", "channel", "options"})
+    return BridgeCanConfig(**bus, **changes)
+
+
+def bench(
+    can: CanConfig | None = None,
+    port: str = "/dev/null",
+    bridge_can: BridgeCanConfig | None = None,
+    **bridge: Any,
+) -> Config:
     """Return a bench with these wires; with a star for a drive that takes d and q."""
     can = can or can_config("virtual")
     rotating = can.signals.rotating
@@ -111,6 +123,7 @@ def bench(can: CanConfig | None = None, port: str = "/dev/null", **bridge: Any) 
         bridge={
             "driver": "serial",
             "port": port,
+            "can": bridge_can,
             "connect_timeout_s": DEADLINE_S,
             "adc_V_per_count": 0.001,
             **bridge,
@@ -276,11 +289,14 @@ class Board(Peer):
         self._heartbeat = (0, 0)
         self._sequence = 0
         self._decoder = StreamDecoder()
+        self.connect()
+        super().__init__()
+
+    def connect(self) -> None:
         self._fd, self._host_fd = os.openpty()
         tty.setraw(self._host_fd)
         os.set_blocking(self._fd, False)
         self.port = os.ttyname(self._host_fd)
-        super().__init__()
 
     def clock_us(self) -> int:
         return (time.monotonic_ns() // 1000 + self.clock_offset_us) % frames.CLOCK_MODULUS_US
@@ -351,7 +367,7 @@ class Board(Peer):
         )
 
     def _send(self, frame: frames.Frame) -> None:
-        data = bytearray(frames.encode(frame, self._sequence))
+        data = self.coded(frame)
         self._sequence = (self._sequence + 1) % frames.SEQUENCE_MODULUS
         if self.lose:
             self.lose -= 1
@@ -360,6 +376,61 @@ class Board(Peer):
             self.corrupt -= 1
             data[3] ^= 0x41
         try:
-            os.write(self._fd, data)
+            self.transmit(data)
         except BlockingIOError:
             self.dropped += 1
+
+    def coded(self, frame: frames.Frame) -> bytearray:
+        return bytearray(frames.encode(frame, self._sequence))
+
+    def transmit(self, data: bytearray) -> None:
+        os.write(self._fd, data)
+
+
+class CanBoard(Board):
+    """A bridge board on CAN, with other nodes' frames between its own."""
+
+    def __init__(self, config: BridgeCanConfig, identity: Identity | None = None) -> None:
+        self._config = config
+        super().__init__(identity)
+
+    def connect(self) -> None:
+        can_ = self._config
+        self._pieces = PieceDecoder()
+        self._number = 0
+        self._bus = can.Bus(
+            can_.channel, can_.interface, ignore_config=True, fd=can_.fd, **can_.options
+        )
+
+    def hear(self, timeout_s: float = 0.0) -> None:
+        message = self._bus.recv(timeout_s)
+        while message is not None:
+            if message.arbitration_id == self._config.host_id and message.data:
+                numbered = self._pieces.feed(bytes(message.data))
+                if numbered is not None:
+                    self._obey(*numbered)
+            message = self._bus.recv(0)
+
+    def coded(self, frame: frames.Frame) -> bytearray:
+        return bytearray(frames.pack(frame, self._sequence))
+
+    def transmit(self, data: bytearray) -> None:
+        size = FD_BYTES if self._config.fd else CLASSIC_BYTES
+        pieces = split(bytes(data), self._number, size)
+        self._number = (self._number + len(pieces)) % PIECE_NUMBERS
+        for piece in pieces:
+            self.put(self._config.board_id, piece)
+            self.put(0x180, b"\xc0" + piece[1:])
+
+    def put(self, identifier: int, data: bytes) -> None:
+        self._bus.send(
+            can.Message(
+                arbitration_id=identifier,
+                is_extended_id=False,
+                is_fd=self._config.fd,
+                data=data,
+            )
+        )
+
+    def release(self) -> None:
+        self._bus.shutdown()

@@ -25,6 +25,7 @@ from motord.config.bench import (
 from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.devices import (
     BrakeConfig,
+    BridgeCanConfig,
     BridgeConfig,
     CanBusConfig,
     CanConfig,
@@ -73,6 +74,7 @@ __all__ = [
     "BackEmfTable",
     "BenchConfig",
     "BrakeConfig",
+    "BridgeCanConfig",
     "BridgeConfig",
     "CalibrateConfig",
     "CanBusConfig",

@@ -171,6 +171,9 @@ class ZenohConfig(Section):
 
 
 _ON_CAN = ("can", "can-dq")
+BUS_LOAD_MAX = 0.9
+"""Most of a CAN bus that the bridge may take at worst; the rest is for Status, at 20 Hz, and for
+frames sent again."""
 
 
 class Config(Section):
@@ -206,6 +209,20 @@ class Config(Section):
             raise ValueError(
                 "[inverter.can.signals] has no feedback_u_bus_V: the interlock of the bus voltage "
                 "needs it"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _bridge_fits_its_bus(self) -> "Config":
+        can, sample_Hz = self.bridge.can, self.bridge.rate_Hz or self.loop.rate_Hz
+        if self.bridge.driver != "can" or can is None:
+            return self
+        load = can.load(sample_Hz, self.loop.rate_Hz)
+        if load > BUS_LOAD_MAX:
+            raise ValueError(
+                f"[bridge.can] samples at {sample_Hz} Hz and heartbeats at {self.loop.rate_Hz} Hz "
+                f"take up to {load:.0%} of the bus; lower [bridge] rate_Hz or [loop] rate_Hz, or "
+                "raise bitrate, or take CAN FD with a data_bitrate"
             )
         return self
 

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.can_load import DEFAULT_BITRATE, load
 from motord.config.can_signals import CanSignalMap, DqConfig
 
 
@@ -80,10 +81,30 @@ class InverterConfig(Section):
         return self.driver == "can-dq" and self.can is not None and self.can.signals.q_only
 
 
+class BridgeCanConfig(CanBusConfig):
+    """`[bridge.can]`: the bus of the board, and the identifiers (11 bit) of both directions."""
+
+    fd: bool = False
+    host_id: Annotated[int, Field(ge=0, le=0x7FF)] = 0x110
+    board_id: Annotated[int, Field(ge=0, le=0x7FF)] = 0x190
+
+    @model_validator(mode="after")
+    def _identifiers_apart(self) -> "BridgeCanConfig":
+        if self.host_id == self.board_id:
+            raise ValueError("host_id and board_id must differ")
+        return self
+
+    def load(self, sample_Hz: float, heartbeat_Hz: float) -> float:
+        """Return the part of the bus that samples and heartbeats take at worst (1: all of it)."""
+        bitrate = self.bitrate or DEFAULT_BITRATE
+        return load(sample_Hz, heartbeat_Hz, self.fd, bitrate, self.data_bitrate or bitrate)
+
+
 class BridgeConfig(Section):
-    """`[bridge]`: the board that samples encoder and torque sensor."""
+    """`[bridge]`: the board that samples encoder and torque sensor, by serial port or CAN."""
 
     driver: str = "sim"
+    can: BridgeCanConfig | None = None
     port: str = ""
     baud: Annotated[int, Field(gt=0)] = 2_000_000
     rate_Hz: Annotated[int, Field(ge=100, le=20_000)] | None = None
@@ -96,6 +117,12 @@ class BridgeConfig(Section):
     def _needs_port(self) -> "BridgeConfig":
         if self.driver == "serial" and not self.port:
             raise ValueError('driver = "serial" needs port, for example port = "/dev/ttyACM0"')
+        return self
+
+    @model_validator(mode="after")
+    def _needs_can(self) -> "BridgeConfig":
+        if self.driver == "can" and self.can is None:
+            raise ValueError('driver = "can" needs a table [bridge.can]')
         return self
 
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import can
 
-from motord.config import CanConfig
+from motord.config import CanBusConfig, CanConfig
 from motord.emulate import EmulatorError
 from motord.emulate.bench import Command
 from motord.emulate.devices import NEVER_NS
@@ -35,8 +35,7 @@ class CanPort:
         self._codec = codec
         self._check = SequenceCheck(codec.command.checks.counter_modulus)
         self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
-        self._bus = _open(config)
-        _widen(self._bus)
+        self._bus = open_bus(config)
 
     @property
     def command_errors(self) -> int:
@@ -147,14 +146,15 @@ def _widen(bus: can.BusABC) -> None:
         same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
 
 
-def _open(config: CanConfig) -> can.BusABC:
+def open_bus(config: CanBusConfig) -> can.BusABC:
+    """Open a channel. Raises EmulatorError."""
     settings: dict[str, object] = {"fd": config.fd, **config.options}
     if config.bitrate is not None:
         settings["bitrate"] = config.bitrate
     if config.data_bitrate is not None:
         settings["data_bitrate"] = config.data_bitrate
     try:
-        return can.Bus(
+        bus = can.Bus(
             config.channel,
             config.interface,
             ignore_config=True,
@@ -168,8 +168,10 @@ def _open(config: CanConfig) -> can.BusABC:
         hint = (
             "a multicast group needs a route: ip route add 224.0.0.0/4 dev lo"
             if config.interface == "udp_multicast"
-            else "is the interface up, and are [inverter.can] interface and channel right?"
+            else "is the interface up, and are its interface and channel in the bench file right?"
         )
         raise EmulatorError(
             f"CAN {config.interface} {config.channel}: cannot open it: {reason}; {hint}"
         ) from error
+    _widen(bus)
+    return bus

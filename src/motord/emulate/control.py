@@ -8,6 +8,7 @@ import os
 import socket
 from contextlib import suppress
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any
 
 from pydantic import ValidationError
@@ -22,6 +23,8 @@ ANSWER_S = 5.0
 
 def control_path(config: Config) -> Path:
     """Return where the emulator of a bench listens. Raises EmulatorError if it has none."""
+    if config.bridge.driver == "can":
+        return Path(gettempdir()) / f"motord-{config.bench.name}.control"
     if not config.bridge.port:
         raise EmulatorError(
             f"bench {config.bench.name} is not emulated: [bridge] has no port; name the bench file "

@@ -1,5 +1,6 @@
-"""The emulated board's serial port: frames in, frames out, over a pseudo-terminal."""
+"""The emulated board's port: frames in, frames out; a pseudo-terminal for a serial line."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +13,33 @@ from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, encode
 from motord.wire.stream import StreamDecoder
 
 
-class BoardLink:
+class BoardEnd(ABC):
+    """The board's end of whatever wire: what it says, over what `send` gives."""
+
+    faults: Disturbance
+    _sequence: int
+
+    @abstractmethod
+    def send(self, frame: Frame, now_ns: int = 0) -> bool:
+        """Send a frame; False if there is no room.
+
+        `now_ns` (monotonic) matters to frames that a fault makes late.
+        """
+
+    def sample(self, board: Board, reading: Reading, now_ns: int) -> None:
+        """Send the sample of this instant, if the board is to."""
+        if board.streaming:
+            clipped = reading.torque_clipped != 0
+            sample = board.sample(now_ns, reading.encoder_gray, reading.torque_counts, clipped)
+            board.dropped += not self.send(sample, now_ns)
+
+    def greet(self, board: Board) -> None:
+        """Say who the board is and number frames anew, as a board does that was reset."""
+        self._sequence = 0
+        self.send(board.hello())
+
+
+class BoardLink(BoardEnd):
     """The board's end of the serial line."""
 
     def __init__(self, port: Path) -> None:
@@ -70,18 +97,6 @@ class BoardLink:
         """Send late frames that are due."""
         for _, encoded in self.faults.due(now_ns):
             self._pty.write(encoded)
-
-    def sample(self, board: Board, reading: Reading, now_ns: int) -> None:
-        """Send the sample of this instant, if the board is to."""
-        if board.streaming:
-            clipped = reading.torque_clipped != 0
-            sample = board.sample(now_ns, reading.encoder_gray, reading.torque_counts, clipped)
-            board.dropped += not self.send(sample, now_ns)
-
-    def greet(self, board: Board) -> None:
-        """Say who the board is and number frames anew, as a board does that was reset."""
-        self._sequence = 0
-        self.send(board.hello())
 
     def close(self) -> None:
         """Remove the port; may be called twice."""

@@ -16,8 +16,10 @@ from typing import Any
 
 from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
+from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench, Reading, compile_kernels
 from motord.emulate.can import CanPort
+from motord.emulate.can_link import BoardCanLink
 from motord.emulate.clock import HostClock
 from motord.emulate.control import ControlSocket, control_path
 from motord.emulate.faults import Injector, check_timeline
@@ -118,11 +120,17 @@ class Emulator:
         self._link.greet(self.bench.board)
         return self
 
-    def _open_link(self, ports: ExitStack) -> BoardLink | FirmwareLink:
+    def _open_link(self, ports: ExitStack) -> BoardLink | BoardCanLink | FirmwareLink:
         """Open the bridge's port, with the board or its firmware behind it."""
-        port = Path(self._config.bridge.port)
-        link: BoardLink | FirmwareLink
-        if self._firmware is None:
+        port, can = Path(self._config.bridge.port), self._config.bridge.can
+        link: BoardLink | BoardCanLink | FirmwareLink
+        if self._config.bridge.driver == "can" and can is not None:
+            if self._firmware is not None:
+                raise EmulatorError(
+                    'the firmware in QEMU has a serial line only: [bridge] driver = "serial"'
+                )
+            link = BoardCanLink(can, self._clock)
+        elif self._firmware is None:
             link = BoardLink(port)
         else:
             machine = Qemu(self._firmware)
@@ -151,10 +159,16 @@ class Emulator:
             "ready": True,
             "bench": self._config.bench.name,
             "can": f"{self._can_config.interface} {self._can_config.channel}",
-            "bridge": self._config.bridge.port,
+            "bridge": self._bridge_place(),
             "pty": self._link.pty_name,
             "modbus": modbus,
         }
+
+    def _bridge_place(self) -> str:
+        can = self._config.bridge.can
+        if self._config.bridge.driver == "can" and can is not None:
+            return f"{can.interface} {can.channel}"
+        return self._config.bridge.port
 
     def summary(self) -> dict[str, object]:
         """Return what happened; complete once the ports are closed."""
@@ -183,7 +197,7 @@ class Emulator:
         now_ns = time.monotonic_ns()
         end_ns = now_ns + round(duration_s * 1e9) if duration_s is not None else None
         self._start(now_ns)
-        inputs = (self._link.fileno(), self._control.fileno())
+        inputs = [fd for fd in (self._link.fileno(), self._control.fileno()) if fd >= 0]
         while not self._stopped and (end_ns is None or now_ns < end_ns):
             self.bench.wake(now_ns)
             self._listen(now_ns)

@@ -17,10 +17,10 @@ def check_drivers(config: Config) -> None:
             f'[inverter] driver = "{config.inverter.driver}": the emulator serves driver = "can" '
             'and "can-dq" only; take config/emulated.toml or config/dq.toml as a start'
         )
-    if config.bridge.driver != "serial":
+    if config.bridge.driver not in ("serial", "can"):
         raise EmulatorError(
             f'[bridge] driver = "{config.bridge.driver}": the emulator serves driver = "serial" '
-            "only; take config/emulated.toml as a start"
+            'and "can" only; take config/emulated.toml as a start'
         )
 
 

@@ -1,200 +1,61 @@
-"""The bridge board over a serial port: encoder and torque in, heartbeat and enable request out.
+"""The bridge board over a serial port (USB CDC or UART)."""
 
-In the loop a tick costs one read and one write of the port's descriptor. A board that starts anew
-while the loop runs is configured again without waiting for its answers.
-"""
-
-import time
-from typing import TypeVar
-
-import numpy as np
-
-from motord.config import Config
-from motord.hal.base import DeviceError
-from motord.hal.clock import BoardClock, LoopClock
+from motord.config import BridgeConfig, Config
+from motord.hal.bridge import Bridge
 from motord.hal.serial_port import SerialPort
 from motord.wire import frames
 from motord.wire.stream import StreamDecoder
 
-_ASK_AGAIN_S = 0.1
-_HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
-_Answer = TypeVar("_Answer", frames.Hello, frames.Status, frames.Sample)
+class SerialLink:
+    """A `BridgeLink` on a serial port."""
+
+    stamp_ns = 0
+
+    def __init__(self, config: BridgeConfig) -> None:
+        """Open the port. Raises DeviceError."""
+        self._port = SerialPort(config.port, config.baud, "bridge")
+        self._decoder = StreamDecoder()
+        self._bytes = 0
+
+    @property
+    def heard(self) -> str:
+        """What has arrived so far, in words."""
+        return f"{self._bytes} bytes of something else" if self._bytes else ""
+
+    @property
+    def errors(self) -> int:
+        """Return the frames lost, corrupt or refused so far."""
+        return self._decoder.errors + self._port.failures
+
+    def receive(self) -> list[frames.Numbered]:
+        """Return the good frames that have arrived."""
+        data = self._port.read()
+        self._bytes += len(data)
+        return self._decoder.feed(data) if data else []
+
+    def send(self, frame: frames.Frame, number: int) -> None:
+        """Send a frame."""
+        self._port.write(frames.encode(frame, number))
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until something has arrived."""
+        self._port.wait(timeout_s)
+
+    def close(self) -> None:
+        """Release the port."""
+        self._port.close()
 
 
-class SerialBridge:
-    """A `BridgeDriver`; `hello` is what the board said of itself, `restarts` counts its resets."""
+class SerialBridge(Bridge):
+    """A `BridgeDriver` for a board on a serial port."""
 
     def __init__(self, config: Config) -> None:
         """Take port, rates and scales from `config`; nothing is opened."""
         bridge = config.bridge
-        self.hello: frames.Hello | None = None
-        self.restarts = 0
-        self._config = bridge
-        self._counts = config.motor.counts
-        self._rate_Hz = bridge.rate_Hz or config.loop.rate_Hz
-        self._torque_Nm_per_count = bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
-        self._port: SerialPort | None = None
-        self._decoder = StreamDecoder()
-        self._loop_clock = LoopClock()
-        self._board_clock = BoardClock()
-        self._sequence = 0
-        self._sent = [(-1, 0)] * _HEARTBEATS_KEPT  # number and time of each heartbeat
-        self._lost_by_board = 0
-        self._board_errors = -1  # as last told, -1 if not since the board started
-        self._errors_before: int | None = None  # link errors count from the first read
-        self._t_ns = 0
-        self._sample = frames.Sample(0, 0, 0, 0)
-
-    def open(self) -> None:
-        """Open the port, check the board, start its samples. Raises DeviceError."""
-        config = self._config
-        self._port = SerialPort(config.port, config.baud, "bridge")
-        try:
-            self.hello = self._ask(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
-            self._check(self.hello)
-            status = self._ask(self._configure(), frames.Status)
-            if status.rate_Hz != self._rate_Hz:
-                raise self._error(
-                    f"the board cannot sample at {self._rate_Hz} Hz, it stays at "
-                    f"{status.rate_Hz} Hz; set rate_Hz in [bridge]"
-                )
-            self._learn(status)
-            self._sample = self._ask(frames.Start(), frames.Sample)
-        except BaseException:
-            self._port.close()
-            self._port = None
-            raise
-        self._t_ns = self._loop_clock.now_ns()
-
-    def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
-        clock = self._loop_clock
-        clock.tell(now_ns)
-        data = self._port.read() if self._port is not None else b""
-        if data:
-            self._take(data, clock.now_ns())
-        sample = self._sample
-        feedback["t_ns"] = self._t_ns
-        feedback["encoder_gray"] = sample.encoder_gray
-        feedback["torque_Nm"] = sample.torque_counts * self._torque_Nm_per_count
-        feedback["bridge_status"] = sample.status
-        errors = self._errors()
-        if self._errors_before is None:
-            self._errors_before = errors
-        feedback["link_errors"] += errors - self._errors_before
-
-    def write(self, command: np.ndarray) -> None:
-        """Send heartbeat and enable-line request."""
-        self._beat(1 if command["enable"][0] else 0)
-
-    def safe_stop(self) -> None:
-        """Open the enable line; said twice, in case a frame is lost."""
-        self._beat(0)
-        self._beat(0)
-
-    def close(self) -> None:
-        """Open the enable line, stop the samples, release the port; may be called twice."""
-        if self._port is None:
-            return
-        self.safe_stop()
-        self._send(frames.Stop())
-        self._port.close()
-        self._port = None
-
-    def _take(self, data: bytes, arrival_ns: int) -> None:
-        """Take in what arrived: the newest sample counts, every heartbeat's echo."""
-        newest = None
-        for _, frame in self._decoder.feed(data):
-            if type(frame) is frames.Sample:
-                newest = frame
-            elif type(frame) is frames.Status:
-                self._learn(frame)
-            elif type(frame) is frames.Hello:
-                newest = None
-                self._restart()
-        if newest is not None:
-            self._sample = newest
-            self._t_ns = self._board_clock.received(newest.t_us, arrival_ns)
-
-    def _learn(self, status: frames.Status) -> None:
-        told = status.errors + status.dropped
-        if self._board_errors >= 0:
-            self._lost_by_board += max(told - self._board_errors, 0)
-        self._board_errors = told
-        number, sent_ns = self._sent[status.heartbeat_sequence % _HEARTBEATS_KEPT]
-        if status.heartbeats and number == status.heartbeat_sequence:
-            self._board_clock.heartbeat(status.heartbeat_t_us, sent_ns)
-
-    def _restart(self) -> None:
-        """Configure and start a board that was reset while the loop runs."""
-        self.restarts += 1
-        self._board_clock.reset()
-        self._board_errors = -1
-        self._sent = [(-1, 0)] * _HEARTBEATS_KEPT
-        self._send(self._configure())
-        self._send(frames.Start())
-
-    def _beat(self, enable: int) -> None:
-        number = self._sequence
-        self._sent[number % _HEARTBEATS_KEPT] = (number, self._loop_clock.now_ns())
-        self._send(frames.Heartbeat(enable))
-
-    def _send(self, frame: frames.Frame) -> None:
-        number = self._sequence
-        self._sequence = (number + 1) % frames.SEQUENCE_MODULUS
-        if self._port is not None:
-            self._port.write(frames.encode(frame, number))
-
-    def _errors(self) -> int:
-        failures = self._port.failures if self._port is not None else 0
-        return self._decoder.errors + self._lost_by_board + failures
-
-    def _configure(self) -> frames.Configure:
-        return frames.Configure(self._rate_Hz, round(self._config.heartbeat_timeout_s * 1e6))
-
-    def _ask(self, question: frames.Frame, answer: type[_Answer]) -> _Answer:
-        """Send `question` until an `answer` comes. Raises DeviceError if none does."""
-        port = self._port
-        assert port is not None
-        deadline_s = time.monotonic() + self._config.connect_timeout_s
-        heard = 0
-        while time.monotonic() < deadline_s:
-            self._send(question)
-            ask_again_s = time.monotonic() + _ASK_AGAIN_S
-            while (left_s := min(ask_again_s, deadline_s) - time.monotonic()) > 0:
-                port.wait(left_s)
-                data = port.read()
-                heard += len(data)
-                for _, frame in self._decoder.feed(data):
-                    if isinstance(frame, answer):
-                        return frame
-        raise self._error(
-            f"no {answer.__name__} within {self._config.connect_timeout_s:g} s, "
-            + (
-                f"{heard} bytes of something else; is this port the bridge's, and is baud right?"
-                if heard
-                else "nothing at all; is the board powered, and is this its port?"
-            )
+        super().__init__(
+            config,
+            f"bridge on {bridge.port}",
+            "is this port the bridge's, and is baud right?",
+            lambda: SerialLink(bridge),
         )
-
-    def _check(self, hello: frames.Hello) -> None:
-        board = f"{hello.board_name} (firmware {hello.firmware_version})"
-        if hello.protocol != frames.PROTOCOL:
-            raise self._error(
-                f"{board} speaks protocol {hello.protocol}, motord speaks {frames.PROTOCOL}; "
-                "update the older of the two"
-            )
-        if hello.layout != frames.LAYOUT_HASH:
-            raise self._error(
-                f"{board} was built with other frame layouts than this motord "
-                f"({hello.layout:08x}, here {frames.LAYOUT_HASH:08x}); update the older of the two"
-            )
-        if hello.counts not in (0, self._counts):
-            raise self._error(
-                f"{board} has an encoder of {hello.counts} counts, "
-                f"the bench file says [motor] counts = {self._counts}"
-            )
-
-    def _error(self, what: str) -> DeviceError:
-        return DeviceError(f"bridge on {self._config.port}: {what}")

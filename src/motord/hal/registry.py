@@ -20,6 +20,7 @@ GROUP = "motord.drivers"
 BUILT_IN = {
     "inverter.can": "motord.hal.inverter_can:CanInverter",
     "inverter.can-dq": "motord.hal.inverter_dq:DqInverter",
+    "bridge.can": "motord.hal.bridge_can:CanBridge",
     "bridge.serial": "motord.hal.bridge_serial:SerialBridge",
     "brake.modbus": "motord.hal.modbus:brake",
     "drive.modbus": "motord.hal.modbus:drive",

@@ -1,0 +1,94 @@
+"""The emulated board on CAN: its frames in pieces, on a channel the inverter may share."""
+
+from collections.abc import Iterator
+
+import can
+
+from motord.config import BridgeCanConfig
+from motord.emulate.can import FRAMES_AT_ONCE, open_bus
+from motord.emulate.clock import HostClock
+from motord.emulate.devices import NEVER_NS
+from motord.emulate.disturbance import Disturbance
+from motord.emulate.link import BoardEnd
+from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
+from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, pack
+
+
+class BoardCanLink(BoardEnd):
+    """The board's end of the bus. Faults of the bridge's wire concern single pieces."""
+
+    def __init__(self, config: BridgeCanConfig, clock: HostClock) -> None:
+        """Open the channel. Raises EmulatorError."""
+        self.faults = Disturbance()
+        self.pty_name = ""
+        self._config = config
+        self._clock = clock
+        self._piece_bytes = FD_BYTES if config.fd else CLASSIC_BYTES
+        self._decoder = PieceDecoder()
+        self._sequence = self._number = self._refused = 0
+        self._bus = open_bus(config)
+
+    @property
+    def errors(self) -> int:
+        """Return the frames from the host that were lost or corrupt."""
+        return self._decoder.errors
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when something has come, -1 if there is none."""
+        try:
+            return self._bus.fileno()
+        except NotImplementedError:
+            return -1
+
+    def receive(self, now_ns: int) -> Iterator[tuple[int, Numbered]]:
+        """Yield the frames since the last call, each with its time of arrival (monotonic ns)."""
+        for _ in range(FRAMES_AT_ONCE):
+            try:
+                message = self._bus.recv(0)
+            except can.CanError:
+                continue
+            if message is None:
+                return
+            if message.arbitration_id != self._config.host_id or message.is_extended_id:
+                continue
+            piece: bytes | None = bytes(message.data)
+            if self.faults.active:
+                piece = self.faults.to_device(bytes(message.data))
+            numbered = self._decoder.feed(piece) if piece else None
+            if numbered is not None:
+                at_ns = self._clock.monotonic_ns(round(message.timestamp * 1e9))
+                yield min(at_ns, now_ns), numbered
+
+    def send(self, frame: Frame, now_ns: int = 0) -> bool:
+        """Send a frame; False if the bus has no room for all of it."""
+        pieces = split(pack(frame, self._sequence), self._number, self._piece_bytes)
+        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
+        self._number = (self._number + len(pieces)) % PIECE_NUMBERS
+        if self.faults.active or self.faults.next_ns != NEVER_NS:
+            pieces = [sent for one in pieces for sent in self.faults.to_host(now_ns, None, one)]
+        refused = self._refused
+        for piece in pieces:
+            self._transmit(piece)
+        return self._refused == refused
+
+    def play(self, now_ns: int) -> None:
+        """Send late pieces that are due."""
+        for _, piece in self.faults.due(now_ns):
+            self._transmit(piece)
+
+    def close(self) -> None:
+        """Release the channel; may be called twice."""
+        self._bus.shutdown()
+
+    def _transmit(self, piece: bytes) -> None:
+        message = can.Message(
+            arbitration_id=self._config.board_id,
+            is_extended_id=False,
+            is_fd=self._config.fd,
+            bitrate_switch=self._config.fd,
+            data=piece,
+        )
+        try:
+            self._bus.send(message, timeout=0)
+        except can.CanError:
+            self._refused += 1

@@ -1,0 +1,80 @@
+"""The bridge board over CAN: the bodies of its frames in pieces, on a channel others may share."""
+
+from motord.config import BridgeCanConfig, Config
+from motord.hal.base import DeviceError
+from motord.hal.bridge import Bridge
+from motord.hal.can_base import Frame
+from motord.hal.can_bus import open_bus
+from motord.wire import frames
+from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
+
+
+class CanLink:
+    """A `BridgeLink` on a CAN channel, of which it hears the board's identifier alone."""
+
+    def __init__(self, config: BridgeCanConfig, name: str) -> None:
+        """Open the channel. Raises DeviceError."""
+        self.stamp_ns = 0
+        self._host_id = config.host_id
+        self._piece_bytes = FD_BYTES if config.fd else CLASSIC_BYTES
+        self._bus = open_bus(config, name)
+        self._bus.listen([config.board_id])
+        self._decoder = PieceDecoder()
+        self._number = 0
+        self._pieces = 0
+        self._waiting: list[Frame] = []
+
+    @property
+    def heard(self) -> str:
+        """What has arrived so far, in words."""
+        return f"{self._pieces} CAN frames of something else" if self._pieces else ""
+
+    @property
+    def errors(self) -> int:
+        """Return the frames lost, corrupt or refused so far, and error frames of the bus."""
+        return self._decoder.errors + self._bus.state.errors
+
+    def receive(self) -> list[frames.Numbered]:
+        """Return the good frames whose pieces have all arrived."""
+        arrived = [*self._waiting, *self._bus.receive()] if self._waiting else self._bus.receive()
+        self._waiting = []
+        found = []
+        for _, piece, stamp_ns in arrived:
+            numbered = self._decoder.feed(piece)
+            if numbered is not None:
+                self.stamp_ns = stamp_ns
+                found.append(numbered)
+        self._pieces += len(arrived)
+        return found
+
+    def send(self, frame: frames.Frame, number: int) -> None:
+        """Send a frame, a CAN frame for each piece."""
+        pieces = split(frames.pack(frame, number), self._number, self._piece_bytes)
+        self._number = (self._number + len(pieces)) % PIECE_NUMBERS
+        for piece in pieces:
+            self._bus.send(self._host_id, piece)
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until something has arrived."""
+        self._waiting += self._bus.receive(timeout_s)
+
+    def close(self) -> None:
+        """Release the channel."""
+        self._bus.close()
+
+
+class CanBridge(Bridge):
+    """A `BridgeDriver` for a board on CAN."""
+
+    def __init__(self, config: Config) -> None:
+        """Take channel, rates and scales from `config`; nothing is opened. Raises DeviceError."""
+        can = config.bridge.can
+        if can is None:
+            raise DeviceError("bridge: the CAN driver needs a table [bridge.can]")
+        name = f"bridge on {can.interface} {can.channel}"
+        super().__init__(
+            config,
+            name,
+            "are the identifiers in [bridge.can], its bit rate and fd those of the board?",
+            lambda: CanLink(can, name),
+        )
