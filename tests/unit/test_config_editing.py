@@ -58,6 +58,10 @@ def test_a_text_that_cannot_be_edited_is_refused(text: str, words: str) -> None:
         with_values(text, "motor", {"encoder_direction": -1}, "b.toml")
 
 
+def test_the_last_table_can_be_added_to() -> None:
+    assert with_values("[motor]", "motor", {"counts": 7}, "b.toml") == "[motor]\ncounts = 7\n"
+
+
 def test_what_comes_after_a_table_is_not_its_own() -> None:
     text = "[motor]\n[[motor.more]]\nencoder_direction = 3\n"
     edited = with_values(text, "motor", {"encoder_direction": -1}, "b.toml")

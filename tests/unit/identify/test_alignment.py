@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from motord.config import Config, load
-from motord.identify import IdentifyError
+from motord.identify import IdentifyError, alignment
 from motord.identify.alignment import align
 from motord.identify.rests import rests_of, unwrapped_rad
 from motord.identify.rests_checks import torque_answer
@@ -185,3 +185,10 @@ def test_stops_are_where_the_command_stays(sweeps: list) -> None:
     turns = rests.electrical_rad[rests.sweep == 2] / (2 * np.pi)
     np.testing.assert_allclose(turns - turns[0], np.arange(18) / 17, atol=1e-6)
     assert rests_of([sweeps[0][:100]], 4096, 8).way.size == 0
+    assert torque_answer([sweeps[0][:100]], 4096).way == 0
+
+
+def test_a_fit_that_does_not_end_is_refused(sweeps: list, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alignment, "ITERATIONS", 3)
+    with pytest.raises(IdentifyError, match="no encoder offset fits the rests"):
+        align(sweeps, CONFIG.motor)
