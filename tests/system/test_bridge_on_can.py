@@ -1,0 +1,48 @@
+"""Daemon and emulated devices with the bridge board on the inverter's CAN channel."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+
+from tests.system.daemons import daemon, emulator, patient
+from tests.system.test_daemon import check_ticks
+from tests.system.test_wire import hold, open_run_truth
+from tests.unit.emulate.benches import write_bench
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+
+def on_can(text: str) -> str:
+    """Return a bench file with its board on the channel of its inverter."""
+    options = re.search(r"^options = .*$", text, flags=re.MULTILINE)
+    assert options is not None
+    text = re.sub(r'driver = "serial"\nport = .*\n', 'driver = "can"\n', text, count=1)
+    bus = f'interface = "udp_multicast"\nchannel = "239.74.163.2"\nfd = true\n{options.group()}\n'
+    return f"{text}\n[bridge.can]\n{bus}"
+
+
+def test_three_newton_metres_with_the_bridge_on_can(tmp_path):
+    bench = write_bench(tmp_path)
+    name = f"bridge-on-can-{time.time_ns()}"
+    text = patient(bench.read_text(), "x", 500).replace('name = "x"', f'name = "{name}"')
+    bench.write_text(on_can(text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")))
+    truth_file = tmp_path / "truth.mcap"
+    with emulator(tmp_path, bench, truth_file) as devices:
+        with daemon(tmp_path, bench) as running:
+            with running.connect() as client:
+                with client.lease("anna") as lease:
+                    begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=10)
+                    client.rpc("disable", token=lease.token)
+                client.rpc("stop")
+            assert running.end() == 0, running.said()
+            [run] = running.runs()
+        assert devices.end() == 0, devices.said()
+    ticks = run.ticks()
+    check_ticks(ticks)
+    during = (ticks["t_ns"] > begun.tick.t_ns) & (ticks["t_ns"] < held.tick.t_ns)
+    assert np.mean(ticks["speed_rad_s"][during]) == pytest.approx(0.7 * 2 * np.pi, rel=0.25)
+    truth = open_run_truth(truth_file)
+    then = (truth["t_ns"] > begun.tick.t_ns) & (truth["t_ns"] < held.tick.t_ns)
+    assert np.mean(truth["torque_Nm"][then]) == pytest.approx(3.0 * 1.012, rel=0.06)
