@@ -118,7 +118,7 @@ def operate_virtually(seconds: float) -> None:
     bench_config = config.load(config.packaged("sim.toml"))
     bench, plan = VirtualBench(bench_config), build("verify", bench_config, PLAN)
     wanted = seconds * bench_config.loop.rate_Hz
-    with tempfile.TemporaryDirectory(prefix="motord-memory-") as name:
+    with tempfile.TemporaryDirectory(prefix="motord-memory-", ignore_cleanup_errors=True) as name:
         path = Path(name) / "run.mcap"
         while wanted > 0:
             wanted -= record_plan(bench, plan, path)
@@ -138,7 +138,7 @@ def in_virtual_time(seconds: float) -> dict[str, Memory]:
 
 def on_the_wire(seconds: float) -> dict[str, Memory]:
     """Return the memory of every process of a bench on the wire that operates for so long."""
-    with tempfile.TemporaryDirectory(prefix="motord-memory-") as name:
+    with tempfile.TemporaryDirectory(prefix="motord-memory-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         bench = write_bench(folder)
         text = patient(bench.read_text(), "memory")
@@ -149,7 +149,7 @@ def on_the_wire(seconds: float) -> dict[str, Memory]:
 
 def on_the_simulated_rig(seconds: float) -> dict[str, Memory]:
     """Return the memory of every process of a simulated bench that operates for so long."""
-    with tempfile.TemporaryDirectory(prefix="motord-memory-") as name:
+    with tempfile.TemporaryDirectory(prefix="motord-memory-", ignore_cleanup_errors=True) as name:
         return _in_real_time(Path(name), write_sim(Path(name)), seconds, {})
 
 
@@ -162,6 +162,7 @@ def _in_real_time(
         with watched(pids) as memories:
             _operate(client, seconds)
         after = {name: view.pid for name, view in client.state().processes.items()}
+        running.end()
         if after != children:
             raise RuntimeError(f"a process was started again: {running.said()}")
     return memories

@@ -59,7 +59,7 @@ class Outcome:
             *self.torn,
             *found.unreadable,
             *([f"points {dict(found.points)}"] if found.points != once else []),
-            *([f"{found.gone} ticks gone"] if found.gone else []),
+            *found.gone,
             *([f"{found.double} ticks twice"] if found.double else []),
             *(
                 f"{late_s:.2f} s missing after {victim} was killed"
@@ -166,12 +166,12 @@ class Sweep:
             self.outcome.torn.append(f"journal torn after {victim} was killed")
 
 
-def _command(client, name: str, **arguments):
+def _command(client, request: str, /, **arguments):
     """Carry out a request in command; once more where a busy computer let the lease run out."""
     for last in (False, True):
         try:
             with client.lease("campaign", force=True) as lease:
-                return client.rpc(name, token=lease.token, **arguments)
+                return client.rpc(request, token=lease.token, **arguments)
         except ClientError as error:
             if error.code != "no_lease" or last:
                 raise

@@ -12,6 +12,8 @@ from motord.record.errors import RecordError
 from motord.record.reader import open_run
 
 MISSING_LIMIT_S = 1.5
+RATE_Hz, SLACK_S = 500, 0.1
+"""Of the loop; how far times of samples may be from its periods. Beyond, it was another loop."""
 COLUMNS = ("tick", "t_ns", "missed", "plan_point")
 
 
@@ -46,7 +48,7 @@ class Found:
     missing_then_s: list[tuple[str, float]] = field(default_factory=list)
     unreadable: list[str] = field(default_factory=list)
     ticks: int = 0
-    gone: int = 0
+    gone: list[str] = field(default_factory=list)
     double: int = 0
 
 
@@ -102,7 +104,11 @@ def _count(every: np.ndarray, found: Found) -> None:
     """Count ticks that are gone or double, where the counter does not begin anew."""
     steps = np.diff(every["tick"].astype(np.int64))
     skipped = np.diff(every["missed"].astype(np.int64))
-    same_loop = (steps > 0) & (skipped >= 0) & (np.diff(every["t_ns"]) > 0)
+    apart_s = np.diff(every["t_ns"]) / 1e9
+    same_loop = (steps > 0) & (skipped >= 0) & (abs(apart_s - steps / RATE_Hz) < SLACK_S)
     found.ticks = len(every)
-    found.gone = int((steps - 1 - skipped)[same_loop].sum())
+    found.gone = [
+        f"{steps[n] - 1 - skipped[n]} ticks gone after tick {every['tick'][n]}"
+        for n in np.flatnonzero(same_loop & (steps - 1 > skipped))
+    ]
     found.double = len(every) - len(np.unique(every[["tick", "t_ns"]]))
