@@ -73,7 +73,8 @@ def run(command: list[str], out: Path, timeout_s: float, environment: dict[str, 
     busybox = shutil.which("busybox")
     assert booted is not None
     assert busybox is not None
-    settings = {"HOME": "/root", "PATH": os.environ["PATH"], **environment}
+    inherited = {name: os.environ[name] for name in ("PATH", "PYTHONPATH") if name in os.environ}
+    settings = {"HOME": "/root", **inherited, **environment}
     lines = [f"export {name}={shlex.quote(value)}" for name, value in settings.items()]
     lines += [f"cd {shlex.quote(str(Path.cwd()))}", f"exec {shlex.join(command)}"]
     (out / "command").write_text("\n".join(lines) + " > /tmp/out/said 2>&1\n")
