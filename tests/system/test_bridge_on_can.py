@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from motord.hal.clock_lines import DRIFT_MAX
 from tests.system.daemons import daemon, emulator, patient
 from tests.system.test_daemon import check_ticks
 from tests.system.test_wire import hold, open_run_truth
@@ -35,10 +36,14 @@ def test_three_newton_metres_with_the_bridge_on_can(tmp_path):
                 with client.lease("anna") as lease:
                     begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=10)
                     client.rpc("disable", token=lease.token)
+                    clock = client.state().bridge_clock
                 client.rpc("stop")
             assert running.end() == 0, running.said()
             [run] = running.runs()
         assert devices.end() == 0, devices.said()
+    assert clock is not None
+    assert abs(clock.drift_ppm) <= DRIFT_MAX * 1e6  # a computer that stalls shows no better
+    assert 0.0 < clock.jitter_us
     ticks = run.ticks()
     check_ticks(ticks)
     during = (ticks["t_ns"] > begun.tick.t_ns) & (ticks["t_ns"] < held.tick.t_ns)

@@ -130,6 +130,9 @@ def _rows(state: "State") -> list[tuple[str, str]]:
     )
     if state.realtime and not state.realtime.get("granted", True):
         rows.append(("real time", "not all rights granted: `motord check --rt` says which"))
+    if (clock := state.bridge_clock) is not None:
+        words = f"drift {clock.drift_ppm:.1f} ppm, jitter {clock.jitter_us:.0f} us"
+        rows.append(("bridge clock", words))
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         rows.append((name, device.health + (f": {device.error}" if device.error else "")))
     return rows

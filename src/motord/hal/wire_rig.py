@@ -3,6 +3,7 @@
 import numpy as np
 
 from motord.hal.base import BridgeDriver, InverterDriver
+from motord.hal.clock import BoardClock
 
 
 class WireRig:
@@ -11,6 +12,12 @@ class WireRig:
     def __init__(self, inverter: InverterDriver, bridge: BridgeDriver) -> None:
         self._inverter = inverter
         self._bridge = bridge
+
+    @property
+    def clock(self) -> BoardClock | None:
+        """What is known of the bridge's clock; None if its driver does not tell."""
+        clock = getattr(self._bridge, "clock", None)
+        return clock if isinstance(clock, BoardClock) else None
 
     def open(self) -> None:
         """Open both devices; neither stays open if one cannot be. Raises DeviceError."""

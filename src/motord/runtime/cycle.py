@@ -12,12 +12,13 @@ import numpy as np
 from motord.control.step import new_memory
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
+from motord.hal.clock import BoardClock
 from motord.runtime.beat import NO_WORK, Beat, beat
 from motord.runtime.mailbox import MailboxReader
 from motord.runtime.pacer import INT32_MAX, Pacer
 from motord.runtime.ring import RingWriter
 from motord.runtime.tables import TablesReader
-from motord.runtime.timing import Timing
+from motord.runtime.timing import ClockTold, Timing
 from motord.schema import State
 
 SUPERVISOR_GONE_S = 5.0
@@ -34,7 +35,8 @@ class StopRequest:
 
 @dataclass
 class Cycle:
-    """What a loop works with; `timing` holds the histograms that it keeps."""
+    """What a loop works with; `timing` holds the histograms that it keeps, `clock` is the
+    bridge's, if there is one to tell of."""
 
     rig: Rig
     ring: RingWriter
@@ -42,6 +44,7 @@ class Cycle:
     tables: TablesReader
     stop: StopRequest
     timing: Timing = field(default_factory=Timing)
+    clock: BoardClock | None = None
     memory: np.ndarray = field(default_factory=new_memory)
     feedback: np.ndarray = field(default_factory=lambda: np.zeros(1, FEEDBACK))
     setpoint: np.ndarray = field(default_factory=lambda: np.zeros(1, SETPOINT))
@@ -65,6 +68,12 @@ class Cycle:
         for _ in range(3):
             self.rig.read(self.mailbox.clock.now_ns(), self.feedback)
             self.rig.write(self.command)
+
+    def tell_clock(self) -> None:
+        """Let others know of the bridge's clock."""
+        if self.clock is not None:
+            told = ClockTold(self.clock.drift_ppm, self.clock.jitter_ns * 1e-3)
+            self.timing.tell_clock(told)
 
     def supervisor_gone(self, now_ns: int) -> bool:
         """Return whether the supervisor has been silent for long and no torque is applied."""
@@ -100,7 +109,9 @@ def run(cycle: Cycle, pacer: Pacer, ticks: int | None = None) -> None:
         rig_write(command)
         publish()
         work_ns = min(clock_ns() - woke_ns, INT32_MAX)
-        if not i % _LOOK_EVERY_TICKS and cycle.supervisor_gone(now_ns):
-            stop.reason = "the supervisor is gone"
+        if not i % _LOOK_EVERY_TICKS:
+            cycle.tell_clock()
+            if cycle.supervisor_gone(now_ns):
+                stop.reason = "the supervisor is gone"
     if work_ns != NO_WORK:
         cycle.timing.work.add(work_ns)

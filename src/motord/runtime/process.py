@@ -13,6 +13,7 @@ from typing import Any
 from motord import config
 from motord.hal import registry
 from motord.hal.base import DeviceError, Rig
+from motord.hal.wire_rig import WireRig
 from motord.runtime import cycle, realtime
 from motord.runtime.mailbox import MailboxReader
 from motord.runtime.pacer import Pacer
@@ -72,6 +73,7 @@ class LoopProcess:
         rig = registry.make_rig(bench)
         timing = Timing.create(self._run_dir.timing)
         work = cycle.Cycle(rig, ring, mailbox, tables, self._stop, timing)
+        work.clock = rig.clock if isinstance(rig, WireRig) else None
         period_ns = round(1e9 / bench.loop.rate_Hz)
         pacer = Pacer(period_ns, Waker(period_ns, spin=bench.loop.spin))
         work.warm_up_kernel()

@@ -6,6 +6,7 @@ counted while it is made, part by part (`TimingPart`); `total` adds the parts up
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -16,8 +17,22 @@ from motord.schema import record_dtype
 
 KIND = "timing"
 TIMING = record_dtype(
-    [("wake_late", "<i8", (CELLS,)), ("work", "<i8", (CELLS,)), ("missed", "<i8")]
+    [
+        ("wake_late", "<i8", (CELLS,)),
+        ("work", "<i8", (CELLS,)),
+        ("missed", "<i8"),
+        ("clock_drift_ppb", "<i8"),
+        ("clock_jitter_ns", "<i8"),
+    ]
 )
+
+
+class ClockTold(NamedTuple):
+    """The bridge board's clock: how much faster than the computer's it runs, and the mean deviation
+    of its samples' delay."""
+
+    drift_ppm: float
+    jitter_us: float
 
 
 class TimingSummary(BaseModel):
@@ -79,6 +94,17 @@ class Timing:
     def missed(self) -> int:
         """Periods skipped."""
         return int(self.record["missed"][0])
+
+    def tell_clock(self, clock: ClockTold) -> None:
+        """Note what the loop knows of the bridge board's clock now."""
+        self.record["clock_drift_ppb"] = round(clock.drift_ppm * 1e3)
+        self.record["clock_jitter_ns"] = round(clock.jitter_us * 1e3)
+
+    @property
+    def clock(self) -> ClockTold:
+        """What the loop last noted of the bridge board's clock."""
+        record = self.record[0]
+        return ClockTold(int(record["clock_drift_ppb"]) / 1e3, int(record["clock_jitter_ns"]) / 1e3)
 
     def copy(self) -> "Timing":
         """Return what is counted now."""

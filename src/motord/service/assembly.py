@@ -152,6 +152,7 @@ def assemble(
         dropped=lambda: telemetry.dropped,
         started_ns=time.monotonic_ns(),
         unix_ns=clock.now_ns,
+        bridge_clock=loop.bridge_clock,
     )
     publisher = Publisher(bench, state, telemetry)
     events.listeners += [publisher.event, recording.event, boxes.event]

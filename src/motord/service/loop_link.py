@@ -1,15 +1,19 @@
 """The loop process as the supervisor sees it: started, ready, publishing ticks, gone."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Literal
 
 import numpy as np
 
 from motord.runtime.ring import RingReader
 from motord.runtime.rundir import RunDir
+from motord.runtime.shared import SharedFileError
 from motord.runtime.status import LoopStatus, Phase
+from motord.runtime.timing import Timing
 from motord.schema import TICK_DTYPE
 from motord.service.processes import Children, Ended
+from motord.service.views import ClockView
 
 LOOP = "loop"
 
@@ -33,6 +37,7 @@ class LoopLink:
         self._on_up = on_up
         self._on_down = on_down
         self._ring: RingReader | None = None
+        self._timing: Timing | None = None
         self.phase: Literal["down", "starting", "up"] = "down"
         self.status: LoopStatus | None = None
 
@@ -76,11 +81,22 @@ class LoopLink:
             "foreign_threads": status.foreign_threads,
         }
 
+    def bridge_clock(self) -> ClockView | None:
+        """Return what the loop knows of the bridge's clock; None for a loop without one."""
+        if self._timing is None or self.phase != "up":
+            return None
+        told = self._timing.clock
+        if not any(told):
+            return None
+        return ClockView(drift_ppm=round(told.drift_ppm, 2), jitter_us=round(told.jitter_us, 1))
+
     def _look_whether_ready(self) -> None:
         status = LoopStatus.read(self._run_dir.loop_status)
         if status is None or status.phase is not Phase.READY:
             return
         self.status = status
         self._ring = RingReader(self._run_dir.ring, "oldest")
+        with suppress(SharedFileError):
+            self._timing = Timing.attach(self._run_dir.timing)
         self.phase = "up"
         self._on_up()

@@ -9,7 +9,7 @@ from typing import Any
 from motord.config import Config
 from motord.service.bench import Bench
 from motord.service.calibrations import CalibrationStore
-from motord.service.views import DeviceView, LeaseView, ProcessView, RecordingView, State
+from motord.service.views import ClockView, DeviceView, LeaseView, ProcessView, RecordingView, State
 
 RecordingSource = Callable[[], RecordingView]
 ProcessSource = Callable[[], dict[str, ProcessView]]
@@ -27,6 +27,7 @@ class StateView:
     dropped: Callable[[], int]
     started_ns: int
     unix_ns: Callable[[], int]
+    bridge_clock: Callable[[], ClockView | None] = lambda: None
 
     def build(self, now_ns: int) -> State:
         """Return the state now."""
@@ -58,6 +59,7 @@ class StateView:
             calibration=self.calibrations.view(),
             brake=device_view(bench, config, "brake", now_ns),
             drive=device_view(bench, config, "drive", now_ns),
+            bridge_clock=self.bridge_clock(),
             processes=self.processes(),
             telemetry_dropped=self.dropped(),
         )

@@ -90,6 +90,13 @@ class DeviceView(Reply):
     age_s: float | None = None
 
 
+class ClockView(Reply):
+    """The bridge board's clock: drift against the computer's, jitter of its samples' delay."""
+
+    drift_ppm: float
+    jitter_us: float
+
+
 class ProcessView(Reply):
     """A child process."""
 
@@ -175,6 +182,7 @@ class State(Reply):
     calibration: CalibrationView | None
     brake: DeviceView
     drive: DeviceView
+    bridge_clock: ClockView | None = None
     processes: dict[str, ProcessView]
     telemetry_dropped: int
 
