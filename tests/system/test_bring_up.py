@@ -36,8 +36,8 @@ currents_A = [7.0]
 [plans.calibrate]
 torques_Nm = [1.0, 2.0]
 speeds_Hz = [1.0]
-turns = 5
-settle_s = 0.5
+turns = 7
+settle_s = 0.3
 speed_tolerance = 0.2
 gain_steps = []
 
