@@ -199,7 +199,8 @@ static bool accept(struct bridge *bridge, const union bridge_frame *frame)
     return accepted;
 }
 
-/* A good frame came. What asks for an open line is obeyed whatever its number. */
+/* A good frame came. What asks for an open line is obeyed whatever its number; but a repeated
+ * heartbeat with enable = 0 takes nothing from the one that it repeats. */
 static void take(struct bridge *bridge, const union bridge_frame *frame)
 {
     if (frame->type < BRIDGE_FROM_HOST) {
@@ -207,7 +208,8 @@ static void take(struct bridge *bridge, const union bridge_frame *frame)
     } else if (accept(bridge, frame)) {
         hear(bridge, frame);
     } else if (frame->type == BRIDGE_Stop ||
-               (frame->type == BRIDGE_Heartbeat && frame->Heartbeat.enable != 1)) {
+               (frame->type == BRIDGE_Heartbeat && frame->Heartbeat.enable != 1 &&
+                enable_line_closed(&bridge->line))) {
         enable_line_stop(&bridge->line, bridge->t_us);
     }
 }

@@ -24,7 +24,7 @@ void enable_line_heartbeat(struct enable_line *line, uint32_t t_us, bool enable)
     }
     if (!enable) {
         line->state = LINE_OPEN;
-    } else if (line->state != LINE_LOST) {
+    } else if (line->state == LINE_OPEN) {
         line->state = LINE_CLOSED;
     }
 }

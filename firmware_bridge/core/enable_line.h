@@ -1,10 +1,11 @@
 /* The enable line: a state machine of what is heard and of time, and nothing else.
  *
- * The line is closed in one state only, and every state but that one is left or held by what makes
- * it safe:
+ * The line is closed in one state only, and that one is reached from OPEN only: nothing but a
+ * heartbeat with enable = 0 lets one with enable = 1 close it, after a reset, a Stop, a silence or a
+ * bar. A host that still asks for a closed line, from before, does not get it.
  *
  *            heartbeat 0   heartbeat 1   stop     no heartbeat for timeout   bar      permit
- *   SILENT   OPEN          CLOSED        SILENT   SILENT                     BARRED   SILENT
+ *   SILENT   OPEN          SILENT        SILENT   SILENT                     BARRED   SILENT
  *   OPEN     OPEN          CLOSED        SILENT   LOST                       BARRED   OPEN
  *   CLOSED   OPEN          CLOSED        SILENT   LOST                       BARRED   CLOSED
  *   LOST     OPEN          LOST          LOST     LOST                       BARRED   LOST
@@ -18,10 +19,10 @@
 #include <stdint.h>
 
 enum enable_line_state {
-    LINE_SILENT, /* open: no heartbeat since reset or Stop */
+    LINE_SILENT, /* open, and a heartbeat with enable = 0 must come first: reset, Stop, bar */
     LINE_OPEN,   /* open: the host lives and wants it so */
     LINE_CLOSED, /* closed: the host lives and wants it so */
-    LINE_LOST,   /* open: the host fell silent; a heartbeat with enable = 0 must come first */
+    LINE_LOST,   /* as SILENT, but because the host fell silent: told in status bit 1 */
     LINE_BARRED  /* open: self-test failed, or the host speaks another protocol */
 };
 

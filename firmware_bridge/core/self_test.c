@@ -50,7 +50,9 @@ static bool line(void)
 {
     struct enable_line line;
     enable_line_init(&line, 1000);
+    enable_line_heartbeat(&line, 0xFFFFFF00U, true);
     const bool open_first = !enable_line_closed(&line);
+    enable_line_heartbeat(&line, 0xFFFFFF00U, false);
     enable_line_heartbeat(&line, 0xFFFFFF00U, true);
     enable_line_judge(&line, 0x2E7U); /* 999 us later, across the wrap */
     const bool in_time = enable_line_closed(&line);

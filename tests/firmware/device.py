@@ -114,3 +114,8 @@ class Device:
 
     def beat(self, enable: int) -> None:
         self.send(frames.Heartbeat(enable))
+
+    def close_line(self) -> None:
+        """Ask for an open and then for a closed line, as a host does that starts."""
+        self.beat(0)
+        self.beat(1)

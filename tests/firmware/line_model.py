@@ -1,7 +1,7 @@
 """What the enable line must do, told a second time and in another way; and a check against it.
 
 The model keeps no states but facts (docs/protocols.md, item 5): when the line was last asked to be
-closed, and what stands in its way.
+open, and what stands in the way of closing it.
 """
 
 import random
@@ -19,7 +19,9 @@ LOST_STATE = 3
 
 @dataclass
 class LineModel:
-    """`alive`: time of the newest heartbeat since reset or Stop; `lost`: the host fell silent."""
+    """`alive`: time of the newest heartbeat since one that asked for an open line, without a reset,
+    a Stop, a silence or a bar in between; `lost`: the host fell silent.
+    """
 
     timeout_us: int
     alive: int | None = None
@@ -31,23 +33,21 @@ class LineModel:
         """Take an event of EVENTS at a time that does not wrap."""
         judges = kind in ("beat 0", "beat 1", "stop", "judge")
         if judges and self.alive is not None and now_us - self.alive >= self.timeout_us:
-            self.lost = self.lost or not self.barred
-            self.alive = None
-        if kind == "permit" and self.barred:
-            self.barred = self.lost = self.wanted = False
-            self.alive = None
+            self.alive, self.lost = None, True
+        if kind == "permit":
+            self.barred = False
         elif kind == "bar":
             self.barred, self.lost, self.alive = True, False, None
         elif kind == "stop":
-            self.alive, self.wanted = None, False
+            self.alive = None
         elif kind.startswith("beat") and not self.barred:
             self.wanted = kind == "beat 1"
-            self.lost = self.lost and self.wanted
-            self.alive = None if self.lost else now_us
+            if not self.wanted or self.alive is not None:
+                self.alive, self.lost = now_us, False
 
     @property
     def closed(self) -> bool:
-        return self.wanted and self.alive is not None and not self.lost and not self.barred
+        return self.wanted and self.alive is not None
 
 
 def play(ffi: Any, lib: Any, start_us: int, steps: Iterable[tuple[str, int]]) -> str | None:

@@ -48,6 +48,7 @@ def stream(rate_Hz, duration_s):
     """Let the board stream for `duration_s`; return what came."""
     with machine(emulated()) as board:
         board.configure(rate_Hz, 1_000_000)
+        board.send(frames.Heartbeat(0))  # without one the line does not close
         samples, dropped, corrupt = [], 0, 0
         begin_s = time.monotonic()
         fed = 0

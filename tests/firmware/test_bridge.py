@@ -355,7 +355,7 @@ def test_a_failed_self_test_keeps_the_line_open_for_good(
 
 def test_another_protocol_opens_the_line_and_keeps_it_so(library: Library) -> None:
     device = Device(library)
-    device.beat(1)
+    device.close_line()
     assert device.closed
     assert isinstance(device.ask(frames.HelloRequest(2)), frames.Hello)
     assert not device.closed
@@ -364,15 +364,16 @@ def test_another_protocol_opens_the_line_and_keeps_it_so(library: Library) -> No
     device.pass_us(1000)
     assert not device.closed
     device.send(frames.HelloRequest(1))
-    assert not device.closed
     device.beat(1)
+    assert not device.closed
+    device.close_line()
     assert device.closed
 
 
 def test_status_tells_of_the_line(library: Library) -> None:
     device = Device(library)
     device.pass_us(20_000)
-    device.beat(1)
+    device.close_line()
     told = [device.ask(frames.Start())]
     device.pass_us(50_000)
     told.append(device.ask(frames.Start()))
@@ -391,7 +392,7 @@ def test_the_line_is_driven_at_every_tick(library: Library) -> None:
     device.host.line_closed = True
     device.tick()
     assert not device.closed
-    device.beat(1)
+    device.close_line()
     device.host.line_closed = False
     device.tick()
     assert device.closed

@@ -173,7 +173,7 @@ def test_a_stop_that_is_lost_is_made_good_by_the_silence_after_it(library: Libra
 
 
 def test_the_line_opens_at_once_when_asked(library: Library) -> None:
-    """Whatever number the frame has; the next heartbeat closes it again, but not an old one."""
+    """Whatever number the frame has; but only a new one lets the next heartbeat close it again."""
     for frame in (frames.Stop(), frames.Heartbeat(0), frames.Heartbeat(7), frames.HelloRequest(9)):
         for sequence in (None, 0, 15, ALIVE_BEATS - 1):
             device = Device(library)
@@ -183,14 +183,62 @@ def test_the_line_opens_at_once_when_asked(library: Library) -> None:
             device.send(frames.Heartbeat(1), 16)
             assert not device.closed
             device.beat(1)
+            assert device.closed == (type(frame) is frames.Heartbeat and sequence is None)
+            device.close_line()
             assert device.closed == (type(frame) is not frames.HelloRequest)
+
+
+def test_a_repeated_heartbeat_does_not_spoil_the_one_before_it(library: Library) -> None:
+    for enable in (0, 7):
+        device = Device(library)
+        device.beat(enable)
+        device.send(frames.Heartbeat(enable), device.sequence - 1)
+        device.beat(1)
+        assert device.closed
+
+
+def test_an_old_heartbeat_does_not_let_the_line_close(library: Library) -> None:
+    device = Device(library)
+    alive(device)
+    device.send(frames.Stop())
+    device.send(frames.Heartbeat(0), 3)
+    device.beat(1)
+    assert not device.closed
+
+
+@pytest.mark.parametrize("link", [0, 1])
+def test_after_a_reset_in_mid_run_the_line_stays_open(library: Library, link: int) -> None:
+    """The host does not know of it and still asks for a closed line."""
+    before = Device(library, link)
+    alive(before)
+    device = Device(library, link, before.now_us)
+    assert not device.closed
+    device.sequence = before.sequence
+    for _ in range(200):
+        device.beat(1)
+        device.pass_us(BEAT_US)
+        assert not device.closed
+    device.close_line()
+    assert device.closed
+
+
+def test_after_stop_the_line_stays_open(library: Library) -> None:
+    device = Device(library)
+    alive(device)
+    device.send(frames.Stop())
+    for _ in range(200):
+        device.beat(1)
+        device.pass_us(BEAT_US)
+        assert not device.closed
+    device.close_line()
+    assert device.closed
 
 
 @pytest.mark.parametrize("late_us", [-1, 0])
 def test_both_sides_of_the_edge(library: Library, late_us: int) -> None:
     """A heartbeat one microsecond before the timeout counts, one on it does not."""
     device = Device(library, now_us=CLOCK - 70_000)
-    device.beat(1)
+    device.close_line()
     device.now_us += 50_000 + late_us
     device.beat(1)
     assert device.closed == (late_us < 0)
@@ -271,7 +319,7 @@ def test_a_longer_timeout_comes_too_late_for_a_host_that_fell_silent(library: Li
     """Configure counts from when it comes, even if no tick has judged the time before it."""
     for silent_us, closed in ((49_999, True), (50_000, False)):
         device = Device(library)
-        device.beat(1)
+        device.close_line()
         device.now_us += silent_us
         device.send(frames.Configure(1000, 1_000_000))
         device.tick()

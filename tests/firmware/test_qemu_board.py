@@ -17,6 +17,7 @@ pytestmark = pytest.mark.system
 
 TIMEOUTS_US = (1000, 10_000, 50_000, 1_000_000)
 LATE_US = 1000
+CLOSE = (frames.Heartbeat(0), frames.Heartbeat(1))
 TICK_HZ = 4000
 """With FIRMWARE_TIME QEMU's clock jumps over every second tick: this makes 2000, the fewest that
 the board ever has."""
@@ -41,8 +42,8 @@ def test_the_image_of_the_chip_starts_and_knows_that_its_clock_and_adc_fail():
     with machine(emulated("stm32f405_in_qemu")) as board:
         hello = board.next(frames.Hello)
         assert (hello.board_name, hello.layout) == ("stm32f405", frames.LAYOUT_HASH)
-        board.send(frames.Configure(1000, 1_000_000), frames.Start(), frames.Heartbeat(1))
-        status = board.next(frames.Status, lambda status: status.heartbeats > 0)
+        board.send(frames.Configure(1000, 1_000_000), frames.Start(), *CLOSE)
+        status = board.next(frames.Status, lambda status: status.heartbeats > 1)
         failed = BridgeStatus.FAULT | BridgeStatus.TORQUE_INVALID
         assert status.status & (failed | BridgeStatus.ENABLE_LINE) == failed
         samples = [board.next(frames.Sample) for _ in range(50)]
@@ -84,7 +85,7 @@ def test_in_the_firmwares_time_no_sample_is_missing(rate_Hz):
 def test_a_reset_opens_the_line_and_starts_anew():
     with machine(emulated()) as board:
         board.configure(timeout_us=1_000_000)
-        board.send(frames.Heartbeat(1))
+        board.send(*CLOSE)
         board.line(closed=True)
         board.told.clear()
         board.qemu.reset()
@@ -94,6 +95,12 @@ def test_a_reset_opens_the_line_and_starts_anew():
         status = board.next(frames.Status)
         assert (status.streaming, status.heartbeats) == (0, 0)
         assert not status.status & (BridgeStatus.ENABLE_LINE | BridgeStatus.HEARTBEAT_LOST)
+        board.told.clear()
+        board.send(frames.Heartbeat(1), frames.Start())  # a host that has not noticed
+        status = board.next(frames.Status, lambda s: s.streaming)
+        assert (status.heartbeats, status.status & BridgeStatus.ENABLE_LINE) == (1, 0)
+        board.send(*CLOSE)
+        board.line(closed=True)
 
 
 def test_hello_is_heard_though_the_reset_tore_a_frame():
@@ -119,7 +126,7 @@ def corrupt_heartbeats(board, chance):
 
 
 def one_heartbeat_again(board, chance):
-    board.send(frames.encode(frames.Heartbeat(1), 2))
+    board.send(frames.encode(frames.Heartbeat(1), 3))
 
 
 @pytest.mark.parametrize("timeout_us", TIMEOUTS_US)
@@ -140,12 +147,12 @@ def opening_us(timeout_us, host):
     with machine(emulated(), *FIRMWARE_TIME) as board:
         board.configure(TICK_HZ, timeout_us)
         board.told.clear()
-        board.send(frames.Heartbeat(1))
+        board.send(*CLOSE)
         closed = board.line(closed=True)
         while not (opened := [t for t in board.told if t.t_us > closed.t_us and not t.line_closed]):
             host(board, chance)
             board.poll(0.005)
-        status = board.next(frames.Status, lambda s: s.heartbeats == 1)
+        status = board.next(frames.Status, lambda s: s.heartbeats == 2)
         assert 0 <= closed.t_us - status.heartbeat_t_us < LATE_US
         return opened[0].t_us - status.heartbeat_t_us
 
@@ -168,7 +175,7 @@ def test_corrupt_heartbeats_are_none():
 def test_a_main_loop_that_hangs_does_not_keep_the_line_closed(tmp_path):
     with machine(emulated(), *arguments(tmp_path / "gdb")) as board:
         board.configure(timeout_us=1_000_000)
-        board.send(frames.Heartbeat(1))
+        board.send(*CLOSE)
         board.line(closed=True)
         board.told.clear()
         hang(tmp_path / "gdb")
@@ -183,7 +190,7 @@ def test_a_main_loop_that_hangs_does_not_keep_the_line_closed(tmp_path):
 def test_a_fault_opens_the_line_and_starts_anew(tmp_path):
     with machine(emulated(), *arguments(tmp_path / "gdb")) as board:
         board.configure(timeout_us=1_000_000)
-        board.send(frames.Heartbeat(1))
+        board.send(*CLOSE)
         closed = board.line(closed=True)
         board.told.clear()
         with Debugger(tmp_path / "gdb") as debugger:

@@ -30,6 +30,7 @@ from motord.hal.bridge_serial import SerialBridge
 bridge = SerialBridge(config.load(Path(sys.argv[1])))
 bridge.open()
 command, feedback = np.zeros(1, COMMAND), np.zeros(1, FEEDBACK)
+bridge.write(command)  # the line closes after a heartbeat with enable = 0 only
 while True:
     bridge.read(time.time_ns(), feedback)
     command["enable"] = not feedback["bridge_status"] & 2  # again after a heartbeat was lost

@@ -14,15 +14,18 @@ CLOCK_OFFSET_US = 3_000_000_000
 """Reading of the board's clock at its reset: wraps its 32 bits after some 20 minutes."""
 CLOCK_DRIFT = 35e-6
 """How much faster than the host's clock the board's clock runs."""
-RATES_HZ = (1, 20_000)
+RATES_HZ = (100, 20_000)
+TIMEOUTS_US = (1_000, 1_000_000)
+"""What Configure may ask for; one of the two out of range, and neither is taken."""
 _FAULTS_MODULUS = 128
 
 
 class Board:
     """The bridge board: samples while told to, holds the enable line closed while told to.
 
-    `heartbeat_timeout` without a heartbeat opens the line; it stays open until a heartbeat has
-    asked for it to be open, so that a host that comes back does not find it closed.
+    `heartbeat_timeout` without a heartbeat opens the line, as do Stop and a reset; it stays open
+    until a heartbeat has asked for it to be open, so that a host that does not know of it does not
+    find it closed again.
     """
 
     def __init__(self, config: Config, reset_ns: int, serial: int = 1) -> None:
@@ -30,7 +33,6 @@ class Board:
         self.streaming = False
         self.rate_Hz = config.bridge.rate_Hz or config.loop.rate_Hz
         self.heartbeat_drops = 0
-        self.deadline_ns = NEVER_NS
         self.errors = 0
         self.dropped = 0
         self.faults_begun = 0
@@ -39,10 +41,17 @@ class Board:
         self._serial = serial
         self._timeout_ns = self._configured_ns
         self._reset_ns = reset_ns
+        self._may_close = False  # a heartbeat with enable = 0 has come since reset, Stop, silence
         self._lost = False
+        self._heard_ns = NEVER_NS
         self._heartbeats = 0
         self._heartbeat_sequence = 0
         self._heartbeat_t_us = 0
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the host has been silent for too long; NEVER_NS if that is of no matter."""
+        return self._heard_ns + self._timeout_ns if self._may_close else NEVER_NS
 
     def clock_us(self, now_ns: int) -> int:
         """Return what the board's clock says: its own offset and drift, wrapping at 32 bits."""
@@ -58,7 +67,7 @@ class Board:
         if isinstance(frame, frames.HelloRequest):
             return [self.hello()]
         if isinstance(frame, frames.Configure):
-            self._configure(frame)
+            self._configure(now_ns, frame)
         elif isinstance(frame, frames.Start):
             self.streaming = True
         elif isinstance(frame, frames.Stop):
@@ -71,10 +80,9 @@ class Board:
         """Let time pass: open the enable line if the last heartbeat is too old."""
         if now_ns < self.deadline_ns:
             return
-        self.deadline_ns = NEVER_NS
         self.heartbeat_drops += self.line_closed
         self._lost = True
-        self.line_closed = False
+        self._may_close = self.line_closed = False
 
     def hello(self) -> frames.Hello:
         """Return who the board is."""
@@ -133,16 +141,19 @@ class Board:
         self._heartbeats += 1
         self._heartbeat_sequence = sequence
         self._heartbeat_t_us = self.clock_us(now_ns)
-        self.deadline_ns = now_ns + self._timeout_ns
-        self._lost = self._lost and close_line
-        self.line_closed = close_line and not self._lost
+        self._heard_ns = now_ns
+        if not close_line:
+            self._may_close, self._lost = True, False
+        self.line_closed = close_line and self._may_close
 
-    def _configure(self, frame: frames.Configure) -> None:
-        if RATES_HZ[0] <= frame.rate_Hz <= RATES_HZ[1]:
-            self.rate_Hz = frame.rate_Hz
-        self._timeout_ns = frame.heartbeat_timeout_us * 1000
+    def _configure(self, now_ns: int, frame: frames.Configure) -> None:
+        rate_Hz, timeout_us = frame.rate_Hz, frame.heartbeat_timeout_us
+        rate_fits = RATES_HZ[0] <= rate_Hz <= RATES_HZ[1]
+        if rate_fits and TIMEOUTS_US[0] <= timeout_us <= TIMEOUTS_US[1]:
+            self.expire(now_ns)
+            self.rate_Hz = rate_Hz
+            self._timeout_ns = timeout_us * 1000
 
     def _stop(self) -> None:
         self.streaming = False
-        self.line_closed = False
-        self.deadline_ns = NEVER_NS
+        self._may_close = self.line_closed = False

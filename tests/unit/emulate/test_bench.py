@@ -35,6 +35,8 @@ def truth_of(bench: EmulatedBench) -> np.ndarray:
 
 def operate(bench: EmulatedBench, from_ms: int, to_ms: int, *, commands=True, beats=True) -> None:
     """Be a host with a tick of 1 ms."""
+    if from_ms == 0 and beats:
+        bench.arrive(0, beat(0))
     for ms in range(from_ms, to_ms):
         if commands:
             bench.arrive(ms * MS, Command(CURRENTS, True))
@@ -96,6 +98,7 @@ def test_how_time_is_cut_makes_no_difference(arrivals_us, cuts_ms):
     """The rig does the same however late and how often the process gets to advance it."""
     benches = [EmulatedBench(CONFIG, TRUTH, 0) for _ in range(2)]
     for bench in benches:
+        bench.arrive(0, beat(0))
         for number, at_us in enumerate(sorted(arrivals_us)):
             bench.arrive(at_us * 1000, Command((float(number), 0.0, 0.0), True))
             bench.arrive(at_us * 1000, beat(1))

@@ -22,6 +22,12 @@ def beat(enable: int, sequence: int = 0) -> frames.Numbered:
     return frames.Numbered(sequence, frames.Heartbeat(enable))
 
 
+def close_line(target: Board, now_ns: int = 0) -> None:
+    """Ask for an open and then for a closed line, as a host does that starts."""
+    target.receive(now_ns, beat(0))
+    target.receive(now_ns, beat(1))
+
+
 def ask(target: Board, frame: frames.Frame, now_ns: int = 0) -> list[frames.Frame]:
     return target.receive(now_ns, frames.Numbered(0, frame))
 
@@ -38,7 +44,8 @@ def test_it_says_who_it_is():
 def test_start_and_stop_are_answered_with_what_it_does_now():
     ours = board()
     assert ask(ours, frames.Start())[0].streaming == 1
-    ask(ours, frames.Heartbeat(1))
+    close_line(ours)
+    assert ours.line_closed
     (status,) = ask(ours, frames.Stop())
     assert (status.streaming, ours.line_closed, ours.deadline_ns) == (0, False, NEVER_NS)
 
@@ -47,15 +54,41 @@ def test_configure_sets_rate_and_timeout():
     ours = board()
     (status,) = ask(ours, frames.Configure(500, 20_000))
     assert status.rate_Hz == ours.rate_Hz == 500
-    ours.receive(0, beat(1))
+    close_line(ours)
+    ours.expire(20 * MS - 1)
+    assert ours.line_closed
     ours.expire(20 * MS)
     assert not ours.line_closed
 
 
-@pytest.mark.parametrize("rate_Hz", [0, 20_001])
-def test_a_rate_that_it_cannot_do_leaves_the_old_one(rate_Hz):
-    (status,) = ask(board(), frames.Configure(rate_Hz, 20_000))
-    assert status.rate_Hz == CONFIG.loop.rate_Hz
+@pytest.mark.parametrize(
+    ("rate_Hz", "timeout_us", "taken"),
+    [
+        (99, 20_000, False), (100, 20_000, True), (20_000, 20_000, True),
+        (20_001, 20_000, False), (500, 999, False), (500, 1000, True),
+        (500, 1_000_000, True), (500, 1_000_001, False), (0, 0, False),
+    ],
+)  # fmt: skip
+def test_configure_takes_all_or_nothing(rate_Hz, timeout_us, taken):
+    ours = board()
+    ask(ours, frames.Configure(250, 30_000))
+    (status,) = ask(ours, frames.Configure(rate_Hz, timeout_us))
+    close_line(ours)
+    assert (status.rate_Hz, ours.deadline_ns) == (
+        (rate_Hz, timeout_us * 1000) if taken else (250, 30 * MS)
+    )
+
+
+@pytest.mark.parametrize(("silent_ms", "closed"), [(19, True), (20, False)])
+def test_a_new_timeout_counts_at_once_but_not_for_a_host_that_fell_silent(silent_ms, closed):
+    ours = board()
+    ask(ours, frames.Configure(500, 50_000))
+    close_line(ours)
+    ask(ours, frames.Configure(500, 20_000), 10 * MS)
+    assert ours.deadline_ns == 20 * MS
+    ask(ours, frames.Configure(500, 500_000), silent_ms * MS)
+    assert ours.line_closed == closed
+    assert ours.deadline_ns == (500 * MS if closed else NEVER_NS)
 
 
 def test_frames_of_a_board_are_not_for_it():
@@ -65,7 +98,7 @@ def test_frames_of_a_board_are_not_for_it():
 
 def test_the_line_opens_when_heartbeats_stop_and_stays_open_until_asked_open():
     ours = board()
-    ours.receive(0, beat(1))
+    close_line(ours)
     ours.expire(TIMEOUT_MS * MS - 1)
     assert ours.line_closed
     ours.expire(TIMEOUT_MS * MS)
@@ -75,6 +108,32 @@ def test_the_line_opens_when_heartbeats_stop_and_stays_open_until_asked_open():
     assert not ours.line_closed
     ours.receive(201 * MS, beat(0))
     ours.receive(202 * MS, beat(1))
+    assert ours.sample(0, 0, 0, False).status == BridgeStatus.ENABLE_LINE
+
+
+def test_the_line_stays_open_until_a_first_heartbeat_asks_for_that():
+    ours = board()
+    for ms in range(3 * TIMEOUT_MS):
+        ours.expire(ms * MS)
+        ours.receive(ms * MS, beat(1))
+        assert (ours.line_closed, ours.deadline_ns) == (False, NEVER_NS)
+        assert ours.sample(0, 0, 0, False).status == 0
+    close_line(ours)
+    assert ours.line_closed
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_after_stop_the_line_stays_open_until_asked_open(silent):
+    ours = board()
+    close_line(ours)
+    if silent:
+        ours.expire(TIMEOUT_MS * MS)
+    ask(ours, frames.Stop())
+    ours.receive(0, beat(1))
+    assert not ours.line_closed
+    lost = BridgeStatus.HEARTBEAT_LOST if silent else 0
+    assert ours.sample(0, 0, 0, False).status == lost
+    close_line(ours)
     assert ours.sample(0, 0, 0, False).status == BridgeStatus.ENABLE_LINE
 
 
@@ -89,6 +148,7 @@ def test_silence_with_the_line_open_is_no_drop():
 def test_the_line_is_only_closed_within_the_timeout_of_an_enabling_heartbeat(steps):
     ours = board()
     now_ms, last_ms = 0, -10 * TIMEOUT_MS
+    close_line(ours, -10 * TIMEOUT_MS * MS)
     for wait_ms, enable in steps:
         now_ms += wait_ms
         ours.expire(now_ms * MS)

@@ -34,6 +34,7 @@ def changed(dq: dict[str, Any] | None = None, **signals: Any) -> Config:
 def spun(config: Config, truth: RigTruth, duration_ms: int = 60) -> EmulatedBench:
     """Return a bench that was told the same d and q every millisecond."""
     bench = EmulatedBench(config, truth, 0)
+    bench.arrive(0, frames.Numbered(0, frames.Heartbeat(0)))
     for ms in range(duration_ms):
         bench.arrive(ms * MS, Command(COMMAND_A, True))
         bench.arrive(ms * MS, frames.Numbered(0, frames.Heartbeat(1)))

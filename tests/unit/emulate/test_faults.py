@@ -172,11 +172,14 @@ def test_the_board_counts_faults_in_its_status(config):
 def test_a_board_that_starts_anew_forgets(config):
     board = Board(config, 0)
     board.receive(MS, frames.Numbered(0, frames.Start()))
-    board.receive(MS, frames.Numbered(1, frames.Heartbeat(1)))
+    board.receive(MS, frames.Numbered(1, frames.Heartbeat(0)))
+    board.receive(MS, frames.Numbered(2, frames.Heartbeat(1)))
     assert board.line_closed
     board.restart(5 * MS)
     assert not board.line_closed
     assert board.status(5 * MS).heartbeats == 0
+    board.receive(6 * MS, frames.Numbered(3, frames.Heartbeat(1)))  # of a host that has not noticed
+    assert not board.line_closed
     assert board.clock_us(5 * MS) == Board(config, 0).clock_us(0)
 
 

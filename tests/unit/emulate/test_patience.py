@@ -29,7 +29,7 @@ def play(bench: EmulatedBench, until_ns: int, commanded: bool = True) -> None:
     number = 0
     while bench.now_ns < until_ns:
         if commanded:
-            beat = Heartbeat(enable=1)
+            beat = Heartbeat(enable=int(number > 0))
             bench.arrive(bench.now_ns, Numbered(number % 65536, beat))
             bench.arrive(bench.now_ns, Command((8.0, -4.0, -4.0), True))
             number += 1
