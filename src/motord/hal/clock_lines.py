@@ -10,8 +10,9 @@ WINDOW_NS = 250_000_000
 WINDOWS = 16
 DRIFT_MAX = 250e-6
 """Largest slope believed: two crystals differ by less."""
-DRIFT_WINDOWS = 4
-"""Windows needed before a drift is believed."""
+DRIFT_WINDOWS = 8
+"""Windows needed before a drift is believed: of fewer, on a computer that stalls, a late one or two
+make a slope that takes ten seconds to forget."""
 DRIFT_WEIGHT = 0.1
 """Weight of each new fit of the drift: a drift changes within minutes, with temperature."""
 

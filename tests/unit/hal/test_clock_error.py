@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from motord.hal.clock import BoardClock
+from motord.hal.clock_lines import HeartbeatLine
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -141,3 +142,17 @@ def test_jitter_is_estimated(jitter_ns: int, low_ns: float, high_ns: float) -> N
         now_ns = true_ns + 100_000 + rng.expovariate(1) * jitter_ns
         clock.received(true_ns // 1000, START_NS + round(now_ns))
     assert low_ns <= clock.jitter_ns <= high_ns
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_first_drift_is_none_that_has_to_be_forgotten(seed: int) -> None:
+    """On a computer that keeps everything waiting for a millisecond, or more, on average."""
+    line, rng = HeartbeatLine(0, 0), random.Random(seed)
+    seen = []
+    for t_ns in range(0, 5_000 * MS, 50 * MS):
+        line.add(t_ns, round(35e-6 * t_ns + rng.expovariate(1) * MS))
+        seen.append(line.drift)
+    believed = [drift for drift in seen if drift]
+    assert len(believed) > 50
+    assert max(abs(drift - 35e-6) for drift in believed) < 200e-6
+    assert max(abs(drift - 35e-6) for drift in believed) > 1e-6
