@@ -1,7 +1,8 @@
 """The bridge board, over whatever link: encoder and torque in, heartbeat and enable request out.
 
-In the loop a tick costs one read and one write of the link. A board that starts anew while the loop
-runs is configured again without waiting for its answers.
+In the loop a tick costs one read and one write of the link. A board that starts anew while the
+loop runs is configured again without waiting for its answers. One that sends no samples any more is
+asked now and then who it is, since it may have started anew while the link was down.
 """
 
 import time
@@ -16,6 +17,8 @@ from motord.hal.clock import BoardClock, LoopClock
 from motord.wire import frames
 
 _ASK_AGAIN_S = 0.1
+SILENCE_NS = 500_000_000
+"""After this time without a sample the board is asked who it is, and again each time it is over."""
 _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
 _Answer = TypeVar("_Answer", frames.Hello, frames.Status, frames.Sample)
@@ -81,6 +84,7 @@ class Bridge:
         self._board_errors = -1  # as last told, -1 if not since the board started
         self._errors_before: int | None = None  # link errors count from the first read
         self._t_ns = 0
+        self._asked_ns = 0
         self._sample = frames.Sample(0, 0, 0, 0)
 
     def open(self) -> None:
@@ -112,6 +116,9 @@ class Bridge:
             if heard:
                 stamp_ns = self._link.stamp_ns
                 self._take(heard, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
+            if now_ns - self._t_ns > SILENCE_NS and now_ns - self._asked_ns > SILENCE_NS:
+                self._asked_ns = now_ns
+                self._send(frames.HelloRequest(frames.PROTOCOL))
         sample = self._sample
         feedback["t_ns"] = self._t_ns
         feedback["encoder_gray"] = sample.encoder_gray
@@ -150,7 +157,8 @@ class Bridge:
                 self._learn(frame)
             elif type(frame) is frames.Hello:
                 newest = None
-                self._restart()
+                if self._unfit(frame) is None:
+                    self._restart()
         if newest is not None:
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
@@ -214,22 +222,28 @@ class Bridge:
         )
 
     def _check(self, hello: frames.Hello) -> None:
-        board = f"{hello.board_name} (firmware {hello.firmware_version})"
+        why = self._unfit(hello)
+        if why is not None:
+            raise self._error(f"{hello.board_name} (firmware {hello.firmware_version}) {why}")
+
+    def _unfit(self, hello: frames.Hello) -> str | None:
+        """Return why this board cannot be used, in words behind its name; None if it can."""
         if hello.protocol != frames.PROTOCOL:
-            raise self._error(
-                f"{board} speaks protocol {hello.protocol}, motord speaks {frames.PROTOCOL}; "
+            return (
+                f"speaks protocol {hello.protocol}, motord speaks {frames.PROTOCOL}; "
                 "update the older of the two"
             )
         if hello.layout != frames.LAYOUT_HASH:
-            raise self._error(
-                f"{board} was built with other frame layouts than this motord "
+            return (
+                "was built with other frame layouts than this motord "
                 f"({hello.layout:08x}, here {frames.LAYOUT_HASH:08x}); update the older of the two"
             )
         if hello.counts not in (0, self._counts):
-            raise self._error(
-                f"{board} has an encoder of {hello.counts} counts, "
+            return (
+                f"has an encoder of {hello.counts} counts, "
                 f"the bench file says [motor] counts = {self._counts}"
             )
+        return None
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(f"{self._name}: {what}")

@@ -2,11 +2,14 @@
 
 pyserial opens and sets up the port; after that its descriptor is read and written directly, since
 pyserial's own reading costs several system calls a byte and loses data at the bridge's rates.
+A port that vanishes while it is open (its plug was pulled) is opened anew when it is back.
 """
 
+import errno
 import os
 import select
 import termios
+import time
 
 import serial
 
@@ -16,6 +19,9 @@ _CHUNK_BYTES = 1 << 16
 _CHUNKS_AT_ONCE = 16
 _MORE_BYTES = 2048
 """A read that gives less than this has emptied the port: terminals give 4 kB at a time."""
+LOOK_AGAIN_S = 0.5
+"""Between two looks if a port that vanished is back."""
+_GONE = (errno.EIO, errno.ENXIO, errno.ENODEV)
 
 
 class SerialPort:
@@ -25,23 +31,31 @@ class SerialPort:
         """Open the port; `name` is the device that error messages name. Raises DeviceError."""
         self.failures = 0
         self._torn = False
+        self._look_s = 0.0  # when to look for a port that vanished
         self._serial = serial.Serial(baudrate=baud, timeout=0, exclusive=True)
         self._serial.port = path
         try:
-            self._serial.open()
-            self._fd: int = self._serial.fileno()
-            os.set_blocking(self._fd, False)
-            termios.tcflush(self._fd, termios.TCIOFLUSH)
+            self._fd: int | None = self._open()
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
             self._serial.close()
             raise DeviceError(f"{name}: cannot open {path}: {_reason(error)}") from error
 
+    def _open(self) -> int:
+        self._serial.open()
+        fd: int = self._serial.fileno()
+        os.set_blocking(fd, False)
+        termios.tcflush(fd, termios.TCIOFLUSH)
+        return fd
+
     def read(self) -> bytes:
         """Return all that has arrived, b"" if nothing; never waits."""
+        fd = self._fd
+        if fd is None:
+            return b""
         chunks = []
         try:
             for _ in range(_CHUNKS_AT_ONCE):
-                chunk = os.read(self._fd, _CHUNK_BYTES)
+                chunk = os.read(fd, _CHUNK_BYTES)
                 if not chunk:
                     break
                 chunks.append(chunk)
@@ -49,21 +63,26 @@ class SerialPort:
                     break
         except BlockingIOError:
             pass
-        except OSError:
-            self.failures += 1
+        except OSError as error:
+            self._fail(error)
         return chunks[0] if len(chunks) == 1 else b"".join(chunks)
 
     def write(self, data: bytes) -> bool:
         """Send `data`, which ends with a zero byte; False if the port did not take all of it.
 
-        A frame that was cut off is ended by a zero before the next one, so only it is lost.
+        A frame that was cut off is ended by a zero before the next one, so only it is lost. While
+        the port is away this looks for it now and then, which takes some system calls.
         """
+        fd = self._fd if self._fd is not None else self._found()
+        if fd is None:
+            self.failures += 1
+            return False
         if self._torn:
             data = b"\0" + data
         try:
-            sent = os.write(self._fd, data)
-        except OSError:
-            self.failures += 1
+            sent = os.write(fd, data)
+        except OSError as error:
+            self._fail(error)
             return False
         self._torn = sent < len(data)
         if self._torn:
@@ -72,11 +91,34 @@ class SerialPort:
 
     def wait(self, timeout_s: float) -> None:
         """Wait until something has arrived, at most `timeout_s`. For opening, not for the loop."""
-        select.select([self._fd], [], [], timeout_s)
+        if self._fd is not None:
+            select.select([self._fd], [], [], timeout_s)
 
     def close(self) -> None:
         """Release the port; may be called twice."""
+        self._fd = None
+        self._look_s = float("inf")
         self._serial.close()
+
+    def _fail(self, error: OSError) -> None:
+        """Count a refusal; give the port up if it is gone."""
+        self.failures += 1
+        if error.errno in _GONE and self._fd is not None:
+            self._fd = None
+            self._serial.close()
+            self._look_s = time.monotonic() + LOOK_AGAIN_S
+
+    def _found(self) -> int | None:
+        """Return the descriptor of a port that is back, None while it is away or not looked for."""
+        now_s = time.monotonic()
+        if now_s < self._look_s:
+            return None
+        self._look_s = now_s + LOOK_AGAIN_S
+        try:
+            self._fd = self._open()
+        except (OSError, ValueError, termios.error):
+            self._serial.close()
+        return self._fd
 
 
 def _reason(error: Exception) -> str:

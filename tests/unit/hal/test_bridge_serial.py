@@ -116,6 +116,34 @@ def test_a_board_that_starts_anew_is_set_up_again(pair: tuple[SerialBridge, Boar
     assert read(driver).link_errors == before
 
 
+def test_a_board_that_fell_silent_is_asked_and_set_up_again(
+    pair: tuple[SerialBridge, Board], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver, board = pair
+    monkeypatch.setattr("motord.hal.bridge.SILENCE_NS", 20_000_000)
+    board.configured = None
+    board.streaming = False  # as after a reset whose Hello was lost
+    until(lambda: read(driver) is not None and driver.restarts >= 1)
+    until(lambda: board.streaming and board.configured == frames.Configure(2000, 30_000))
+    until(lambda: abs(time.time_ns() - read(driver).t_ns) < 15e6)
+
+
+def test_another_board_in_its_place_is_not_taken(pair: tuple[SerialBridge, Board]) -> None:
+    driver, board = pair
+    board.identity = Identity(counts=1000)
+    board.reboot = True
+    asked = driver.hello
+    t_ns = read(driver).t_ns
+    until(lambda: not board.streaming and not board.reboot)
+    for _ in range(100):
+        board.heartbeats = 0
+        driver.write(new_command(enable=0))
+        until(lambda: board.heartbeats)
+        t_ns = read(driver).t_ns
+    assert (driver.restarts, driver.hello, board.streaming) == (0, asked, False)
+    assert read(driver).t_ns == t_ns
+
+
 def test_a_port_that_is_not_there(tmp_path: Path) -> None:
     message = error_of(port=str(tmp_path / "nothing"))
     assert "there is no such port" in message

@@ -1,6 +1,8 @@
 import os
+import time
 import tty
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -95,3 +97,45 @@ def test_a_port_that_fails_counts(monkeypatch: pytest.MonkeyPatch, ends: Ends) -
         assert port.read() == b""
         assert not port.write(b"x\0")
     assert port.failures == 2
+
+
+def plug_in(path: Path) -> int:
+    """Put a new pseudo-terminal at `path`; return the device's end."""
+    device_fd, host_fd = os.openpty()
+    tty.setraw(host_fd)
+    path.symlink_to(os.ttyname(host_fd))
+    os.close(host_fd)
+    return device_fd
+
+
+def test_a_port_whose_plug_is_pulled_is_taken_up_again_when_it_is_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    path = tmp_path / "port"
+    device_fd = plug_in(path)
+    port = SerialPort(str(path), 2_000_000, "test")
+    os.close(device_fd)
+    path.unlink()
+    assert not port.write(b"a\0")
+    assert not port.write(b"a\0")
+    assert port.read() == b""
+    port.wait(1.0)
+    assert port.failures == 2
+
+    now_s += 0.6
+    assert not port.write(b"b\0"), "it is still away"
+    device_fd = plug_in(path)
+    assert not port.write(b"b\0"), "looked for a moment ago"
+    now_s += 0.6
+    assert port.write(b"c\0")
+    assert os.read(device_fd, 16) == b"c\0"
+    os.write(device_fd, b"d")
+    port.wait(1.0)
+    assert port.read() == b"d"
+    assert port.failures == 4
+    port.close()
+    now_s += 10.0
+    assert not port.write(b"e\0"), "closed is closed"
+    os.close(device_fd)
