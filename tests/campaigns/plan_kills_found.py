@@ -61,7 +61,7 @@ def look(folder: Path, kills: Sequence[Kill]) -> Found:
             ticks = run.ticks(COLUMNS)
             points = run.operating_points()
         except RecordError as error:
-            if path.stat().st_size:  # else its recorder was killed before it had begun to write
+            if not _barely_begun(path, error):
                 found.unreadable.append(str(error))
             continue
         if len(ticks):
@@ -77,6 +77,11 @@ def look(folder: Path, kills: Sequence[Kill]) -> Found:
                 late_s = _missing_s(kill.newest_ns, np.concatenate(then))
                 found.missing_then_s.append((kill.victim, late_s))
     return found
+
+
+def _barely_begun(path: Path, error: RecordError) -> bool:
+    """Return whether a recorder was killed before it had made its file ready for ticks."""
+    return not path.stat().st_size or "has no channel /tick" in str(error)
 
 
 def _missing_s(newest_ns: int, times_ns: np.ndarray) -> float:
