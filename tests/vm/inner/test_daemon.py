@@ -38,7 +38,7 @@ def write(folder: Path) -> Path:
 
 def enabled(client: Client, token: str) -> None:
     """Reset and enable, once more if the computer was too slow for it."""
-    deadline_s = time.monotonic() + PATIENCE_S
+    deadline_s = time.monotonic() + daemons.PATIENCE_S
     while client.state().state != "ENABLED":
         try:
             client.rpc("reset", token=token)
