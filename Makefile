@@ -49,12 +49,13 @@ unit: $(VENV)/dev.stamp   ## tests with coverage
 pictures: $(VENV)/demo.stamp ## draw the pictures of the README anew
 	@out=$$(mktemp -d) && $(BIN)/motord demo --json --out $$out >/dev/null && \
 	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
+	@$(BIN)/python tools/wiring.py
 
 bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 	@$(BIN)/python -m tests.benchmarks.run --json bench.json
 
-CAMPAIGNS ?= estimator cogging back_emf inertia sensitivity learn faults faults:--random=200 faults:--wire \
-	fuzz plan_kills
+CAMPAIGNS ?= estimator cogging back_emf inertia sensitivity learn align mutation faults \
+	faults:--random=200 faults:--wire fuzz plan_kills memory
 soak: $(VENV)/dev.stamp   ## the long campaigns, one after the other; CAMPAIGNS="learn faults" for some
 	@for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one"; \
 	    $(BIN)/python -m tests.campaigns.$$name $$(echo "$${option#:}" | tr = ' ') || exit 1; done
