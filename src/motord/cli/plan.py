@@ -109,14 +109,16 @@ def _dry_run(client: "Client", asked: dict[str, Any], limit_s: float, as_json: b
 
 def _outline_lines(outline: dict[str, Any], words: dict[int, str]) -> list[str]:
     points = outline["points"]
-    lines = [
-        f"{p['index']:4d}  {p['torque_Nm']:g} Nm  {p['speed_Hz']:g} Hz  {p['turns']} turns  "
-        f"{words.get(p['index'], '')}".rstrip()
-        for p in points
-    ]
+    lines = [f"{p['index']:4d}  {_aim(p)}  {words.get(p['index'], '')}".rstrip() for p in points]
     minutes = outline["estimate_s"] / 60
     lines.append(f"{len(points)} points, about {minutes:.1f} min; all within the bench's limits")
     return lines
+
+
+def _aim(point: dict[str, Any]) -> str:
+    if point["aim"]:
+        return str(point["aim"])
+    return f"{point['torque_Nm']:g} Nm  {point['speed_Hz']:g} Hz  {point['turns']} turns"
 
 
 def _end_line(view: "PlanView") -> str:

@@ -41,7 +41,9 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     sweeps = tuple(Sweep(amplitude_A, way) for amplitude_A in own.currents_A for way in (1, -1))
     return Plan(
         name=NAME,
-        points=tuple(OperatingPoint(index, 0.0, 0.0, 0) for index in range(len(sweeps))),
+        points=tuple(
+            OperatingPoint(index, 0.0, 0.0, 0, aim=sweep.aim) for index, sweep in enumerate(sweeps)
+        ),
         make_steps=partial(_steps, own, sweeps, config.motor.pole_pairs),
         estimate_s=partial(_seconds, own, sweeps, config.motor.pole_pairs),
         settings=own.model_dump(mode="json"),

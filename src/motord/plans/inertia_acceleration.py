@@ -27,8 +27,9 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=NAME,
         points=tuple(
-            OperatingPoint(index, push.torque_Nm * (-1) ** index, 0.0, 0)
+            OperatingPoint(index, torque_Nm, 0.0, 0, aim=f"a push of {torque_Nm:g} Nm")
             for index in range(push.repeats)
+            for torque_Nm in (push.torque_Nm * (-1) ** index,)
         ),
         make_steps=partial(steps, push, config.brake, compensate),
         estimate_s=partial(seconds, push, config.brake),

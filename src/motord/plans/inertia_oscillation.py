@@ -21,7 +21,9 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     swing = chosen(NAME, config.plans.inertia_oscillation, settings)
     return Plan(
         name=NAME,
-        points=tuple(OperatingPoint(index, 0.0, 0.0, 0) for index in range(swing.repeats)),
+        points=tuple(
+            OperatingPoint(index, 0.0, 0.0, 0, aim="a swing") for index in range(swing.repeats)
+        ),
         make_steps=partial(steps, swing),
         estimate_s=partial(seconds, swing),
         settings=swing.model_dump(mode="json"),

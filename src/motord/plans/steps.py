@@ -27,13 +27,17 @@ NOTHING_INDUCED = Induced()
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A torque and a speed to be held while `turns` turns are recorded."""
+    """A torque and a speed to be held while `turns` turns are recorded.
+
+    `aim`: what is done at the point, in words, if that is something else.
+    """
 
     index: int
     torque_Nm: float
     speed_Hz: float
     turns: int
     induced: Induced = NOTHING_INDUCED
+    aim: str = ""
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,11 @@ class Sweep:
     amplitude_A: float
     way: int
 
+    @property
+    def aim(self) -> str:
+        """Say what is done."""
+        return f"{self.amplitude_A:g} A turned {'a, b, c' if self.way > 0 else 'a, c, b'}"
+
 
 def vector_A(amplitude_A: float, angle_rad: float) -> tuple[float, float, float]:
     """Return the phases' currents (A) of a vector at an electrical angle."""

@@ -153,7 +153,13 @@ def _outline(plan: Plan) -> dict[str, Any]:
     return {
         "plan": plan.name,
         "points": [
-            {"index": p.index, "torque_Nm": p.torque_Nm, "speed_Hz": p.speed_Hz, "turns": p.turns}
+            {
+                "index": p.index,
+                "torque_Nm": p.torque_Nm,
+                "speed_Hz": p.speed_Hz,
+                "turns": p.turns,
+                "aim": p.aim,
+            }
             for p in plan.points
         ],
         "estimate_s": round(plan.seconds, 1),

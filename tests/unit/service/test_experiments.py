@@ -84,7 +84,14 @@ def test_a_dry_run_moves_nothing_and_needs_no_lease(service):
     outline = service.ask("plan/start", name="calibrate", settings=settings, dry_run=True)
     assert len(outline["points"]) == 2
     assert outline["settings"]["turns"] == 2
+    assert [point["aim"] for point in outline["points"]] == ["", ""]
     assert not service.bench.plans.active
+
+
+def test_a_dry_run_says_what_is_done_where_torque_and_speed_do_not(service):
+    outline = service.ask("plan/start", name="align", settings={"currents_A": [3.0]}, dry_run=True)
+    aims = [point["aim"] for point in outline["points"]]
+    assert aims == ["3 A turned a, b, c", "3 A turned a, c, b"]
 
 
 @pytest.mark.parametrize(
