@@ -108,6 +108,7 @@ _TILTED = Trip.ENCODER_IMPLAUSIBLE
 _ASTRAY = Trip.CURRENT_IMPLAUSIBLE
 _STANDING = ("OFF", "READY", "idle", "TRIPPED")
 _BY_CHANCE = dict.fromkeys(_STANDING, WireCell(Trip.ENCODER_IMPLAUSIBLE, 2050, certain=False))
+_UNHEARD = dict.fromkeys(("OFF", "READY", "TRIPPED"), WireCell(Trip.ENCODER_STALE, _STALE_MS))
 _DRIFTED = dict.fromkeys(("OFF", "READY", "TRIPPED"), WireCell(Trip.OVER_TORQUE, 1250))
 
 WIRE_TABLE = (
@@ -144,7 +145,9 @@ WIRE_TABLE = (
     _row("bridge_corrupt", _OFF_LINE, _STALE_MS, for_s=1.3),
     _row("bridge_duplicate", without="`link_errors`", fraction=0.3),
     _row("bridge_late", without="`sample_age_ns`", delay_s=0.02),
-    _row("bridge_reboot", _OFF_LINE, _STALE_MS, for_s=1.3),
+    _row("bridge_reboot", Trip.INVERTER_FAULT, 20, ENABLED, for_s=1.3, others=_UNHEARD),
+    _row("bridge_reboot", Trip.INVERTER_FAULT, 20, ENABLED, for_s=0.05,
+         without="`sample_age_ns`; the line is open already"),
     _row("bridge_clock", without="the clock filter's resets", jump_s=0.3),
 )  # fmt: skip
 """Faults on the wire; times beyond those in virtual time are those of the emulated bench's file."""

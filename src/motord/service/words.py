@@ -26,7 +26,8 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.INVERTER_STALE: "check the CAN bus (cable, termination, load) and that the inverter is "
     "on; if the loop was late at the same time, see `motord check --rt`",
     Trip.INVERTER_FAULT: "read the fault in the inverter's own tool (inverter_status in the ticks "
-    "is its status word), clear it there, then reset",
+    "is its status word), clear it there, then reset; if it tells of none, the enable line opened: "
+    "emergency stop, or a bridge that was reset (its supply)",
     Trip.BUS_OFF: "check the CAN bus: bit rate, termination, a short; reset the CAN interface",
     Trip.LOOP_OVERRUN: "see what kept the loop from running: `motord check --rt`, other programs "
     "on its processor",

@@ -38,6 +38,7 @@ LINK = record_dtype(
         ("supervisor_silent", "u4"),
         ("timed_out", "u4"),  # the inverter, for want of commands
         ("beat_lost", "u4"),  # the board, for want of heartbeats
+        ("held_open", "u4"),  # the enable line, since the board started, until asked to be open
         ("errors", "u4"),
         ("begun", "u4"),  # faults so far
     ]
@@ -105,13 +106,13 @@ def deliver_command(link: np.ndarray, command: np.ndarray, rig_input: np.ndarray
         for phase in range(3):
             i.i_command_A[phase] = c.i_A[phase]
     if lk.board_down:
-        lk.beat_age, lk.beat_lost = 0, 0
-        i.enable_line = 0
+        lk.beat_age, lk.beat_lost, lk.held_open = 0, 0, 1
     elif _chance(lk, lk.bridge_drop):
         lk.beat_age += 1
     else:
         lk.beat_age = 0
-        lk.beat_lost = 1 if lk.beat_lost and c.enable else 0
+        if not c.enable:
+            lk.beat_lost, lk.held_open = 0, 0
         i.enable_line = c.enable
     i.brake = c.brake
     i.drive_rad_s = c.drive_rad_s
@@ -124,13 +125,13 @@ def expire(link: np.ndarray, rig_input: np.ndarray) -> None:
     lk, i = link[0], rig_input[0]
     if lk.command_age > lk.command_timeout:
         lk.timed_out = 1
-    if lk.beat_age > lk.beat_timeout:
+    if lk.beat_age > lk.beat_timeout and not lk.held_open:
         lk.beat_lost = 1
     if lk.timed_out:
         i.enable_command = 0
         for phase in range(3):
             i.i_command_A[phase] = 0.0
-    if lk.beat_lost:
+    if lk.beat_lost or lk.held_open:
         i.enable_line = 0
 
 

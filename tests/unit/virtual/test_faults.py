@@ -9,9 +9,11 @@ from pydantic import ValidationError
 
 from motord.config import Config, ConfigError, load
 from motord.config.faults import KINDS, Fault, Timeline, load_timeline, random_timeline
-from motord.control.types import SETPOINT
+from motord.control.types import COMMAND, SETPOINT
+from motord.rig.types import new_input
 from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State
 from motord.virtual.bench import VirtualBench
+from motord.virtual.faults import deliver_command, new_link
 from tests.campaigns import faults as campaign
 from tests.campaigns.fault_bench import STATES, Driver, outcome
 from tests.campaigns.fault_table import TABLE, Row
@@ -101,6 +103,30 @@ def test_a_repeated_run_gives_the_same_bits() -> None:
         return driver.ticks[-1]
 
     assert run().tobytes() == run().tobytes()
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_board_that_starts_anew_holds_the_line_open_until_asked_to(silent: bool) -> None:
+    """Heartbeats of a host that has not noticed do not close it; nor does it tell of their loss."""
+    link, command, rig_input = new_link(1, 0.1, 0.005, 1000), np.zeros(1, COMMAND), new_input()
+
+    def lines(enable: int, ticks: int = 1) -> set[int]:
+        command["enable"] = enable
+        seen = set()
+        for _ in range(ticks):
+            deliver_command(link, command, rig_input)
+            seen.add(int(rig_input["enable_line"][0]))
+        return seen
+
+    assert (lines(0), lines(1, 20)) == ({0}, {1})
+    link["board_down"] = 1
+    assert lines(1, 2) == {0}
+    link["board_down"], link["bridge_drop"] = 0, float(silent)
+    assert lines(1, 20) == {0}
+    assert link["beat_lost"] == 0
+    link["bridge_drop"] = 0.0
+    assert (lines(1), lines(0), lines(1)) == ({0}, {0}, {1})
 
 
 @pytest.mark.parametrize("connection", ["star", "independent"])
