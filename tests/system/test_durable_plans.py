@@ -30,7 +30,7 @@ def alive(pid):
 
 def kill_everything(running, client):
     """Kill -9 of supervisor, loop and recorder."""
-    pids = [view.pid for view in client.state().processes.values()]
+    pids = [view.pid for view in client.state().processes.values() if view.pid]
     for pid in (running.process.pid, *pids):
         os.kill(pid, signal.SIGKILL)
     assert running.wait() == -signal.SIGKILL
