@@ -35,7 +35,7 @@ enum {
     BRIDGE_RATE_DEFAULT_HZ = 1000,
     BRIDGE_TICK_MIN_HZ = 2000, /* the enable line is judged at least so often, streaming or not */
     BRIDGE_TIMEOUT_MIN_US = 1000,
-    BRIDGE_TIMEOUT_MAX_US = 1000000,
+    BRIDGE_TIMEOUT_MAX_US = 10000000,
     BRIDGE_TIMEOUT_DEFAULT_US = 50000,
     BRIDGE_STATUS_PERIOD_US = 50000, /* Status while streaming */
     BRIDGE_SILENCE_US = 1000000      /* without a frame, and a host may count anew unasked */

@@ -102,7 +102,7 @@ DEATHS: list[Death] = [
     every(frames.Start()),
     every(frames.HelloRequest(1)),
     every(frames.Configure(1000, TIMEOUT_US)),
-    every(frames.Configure(99, 1_000_000), frames.Configure(1000, 2_000_000)),
+    every(frames.Configure(99, 1_000_000), frames.Configure(1000, 20_000_000)),
     an_echo_of_the_board,
 ]
 

@@ -107,6 +107,12 @@ def test_half_a_simulation_is_refused(tmp_path: Path) -> None:
     assert "simulated together or not at all" in complaint(tmp_path, BENCH + bridge)
 
 
+def test_a_heartbeat_timeout_that_no_board_takes_is_refused(tmp_path: Path) -> None:
+    for wrong in ("0.0009", "10.1"):
+        said = complaint(tmp_path, f"{BENCH}[bridge]\nheartbeat_timeout_s = {wrong}\n")
+        assert "bridge.heartbeat_timeout_s" in said
+
+
 def test_a_lease_too_short_for_the_ramp_is_refused_with_what_it_needs(tmp_path: Path) -> None:
     slow = BENCH + "torque_rate_Nm_per_s = 2.0\n"
     said = complaint(tmp_path, slow)

@@ -15,7 +15,7 @@ CLOCK_OFFSET_US = 3_000_000_000
 CLOCK_DRIFT = 35e-6
 """How much faster than the host's clock the board's clock runs."""
 RATES_HZ = (100, 20_000)
-TIMEOUTS_US = (1_000, 1_000_000)
+TIMEOUTS_US = (1_000, 10_000_000)
 """What Configure may ask for; one of the two out of range, and neither is taken."""
 _FAULTS_MODULUS = 128
 
