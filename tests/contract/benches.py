@@ -70,6 +70,18 @@ def bridge_socketcan() -> Bench:
     return _bridge_can(bridge_can_config("socketcan"))
 
 
+def wires_socketcan() -> Bench:
+    """Inverter with CAN FD and bridge with classical frames on one channel, by two drivers."""
+    can, shared = can_config("socketcan"), bridge_can_config("socketcan")
+    drive, board = Drive(can), CanBoard(shared)
+    return Bench(
+        make_rig(bench(can, driver="can", bridge_can=shared)),
+        ("t_ns", "t_inverter_ns"),
+        (drive, board),
+        lambda: (drive.i_A, drive.enable or board.line_closed),
+    )
+
+
 def can_slcan() -> Bench:
     end = SlcanEnd()
     can = can_config("slcan", channel=end.port, options={"sleep_after_open": 0.0})
@@ -162,7 +174,7 @@ ON_A_WIRE: tuple[Callable[[], Bench], ...] = (
     wires,
 )
 if SOCKETCAN:
-    ON_A_WIRE += (can_socketcan, dq_socketcan, bridge_socketcan)
+    ON_A_WIRE += (can_socketcan, dq_socketcan, bridge_socketcan, wires_socketcan)
 BENCHES = (*ON_A_WIRE, can_q_only, simulated)
 
 

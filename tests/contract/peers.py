@@ -420,7 +420,7 @@ class CanBoard(Board):
         self._number = (self._number + len(pieces)) % PIECE_NUMBERS
         for piece in pieces:
             self.put(self._config.board_id, piece)
-            self.put(0x180, b"\xc0" + piece[1:])
+            self.put(self._config.board_id + 1, b"\xc0" + piece[1:])
 
     def put(self, identifier: int, data: bytes) -> None:
         self._bus.send(
