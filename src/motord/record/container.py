@@ -57,6 +57,25 @@ def library() -> str:
         return "motord"
 
 
+class _Chunks:
+    """What the summary tells of the chunks, kept as bytes: objects would take ten times as much,
+    and a recording of hours has many."""
+
+    def __init__(self) -> None:
+        self.records = bytearray()
+        self.count = 0
+        self.start_ns = 0
+        self.end_ns = 0
+
+    def add(self, entry: ChunkIndex) -> None:
+        """Take up a chunk that has been written."""
+        start_ns, end_ns = entry.message_start_time, entry.message_end_time
+        self.start_ns = min(self.start_ns, start_ns) if self.count else start_ns
+        self.end_ns = max(self.end_ns, end_ns)
+        self.records += serialise([entry])
+        self.count += 1
+
+
 class Container:
     """An MCAP file in the making. `size`: bytes written.
 
@@ -71,7 +90,7 @@ class Container:
         self._crc = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks: list[ChunkIndex] = []
+        self._chunks = _Chunks()
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._descriptor = self._create()
@@ -107,7 +126,7 @@ class Container:
         """Write a whole Chunk record and the message indexes of its channels."""
         indexes, entry = index_records(self.size, record, index)
         self._write(record, indexes)
-        self._chunks.append(entry)
+        self._chunks.add(entry)
         for channel, entries in index.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(entries)
 
@@ -171,16 +190,15 @@ class Container:
         return RecordError(f"{self._part}: cannot write it: {error.strerror}")
 
     def _summary(self) -> bytes:
-        groups: list[tuple[Opcode, Iterable[McapRecord]]] = [
-            (Opcode.SCHEMA, self._schemas.values()),
-            (Opcode.CHANNEL, self._channels.values()),
-            (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata),
+        groups: list[tuple[Opcode, bytes | bytearray]] = [
+            (Opcode.SCHEMA, serialise(self._schemas.values())),
+            (Opcode.CHANNEL, serialise(self._channels.values())),
+            (Opcode.STATISTICS, serialise([self._statistics()])),
+            (Opcode.CHUNK_INDEX, self._chunks.records),
+            (Opcode.METADATA_INDEX, serialise(self._metadata)),
         ]
         start, summary, offsets = self.size, b"", []
-        for opcode, records in groups:
-            content = serialise(records)
+        for opcode, content in groups:
             if content:
                 offsets.append(
                     SummaryOffset(
@@ -200,10 +218,10 @@ class Container:
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunks),
+            chunk_count=self._chunks.count,
             message_count=sum(self._counts.values()),
-            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
-            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            message_end_time=self._chunks.end_ns,
+            message_start_time=self._chunks.start_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
