@@ -40,8 +40,7 @@ $b mount -t devtmpfs dev /whole/dev
 $b mkdir -p /whole/dev/pts /whole/dev/shm
 $b mount -t devpts devpts /whole/dev/pts
 $b mount -t tmpfs shm /whole/dev/shm
-$b mount -t tmpfs tmp /whole/tmp
-$b mkdir /whole/tmp/out
+$b mkdir -p /whole/tmp/out
 $b mount -t 9p -o $share,rw,cache=none out /whole/tmp/out
 $b ip link set lo up
 $b chroot /whole /bin/sh /tmp/out/command
