@@ -7,6 +7,7 @@ supervisor died, it follows the loop until that has ramped down and ended.
 """
 
 import argparse
+import ctypes
 import os
 import select
 import signal
@@ -30,6 +31,8 @@ DRAIN_S = 0.05
 
 REPORT_S = 0.5
 """Time between two reports, if nothing happens."""
+
+_M_ARENA_MAX = -8  # malloc.h
 
 LAST_TICKS_S = 1.0
 """How long to wait, when asked to end, for the loop to end first; without a supervisor, for its
@@ -101,6 +104,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     except (ConfigError, RecordError) as error:
         sys.stderr.write(f"motord recorder: {error}\n")
         return 1
+    _allocate_from_one_heap()
     stopped: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
@@ -116,6 +120,14 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         on_orphaned=lambda now_s: _box_of_the_daemons_end(session, config, options.config, now_s),
     )
     return 0
+
+
+def _allocate_from_one_heap() -> None:
+    """Keep the C library from making a heap for each thread: every recording has a thread, and
+    each heap would keep the most that was ever needed of it."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc's
+    if mallopt is not None:
+        mallopt(_M_ARENA_MAX, 1)
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
