@@ -96,6 +96,7 @@ def run(
 def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int = 1) -> int:
     """Run the recorder process on two descriptors, stdin and stdout; return its exit code."""
     options = _options(arguments)
+    _allocate_from_one_heap()
     try:
         config = load(options.config)
         session = Session(RunDir.at(options.dir).ring, config.recording)
@@ -104,7 +105,6 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     except (ConfigError, RecordError) as error:
         sys.stderr.write(f"motord recorder: {error}\n")
         return 1
-    _allocate_from_one_heap()
     stopped: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
