@@ -5,13 +5,11 @@ machine, on this computer's files.
 """
 
 import re
-import shutil
 import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
 from pathlib import Path
 
-import coverage
 import pytest
 
 from tests.vm import kernels, machine
@@ -41,11 +39,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Found:
     out = tmp_path_factory.mktemp("machine")
     command = [sys.executable, "-m", "tests.vm.inside", "tests", "/tmp/out"]
     settings = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1", **kernels.ENVIRONMENT}
-    if coverage.Coverage.current() is not None:
-        settings["MOTORD_VM_COVERAGE"] = "1"
     ended = machine.run(command, out, TIMEOUT_S, settings)
-    for measured in out.glob(".coverage*"):
-        shutil.copyfile(measured, Path.cwd() / ".coverage.machine")
     said = (out / "said").read_text(errors="replace") if (out / "said").exists() else ""
     assert ended.code is not None, f"not ended in {TIMEOUT_S:g} s: {ended.console}{said}"
     assert (out / "results.xml").exists(), f"code {ended.code}: {ended.console}{said}"
