@@ -2,7 +2,6 @@
 
 import os
 import select
-import socket
 import threading
 import time
 import tty
@@ -17,6 +16,7 @@ from motord.schema import BridgeStatus, InverterStatus
 from motord.wire import dbc, frames
 from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.stream import StreamDecoder
+from tests.support.ports import free_port
 
 PERIOD_S = 0.001
 DEADLINE_S = 10.0
@@ -75,16 +75,9 @@ def until(condition: Callable[[], Any]) -> Any:
     return result
 
 
-def free_port() -> int:
-    """Return a UDP port that nobody uses. Multicast groups on one port hear each other."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
-        end.bind(("", 0))
-        return int(end.getsockname()[1])
-
-
 def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
     """Return a bus of its own, so that tests that run at the same time do not hear each other."""
-    port = free_port()
+    port = free_port()  # multicast groups on one port hear each other
     own: dict[str, Any] = {"channel": f"test-{port}"}
     if interface == "udp_multicast":
         own = {"channel": CHANNEL, "options": {"port": port, "hop_limit": 0}}

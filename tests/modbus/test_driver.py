@@ -1,7 +1,6 @@
 """The driver of the slow devices against a device that libmodbus makes, over TCP and RTU."""
 
 import math
-import socket
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from motord.hal.base import DeviceError
 from motord.hal.modbus import ModbusDevice
 from motord.wire.registers import DeviceStatus, layout
 from tests.modbus.peers import BAUD, Peer, SerialLine
+from tests.support.ports import free_port
 
 UNIT = 7
 SETPOINT, STATUS, VALUE = 4, 16, 20
@@ -50,11 +50,6 @@ def start(table: ModbusConfig, line: SerialLine | None) -> Peer:
     if line is None:
         return Peer("server", "tcp", table.tcp_port, UNIT)
     return Peer("server", "rtu", line.device, BAUD, UNIT)
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
 
 
 def make(transport: str) -> Bench:

@@ -12,7 +12,7 @@ from motord.emulate.modbus import ModbusServers
 from motord.wire.modbus_pdu import crc16_modbus
 from motord.wire.registers import DeviceStatus
 from tests.modbus.peers import BAUD, Peer
-from tests.modbus.test_driver import free_port
+from tests.support.ports import free_port
 
 PATIENT_MS, SHORT_MS = 5000, 200
 

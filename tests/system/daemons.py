@@ -5,7 +5,6 @@ import os
 import re
 import select
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,16 +14,11 @@ from pathlib import Path
 from motord import config
 from motord.client import connect
 from motord.record.reader import open_run
+from tests.support.ports import free_port
 
 PATIENCE_S = 120.0
 START_S = 150.0
 """The first start after a change of the kernels compiles them."""
-
-
-def free_port(kind=socket.SOCK_STREAM):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def patient(text, name, rate_Hz=500, inverter_timeout_s=5.0):

@@ -15,7 +15,8 @@ from motord.client import ClientError, connect
 from motord.security import authority, identity, roles
 from motord.security.roles import Role
 from motord.service.endpoints import client_config
-from tests.system.daemons import PATIENCE_S, daemon, free_port, wait_for, wait_until, write_sim
+from tests.support.ports import free_port
+from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
 
 pytestmark = pytest.mark.system
 

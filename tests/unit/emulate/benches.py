@@ -1,16 +1,10 @@
 """Benches for the tests of the emulator: the one in config/, on ports of their own."""
 
-import socket
 from pathlib import Path
 
+from tests.support.ports import free_port
+
 EMULATED = Path(__file__).parents[3] / "config" / "emulated.toml"
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """Return a port of the loopback that nobody uses."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 PLACES = {
@@ -28,7 +22,7 @@ def write_bench(
     bridge, can, brake, drive = PLACES[source.stem]
     ours = {
         f'"{bridge}"': f'"{folder / "bridge"}"',
-        f"port = {can}": f"port = {free_port(socket.SOCK_DGRAM)}",
+        f"port = {can}": f"port = {free_port()}",
         f"tcp_port = {brake}": f"tcp_port = {free_port()}",
         f"tcp_port = {drive}": f"tcp_port = {free_port()}",
     }

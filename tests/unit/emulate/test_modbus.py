@@ -8,7 +8,7 @@ from motord.config import ModbusConfig
 from motord.emulate import EmulatorError
 from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers, place_of
-from tests.unit.emulate.benches import free_port
+from tests.support.ports import free_port
 
 
 def unit(**table):

@@ -17,6 +17,7 @@ from motord.hal import modbus
 from motord.hal.base import DeviceError
 from motord.hal.modbus import ModbusDevice
 from motord.wire.registers import DeviceStatus
+from tests.support.ports import free_port
 
 MOTOR = {
     "name": "motor",
@@ -27,11 +28,6 @@ MOTOR = {
     "connection": "independent",
     "back_emf": ({"order": 1, "amplitude_V_s_per_rad": 0.206},),
 }
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def tables(tmp_path):

@@ -1,6 +1,5 @@
 """The supervisor's core on a virtual bench, served over Zenoh on loopback, in this process."""
 
-import socket
 import threading
 from contextlib import contextmanager
 
@@ -15,13 +14,8 @@ from motord.service.publisher import Publisher
 from motord.service.state_view import StateView
 from motord.service.telemetry import Telemetry
 from motord.service.views import RecordingView
+from tests.support.ports import free_port
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def endpoint():

@@ -21,7 +21,8 @@ from motord.service.events import EventLog
 from motord.service.gate_link import GATE, GateLink, gate_spec
 from motord.service.gate_log import GateLog
 from motord.service.processes import Children
-from tests.unit.service.live_service import endpoint, free_port, live_service
+from tests.support.ports import free_port
+from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0
 
