@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.console import fail, print_json
+from motord.cli.settings import value_of
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -43,7 +44,7 @@ def inject(
         name, equals, value = parameter.partition("=")
         if not equals:
             fail(f"{parameter!r} is not NAME=VALUE")
-        wanted[name] = value
+        wanted[name] = value_of(value)
     try:
         told = send(load(config), wanted)
     except (ConfigError, EmulatorError) as error:

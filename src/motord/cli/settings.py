@@ -26,14 +26,15 @@ def parse_settings(given: list[str], defaults: Mapping[str, Any]) -> dict[str, A
         key, equals, text = pair.partition("=")
         if not equals or not key:
             raise typer.BadParameter(f"--set {pair}: expected KEY=VALUE")
-        value = _value(text)
+        value = value_of(text)
         if isinstance(defaults.get(key), list) and not isinstance(value, list):
             value = [value]
         settings[key] = value
     return settings
 
 
-def _value(text: str) -> Any:
+def value_of(text: str) -> Any:
+    """Return what was typed as a JSON value: a number, a list (also without brackets), or text."""
     for candidate in (text, f"[{text}]"):
         with suppress(ValueError):
             return json.loads(candidate)

@@ -1,8 +1,9 @@
 """What every part of a bench file shares: strict sections, bounded numbers, one kind of error."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic_core import CoreSchema
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -24,7 +25,35 @@ class ConfigError(Exception):
     """A bench file that cannot be used; the message says where, what and what to do."""
 
 
+_SCALARS = ("bool", "float", "int", "str")
+
+
+def _make_scalars_strict(schema: Any) -> None:
+    if isinstance(schema, dict):
+        if schema.get("type") in _SCALARS:
+            schema["strict"] = True
+        for part in schema.values():
+            _make_scalars_strict(part)
+    elif isinstance(schema, list | tuple):
+        for part in schema:
+            _make_scalars_strict(part)
+
+
 class Section(BaseModel):
-    """A table of the bench file: immutable, no unknown keys."""
+    """A table of the bench file: immutable, no unknown keys, no value of another type.
+
+    A whole number may stand for a float; else nothing is converted: no text or bool to a number, no
+    float to a whole number, no number to a bool. This holds for every field of every section.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return the schema with every scalar strict; lists stay good for tuples, text for paths.
+
+        `strict` in the configuration of the model would refuse those, too.
+        """
+        schema = handler(source)
+        _make_scalars_strict(schema)
+        return schema

@@ -1,0 +1,110 @@
+"""No field of any file of ours takes a value of another type: every section, every field."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+import motord.imports.mapping
+import motord.rig.truth  # noqa: F401  (for its sections)
+from motord.config import Config, ConfigError, Section, load
+
+WRONG: dict[str, tuple[Any, ...]] = {
+    "integer": ("8", "", 8.0, 8.5, True, False, None, b"8"),
+    "number": ("8", "1e3", "nan", True, False, None, b"8"),
+    "boolean": (0, 1, 1.0, "true", "yes", "on", "1", None),
+    "string": (8, 1.5, True, b"text", None),
+}
+"""Values that are not of a JSON type, though they could be made into one."""
+
+
+def sections(base: type[Section] = Section) -> Iterator[type[Section]]:
+    for kind in base.__subclasses__():
+        if kind.__module__.startswith("motord."):
+            yield kind
+            yield from sections(kind)
+
+
+def types_of(schema: Any) -> set[str]:
+    """Return the JSON types that a field may have, "" for one that is a section or a list."""
+    if "anyOf" in schema:
+        return {kind for option in schema["anyOf"] for kind in types_of(option)}
+    if "const" in schema or "enum" in schema:
+        return set()
+    return {schema.get("type", "")}
+
+
+def wrong_values(schema: Any) -> list[Any]:
+    """Return values that a field of this JSON schema must not take."""
+    types = types_of(schema)
+    wrong = [value for name in types & WRONG.keys() for value in WRONG[name]]
+    if "array" in types:
+        options = schema.get("anyOf", [schema])
+        for option in options:
+            items = option.get("items") or next(iter(option.get("prefixItems", ())), {})
+            wrong += [[value] * option.get("minItems", 1) for value in wrong_values(items)]
+        wrong += ["1,2", 7]
+    right = [one for name in types & WRONG.keys() for one in _right(name)]
+    if "null" in types:
+        right.append(None)
+    return [value for value in wrong if not any(_same(value, one) for one in right)]
+
+
+def _right(name: str) -> tuple[Any, ...]:
+    text = ("8", "", "1e3", "nan", "true", "yes", "on", "1", "text", "1,2")
+    return {"integer": (8, 0, 1), "number": (8, 8.0, 8.5, 0, 1, 1.0, 1.5, 7), "string": text}.get(
+        name, (True, False)
+    )
+
+
+def _same(value: Any, other: Any) -> bool:
+    return type(value) is type(other) and value == other
+
+
+FIELDS = sorted(
+    {(kind, name) for kind in sections() for name in kind.model_fields},
+    key=lambda pair: (pair[0].__module__, pair[0].__name__, pair[1]),
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), FIELDS, ids=[f"{kind.__name__}.{name}" for kind, name in FIELDS]
+)
+def test_no_field_takes_another_type(kind: type[Section], name: str) -> None:
+    schema = kind.model_json_schema(by_alias=False)["properties"][name]
+    for value in wrong_values(schema):
+        if kind.__name__ == "MotorConfig" and name == "back_emf" and isinstance(value, str):
+            continue  # the name of a file
+        if isinstance(value, str) and schema.get("format") == "path":
+            continue
+        with pytest.raises((ValidationError, ConfigError)) as caught:
+            kind.model_validate({name: value})
+        if isinstance(caught.value, ValidationError):
+            named = {str(error["loc"][0]) for error in caught.value.errors() if error["loc"]}
+            assert name in named, f"{kind.__name__}.{name} takes {value!r}"
+
+
+def test_every_section_of_a_bench_is_walked() -> None:
+    walked = {kind for kind, _ in FIELDS}
+    assert {type(getattr(load(), name)) for name in Config.model_fields} <= walked
+    assert len(FIELDS) > 250
+
+
+@pytest.mark.parametrize("wrong", ['"8"', "8.0", "true"])
+def test_a_bench_file_with_text_for_a_number_is_refused_with_line_and_value(
+    tmp_path: Path, wrong: str
+) -> None:
+    path = tmp_path / "bench.toml"
+    text = (Path(__file__).parents[2] / "src/motord/data/sim.toml").read_text()
+    assert "pole_pairs = 8\n" in text
+    path.write_text(text.replace("pole_pairs = 8\n", f"pole_pairs = {wrong}\n"))
+    with pytest.raises(ConfigError, match=r"bench.toml:\d+: motor.pole_pairs: .*integer.*got"):
+        load(path)
+
+
+def test_a_whole_number_is_good_for_a_float() -> None:
+    bench = load().model_dump()
+    bench["limits"]["torque_Nm"] = 5
+    assert Config.model_validate(bench).limits.torque_Nm == 5.0
