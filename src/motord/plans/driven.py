@@ -11,9 +11,9 @@ from typing import Any
 
 from motord.config import Config, DrivenConfig
 from motord.plans.drive_point import DrivePoint
-from motord.plans.limits import SPEED_MARGIN, check_speed
+from motord.plans.limits import SPEED_MARGIN, check_drive
 from motord.plans.observation import Observation
-from motord.plans.settings import PlanError, chosen
+from motord.plans.settings import chosen
 from motord.plans.steps import Advance, Demand, Enable, OperatingPoint, Outcome, Plan, Rest, Steps
 
 TURN_rad = 6.283185307179586
@@ -28,12 +28,7 @@ def make(name: str, config: Config, settings: Mapping[str, Any]) -> Plan:
     own: DrivenConfig = getattr(config.plans, name.replace("-", "_"))
     driven = chosen(name, own, settings)
     for speed_Hz in driven.speeds_Hz:
-        check_speed(config, speed_Hz)
-        if speed_Hz * TURN_rad > config.drive.speed_max_rad_s:
-            raise PlanError(
-                f"{speed_Hz:g} Hz is faster than the drive can turn, [drive] speed_max_rad_s = "
-                f"{config.drive.speed_max_rad_s:g} ({speed_Hz * TURN_rad:.3g} rad/s asked)"
-            )
+        check_drive(config, speed_Hz)
     return Plan(
         name=name,
         points=points(driven),

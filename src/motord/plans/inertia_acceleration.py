@@ -5,8 +5,8 @@ from functools import partial
 from typing import Any
 
 from motord.config import AccelerationConfig, BrakeConfig, Config
-from motord.plans.limits import check_speed
-from motord.plans.settings import PlanError, chosen, compensation
+from motord.plans.limits import check_speed, check_torque
+from motord.plans.settings import chosen, compensation
 from motord.plans.steps import Enable, OperatingPoint, Plan, Rest, Steps
 from motord.plans.take_push import TakePush
 
@@ -19,10 +19,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     word = given.pop("compensate", "off")
     compensate = int(compensation(word))
     push = chosen(NAME, config.plans.inertia_acceleration, given, "compensate")
-    if push.torque_Nm > config.limits.torque_Nm:
-        raise PlanError(
-            f"{push.torque_Nm:g} Nm is above [limits] torque_Nm = {config.limits.torque_Nm:g}"
-        )
+    check_torque(config, push.torque_Nm)
     check_speed(config, push.stop_speed_Hz)
     return Plan(
         name=NAME,

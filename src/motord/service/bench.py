@@ -21,13 +21,14 @@ from motord.service.lease import Lease
 from motord.service.log import log_error
 from motord.service.plan_runner import PlanRunner, PlanSink
 from motord.service.setpoint import RAD_PER_TURN, Mailbox, Setpoint
-from motord.service.views import Health
+from motord.service.views import Health, SetpointView
 from motord.service.watch import TickWatch
 
 LOOK_NS = 20_000_000
 """Time between two looks of a plan or of the speed servo."""
 STALLED_NS = 1_000_000_000
 """A loop that publishes nothing for this long is reported, and a plan ends."""
+LOOP_STARTS = "the loop is not up yet"
 REPORT_AGAIN_NS = 1_000_000_000
 """A device that fails now and then is reported at most this often."""
 
@@ -65,7 +66,8 @@ class Bench:
         self.hand = Hand(config, self.setpoint)
         self.plans = PlanRunner(self.setpoint, sink)
         self.calibrated = False
-        self.loop_fault = "the loop is not up yet"
+        self.loop_fault = LOOP_STARTS
+        self.loop_starting = True
         self._watcher = TickWatcher()
         self._unlooked: list[np.ndarray] = []
         self._looked_ns = 0
@@ -115,6 +117,10 @@ class Bench:
             return f"plan {self.plans.view.plan}"
         return holder
 
+    def setpoint_view(self) -> SetpointView:
+        """Return what is asked for now, by hand or by a plan."""
+        return self.setpoint.view() if self.plans.active else self.hand.view()
+
     def disable(self) -> None:
         """Ramp the torque to zero, then disable."""
         self.hand.drop_torque()
@@ -154,13 +160,17 @@ class Bench:
         self.calibrated = True
         self.setpoint.compensate = COMPENSATE["on"]
 
+    def loop_starts(self) -> None:
+        """A loop was started and is not up yet."""
+        self.loop_fault, self.loop_starting = LOOP_STARTS, True
+
     def loop_up(self) -> None:
         """A loop runs, OFF."""
-        self.loop_fault = ""
+        self.loop_fault, self.loop_starting = "", False
 
     def loop_down(self, why: str) -> None:
         """The loop is gone: nothing is asked for any more, nothing will be by itself."""
-        self.loop_fault = why
+        self.loop_fault, self.loop_starting = why, False
         self.events.emit("fault", why)
         self.plans.end(why)
         self.hand.rest()

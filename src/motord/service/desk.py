@@ -106,8 +106,10 @@ class Desk:
 
 def need_loop(bench: Bench) -> None:
     """Refuse what needs a running loop."""
+    if bench.loop_starting:
+        raise Refusal("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
     if bench.loop_fault:
-        raise Refusal("refused", f"{bench.loop_fault}; reset starts the loop again")
+        raise Refusal("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
 
 
 def need_no_plan(bench: Bench) -> None:
@@ -123,7 +125,7 @@ def need_no_plan(bench: Bench) -> None:
 def need_no_trip(bench: Bench) -> None:
     """Refuse what a tripped bench does not do."""
     if bench.state is State.TRIPPED:
-        raise Refusal("tripped", f"tripped: {trip_words(bench.watch.trip_bits)}; reset it first")
+        raise Refusal("tripped", f"tripped: {bench.watch.trip_in_words()}")
 
 
 def need_ready(bench: Bench) -> None:

@@ -1,15 +1,19 @@
-"""Operation by hand: torque as set, speed held by the brake if one is set."""
+"""Operation by hand: torque as set, speed held by the brake if one is set.
+
+What is asked for is checked whole before any of it is done: `check`, the only place for it.
+"""
 
 from motord.config import Config
-from motord.plans.brake_servo import BrakeServo, brake_torque_Nm
-from motord.plans.limits import SPEED_MARGIN
+from motord.plans.brake_servo import BrakeServo
+from motord.plans.limits import check_brake, check_drive, check_speed, check_torque
 from motord.plans.observation import Observation
-from motord.plans.settings import COMPENSATE
+from motord.plans.settings import COMPENSATE, PlanError
 from motord.plans.take_point import BRAKE_LEAD_TIME_CONSTANTS
 from motord.schema import State
 from motord.service.messages import Set
 from motord.service.refusal import Refusal
-from motord.service.setpoint import RAD_PER_TURN, Setpoint
+from motord.service.setpoint import Setpoint
+from motord.service.views import SetpointView
 
 
 class Hand:
@@ -22,31 +26,47 @@ class Hand:
         self._torque_Nm = 0.0
         self._lead_s = 0.0
         self._lead_from_ns: int | None = None  # Unix ns of the first look after `set`
+        self._when_enabled: Set | None = None
+
+    @property
+    def waits_for_enabled(self) -> bool:
+        """True while something was set that is to be done once the bench is enabled."""
+        return self._when_enabled is not None
+
+    def check(self, asked: Set, state: State) -> None:
+        """Raise Refusal if the bench cannot or may not do what `asked` holds; changes nothing."""
+        if self._when_enabled is not None:
+            raise Refusal("refused", "the bench is being enabled; try again when it is")
+        if asked.torque_Nm and state is not State.ENABLED and not asked.enable:
+            raise Refusal("refused", f"the bench is {state.name}: enable it first")
+        torque_Nm, speed_Hz = self._wanted(asked)
+        try:
+            check_torque(self._config, torque_Nm)
+            if asked.drive_Hz is not None:
+                check_drive(self._config, asked.drive_Hz)
+            if speed_Hz is not None:
+                check_speed(self._config, speed_Hz)
+                _check_signs(torque_Nm, speed_Hz)
+                check_brake(self._config, torque_Nm, speed_Hz)
+        except PlanError as error:
+            raise Refusal("refused", str(error)) from None
 
     def set(self, asked: Set, state: State) -> None:
-        """Take over what `asked` holds. Raises Refusal if the bench cannot or may not do it."""
-        s = self._setpoint
-        torque_Nm = self._torque_Nm if asked.torque_Nm is None else asked.torque_Nm
-        speed_Hz = s.speed_Hz if asked.brake is None else None
-        speed_Hz = speed_Hz if asked.speed_Hz is None else asked.speed_Hz
-        self._check(asked, state, torque_Nm, speed_Hz)
-        if asked.compensate is not None:
-            s.compensate = COMPENSATE[asked.compensate]
-        if asked.drive_Hz is not None:
-            s.drive_Hz = asked.drive_Hz
-        if asked.brake is not None:
-            s.brake = asked.brake
-        self._torque_Nm, s.speed_Hz = torque_Nm, speed_Hz
-        self._lead_s = self._bring_brake(torque_Nm, speed_Hz)
-        self._lead_from_ns = None
-        if self._lead_s == 0.0 or abs(torque_Nm) < abs(s.torque_Nm):
-            s.torque_Nm = torque_Nm
+        """Take over what `asked` holds, or keep it until the bench is enabled. Raises Refusal."""
+        self.check(asked, state)
+        if asked.enable and state is not State.ENABLED:
+            self._when_enabled = asked
+        else:
+            self._take_over(asked)
 
     def look(self, seen: Observation) -> None:
         """Go on: torque once the brake is there, then the brake until the speed is right."""
         s = self._setpoint
         if seen.state is not State.ENABLED:
             return
+        if self._when_enabled is not None:
+            asked, self._when_enabled = self._when_enabled, None
+            self._take_over(asked)
         if s.torque_Nm != self._torque_Nm:
             if self._lead_from_ns is None:
                 self._lead_from_ns = seen.t_ns
@@ -60,13 +80,46 @@ class Hand:
 
     def rest(self) -> None:
         """Forget what was set: no torque, no speed, open brake, standing drive."""
-        self._torque_Nm = 0.0
+        self.drop_torque()
         self._setpoint.rest()
         self._servo.drop_unproven()
 
     def drop_torque(self) -> None:
         """No more torque; brake and drive stay as they are."""
+        self._when_enabled = None
         self._torque_Nm = self._setpoint.torque_Nm = 0.0
+
+    def view(self) -> SetpointView:
+        """Return the set-point, with the torque that it is on its way to."""
+        return self._setpoint.view(torque_target_Nm=self._torque_Nm)
+
+    def reached_in_s(self, torque_set_Nm: float) -> float:
+        """Return how long the ramp from `torque_set_Nm` takes, with the brake's lead before it."""
+        waits = self._setpoint.torque_Nm != self._torque_Nm
+        ramp_Nm = abs(self._torque_Nm - torque_set_Nm)
+        lead_s = self._lead_s if waits else 0.0
+        return lead_s + ramp_Nm / self._config.limits.torque_rate_Nm_per_s
+
+    def _wanted(self, asked: Set) -> tuple[float, float | None]:
+        """Return torque (Nm) and speed (Hz, None: not held) as they would be with `asked`."""
+        torque_Nm = self._torque_Nm if asked.torque_Nm is None else asked.torque_Nm
+        speed_Hz = self._setpoint.speed_Hz if asked.brake is None else None
+        return torque_Nm, speed_Hz if asked.speed_Hz is None else asked.speed_Hz
+
+    def _take_over(self, asked: Set) -> None:
+        s = self._setpoint
+        torque_Nm, speed_Hz = self._wanted(asked)
+        if asked.compensate is not None:
+            s.compensate = COMPENSATE[asked.compensate]
+        if asked.drive_Hz is not None:
+            s.drive_Hz = asked.drive_Hz
+        if asked.brake is not None:
+            s.brake = asked.brake
+        self._torque_Nm, s.speed_Hz = torque_Nm, speed_Hz
+        self._lead_s = self._bring_brake(torque_Nm, speed_Hz)
+        self._lead_from_ns = None
+        if self._lead_s == 0.0 or abs(torque_Nm) < abs(s.torque_Nm):
+            s.torque_Nm = torque_Nm
 
     def _bring_brake(self, torque_Nm: float, speed_Hz: float | None) -> float:
         """Set the brake for torque and speed; return how long it must lead the torque (s)."""
@@ -81,42 +134,13 @@ class Hand:
             else 0.0
         )
 
-    def _check(self, asked: Set, state: State, torque_Nm: float, speed_Hz: float | None) -> None:
-        limits = self._config.limits
-        if asked.torque_Nm and state is not State.ENABLED:
-            raise Refusal("refused", f"the bench is {state.name}: enable it first")
-        if abs(torque_Nm) > limits.torque_Nm:
-            raise Refusal(
-                "refused", f"{torque_Nm:g} Nm is above [limits] torque_Nm = {limits.torque_Nm:g}"
-            )
-        if asked.drive_Hz is not None:
-            fastest_Hz = self._config.drive.speed_max_rad_s / RAD_PER_TURN
-            if abs(asked.drive_Hz) > fastest_Hz:
-                raise Refusal(
-                    "refused",
-                    f"{asked.drive_Hz:g} Hz is above [drive] speed_max_rad_s ({fastest_Hz:.3g} Hz)",
-                )
-        if speed_Hz is not None:
-            self._check_speed(torque_Nm, speed_Hz)
 
-    def _check_speed(self, torque_Nm: float, speed_Hz: float) -> None:
-        limit_Hz = SPEED_MARGIN * self._config.limits.trip_speed_rad_s / RAD_PER_TURN
-        if speed_Hz == 0.0 or abs(speed_Hz) > limit_Hz:
-            raise Refusal(
-                "refused",
-                f"{speed_Hz:g} Hz: the brake can hold a speed above 0 and, with 20 % margin to "
-                f"[limits] trip_speed_rad_s, up to {limit_Hz:.3g} Hz",
-            )
-        if torque_Nm * speed_Hz < 0.0:
-            raise Refusal(
-                "refused",
-                f"{torque_Nm:g} Nm turns the rotor the other way than {speed_Hz:g} Hz: "
-                "a brake cannot drive",
-            )
-        most_Nm = abs(brake_torque_Nm(self._config.brake, 1.0, speed_Hz * RAD_PER_TURN))
-        if abs(torque_Nm) > most_Nm:
-            raise Refusal(
-                "refused",
-                f"the brake holds at most {most_Nm:.3g} Nm at {speed_Hz:g} Hz "
-                f"([brake] torque_max_Nm, critical_speed_rad_s); {torque_Nm:g} asked",
-            )
+def _check_signs(torque_Nm: float, speed_Hz: float) -> None:
+    """Refuse a speed that a brake cannot hold against a torque. Raises PlanError."""
+    if speed_Hz == 0.0:
+        raise PlanError("0 Hz: the brake can hold a speed above 0 only")
+    if torque_Nm * speed_Hz < 0.0:
+        raise PlanError(
+            f"{torque_Nm:g} Nm turns the rotor the other way than {speed_Hz:g} Hz: "
+            "a brake cannot drive"
+        )

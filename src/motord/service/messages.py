@@ -12,7 +12,7 @@ from motord.plans.settings import Compensation
 from motord.service.refusal import Refusal
 
 Token = Annotated[str, Field(min_length=1, max_length=128)]
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@: -]+$")]
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -50,10 +50,11 @@ class Set(Request):
 
     With `speed_Hz` the brake is servoed until the rotor turns at that speed (turns per second);
     `brake` sets the excitation itself, 0 to 1, and ends the servo. `drive_Hz` turns the rotor with
-    the external drive.
+    the external drive. `enable`: enable the bench first, if all of it can be done.
     """
 
     token: Token
+    enable: bool = False
     torque_Nm: Finite | None = None
     speed_Hz: Finite | None = None
     brake: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -62,7 +63,7 @@ class Set(Request):
 
     @model_validator(mode="after")
     def _something_to_set(self) -> "Set":
-        given = self.model_fields_set - {"token"}
+        given = self.model_fields_set - {"token", "enable"}
         if not given:
             raise ValueError("nothing to set: torque_Nm, speed_Hz, brake, drive_Hz, compensate")
         if self.speed_Hz is not None and self.brake is not None:

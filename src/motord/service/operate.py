@@ -94,8 +94,11 @@ class Operate:
             need_no_trip(bench)
             return self._in_state() if bench.state is State.ENABLED else None
 
-        timeout_s = bench.config.loop.enable_timeout_s + 2 * SOON_S
-        return Wait(enabled, timeout_s, lambda: f"not enabled, still {bench.state.name}")
+        return Wait(enabled, self._enable_s, self._not_enabled)
+
+    @property
+    def _enable_s(self) -> float:
+        return self._bench.config.loop.enable_timeout_s + 2 * SOON_S
 
     def _disable(self, call: Call, now_ns: int) -> Answer | Wait:
         who, bench = self._commander(call, now_ns), self._bench
@@ -126,12 +129,10 @@ class Operate:
         need_no_plan(bench)
         bench.events.emit("request", f"reset, from {who}")
         if bench.loop_fault:
-            self._restart_loop()
-            return Wait(
-                lambda: None if bench.loop_fault else self._in_state(),
-                LOOP_START_S,
-                lambda: bench.loop_fault,
-            )
+            if not bench.loop_starting:
+                bench.loop_starts()
+                self._restart_loop()
+            return Wait(self._loop_up, LOOP_START_S, lambda: bench.loop_fault)
         if bench.state is State.TRIPPED:
             bench.setpoint.request(Ask.RESET)
         return Wait(
@@ -140,15 +141,58 @@ class Operate:
             lambda: f"a cause is still there: {trip_words(bench.watch.trip_bits)}",
         )
 
-    def _set(self, call: Call, now_ns: int) -> Answer:
+    def _loop_up(self) -> Answer | None:
+        bench = self._bench
+        if bench.loop_starting:
+            return None
+        if bench.loop_fault:
+            raise Refusal("failed", bench.loop_fault)
+        return self._in_state()
+
+    def _set(self, call: Call, now_ns: int) -> Answer | Wait:
+        """Carry out a set-point; all of it is checked before anything is enabled or set."""
         asked, bench = expect(Set, call), self._bench
-        bench.lease.require(asked.token, now_ns)
+        who = bench.lease.require(asked.token, now_ns).holder
         need_loop(bench)
         need_no_plan(bench)
         need_no_trip(bench)
         self._need_devices(asked)
+        if asked.enable:
+            need_ready(bench)
         bench.hand.set(asked, bench.state)
-        return {"setpoint": bench.setpoint.view().model_dump()}
+        if not asked.enable:
+            return self._set_answer()
+        bench.events.emit("request", f"enable, from {who}")
+        bench.setpoint.request(Ask.ENABLE)
+        return Wait(self._enabled_and_set, self._enable_s, self._not_enabled)
+
+    def _enabled_and_set(self) -> Answer | None:
+        bench = self._bench
+        try:
+            need_loop(bench)
+            need_no_trip(bench)
+        except Refusal:
+            bench.hand.rest()
+            raise
+        if bench.hand.waits_for_enabled:
+            return None
+        if bench.state is not State.ENABLED:
+            bench.disable()
+            raise Refusal("refused", "not enabled: something came between, see `motord events`")
+        return self._set_answer()
+
+    def _not_enabled(self) -> str:
+        self._bench.disable()
+        return f"not enabled, still {self._bench.state.name}"
+
+    def _set_answer(self) -> Answer:
+        bench = self._bench
+        reached_s = bench.hand.reached_in_s(bench.watch.torque_set_Nm)
+        return {
+            **self._in_state(),
+            "setpoint": bench.setpoint_view().model_dump(),
+            "reached_in_s": round(reached_s, 3),
+        }
 
     def _need_devices(self, asked: Set) -> None:
         bench = self._bench

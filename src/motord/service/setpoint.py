@@ -91,10 +91,11 @@ class Setpoint:
         behind = (seen_seq - self._request_seq_at) & 0xFFFFFFFF
         return behind < 0x80000000 or now_ns - self._requested_ns > UNSEEN_NS
 
-    def view(self) -> SetpointView:
-        """Return the set-point as clients see it."""
+    def view(self, torque_target_Nm: float | None = None) -> SetpointView:
+        """Return the set-point as clients see it; the torque may be on its way to another one."""
         return SetpointView(
             torque_Nm=self.torque_Nm,
+            torque_target_Nm=self.torque_Nm if torque_target_Nm is None else torque_target_Nm,
             speed_Hz=self.speed_Hz,
             brake=self.brake,
             drive_Hz=self.drive_Hz,

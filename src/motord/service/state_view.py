@@ -9,7 +9,15 @@ from typing import Any
 from motord.config import Config
 from motord.service.bench import Bench
 from motord.service.calibrations import CalibrationStore
-from motord.service.views import ClockView, DeviceView, LeaseView, ProcessView, RecordingView, State
+from motord.service.views import (
+    ClockView,
+    DeviceView,
+    LeaseView,
+    ProcessView,
+    RecordingView,
+    State,
+    TorqueSensorView,
+)
 
 RecordingSource = Callable[[], RecordingView]
 ProcessSource = Callable[[], dict[str, ProcessView]]
@@ -45,8 +53,12 @@ class StateView:
             fault=bench.fault,
             trips=trips,
             first_trip=first,
+            trip=bench.watch.trip,
             tick=bench.watch.tick_view(),
-            setpoint=bench.setpoint.view(),
+            torque_sensor=TorqueSensorView(
+                highpass_time_constant_s=config.torque_sensor.highpass_time_constant_s
+            ),
+            setpoint=bench.setpoint_view(),
             lease=LeaseView(
                 holder=holder,
                 remaining_s=round(bench.lease.remaining_s(now_ns), 2),

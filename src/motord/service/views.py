@@ -3,6 +3,7 @@
 They may grow: a reader skips what it does not know.
 """
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
@@ -27,6 +28,40 @@ class TripView(Reply):
     meaning: str
 
 
+class TripValue(Reply):
+    """A quantity that an interlock watches, at the trip, and its limit."""
+
+    value: float | None
+    limit: float | None
+
+
+class TripReport(Reply):
+    """What is known of a trip: why, what to do about it, where the black box goes ("": nowhere).
+
+    `values` are by quantity and unit; `first` are the causes of the tick that tripped.
+    """
+
+    t_ns: int
+    reason: str
+    first: list[str]
+    causes: list[str]
+    values: dict[str, TripValue]
+    action: str
+    blackbox: str
+
+    def further(self, causes: list[str], values: Mapping[str, Mapping[str, float]]) -> "TripReport":
+        """Return the report with causes that came later."""
+        added = {what: TripValue.model_validate(value) for what, value in values.items()}
+        changes = {"causes": [*self.causes, *causes], "values": {**self.values, **added}}
+        return self.model_copy(update=changes)
+
+    def in_words(self) -> str:
+        """Return the report in one line."""
+        reason = self.reason.partition("-> TRIPPED: ")[2] or self.reason
+        box = f"; black box: {self.blackbox}" if self.blackbox else ""
+        return f"{reason}; {self.action}; then `motord reset`{box}"
+
+
 class TickView(Reply):
     """The newest tick in short."""
 
@@ -41,12 +76,25 @@ class TickView(Reply):
     temperature_C: float | None
     brake_temperature_C: float | None
     flags: list[str]
+    torque_ripple_Nm: float | None = None  # measured: RMS about its mean over the last second
+
+
+class TorqueSensorView(Reply):
+    """What the torque sensor can show; a high-pass of 0 s passes the mean."""
+
+    highpass_time_constant_s: float = 0.0
+
+    @property
+    def passes_mean(self) -> bool:
+        """False for a piezoelectric sensor, say: what it shows of a steady torque is nothing."""
+        return self.highpass_time_constant_s == 0.0
 
 
 class SetpointView(Reply):
-    """What is asked of the bench now."""
+    """What is asked of the bench now; torque_target_Nm comes once the brake has risen."""
 
     torque_Nm: float
+    torque_target_Nm: float | None = None
     speed_Hz: float | None
     brake: float
     drive_Hz: float
@@ -172,7 +220,9 @@ class State(Reply):
     fault: str
     trips: list[TripView]
     first_trip: str
+    trip: TripReport | None = None
     tick: TickView | None
+    torque_sensor: TorqueSensorView = TorqueSensorView()
     setpoint: SetpointView
     lease: LeaseView
     plan: PlanView | None

@@ -14,7 +14,7 @@ from motord.schema import State, Trip
 from motord.service.events import EventLog
 from motord.service.recent_ticks import RecentTicks
 from motord.service.trip_values import Seen, trip_values
-from motord.service.views import LoopView, TickView, TripView
+from motord.service.views import LoopView, TickView, TripReport, TripView
 from motord.service.words import TRIP_MEANING, flag_names, trip_action, trip_names, trip_words
 
 TIMING_S = 1.0
@@ -43,8 +43,10 @@ class TickWatch:
         self._rate_Hz = config.loop.rate_Hz
         self._recent = RecentTicks(config)
         self._events = events
+        self.trip: TripReport | None = None
+        """What is known of the trip that the bench is in."""
         self.on_trip: OnTrip = lambda t_ns, tick, account: ""
-        self._timing: deque[np.ndarray] = deque()
+        self._timing: deque[np.ndarray] = deque()  # (n, 3): late ns, work ns, measured torque Nm
         self.last: np.void | None = None
         self.seen_at_ns = 0  # monotonic, when the newest tick was read
         self.ticks = 0
@@ -92,7 +94,7 @@ class TickWatch:
 
     def forget(self) -> None:
         """Start anew: the loop was restarted and its counters with it."""
-        self.last = None
+        self.last = self.trip = None
         self._recent.forget()
         self._timing.clear()
         self._missed_reported = 0
@@ -111,6 +113,8 @@ class TickWatch:
             elif state == State.TRIPPED and int(tick["trip_bits"]) & ~first_bits:
                 added = int(tick["trip_bits"]) & ~first_bits
                 values = self._values(added, row)
+                if self.trip is not None:
+                    self.trip = self.trip.further(trip_names(added), values)
                 self._events.emit(
                     "trip", f"further cause: {trip_words(added)}{_told(values)}",
                     int(tick["t_ns"]), causes=trip_names(added), values=values,
@@ -126,6 +130,7 @@ class TickWatch:
         where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}
         t_ns = int(tick["t_ns"])
         if new is not State.TRIPPED:
+            self.trip = None
             self._events.emit("state", f"{old.name} -> {new.name}", t_ns, **where)
             return
         bits, first = int(tick["trip_bits"]), int(tick["first_trip"])
@@ -136,11 +141,13 @@ class TickWatch:
         }  # fmt: skip
         reason = f"{old.name} -> TRIPPED: {trip_words(first or bits)}{_told(values)}"
         box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **account})
+        self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **account)
         self._events.emit("trip", reason, t_ns, **where, **account, blackbox=box)
 
     def _remember_timing(self, block: np.ndarray) -> None:
-        timing = np.empty((len(block), 2))
+        timing = np.empty((len(block), 3))
         timing[:, 0], timing[:, 1] = block["wake_late_ns"], block["work_ns"]
+        timing[:, 2] = block["torque_Nm"]
         self._timing.append(timing)
         kept = sum(len(part) for part in self._timing)
         while len(self._timing) > 1 and kept - len(self._timing[0]) >= TIMING_S * self._rate_Hz:
@@ -166,6 +173,12 @@ class TickWatch:
         """Ticks that the loop skipped since it started."""
         return int(self.last["missed"]) if self.last is not None else 0
 
+    def trip_in_words(self) -> str:
+        """Return in one line why the bench is tripped, what to do, and where the black box is."""
+        if self.trip is None:
+            return f"{trip_words(self.trip_bits)}; then `motord reset`"
+        return self.trip.in_words()
+
     def trips(self) -> tuple[list[TripView], str]:
         """Return the causes that are latched (or stand against enabling) and the first one."""
         bits = self.trip_bits
@@ -186,6 +199,7 @@ class TickWatch:
             speed_Hz=_finite(t["speed_rad_s"] / (2 * np.pi)),
             torque_Nm=_finite(t["torque_Nm"]),
             torque_set_Nm=_finite(t["torque_set_Nm"]),
+            torque_ripple_Nm=self._ripple_Nm(),
             i_A=(_finite(t["i_a_A"]), _finite(t["i_b_A"]), _finite(t["i_c_A"])),
             u_bus_V=_finite(t["u_bus_V"]),
             temperature_C=_finite(t["temperature_C"]),
@@ -193,11 +207,15 @@ class TickWatch:
             flags=flag_names(int(t["flags"])),
         )
 
+    def _ripple_Nm(self) -> float | None:
+        with np.errstate(invalid="ignore"):  # a sensor may say anything
+            return _finite(np.std(np.concatenate([part[:, 2] for part in self._timing])))
+
     def loop_view(self, now_ns: int) -> LoopView:
         """Return how the loop keeps time."""
         late_us = p50 = p99 = worst = work = None
         if self._timing:
-            timing_us = np.concatenate(self._timing) / 1e3
+            timing_us = np.concatenate(self._timing)[:, :2] / 1e3
             late_us, work_us = timing_us[:, 0], timing_us[:, 1]
             p50, p99 = (round(float(q), 1) for q in np.percentile(late_us, (50, 99)))
             worst = round(float(late_us.max()), 1)

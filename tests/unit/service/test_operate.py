@@ -103,6 +103,105 @@ def test_set_is_checked_against_the_limits(service, asked, words):
     assert service.bench.setpoint.view() == before
 
 
+BEYOND_THE_BENCH = [
+    ("refused", {"torque_Nm": 99}),
+    ("refused", {"torque_Nm": 6.1, "speed_Hz": 0.7}),
+    ("refused", {"torque_Nm": 1, "speed_Hz": 40}),
+    ("refused", {"torque_Nm": 1, "speed_Hz": -0.5}),
+    ("refused", {"drive_Hz": 40}),
+    ("refused", {"torque_Nm": 1, "compensate": "on"}),
+    ("invalid", {"torque_Nm": float("nan")}),
+    ("invalid", {"torque_Nm": 1, "speed_Hz": float("inf")}),
+    ("invalid", {"torque_Nm": 1, "brake": 1.5}),
+    ("invalid", {"torque_Nm": "1"}),
+    ("invalid", {}),
+]
+
+
+@pytest.mark.parametrize(("code", "asked"), BEYOND_THE_BENCH)
+def test_what_is_refused_never_touches_the_power(service, code, asked):
+    token = service.acquire()
+    refused(service, code, "set", token=token, enable=True, **asked)
+    service.run_s(0.5, token)
+    assert service.bench.state is State.OFF
+    assert not any("->" in message for message in service.messages())
+    assert service.bench.setpoint_view().torque_target_Nm == 0.0
+    answer = service.ask("set", token=token, enable=True, torque_Nm=1.0, brake=1.0)
+    assert (answer["state"], answer["setpoint"]["torque_target_Nm"]) == ("ENABLED", 1.0)
+
+
+def test_a_bench_in_trouble_is_not_enabled_for_a_torque(service):
+    service.bench._trouble = "the brake is at 190 degC"
+    token = service.acquire()
+    said = refused(service, "refused", "set", token=token, enable=True, torque_Nm=1.0)
+    assert "190 degC" in said
+    assert service.bench.state is State.OFF
+
+
+def test_set_enables_first_and_tells_where_the_torque_is_going(service):
+    token = service.acquire()
+    answer = service.ask("set", token=token, enable=True, torque_Nm=3.0, speed_Hz=0.7)
+    assert answer["state"] == "ENABLED"
+    setpoint = answer["setpoint"]
+    assert (setpoint["torque_Nm"], setpoint["torque_target_Nm"]) == (0.0, 3.0)
+    assert setpoint["brake"] > 0.1
+    ramp_s = 3.0 / service.config.limits.torque_rate_Nm_per_s
+    assert answer["reached_in_s"] > ramp_s  # the brake rises before
+    service.run_s(answer["reached_in_s"] + 0.1, token)
+    assert service.bench.watch.torque_set_Nm == pytest.approx(3.0)
+    assert service.ask("set", token=token, torque_Nm=3.0)["reached_in_s"] < 0.01
+
+
+@pytest.mark.parametrize("how", ["stop", "lease/release", "disable", "takeover"])
+def test_what_was_to_be_set_once_enabled_is_forgotten_if_something_comes_between(service, how):
+    token = service.acquire()
+    service.loop.running = False
+    waiting = service.begin("set", token=token, enable=True, torque_Nm=2.0, brake=1.0)
+    assert "being enabled" in refused(service, "refused", "set", token=token, torque_Nm=1.0)
+    if how == "takeover":
+        service.begin("lease/acquire", holder="ben", force=True)
+        service.begin("stop")
+    else:
+        service.begin(how, **({} if how == "stop" else {"token": token}))
+    service.loop.running = True
+    service.run_s(1.0)
+    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.setpoint_view().torque_target_Nm == 0.0
+    assert service.bench.state is not State.ENABLED
+    assert waiting.outcome.code == "refused"
+
+
+def test_a_set_that_cannot_enable_in_time_leaves_nothing_behind(service):
+    token = service.acquire()
+    service.loop.running = False
+    said = refused(service, "refused", "set", token=token, enable=True, torque_Nm=2.0, brake=1.0)
+    assert said.startswith("not enabled")
+    service.loop.running = True
+    service.run_s(1.0, token)
+    assert service.bench.state is not State.ENABLED
+    service.ask("enable", token=token)
+    service.run_s(0.5, token)
+    assert service.bench.watch.torque_set_Nm == 0.0
+
+
+def test_a_set_that_trips_while_enabling_leaves_nothing_behind(service):
+    token = service.acquire()
+    waiting = service.begin("set", token=token, enable=True, torque_Nm=2.0, brake=1.0)
+    trip(service, Trip.BUS_VOLTAGE)
+    service.step()
+    assert waiting.outcome.code == "tripped"
+    service.ask("reset", token=token)
+    service.ask("enable", token=token)
+    service.run_s(0.5, token)
+    assert service.bench.watch.torque_set_Nm == 0.0
+
+
+def test_the_drive_may_not_be_set_near_the_over_speed_trip():
+    service = VirtualService(drive={"speed_max_rad_s": 100.0})
+    said = refused(service, "refused", "set", token=service.acquire(), drive_Hz=4.0)
+    assert "within 20 % of the over-speed trip" in said
+
+
 def test_torque_needs_an_enabled_bench_but_the_drive_does_not(service):
     token = service.acquire()
     assert "enable it first" in refused(service, "refused", "set", token=token, torque_Nm=1)
@@ -133,7 +232,8 @@ def test_disable_ramps_down_and_forgets_what_was_set(service):
     service.step(40)
     assert disabling.outcome == {"state": "READY"}
     assert service.bench.setpoint.view().model_dump() == {
-        "torque_Nm": 0.0, "speed_Hz": None, "brake": 0.0, "drive_Hz": 0.0, "compensate": "off",
+        "torque_Nm": 0.0, "torque_target_Nm": 0.0, "speed_Hz": None, "brake": 0.0,
+        "drive_Hz": 0.0, "compensate": "off",
     }  # fmt: skip
 
 
@@ -189,9 +289,15 @@ def test_a_trip_is_told_with_cause_and_value_and_reset_leaves_it(service):
     said = next(m for m in service.messages() if m.startswith("trip"))
     assert "OVER_SPEED" in said
     assert "limit 25" in said
-    assert "OVER_SPEED" in refused(service, "tripped", "enable", token=token)
+    report = service.bench.watch.trip
+    assert (report.first, report.causes) == (["OVER_SPEED"], ["OVER_SPEED"])
+    assert report.values["speed, rad/s"].limit == 25.0
+    refusal = refused(service, "tripped", "enable", token=token)
+    for words in ("OVER_SPEED", "limit 25", "brake answers", "`motord reset`"):
+        assert words in refusal
     assert "OVER_SPEED" in refused(service, "tripped", "set", token=token, torque_Nm=1)
     assert service.ask("reset", token=token) == {"state": "READY"}
+    assert service.bench.watch.trip is None
     assert service.ask("enable", token=token) == {"state": "ENABLED"}
 
 
@@ -241,6 +347,23 @@ def test_a_dead_loop_is_a_fault_until_reset_starts_it_again(service):
     assert service.restarts == 1
     service.run_s(0.5, token)
     assert service.bench.state is State.OFF
+
+
+def test_a_loop_that_is_starting_is_told_from_one_that_failed(service):
+    token = service.enabled()
+    service.bench.loop_starts()
+    said = refused(service, "refused", "set", token=token, torque_Nm=1)
+    assert said == "the loop is not up yet: it is starting; try again in a moment"
+    waiting = service.begin("reset", token=token)
+    assert service.restarts == 0
+    service.bench.loop_down("the loop ended: no kernel")
+    service.step()
+    assert (waiting.outcome.code, waiting.outcome.message) == (
+        "failed",
+        "the loop ended: no kernel",
+    )
+    said = refused(service, "refused", "set", token=token, torque_Nm=1)
+    assert said == "the loop ended: no kernel; `motord reset` starts the loop again"
 
 
 def test_a_silent_loop_is_a_fault(service):
