@@ -1,5 +1,6 @@
 """The command line. Modules here parse arguments and print; they import the rest when called."""
 
+import sys
 from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -7,6 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from motord.cli.console import fail, group, lost_output, outlive_readers, remark
 from motord.cli.identity import with_identity
 
 COMMANDS = {
@@ -55,14 +57,26 @@ class _Commands(TyperGroup):
                 assert registered.callback is not None
                 registered.callback = with_identity(registered.callback)
         if not isinstance(found, typer.Typer):
-            app = typer.Typer(add_completion=False)
+            app = group("")
             app.command(cmd_name)(with_identity(found))
         command = typer.main.get_command(app)
         command.name = cmd_name
         return command
 
+    def invoke(self, ctx: Any) -> Any:
+        """Carry out a command; what it meets that is no error of the program is one line."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            fail("interrupted")
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            fail(f"{where}{error.strerror or error}")
 
-app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False)
+
+app = typer.Typer(
+    cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None
+)
 
 
 def _print_version(wanted: bool) -> None:
@@ -81,5 +95,14 @@ def _root(
 
 
 def main() -> None:
-    """Run the command line."""
-    app()
+    """Run the command line: exit code 0 done, 1 failed, 2 wrong usage."""
+    outlive_readers()
+    code: Any = 0
+    try:
+        app()
+    except SystemExit as done:
+        code = done.code
+    if lost := lost_output():
+        remark(f"motord: cannot write the output: {lost}")
+        code = code or 1
+    sys.exit(code)

@@ -7,17 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, group, print_json
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
 
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Show calibration files, list those kept, install one.",
-)
+app = group("Show calibration files, list those kept, install one.")
 
 
 @app.command()

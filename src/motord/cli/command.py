@@ -1,30 +1,28 @@
 """Command over a bench from the command line.
 
-The first command that needs it takes the lease, writes its token to a private file and renews it
-for as long as it runs; commands started meanwhile in other terminals use that token and end at
-once. When the one that holds the lease ends, the bench ramps down and is disabled.
+The first command that needs it takes the lease, shares its token with this user's other commands
+and renews it for as long as it runs; commands started meanwhile in other terminals use that token
+and end at once. When the one that holds the lease ends, by whatever signal, the bench ramps down
+and is disabled.
 """
 
-import json
-import os
-import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
-import typer
-
-from motord.cli.console import fail
-from motord.runtime.rundir import RunDir, RunDirError
+from motord.cli.console import fail, remark
+from motord.cli.interruption import interrupted_once
+from motord.cli.shared_token import shared, tokens
+from motord.runtime.rundir import RunDirError
 
 if TYPE_CHECKING:
     from motord.client import Client, Lease
+    from motord.service.views import State
 
 LOOK_S = 0.2
+_RANK = {"TRIPPED": -1, "OFF": 0, "READY": 1, "ENABLED": 2}
 
 
 @dataclass(frozen=True)
@@ -35,73 +33,79 @@ class Command:
     lease: "Lease | None"
 
 
-def token_file(bench: str) -> Path:
-    """Return where the commands of this user share the token for a bench."""
-    return RunDir(f"{bench}@cli").path / "lease.json"
-
-
 @contextmanager
-def in_command(client: "Client", *, force: bool = False) -> Iterator[Command]:
-    """Be in command: with the lease that another command holds, else with one of its own."""
-    path = token_file(client.bench)
-    shared = None if force else _shared_token(client, path)
-    if shared is not None:
-        yield Command(shared, None)
-        return
-    with client.lease(force=force) as lease:
+def in_command(client: "Client", *, force: bool = False) -> "Iterator[Command]":
+    """Be in command: with the lease that another command holds, else with one of its own.
+
+    The first of Ctrl-C, SIGTERM and SIGHUP raises KeyboardInterrupt; the lease is given back then,
+    too, and no further signal keeps it from that.
+    """
+    with interrupted_once() as interruption:
+        token = None if force else _token_in_force(client)
+        if token is not None:
+            yield Command(token, None)
+            return
+        lease = client.lease(force=force)
         try:
-            _write_private(path, lease.token)
-            yield Command(lease.token, lease)
-        except RunDirError as error:
-            fail(str(error))
+            try:
+                lease.acquire()
+                with shared(client.bench, lease.token):
+                    yield Command(lease.token, lease)
+            except RunDirError as error:
+                fail(str(error))
+            finally:
+                interruption.hold_off()
         finally:
-            path.unlink(missing_ok=True)
+            if lease.token:
+                lease.release()
 
 
-def _shared_token(client: "Client", path: Path) -> str | None:
-    """Return the token of a command that now holds the lease, if it is worth anything."""
+def _token_in_force(client: "Client") -> str | None:
+    """Return the token of a command that runs and holds the lease now, if there is one."""
     from motord.client import ClientError
 
-    try:
-        token = str(json.loads(path.read_text())["token"])
-        client.rpc("lease/renew", token=token)
-    except (OSError, ValueError, KeyError, TypeError, ClientError):
-        return None
-    return token
+    for token in tokens(client.bench):
+        with suppress(ClientError):
+            client.rpc("lease/renew", token=token)
+            return token
+    return None
 
 
-def _write_private(path: Path, token: str) -> None:
-    RunDir.at(path.parent).create()  # for this user only
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, "w") as file:
-        json.dump({"token": token, "pid": os.getpid()}, file)
+def hold(client: "Client", lease: "Lease", state: str, for_s: float | None, *, quiet: bool) -> None:
+    """Stay in command until interrupted or for `for_s`; what was set lasts as long.
 
-
-def hold(client: "Client", lease: "Lease", for_s: float | None, *, quiet: bool) -> None:
-    """Stay in command until Ctrl-C, for `for_s`, or until the bench is no longer enabled."""
+    Fails if the bench falls back from `state`, or from a higher one that it reaches meanwhile.
+    """
     if not quiet:
-        until = f"for {for_s:g} s" if for_s is not None else "until Ctrl-C"
-        typer.echo(f"in command {until}; then the bench ramps down and is disabled", err=True)
+        until = f"for {for_s:.3g} s" if for_s is not None else "until Ctrl-C"
+        then = "the bench ramps down and is disabled"
+        remark(f"in command {until}; then {then if state == 'ENABLED' else 'brake and drive rest'}")
+    watched = _Watched(_RANK[state])
     end_s = None if for_s is None else time.monotonic() + for_s
-    with suppress(KeyboardInterrupt), _terminated_like_interrupted():
-        while end_s is None or time.monotonic() < end_s:
-            if lease.lost.wait(LOOK_S if end_s is None else min(LOOK_S, for_s or LOOK_S)):
+    with suppress(KeyboardInterrupt):
+        while (left_s := LOOK_S if end_s is None else end_s - time.monotonic()) > 0:
+            if lease.lost.wait(min(left_s, LOOK_S)):
                 fail(f"no longer in command: {lease.why}")
-            state = client.state()
-            if state.state != "ENABLED":
-                why = "; ".join(f"{t.name}: {t.meaning}" for t in state.trips) or state.fault
-                fail(f"the bench is {state.state}" + (f": {why}" if why else ""))
+            if why := watched.over(client.state()):
+                fail(why)
 
 
-@contextmanager
-def _terminated_like_interrupted() -> Iterator[None]:
-    """Let SIGTERM end the hold as Ctrl-C does."""
+@dataclass
+class _Watched:
+    """What a bench was seen in, to tell when it is no longer what was commanded."""
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+    rank: int
+    moved: bool = False
 
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    def over(self, state: "State") -> str:
+        """Return why there is nothing left to hold, "" if there is."""
+        rank, s = _RANK[state.state], state.setpoint
+        moves = bool(s.drive_Hz or s.brake or s.torque_target_Nm)
+        self.rank, before = max(self.rank, rank), self.rank
+        self.moved, moved = self.moved or moves, self.moved
+        if rank < before or rank == _RANK["TRIPPED"] or (state.state == "OFF" and state.fault):
+            why = state.trip.in_words() if state.trip is not None else state.fault
+            return f"the bench is {state.state}" + (f": {why}" if why else "")
+        if moved and not moves and state.state != "ENABLED":
+            return f"the bench is {state.state}, and what was set is undone: see `motord events`"
+        return ""

@@ -1,18 +1,132 @@
-"""How every command speaks: one clear line on failure, JSON on request."""
+"""How every command speaks: one clear line on failure, JSON on request, no markup anywhere.
 
+What stands in brackets, such as [loop], is text: in help, messages, tables and progress. So
+consoles and columns of rich, and groups of typer, are made here alone.
+"""
+
+import errno
+import io
 import json
+import os
+import select
 import sys
-from typing import Any, NoReturn
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import TextColumn
+
+_GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
+"""What a write says when nobody reads any more: a closed pipe, a closed terminal."""
 
 
 def fail(message: str) -> NoReturn:
     """Print one line on stderr and end with exit code 1."""
-    print(f"motord: {' '.join(message.split())}", file=sys.stderr)  # noqa: T201
+    remark(f"motord: {' '.join(message.split())}")
     raise typer.Exit(1)
+
+
+def remark(line: str) -> None:
+    """Print a line on stderr, for people; it is no part of the result."""
+    print(line, file=sys.stderr, flush=True)  # noqa: T201
+
+
+def print_line(line: str) -> None:
+    """Print a line on stdout now, also into a pipe: for what goes on."""
+    print(line, flush=True)  # noqa: T201
 
 
 def print_json(obj: Any) -> None:
     """Print `obj` as one JSON document on stdout."""
     print(json.dumps(obj, indent=2, allow_nan=True))  # noqa: T201
+
+
+def group(summary: str) -> typer.Typer:
+    """Return a group of commands with this help."""
+    return typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        help=summary,
+    )
+
+
+def plain_console(*, stderr: bool = False) -> "Console":
+    """Return a console of rich that prints text as it is."""
+    from rich.console import Console
+
+    return Console(stderr=stderr, markup=False, emoji=False)
+
+
+def text_column(text: str) -> "TextColumn":
+    """Return a column of a progress bar; `text` is a format string over `task`."""
+    from rich.progress import TextColumn
+
+    return TextColumn(text, markup=False)
+
+
+class _Descriptor(io.RawIOBase):
+    """A standard stream whose writes never fail; `lost` says why some did not get through.
+
+    That nobody reads any more is no loss.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self.lost = ""
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def isatty(self) -> bool:
+        return os.isatty(self._descriptor)
+
+    def write(self, data: Any) -> int:
+        try:
+            return os.write(self._descriptor, data)
+        except OSError as error:
+            if error.errno not in _GONE:
+                self.lost = error.strerror or str(error)
+            return len(data)
+
+
+def outlive_readers() -> None:
+    """Let no closed pipe or terminal break a command off, least of all one that ramps down."""
+    sys.stdout = _lasting(sys.stdout)
+    sys.stderr = _lasting(sys.stderr)
+
+
+def lost_output() -> str:
+    """Return why part of the result could not be written, "" if all of it was or nobody reads."""
+    sys.stdout.flush()
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    return raw.lost if isinstance(raw, _Descriptor) else ""
+
+
+def _lasting(stream: TextIO | None) -> TextIO:
+    if stream is None:  # closed before the start
+        return Path(os.devnull).open("w")
+    raw = _Descriptor(stream.fileno())
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors=stream.errors,
+        line_buffering=raw.isatty() or stream is sys.stderr,
+    )
+
+
+def nobody_reads() -> bool:
+    """Return whether the other end of stdout is closed: what streams may end then."""
+    with suppress(OSError, ValueError):
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+        return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+    return False

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, plain_console, print_json, text_column
 
 if TYPE_CHECKING:
     from motord.demo import Demo
@@ -37,11 +37,11 @@ def demo(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
     from motord.demo import STAGES, run_demo, write_report
 
-    columns = TextColumn("{task.description:<28}"), BarColumn(), TimeRemainingColumn()
+    columns = text_column("{task.description:<28}"), BarColumn(), TimeRemainingColumn()
     with Progress(*columns, disable=silent) as bars:
         tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
 
@@ -55,10 +55,9 @@ def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
 
 
 def _print(found: "Demo") -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console, summary = Console(), found.summary
+    console, summary = plain_console(), found.summary
     speeds_Hz = sorted({point["speed_Hz"] for point in summary["points"]})
     table = Table(title="RMS error of the true torque, % of rated: before→after")
     table.add_column("", justify="right")

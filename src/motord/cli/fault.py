@@ -5,14 +5,10 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, group, print_json
 from motord.cli.settings import value_of
 
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Inject faults into an emulated bench.",
-)
+app = group("Inject faults into an emulated bench.")
 
 
 @app.command()

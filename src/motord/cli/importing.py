@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, plain_console, print_json, text_column
 
 if TYPE_CHECKING:
     from motord.imports import Imported
@@ -50,12 +50,11 @@ def import_recording(
 @contextmanager
 def _progress(silent: bool) -> "Iterator[Progress]":
     """Give a function that shows the share of the work done, and when it will be, after a while."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
     bar = Progress(
-        TextColumn("importing"), BarColumn(), TimeRemainingColumn(),
-        console=Console(stderr=True), transient=True, disable=silent,
+        text_column("importing"), BarColumn(), TimeRemainingColumn(),
+        console=plain_console(stderr=True), transient=True, disable=silent,
     )  # fmt: skip
     task = bar.add_task("import", total=1.0)
     began_s = time.monotonic()

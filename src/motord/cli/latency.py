@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, plain_console, print_json, text_column
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -79,14 +79,13 @@ def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
 
 
 def _measure(plan: "Plan", silent: bool) -> "Measured":
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import BarColumn, Progress
 
     from motord.runtime.latency import measure
 
-    console = Console(stderr=True)
+    console = plain_console(stderr=True)
     quiet = silent or not console.is_terminal
-    columns = TextColumn("{task.description}"), BarColumn()
+    columns = text_column("{task.description}"), BarColumn()
     with Progress(*columns, console=console, transient=True, disable=quiet) as bars:
         task = bars.add_task("starting the loop", total=1.0)
 
@@ -100,9 +99,8 @@ def _measure(plan: "Plan", silent: bool) -> "Measured":
 
 
 def _print(found: "LatencyReport") -> None:
-    from rich.console import Console
 
-    console = Console()
+    console = plain_console()
     policy = f"SCHED_FIFO {found.priority}" if found.priority else "normal priority"
     console.print(
         f"{found.rate_Hz:g} Hz on CPU {found.cpu}, {policy}, "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.console import nobody_reads, plain_console, print_line
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, daemon
 
 if TYPE_CHECKING:
@@ -25,14 +26,13 @@ ForS = Annotated[
 
 def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
     """Show the state now."""
-    from rich.console import Console
 
     with daemon(bench, connect) as client:
         state = client.state()
         if as_json:
             typer.echo(state.model_dump_json(indent=2))
         else:
-            Console().print(table(state))
+            show(state)
 
 
 def watch(
@@ -43,9 +43,11 @@ def watch(
 
     with daemon(bench, connect) as client, suppress(KeyboardInterrupt):
         if as_json:
-            _each_state(client, for_s, lambda state: typer.echo(state.model_dump_json()))
+            _each_state(client, for_s, lambda state: print_line(state.model_dump_json()))
         else:
-            with Live(table(client.state()), refresh_per_second=10) as live:
+            with Live(
+                table(client.state()), console=plain_console(), refresh_per_second=10
+            ) as live:
                 _each_state(client, for_s, lambda state: live.update(table(state)))
 
 
@@ -54,7 +56,7 @@ def _each_state(client: "Client", for_s: float | None, show: "Callable[[State], 
 
     end_s = None if for_s is None else time.monotonic() + for_s
     with client.subscribe_state() as states:
-        while end_s is None or time.monotonic() < end_s:
+        while (end_s is None or time.monotonic() < end_s) and not nobody_reads():
             state = states.get(LOOK_S)
             if state is None:
                 raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
@@ -77,7 +79,7 @@ def events(
         for event in client.events():
             _show(event, as_json)
             shown_ns = event.t_ns
-        while follow:
+        while follow and not nobody_reads():
             new = coming.get(LOOK_S)
             if new is not None and new.t_ns > shown_ns:
                 _show(new, as_json)
@@ -85,10 +87,24 @@ def events(
 
 def _show(event: "Event", as_json: bool) -> None:
     if as_json:
-        typer.echo(event.model_dump_json())
+        print_line(event.model_dump_json())
         return
     moment = datetime.fromtimestamp(event.t_ns / 1e9).astimezone()
-    typer.echo(f"{moment:%Y-%m-%d %H:%M:%S.%f}"[:-3] + f" {event.kind}: {event.message}")
+    stamp = f"{moment:%Y-%m-%d %H:%M:%S.%f}"[:-3]
+    print_line(f"{stamp} {event.kind}: {event.message}")
+    if event.kind == "trip":
+        data = event.data
+        print_line(f"{'':>{len(stamp)}} suggested: {data.get('action', '-')}; then `motord reset`")
+        if data.get("blackbox"):
+            print_line(f"{'':>{len(stamp)}} black box: {data['blackbox']}")
+
+
+def show(state: "State") -> None:
+    """Print a state; where it is no terminal, whatever its lines are long."""
+    console = plain_console()
+    if not console.is_terminal:
+        console.width = 500
+    console.print(table(state))
 
 
 def table(state: "State") -> "Table":
@@ -108,7 +124,10 @@ def _rows(state: "State") -> list[tuple[str, str]]:
     rows.append(("state", state.state))
     if state.fault:
         rows.append(("fault", state.fault))
-    rows += [("cause", f"{trip.name}: {trip.meaning}") for trip in state.trips]
+    process = state.processes.get("loop")
+    if state.fault and process is not None and not process.running:
+        rows.append(("then", "`motord reset` starts the loop again"))
+    rows += _trip(state)
     rows += _measured(state)
     holder = state.lease.holder
     rows.append(("command", f"{holder}" if holder else "nobody"))
@@ -124,8 +143,8 @@ def _rows(state: "State") -> list[tuple[str, str]]:
         (
             "loop",
             f"{loop.rate_Hz:g} Hz, {loop.missed} missed of {loop.ticks}, "
-            f"late {_number(loop.wake_late_us_p50)} us (99 %: {_number(loop.wake_late_us_p99)}), "
-            f"work {_number(loop.work_us_p99)} us",
+            f"late {number(loop.wake_late_us_p50)} us (99 %: {number(loop.wake_late_us_p99)}), "
+            f"work {number(loop.work_us_p99)} us",
         )
     )
     if state.realtime and not state.realtime.get("granted", True):
@@ -138,21 +157,50 @@ def _rows(state: "State") -> list[tuple[str, str]]:
     return rows
 
 
+def _trip(state: "State") -> list[tuple[str, str]]:
+    """Return causes (the first one first), values and limits, what to do, and the black box."""
+    causes = sorted(state.trips, key=lambda trip: trip.name != state.first_trip)
+    rows = [("cause", f"{trip.name}: {trip.meaning}") for trip in causes]
+    if state.trip is None:
+        return rows
+    for what, value in state.trip.values.items():
+        rows.append(("", f"{what}: {number(value.value)}, limit {number(value.limit)}"))
+    rows.append(("suggested", f"{state.trip.action}; then `motord reset`"))
+    if state.trip.blackbox:
+        rows.append(("black box", state.trip.blackbox))
+    return rows
+
+
+def sensor_in_words(state: "State") -> str:
+    """Return what the torque sensor says, and that it says nothing of the mean if so."""
+    tick, sensor = state.tick, state.torque_sensor
+    measured = number(tick.torque_Nm if tick is not None else None)
+    if sensor.passes_mean:
+        return f"{measured} Nm measured"
+    ripple = number(tick.torque_ripple_Nm if tick is not None else None)
+    return (
+        f"{measured} Nm measured without the mean, which this sensor does not pass (high-pass, "
+        f"{sensor.highpass_time_constant_s:g} s); ripple {ripple} Nm RMS over the last second"
+    )
+
+
 def _measured(state: "State") -> list[tuple[str, str]]:
     tick = state.tick
     if tick is None:
         return []
     wanted = state.setpoint
+    target_Nm = wanted.torque_Nm if wanted.torque_target_Nm is None else wanted.torque_target_Nm
     speed = f"of {wanted.speed_Hz:g} Hz" if wanted.speed_Hz is not None else "Hz"
-    currents = ", ".join(_number(i) for i in tick.i_A)
+    currents = ", ".join(number(i) for i in tick.i_A)
     return [
-        ("torque", f"{_number(tick.torque_set_Nm)} of {wanted.torque_Nm:g} Nm set, "
-                   f"{_number(tick.torque_Nm)} Nm measured"),
-        ("speed", f"{_number(tick.speed_Hz)} {speed}"),
+        ("torque", f"{number(tick.torque_set_Nm)} of {target_Nm:g} Nm set, "
+                   f"{sensor_in_words(state)}"),
+        ("speed", f"{number(tick.speed_Hz)} {speed}"),
         ("currents", f"{currents} A"),
-        ("bus", f"{_number(tick.u_bus_V)} V, inverter {_number(tick.temperature_C)} degC"),
+        ("bus", f"{number(tick.u_bus_V)} V, inverter {number(tick.temperature_C)} degC"),
     ]  # fmt: skip
 
 
-def _number(value: float | None) -> str:
+def number(value: float | None) -> str:
+    """Return a number in three digits, "-" for none."""
     return "-" if value is None else f"{value:.3g}"

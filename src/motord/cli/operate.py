@@ -1,13 +1,16 @@
 """`motord status|watch|events|enable|disable|stop|reset|set`: watch and operate a bench by hand."""
 
+import time
+from contextlib import suppress
 from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
 
-from motord.cli.command import Command, hold, in_command
+from motord.cli.command import hold, in_command
 from motord.cli.observe import events, status, watch
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+from motord.cli.set_report import set_in_words, show_reached
 
 __all__ = ["disable", "enable", "events", "reset", "set_", "status", "stop", "watch"]
 
@@ -43,7 +46,7 @@ def enable(
         answer = client.rpc("enable", token=command.token)
         say(answer, answer["state"], as_json)
         if command.lease is not None:
-            hold(client, command.lease, for_s, quiet=as_json)
+            hold(client, command.lease, answer["state"], for_s, quiet=as_json)
 
 
 def disable(
@@ -99,7 +102,10 @@ def set_(
 ) -> None:
     """Set torque, speed, brake or drive; what is left out stays as it is.
 
-    Ends at once if another command (`motord enable`) is in command, else stays in command itself.
+    All of it is checked before any of it is done, and before the bench is enabled. It lasts as long
+    as somebody is in command: if another command of yours is (`motord enable`), this one ends once
+    the torque is reached, else it stays in command itself until Ctrl-C. Then torque ramps down, the
+    bench is disabled, the brake opens and the drive stops.
     """
     given: dict[str, Any] = {
         "torque_Nm": torque_Nm,
@@ -112,23 +118,12 @@ def set_(
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
     with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        if enable_first:
-            client.rpc("enable", token=command.token)
-        answer = client.rpc("set", token=command.token, **asked)
-        say(answer, _in_words(answer["setpoint"]), as_json)
-        if _moves(command, asked):
-            assert command.lease is not None
-            hold(client, command.lease, for_s, quiet=as_json)
-
-
-def _moves(command: Command, asked: dict[str, Any]) -> bool:
-    """Return whether what was set lasts only as long as this command holds the lease."""
-    return command.lease is not None and asked.keys() != {"compensate"}
-
-
-def _in_words(setpoint: dict[str, Any]) -> str:
-    speed = "not held" if setpoint["speed_Hz"] is None else f"{setpoint['speed_Hz']:g} Hz"
-    return (
-        f"torque {setpoint['torque_Nm']:g} Nm, speed {speed}, brake {setpoint['brake']:.3g}, "
-        f"drive {setpoint['drive_Hz']:g} Hz, compensation {setpoint['compensate']}"
-    )
+        answer = client.rpc("set", token=command.token, enable=enable_first, **asked)
+        say(answer, set_in_words(answer), as_json)
+        begun_s = time.monotonic()
+        with suppress(KeyboardInterrupt):
+            if not as_json:
+                show_reached(client, answer, for_s)
+            if command.lease is not None and asked.keys() != {"compensate"}:
+                left_s = None if for_s is None else for_s - (time.monotonic() - begun_s)
+                hold(client, command.lease, answer["state"], left_s, quiet=as_json)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.command import in_command
-from motord.cli.console import fail
+from motord.cli.console import fail, group, text_column
 from motord.cli.preflight import LIMIT_S, as_dict, in_words, predict, warning
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 from motord.cli.settings import settings_of
@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.5
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    help="Experiments: list, start, steer.",
-)
+app = group("Experiments: list, start, steer.")
 
 
 @app.command("list")
@@ -146,11 +141,11 @@ def follow(
 
 
 def _bar() -> "Progress":
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
     return Progress(
-        BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(),
-        TextColumn("{task.description}"),
+        BarColumn(), text_column("{task.percentage:3.0f} %"), TimeElapsedColumn(),
+        text_column("{task.description}"),
     )  # fmt: skip
 
 

@@ -7,14 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, group, print_json
 from motord.cli.importing import import_recording
 
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Look into recordings, export them, import others.",
-)
+app = group("Look into recordings, export them, import others.")
 app.command("import")(import_recording)
 
 RunFile = Annotated[

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, plain_console, print_json, text_column
 
 if TYPE_CHECKING:
     from motord.reproduce import Found
@@ -45,11 +45,11 @@ def reproduce(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Found":
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TimeElapsedColumn
 
     from motord.reproduce import STAGES, reproduce
 
-    columns = TextColumn("{task.description:<18}"), BarColumn(), TimeElapsedColumn()
+    columns = text_column("{task.description:<18}"), BarColumn(), TimeElapsedColumn()
     with Progress(*columns, disable=silent) as bars:
         tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
 
@@ -61,12 +61,11 @@ def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Found":
 
 
 def _print(found: "Found", page: Path) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from motord.reproduce.beside import chapters
 
-    console = Console()
+    console = plain_console()
     for name, rows in chapters(found).items():
         table = Table(title=name, title_justify="left", show_lines=True)
         for heading in ("", "", "report", "here"):

@@ -7,13 +7,11 @@ from typing import Annotated
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, group, print_json
 from motord.security.error import SecurityError
 from motord.security.roles import Role
 
-app = typer.Typer(
-    no_args_is_help=True, help="Let other machines reach a bench: certificates and roles."
-)
+app = group("Let other machines reach a bench: certificates and roles.")
 
 EXTRA = "the certificates need the package cryptography: pip install 'motord[security]'"
 LISTEN = "tls/0.0.0.0:7448"

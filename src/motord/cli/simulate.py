@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, print_json, text_column
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -104,13 +104,13 @@ def _record(
     *,
     silent: bool,
 ) -> dict[str, Any]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
     from motord.simulate import record_plan
     from motord.virtual.mesh import processors
 
     began_s = time.monotonic()
-    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
     with Progress(*columns, disable=silent) as bars, processors() as pool:
         task = bars.add_task(plan.name, total=1.0)
         bench_s = record_plan(

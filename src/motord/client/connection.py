@@ -1,8 +1,6 @@
 """A connection to one daemon: its state, its events, its ticks, its RPCs."""
 
-import getpass
 import json
-import socket
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +11,7 @@ import zenoh
 
 from motord.client.diagnosis import why_closed
 from motord.client.error import ClientError
+from motord.client.holder import operator
 from motord.client.lease import Lease
 from motord.client.subscription import Subscription
 from motord.schema import TICK
@@ -30,11 +29,6 @@ LOOK_S = 2.0
 
 _Item = TypeVar("_Item")
 _CODEC = BlockCodec(TICK)
-
-
-def operator() -> str:
-    """Return who is asking, for leases and logs: user and host."""
-    return f"{getpass.getuser()}@{socket.gethostname()}"[:64]
 
 
 def connect(

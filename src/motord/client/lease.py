@@ -27,13 +27,19 @@ class Lease:
         self.took_over_from: str | None = None
         self.lost = threading.Event()
         self.why = ""
+        self._lease_s = 0.0
         self._rpc = rpc
         self._force = force
         self._done = threading.Event()
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> Self:
-        self.acquire()
+        try:
+            self.acquire()
+        except BaseException:  # interrupted between the grant and the block that gives it back
+            if self.token:
+                self.release()
+            raise
         return self
 
     def __exit__(
@@ -48,6 +54,7 @@ class Lease:
         """Take command. Raises ClientError if somebody else is in command."""
         answer = self._rpc("lease/acquire", holder=self.holder, force=self._force)
         self.token, self.took_over_from = answer["token"], answer["took_over_from"]
+        self._lease_s = float(answer["lease_s"])
         self._thread = threading.Thread(
             target=self._renew,
             args=(answer["lease_s"], answer["renew_within_s"]),
@@ -59,9 +66,11 @@ class Lease:
     def release(self) -> None:
         """Give up command: an enabled bench ramps down, unless a detached plan runs."""
         self._done.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join(self._lease_s)
+            if thread.is_alive():
+                self._lose("the daemon does not answer; the lease runs out by itself")
         if self.lost.is_set():
             return
         try:

@@ -9,8 +9,8 @@ import typer
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.cli.command import token_file
 from motord.cli.settings import parse_settings
+from motord.cli.shared_token import folder, shared
 from motord.client import Subscription, connect
 from motord.schema import State, Trip
 from tests.unit.service.live_service import endpoint, live_service
@@ -84,7 +84,7 @@ def test_enable_holds_the_lease_and_then_lets_the_bench_ramp_down(live, motord):
     with connect("cli", live.listen) as client, client.subscribe_state() as states:
         while states.get(WAIT_S).state != "READY":
             pass
-    assert not token_file("cli").exists()
+    assert list(folder("cli").iterdir()) == []
 
 
 def test_set_uses_the_lease_that_another_terminal_holds(live, motord):
@@ -92,9 +92,11 @@ def test_set_uses_the_lease_that_another_terminal_holds(live, motord):
     outcome = []
 
     def first_terminal():
-        with connect("cli", live.listen) as client, client.lease("anna") as lease:
-            token_file("cli").parent.mkdir(parents=True)
-            token_file("cli").write_text(json.dumps({"token": lease.token}))
+        with (
+            connect("cli", live.listen) as client,
+            client.lease("anna") as lease,
+            shared("cli", lease.token),
+        ):
             client.rpc("enable", token=lease.token)
             enabled.set()
             done.wait(WAIT_S)
@@ -106,7 +108,12 @@ def test_set_uses_the_lease_that_another_terminal_holds(live, motord):
     assert enabled.wait(WAIT_S)
     answer = printed(motord("set", "--torque-Nm", "1", "--speed-Hz", "0.5", "--json"))
     assert answer["setpoint"]["speed_Hz"] == 0.5
-    assert "torque 0.5 Nm, speed 0.5 Hz" in motord("set", "--torque-Nm", "0.5").stdout
+    said = motord("set", "--torque-Nm", "0.5").stdout
+    assert "set: torque 0.5 Nm, reached in " in said
+    assert "speed 0.5 Hz" in said
+    reached = said.splitlines()[1]
+    assert reached.startswith("reached: torque 0.5 Nm commanded, ")
+    assert "without the mean, which this sensor does not pass (high-pass, 2 s)" in reached
     assert printed(motord("disable", "--json")) == {"state": "READY"}
     done.set()
     thread.join()

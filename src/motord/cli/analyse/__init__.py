@@ -1,7 +1,5 @@
 """`motord analyse`: what recordings tell of the motor and of its torque. One module a kind."""
 
-import typer
-
 from motord.cli.analyse.align import align
 from motord.cli.analyse.back_emf import back_emf
 from motord.cli.analyse.calibrate import calibrate
@@ -10,9 +8,8 @@ from motord.cli.analyse.inertia import inertia
 from motord.cli.analyse.learn import learn
 from motord.cli.analyse.sensitivity import sensitivity
 from motord.cli.analyse.verify import verify
+from motord.cli.console import group
 
-app = typer.Typer(
-    no_args_is_help=True, pretty_exceptions_enable=False, help="Identify, verify, report."
-)
+app = group("Identify, verify, report.")
 for command in (align, calibrate, learn, verify, cogging, back_emf, inertia, sensitivity):
     app.command()(command)

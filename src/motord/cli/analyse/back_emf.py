@@ -13,7 +13,7 @@ from motord.cli.analyse.inputs import (
     open_runs,
     say_files,
 )
-from motord.cli.console import print_json
+from motord.cli.console import plain_console, print_json
 from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ def back_emf(
 
 
 def _print(found: "MeasuredBackEmf", result: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(title=f"back-EMF, {found.motor.name}, mean of the phases")
@@ -63,7 +62,7 @@ def _print(found: "MeasuredBackEmf", result: dict[str, Any]) -> None:
                 f"{100 * amplitude / found.fundamental:.3f}",
                 f"{row['phase_rad']:.4f} +- {1.96 * row['phase_stderr_rad']:.4f}",
             )
-    console = Console()
+    console = plain_console()
     console.print(table)
     if found.delay_s is not None:
         console.print(

@@ -16,7 +16,7 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.analyse.ripple_table import print_errors
-from motord.cli.console import print_json
+from motord.cli.console import plain_console, print_json
 
 if TYPE_CHECKING:
     from motord.analysis import Subject
@@ -89,7 +89,6 @@ def _reference(
 
 
 def _print_calibration(calibration: "Calibration", delay_s: tuple[float, float] | None) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     c = calibration
@@ -102,7 +101,7 @@ def _print_calibration(calibration: "Calibration", delay_s: tuple[float, float] 
             f"{c.alpha[phase]:.4f} +- {1.96 * c.alpha_stderr[phase]:.4f}",
             f"{c.beta_A[phase]:.4f} +- {1.96 * c.beta_stderr_A[phase]:.4f}",
         )
-    console = Console()
+    console = plain_console()
     console.print(table)
     table = Table(title="cogging torque")
     for heading in ("order", "amplitude (mNm)", "phase (rad)"):

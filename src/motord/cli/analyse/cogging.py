@@ -16,7 +16,7 @@ from motord.cli.analyse.inputs import (
     open_runs,
     say_files,
 )
-from motord.cli.console import print_json
+from motord.cli.console import plain_console, print_json
 from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ def cogging(
 
 
 def _print(measured: "MeasuredCogging", result: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     motor = measured.motor
@@ -75,7 +74,7 @@ def _print(measured: "MeasuredCogging", result: dict[str, Any]) -> None:
         seen = h["amplitude_Nm"] > 3 * h["stderr_Nm"]
         allowed = "yes" if h["allowed"] else "no"
         table.add_row(str(h["order"]), interval, phase if seen else "", allowed)
-    console = Console()
+    console = plain_console()
     console.print(table)
     for speed in result["speeds"]:
         console.print(

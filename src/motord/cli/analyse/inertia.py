@@ -16,7 +16,7 @@ from motord.cli.analyse.inputs import (
     open_runs,
     say_files,
 )
-from motord.cli.console import print_json
+from motord.cli.console import plain_console, print_json
 from motord.whole_file import write_whole
 
 
@@ -80,11 +80,10 @@ def _cogging(calibration: Path | None) -> Any:
 
 
 def _print(result: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     value, u = result["inertia_kg_m2"], result["uncertainty_kg_m2"]
-    console = Console()
+    console = plain_console()
     console.print(
         f"J = {1e3 * value:.4f} +- {1e3 * 1.96 * u:.4f} e-3 kg m2 "
         f"(95 %; {100 * 1.96 * u / value:.2f} %), {result['experiment']}",

@@ -15,7 +15,7 @@ from motord.cli.analyse.inputs import (
     open_runs,
     say_files,
 )
-from motord.cli.console import print_json
+from motord.cli.console import plain_console, print_json
 
 if TYPE_CHECKING:
     from motord.analysis.learn import LearnPass
@@ -72,7 +72,6 @@ def learn(
 
 def print_pass(done: "LearnPass") -> None:
     """Print what the passes so far left at each point, and whether to go on."""
-    from rich.console import Console
     from rich.table import Table
 
     learned = done.calibration.learned
@@ -88,7 +87,7 @@ def print_pass(done: "LearnPass") -> None:
             f"{1e3 * point.amplitude_Nm:.1f}",
             "settled" if point.gain == 0 else f"gain {point.gain:.2g}",
         )
-    console = Console()
+    console = plain_console()
     console.print(table)
     console.print(summary(done), highlight=False)
 

@@ -2,13 +2,14 @@
 
 from typing import TYPE_CHECKING
 
+from motord.cli.console import plain_console
+
 if TYPE_CHECKING:
     from motord.calibration import RmsErrors, RmsPoint
 
 
 def print_errors(errors: "RmsErrors") -> None:
     """Print the errors by torque and speed, with mean and worst."""
-    from rich.console import Console
     from rich.table import Table
 
     points = {(point.torque_Nm, point.speed_Hz): point for point in errors.points}
@@ -20,7 +21,7 @@ def print_errors(errors: "RmsErrors") -> None:
     for torque_Nm in sorted({torque_Nm for torque_Nm, _ in points}):
         row = [points.get((torque_Nm, speed_Hz)) for speed_Hz in speeds_Hz]
         table.add_row(f"{torque_Nm:g} Nm", *(_cell(point) for point in row))
-    console = Console()
+    console = plain_console()
     console.print(table)
     for name, summary in (("before", errors.before), ("after", errors.after)):
         if summary is not None:

@@ -15,7 +15,7 @@ from motord.cli.analyse.inputs import (
     open_runs,
     say_files,
 )
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, plain_console, print_json
 from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -81,10 +81,9 @@ def _result(
 
 
 def _print(result: "Sensitivity") -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = plain_console()
     theory = result.theory
     table = Table(title=f"theory at {theory.torque_Nm:g} Nm, % of rated RMS")
     for heading in ("error alone", "at the ends of its interval", "at most 1 %"):

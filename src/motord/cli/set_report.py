@@ -1,0 +1,64 @@
+"""What `motord set` answers: where the bench is going, then where it came to."""
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from motord.cli.observe import number, sensor_in_words
+
+if TYPE_CHECKING:
+    from motord.client import Client
+    from motord.service.views import State
+
+LATE_S = 1.0
+"""So much longer than expected the ramp is waited for."""
+LOOK_S = 0.5
+
+
+def set_in_words(answer: dict[str, Any]) -> str:
+    """Return what was set, and when it will be reached."""
+    s = answer["setpoint"]
+    speed = "not held" if s["speed_Hz"] is None else f"{s['speed_Hz']:g} Hz"
+    when = f", reached in {answer['reached_in_s']:.1f} s" if answer["reached_in_s"] else ""
+    return (
+        f"set: torque {s['torque_target_Nm']:g} Nm{when}; speed {speed}, brake {s['brake']:.3g}, "
+        f"drive {s['drive_Hz']:g} Hz, compensation {s['compensate']}"
+    )
+
+
+def show_reached(client: "Client", answer: dict[str, Any], for_s: float | None) -> None:
+    """Wait until the torque is the one that was set, and print what the bench measures then.
+
+    Not for longer than `for_s`.
+    """
+    target_Nm = answer["setpoint"]["torque_target_Nm"]
+    if not answer["reached_in_s"]:
+        return
+    wait_s = answer["reached_in_s"] + LATE_S
+    end_s = time.monotonic() + (wait_s if for_s is None else min(wait_s, for_s))
+    state = None
+    with client.subscribe_state() as states:
+        while time.monotonic() < end_s:
+            state = states.get(LOOK_S) or state
+            if state is not None and (_is_there(state, target_Nm) or state.state != "ENABLED"):
+                break
+    if state is not None and state.tick is not None:
+        typer.echo(_reached(state, target_Nm))
+
+
+def _is_there(state: "State", target_Nm: float) -> bool:
+    return (
+        state.tick is not None
+        and state.setpoint.torque_target_Nm == target_Nm == state.setpoint.torque_Nm
+        and abs((state.tick.torque_set_Nm or 0.0) - target_Nm) < 1e-6
+    )
+
+
+def _reached(state: "State", target_Nm: float) -> str:
+    assert state.tick is not None
+    word = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
+    return (
+        f"{word}: torque {number(state.tick.torque_set_Nm)} Nm commanded, "
+        f"{sensor_in_words(state)}; speed {number(state.tick.speed_Hz)} Hz"
+    )

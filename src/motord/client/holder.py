@@ -1,0 +1,36 @@
+"""Who is asking, for leases and logs."""
+
+import getpass
+import os
+import re
+import socket
+from contextlib import suppress
+
+LENGTH_MAX = 64
+"""Of a holder's name, as the daemon takes it."""
+_FOREIGN = re.compile(r"[^\w.@:/ -]")
+
+
+def operator() -> str:
+    """Return user and host, terminal and process: `anna@bench pts/3 4711`.
+
+    Two terminals of one user are two holders. Without a terminal that part is left out.
+    """
+    terminal = _terminal()
+    own = f" {terminal} {os.getpid()}" if terminal else f" {os.getpid()}"
+    who = f"{_user()}@{socket.gethostname()}"
+    return _FOREIGN.sub("_", who[: LENGTH_MAX - len(own)] + own)
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a user without an entry, as in a container
+        return f"uid{os.getuid()}"
+
+
+def _terminal() -> str:
+    for descriptor in (0, 1, 2):
+        with suppress(OSError):
+            return os.ttyname(descriptor).removeprefix("/dev/")
+    return ""

@@ -1,0 +1,191 @@
+"""Who is in command: one holder for each process, and tokens that die with theirs."""
+
+import json
+import os
+import re
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from motord.cli import shared_token
+from motord.cli.command import in_command
+from motord.cli.interruption import interrupted_once
+from motord.client import ClientError, Lease, holder, operator
+from motord.service.messages import LeaseAcquire
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+
+def test_a_holder_is_user_and_host_terminal_and_process(monkeypatch):
+    monkeypatch.setattr(holder, "_user", lambda: "anna")
+    monkeypatch.setattr(socket, "gethostname", lambda: "bench")
+    monkeypatch.setattr(os, "ttyname", lambda descriptor: "/dev/pts/3")
+    assert operator() == f"anna@bench pts/3 {os.getpid()}"
+    assert LeaseAcquire(holder=operator()).holder == operator()
+
+
+@pytest.mark.parametrize("host", ["h" * 300, "böse-kiste", "a,b|c\n"])
+def test_any_name_of_user_and_host_makes_a_holder_that_the_daemon_takes(monkeypatch, host):
+    monkeypatch.setattr(holder, "_user", lambda: "CORP\\anna+b")
+    monkeypatch.setattr(socket, "gethostname", lambda: host)
+    monkeypatch.setattr(os, "ttyname", lambda descriptor: "/dev/pts/3")
+    assert LeaseAcquire(holder=operator()).holder.endswith(f" pts/3 {os.getpid()}")
+
+
+def test_without_a_terminal_or_an_entry_of_the_user_there_is_a_holder_too(monkeypatch):
+    def none(*_):
+        raise OSError
+
+    monkeypatch.setattr(os, "ttyname", none)
+    monkeypatch.setattr("getpass.getuser", none)
+    assert re.fullmatch(rf"uid{os.getuid()}@\S+ {os.getpid()}", operator())
+
+
+HOLDER = """
+import sys
+from motord.cli.shared_token import shared
+with shared("b", sys.argv[1]):
+    print("shared", flush=True)
+    sys.stdin.read()
+"""
+
+
+def terminal(token):
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, token], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert process.stdout.readline() == b"shared\n"
+    return process
+
+
+def close(process):
+    process.stdin.close()
+    process.stdout.close()
+    process.wait()
+
+
+def test_the_token_of_a_killed_command_is_not_used_again():
+    process = terminal("first")
+    assert shared_token.tokens("b") == ["first"]
+    process.kill()
+    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # dead, and not yet waited for
+    assert shared_token.tokens("b") == []
+    close(process)
+    assert list(shared_token.folder("b").iterdir()) == []
+
+
+def test_another_process_of_the_same_number_is_another_one():
+    with shared_token.shared("b", "mine"):
+        [path] = shared_token.folder("b").iterdir()
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        before = path.with_name(f"{os.getpid()}-1.json")
+        before.write_text(json.dumps({"token": "of an earlier process"}))
+        assert shared_token.tokens("b") == ["mine"]
+
+
+def test_who_loses_command_leaves_the_token_of_the_winner():
+    loser, winner = terminal("loser"), terminal("winner")
+    assert shared_token.tokens("b") == ["winner", "loser"]
+    close(loser)
+    assert shared_token.tokens("b") == ["winner"]
+    close(winner)
+    assert shared_token.tokens("b") == []
+
+
+def test_a_file_that_somebody_else_wrote_is_left_alone():
+    with shared_token.shared("b", "mine"):
+        [path] = shared_token.folder("b").iterdir()
+        path.write_text(json.dumps({"token": "theirs"}))
+    assert path.exists()
+
+
+class Daemon:
+    """Grants a lease and notes what is asked of it; `on` is called for a request by its name."""
+
+    bench = "b"
+
+    def __init__(self, **on):
+        self.asked, self.on = [], on
+
+    def rpc(self, name, /, **arguments):
+        self.asked.append(name)
+        if name in self.on:
+            self.on[name]()
+        return {"token": "t", "took_over_from": None, "lease_s": 5.0, "renew_within_s": 5.0}
+
+    def lease(self, *, force=False):
+        return Lease(self.rpc, "anna", force=force)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_each_signal_ends_the_block_once_and_the_lease_is_given_back(number):
+    daemon = Daemon(**{"lease/release": lambda: os.kill(os.getpid(), number)})
+    before = signal.getsignal(number)
+    with pytest.raises(KeyboardInterrupt), in_command(daemon):
+        os.kill(os.getpid(), number)
+    assert daemon.asked == ["lease/acquire", "lease/release"]
+    assert signal.getsignal(number) is before
+    assert shared_token.tokens("b") == []
+
+
+def test_signals_that_are_ignored_stay_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interrupted_once():
+            os.kill(os.getpid(), signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_lease_granted_while_interrupted_is_given_back():
+    daemon = Daemon()
+    lease = daemon.lease()
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    acquire = lease.acquire
+    lease.acquire = lambda: (acquire(), interrupted())
+    with pytest.raises(KeyboardInterrupt), lease:
+        pass
+    assert daemon.asked[-1] == "lease/release"
+
+
+def test_a_daemon_that_hangs_does_not_hold_up_the_end_of_a_command():
+    hangs, asked = threading.Event(), threading.Event()
+
+    def renew():
+        asked.set()
+        hangs.wait(60.0)
+
+    daemon = Daemon(**{"lease/renew": renew})
+    grant = daemon.rpc
+
+    def quick(name, /, **arguments):
+        return {**grant(name, **arguments), "lease_s": 0.1, "renew_within_s": 0.1}
+
+    lease = Lease(quick, "anna")
+    lease.acquire()
+    assert asked.wait(60.0)
+    lease.release()
+    assert "does not answer" in lease.why
+    assert "lease/release" not in daemon.asked
+    hangs.set()
+
+
+def test_a_token_that_the_daemon_refuses_is_not_used():
+    def refuse():
+        raise ClientError("no_lease", "over")
+
+    daemon = Daemon(**{"lease/renew": refuse})
+    with shared_token.shared("b", "old"), in_command(daemon) as command:
+        assert command.lease is not None
+    assert daemon.asked == ["lease/renew", "lease/acquire", "lease/release"]
