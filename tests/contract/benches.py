@@ -1,9 +1,11 @@
 """Every driver of the fast loop, each with what its other end saw and what can be done to it."""
 
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import can
 import numpy as np
 
 from motord import config
@@ -15,18 +17,37 @@ from motord.hal.bridge_serial import SerialBridge
 from motord.hal.inverter_can import CanInverter
 from motord.hal.inverter_dq import DqInverter
 from motord.hal.registry import make_rig
+from motord.schema import BridgeStatus, InverterStatus
 from tests.contract.peers import (
     DQ_SIGNALS,
     SOCKETCAN,
     Board,
     CanBoard,
     Drive,
-    Peer,
     bench,
     bridge_can_config,
     can_config,
+    until,
 )
 from tests.contract.slcan import SlcanEnd
+
+INVERTER = ("t_inverter_ns", "i_A", "u_V", "u_bus_V", "temperature_C", "inverter_status")
+"""What an inverter's driver fills in; it adds to `link_errors`."""
+BRIDGE = ("t_ns", "encoder_gray", "torque_Nm", "bridge_status")
+"""What a bridge's driver fills in; it adds to `link_errors`."""
+UNITS = (("i", "A"), ("u", "V"))
+RIG = ("now_ns", "link_errors", *INVERTER, *BRIDGE)
+
+
+class RealClock:
+    """The time that drivers on a real link live by."""
+
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def until(self, condition: Callable[[], Any]) -> Any:
+        """Return what `condition` returns once it is true; fails if it stays false for long."""
+        return until(condition)
 
 
 @dataclass
@@ -34,11 +55,33 @@ class Bench:
     """A driver under test, and its other end."""
 
     driver: Any
-    times: tuple[str, ...]
-    """Fields of the feedback that tell when something was sampled."""
-    peers: tuple[Peer, ...]
+    fills: tuple[str, ...]
+    """Fields of the feedback that it fills in: `INVERTER`, `BRIDGE` or `RIG`."""
+    peers: tuple[Any, ...]
+    """Other ends, with `silent`, and the numbers of frames to spoil and to leave out next:
+    `corrupt`, `lose` (`tests.contract.peers.Peer`)."""
     heard: Callable[[], Any]
-    """What the other end was last told: currents, enable; None if that cannot be seen."""
+    """What the other end was last told: currents (None for a bridge) and enable."""
+    says: Callable[[], dict[str, Any]]
+    """What the other end says now, by the field of the feedback."""
+    alter: Callable[[], None]
+    """Lets the other end say something else from now on."""
+    commands: Callable[[], int]
+    """How many good commands or heartbeats the other end has had."""
+    refuse: Callable[[], None] | None = None
+    """Lets every send from now on fail; None if that cannot be brought about."""
+    bus_off: Callable[[], None] | None = None
+    """Lets the driver's CAN controller go off the bus; None if that cannot be brought about."""
+    clock: Any = field(default_factory=RealClock)
+
+    @property
+    def times(self) -> tuple[str, ...]:
+        """Return the fields that tell when something was sampled."""
+        return tuple(name for name in self.fills if name in ("t_ns", "t_inverter_ns"))
+
+    @property
+    def is_rig(self) -> bool:
+        return "link_errors" in self.fills
 
     def close(self) -> None:
         self.driver.close()
@@ -46,8 +89,78 @@ class Bench:
             peer.close()
 
 
-def _drive_heard(drive: Drive) -> Callable[[], Any]:
-    return lambda: (drive.i_A, drive.enable)
+def drive_says(drive: Drive) -> dict[str, Any]:
+    """Return the feedback that a drive in phases should become."""
+    values = drive.values
+    return {
+        "i_A": [values[f"i_{phase}_A"] for phase in "abc"],
+        "u_V": [values[f"u_{phase}_V"] for phase in "abc"],
+        "u_bus_V": values["u_bus_V"],
+        "temperature_C": values["temperature_C"],
+        "inverter_status": int(InverterStatus.READY | InverterStatus.ENABLE_LINE),
+    }
+
+
+def drive_alters(drive: Drive) -> None:
+    drive.values |= {"i_a_A": -4.0, "i_b_A": 1.0, "i_c_A": 3.0, "u_bus_V": 27.5}
+
+
+def board_says(board: Board) -> dict[str, Any]:
+    """Return the feedback that a board should become: 1 mV a count, 2 Nm a volt (`peers.bench`)."""
+    line = BridgeStatus.ENABLE_LINE if board.line_closed else 0
+    return {
+        "encoder_gray": board.encoder_gray,
+        "torque_Nm": board.torque_counts * 0.002,
+        "bridge_status": int(board.status | line),
+    }
+
+
+def board_alters(board: Board) -> None:
+    board.encoder_gray, board.torque_counts = 0x3C3, -700
+
+
+def _inverter(driver: Any, drive: Drive, **others: Any) -> Bench:
+    return Bench(
+        **{
+            "driver": driver,
+            "fills": INVERTER,
+            "peers": (drive,),
+            "heard": lambda: (drive.i_A, drive.enable),
+            "says": lambda: drive_says(drive),
+            "alter": lambda: drive_alters(drive),
+            "commands": lambda: drive.commands,
+            **others,
+        }
+    )
+
+
+def _bridge(driver: Any, board: Board, **others: Any) -> Bench:
+    return Bench(
+        driver=driver,
+        fills=BRIDGE,
+        peers=(board,),
+        heard=lambda: (None, board.line_closed),
+        says=lambda: board_says(board),
+        alter=lambda: board_alters(board),
+        commands=lambda: board.heartbeats,
+        **others,
+    )
+
+
+def _both(driver: Any, drive: Drive, board: Board) -> Bench:
+    def alter() -> None:
+        drive_alters(drive)
+        board_alters(board)
+
+    return Bench(
+        driver=driver,
+        fills=RIG,
+        peers=(drive, board),
+        heard=lambda: (drive.i_A, drive.enable or board.line_closed),
+        says=lambda: drive_says(drive) | board_says(board),
+        alter=alter,
+        commands=lambda: drive.commands + board.heartbeats,
+    )
 
 
 def can_udp() -> Bench:
@@ -74,25 +187,31 @@ def wires_socketcan() -> Bench:
     """Inverter with CAN FD and bridge with classical frames on one channel, by two drivers."""
     can, shared = can_config("socketcan"), bridge_can_config("socketcan")
     drive, board = Drive(can), CanBoard(shared)
-    return Bench(
-        make_rig(bench(can, driver="can", bridge_can=shared)),
-        ("t_ns", "t_inverter_ns"),
-        (drive, board),
-        lambda: (drive.i_A, drive.enable or board.line_closed),
-    )
+    return _both(make_rig(bench(can, driver="can", bridge_can=shared)), drive, board)
 
 
 def can_slcan() -> Bench:
     end = SlcanEnd()
     can = can_config("slcan", channel=end.port, options={"sleep_after_open": 0.0})
     drive = Drive(can, end)
-    return Bench(CanInverter(bench(can)), ("t_inverter_ns",), (drive,), _drive_heard(drive))
+
+    def unplug() -> None:
+        drive.stop()
+        end.unplug()
+
+    return _inverter(CanInverter(bench(can)), drive, refuse=unplug, bus_off=unplug)
 
 
 def _can(interface: str) -> Bench:
     can = can_config(interface)
     drive = Drive(can)
-    return Bench(CanInverter(bench(can)), ("t_inverter_ns",), (drive,), _drive_heard(drive))
+    return _inverter(CanInverter(bench(can)), drive, bus_off=_error_frames(drive, interface))
+
+
+def _error_frames(drive: Drive, interface: str) -> Callable[[], None] | None:
+    """Return what sends an error frame, as the controller does when it goes off the bus."""
+    frame = can.Message(is_error_frame=True, arbitration_id=0x40, data=bytes(8))
+    return None if interface == "socketcan" else lambda: drive.send(frame)
 
 
 def dq_config(interface: str = "virtual", **signals: Any) -> CanConfig:
@@ -124,14 +243,29 @@ def _dq(can: CanConfig) -> Bench:
         phases = axes.from_drive(0.0, 0.0, *drive.i_A[:2])
         return tuple(round(i_A, 2) for i_A in phases), drive.enable
 
-    return Bench(DqInverter(config), ("t_inverter_ns",), (drive,), heard)
+    def says() -> dict[str, Any]:
+        values = drive.values
+        along = ((values[f"{kind}_d_{unit}"], values[f"{kind}_q_{unit}"]) for kind, unit in UNITS)
+        i_A, u_V = (axes.from_drive(0.0, 0.0, d, q) for d, q in along)
+        return drive_says(drive) | {"i_A": list(i_A), "u_V": list(u_V)}
+
+    def alter() -> None:
+        drive.values |= {"i_q_A": -2.0, "u_q_V": 7.0, "u_bus_V": 27.5}
+
+    bus_off = _error_frames(drive, can.interface)
+    return _inverter(
+        DqInverter(config), drive, heard=heard, says=says, alter=alter, bus_off=bus_off
+    )
 
 
 def serial() -> Bench:
     board = Board()
-    return Bench(
-        SerialBridge(bench(port=board.port)), ("t_ns",), (board,), lambda: (None, board.line_closed)
-    )
+
+    def unplug() -> None:
+        board.stop()
+        board.release()
+
+    return _bridge(SerialBridge(bench(port=board.port)), board, refuse=unplug)
 
 
 def bridge_can() -> Bench:
@@ -144,23 +278,25 @@ def bridge_can_fd() -> Bench:
 
 def _bridge_can(can: BridgeCanConfig) -> Bench:
     board = CanBoard(can)
-    driver = CanBridge(bench(driver="can", bridge_can=can))
-    return Bench(driver, ("t_ns",), (board,), lambda: (None, board.line_closed))
+    return _bridge(CanBridge(bench(driver="can", bridge_can=can)), board)
 
 
 def wires() -> Bench:
     can = can_config()
     drive, board = Drive(can), Board()
-    return Bench(
-        make_rig(bench(can, board.port)),
-        ("t_ns", "t_inverter_ns"),
-        (drive, board),
-        lambda: (drive.i_A, drive.enable or board.line_closed),
-    )
+    return _both(make_rig(bench(can, board.port)), drive, board)
 
 
 def simulated() -> Bench:
-    return Bench(make_rig(config.load()), ("t_ns", "t_inverter_ns"), (), lambda: None)
+    return Bench(
+        driver=make_rig(config.load()),
+        fills=RIG,
+        peers=(),
+        heard=lambda: None,
+        says=dict,
+        alter=lambda: None,
+        commands=lambda: 0,
+    )
 
 
 ON_A_WIRE: tuple[Callable[[], Bench], ...] = (
@@ -176,6 +312,10 @@ ON_A_WIRE: tuple[Callable[[], Bench], ...] = (
 if SOCKETCAN:
     ON_A_WIRE += (can_socketcan, dq_socketcan, bridge_socketcan, wires_socketcan)
 BENCHES = (*ON_A_WIRE, can_q_only, simulated)
+REFUSING = (can_slcan, serial)
+"""Those whose sends can be made to fail."""
+GOING_OFF = (can_udp, can_virtual, can_slcan, can_dq)
+"""Those whose CAN controller can be made to go off the bus."""
 
 
 def new_feedback() -> np.ndarray:

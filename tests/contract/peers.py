@@ -232,9 +232,10 @@ class Drive(Peer):
         if self.lose:
             self.lose -= 1
             return
+        spoil = self.corrupt > 0
         for codec, payload in self.codec.encode_feedback(self.values, self._counter):
             data = bytearray(payload)
-            if self.corrupt:
+            if spoil:
                 data[0] ^= 0x10
             self.bus.send(
                 can.Message(
@@ -244,7 +245,8 @@ class Drive(Peer):
                     data=data,
                 )
             )
-        self.corrupt = max(self.corrupt - 1, 0)
+        if spoil:  # not otherwise: a test may be setting it
+            self.corrupt -= 1
 
 
 @dataclass
@@ -319,8 +321,10 @@ class Board(Peer):
         self._send(self._account())
 
     def release(self) -> None:
-        os.close(self._fd)
-        os.close(self._host_fd)
+        for fd in (self._fd, self._host_fd):
+            if fd >= 0:
+                os.close(fd)
+        self._fd = self._host_fd = -1
 
     def _obey(self, number: int, frame: frames.Frame) -> None:
         if isinstance(frame, frames.Heartbeat):

@@ -1,12 +1,17 @@
 """What every slow device with one set-point promises (`hal.base.SetpointDevice`).
 
-A driver joins by a function in `DEVICES` that yields the device, and what its other end was told.
+A driver joins by a function in `DEVICES`, or by the option `--setpoint-device=MODULE:FUNCTION`,
+that yields a `Pair`; its set-point is that of a brake, 0 to 1. That each promise is one that a
+driver can break is shown in `test_mutants`.
 """
 
 import math
+import os
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -16,12 +21,22 @@ from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
 from motord.hal.registry import make_setpoint_device
-from motord.wire.registers import layout
-from tests.contract.peers import MOTOR
+from motord.wire.registers import DeviceStatus, layout
+from tests.contract.peers import MOTOR, until
 from tests.modbus.peers import BAUD, Peer, SerialLine
 
-Told = Callable[[], float]
-Pair = tuple[SetpointDevice, Told, Callable[[], None]]
+
+@dataclass
+class Pair:
+    """A device under test, not yet open, and its other end."""
+
+    device: SetpointDevice
+    told: Callable[[], float]
+    """The set-point that the other end has."""
+    measure: Callable[[float, DeviceStatus], None]
+    """Lets the other end say this value and status from now on."""
+    vanish: Callable[[], None]
+    """Ends the other end for good."""
 
 
 def modbus_tcp(folder: Path) -> Iterator[Pair]:
@@ -44,7 +59,7 @@ def _modbus(table: ModbusConfig) -> Iterator[Pair]:
     servers = ModbusServers({"brake": (table, other_end)})
     servers.start()
     device = make_setpoint_device("brake", _config(table))
-    yield device, lambda: other_end.setpoint, servers.close
+    yield Pair(device, lambda: other_end.setpoint, other_end.measure, servers.close)
     device.close()
     servers.close()
 
@@ -69,71 +84,107 @@ def libmodbus_rtu(folder: Path) -> Iterator[Pair]:
 def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
     with other_end:
         device = make_setpoint_device("brake", _config(table))
-        told = layout(table).setpoint
-        yield device, lambda: told.decode(other_end.numbers("read", told.address)), other_end.close
+        parts = layout(table)
+
+        def told() -> float:
+            return parts.setpoint.decode(other_end.numbers("read", parts.setpoint.address))
+
+        def measure(value: float, status: DeviceStatus) -> None:
+            [count] = parts.value.encode(value)
+            assert other_end("holding", parts.value.address, count) == "ok"
+            assert other_end("holding", parts.status.address, parts.status_word(status)) == "ok"
+
+        yield Pair(device, told, measure, other_end.close)
         device.close()
 
 
 DEVICES = (modbus_tcp, modbus_rtu, libmodbus_tcp, libmodbus_rtu)
 
 
-@pytest.fixture(params=DEVICES, ids=lambda make: make.__name__)
-def pair(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Pair]:
-    with contextmanager(request.param)(tmp_path) as made:
+@pytest.fixture
+def pair(make_pair: Callable[[Path], Iterator[Pair]], tmp_path: Path) -> Iterator[Pair]:
+    with contextmanager(make_pair)(tmp_path) as made:
         yield made
 
 
 def test_exchange_writes_and_reads_back(pair: Pair) -> None:
-    device, told, _ = pair
-    device.open()
-    reading = device.exchange(0.5)
-    assert isinstance(reading, DeviceReading)
-    assert reading.setpoint == pytest.approx(0.5, abs=1e-3)
-    assert told() == pytest.approx(0.5, abs=1e-3)
+    """What is read back is what the device has, which rounds; not what it was told."""
+    pair.device.open()
+    for asked in (0.5, 0.123456):
+        reading = pair.device.exchange(asked)
+        assert isinstance(reading, DeviceReading)
+        assert pair.told() == pytest.approx(asked, abs=1e-3)
+        assert reading.setpoint == pytest.approx(pair.told(), abs=1e-9)
+
+
+def test_shows_what_the_device_says(pair: Pair) -> None:
+    pair.device.open()
+    for value, status in (
+        (12.5, DeviceStatus.READY),
+        (-3.0, DeviceStatus.FAULT),
+        (7.0, DeviceStatus.READY | DeviceStatus.FAULT),
+    ):
+        pair.measure(value, status)
+        reading = pair.device.exchange(0.5)
+        assert reading.value == pytest.approx(value, abs=0.05)
+        assert reading.status == status
 
 
 @pytest.mark.parametrize("wild", [math.nan, math.inf, -math.inf])
 def test_a_setpoint_that_is_no_number_is_zero(pair: Pair, wild: float) -> None:
-    device, told, _ = pair
-    device.open()
-    device.exchange(0.5)
-    device.exchange(wild)
-    assert told() == 0.0
+    pair.device.open()
+    pair.device.exchange(0.5)
+    assert pair.told() == pytest.approx(0.5, abs=1e-3)
+    pair.device.exchange(wild)
+    assert pair.told() == 0.0
 
 
 def test_a_setpoint_is_kept_in_its_range(pair: Pair) -> None:
-    device, told, _ = pair
-    device.open()
+    pair.device.open()
     for asked, kept in ((7.0, 1.0), (-7.0, 0.0)):
-        device.exchange(asked)
-        assert told() == kept
+        pair.device.exchange(asked)
+        assert pair.told() == kept
+
+
+def test_opening_asks_for_nothing(pair: Pair) -> None:
+    """A device that is opened anew goes on with what it was told last, until it is told more."""
+    pair.device.open()
+    pair.device.exchange(0.5)
+    pair.device.close()
+    pair.device.open()
+    assert pair.told() == pytest.approx(0.5, abs=1e-3)
 
 
 def test_safe_stop_at_any_time(pair: Pair) -> None:
-    device, told, _ = pair
-    device.safe_stop()
-    device.open()
-    device.exchange(1.0)
-    device.safe_stop()
-    assert told() == 0.0
-    device.close()
-    device.safe_stop()
+    pair.device.safe_stop()
+    pair.device.open()
+    pair.device.exchange(1.0)
+    pair.device.safe_stop()
+    assert pair.told() == 0.0
+    pair.device.close()
+    pair.device.safe_stop()
 
 
-def test_closes_twice(pair: Pair) -> None:
-    device, _, _ = pair
-    device.open()
-    device.close()
-    device.close()
+def test_closes_twice_and_leaves_nothing_open(pair: Pair) -> None:
+    def held() -> tuple[int, int]:
+        return len(os.listdir("/proc/self/fd")), threading.active_count()  # noqa: PTH208
+
+    before = held()
+    pair.device.open()
+    pair.device.exchange(0.5)
+    pair.device.close()
+    pair.device.close()
+    until(lambda: held() == before)  # the other end's too
 
 
 def test_a_device_that_is_gone_is_one_clear_line(pair: Pair) -> None:
-    device, _, end = pair
-    device.open()
-    end()
-    for use in (lambda: device.exchange(0.5), device.open):
+    """Each time; what it last said is not passed on as what it says."""
+    pair.device.open()
+    pair.device.exchange(0.5)
+    pair.vanish()
+    for use in (lambda: pair.device.exchange(0.5), pair.device.open):
         with pytest.raises(DeviceError) as caught:
             use()
         assert "brake" in str(caught.value)
         assert "\n" not in str(caught.value)
-    device.safe_stop()
+    pair.device.safe_stop()

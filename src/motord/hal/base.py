@@ -55,10 +55,10 @@ class InverterDriver(Protocol):
         """Open the bus. Raises DeviceError."""
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status, link_errors."""
+        """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
 
     def write(self, command: np.ndarray) -> None:
-        """Send current references and the enable bit."""
+        """Send current references and the enable bit; not finite ones are all sent as 0."""
 
     def safe_stop(self) -> None:
         """Send zero current and disable."""

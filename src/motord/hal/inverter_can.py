@@ -35,7 +35,7 @@ class CanInverter:
         self._drive.open(lambda: self._send(self.NO_CURRENT_A, False))
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status, link_errors."""
+        """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
         errors = self._drive.read(now_ns)
         self._feedback.fill(feedback)
         feedback["link_errors"] += errors

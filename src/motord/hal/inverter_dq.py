@@ -32,7 +32,7 @@ class DqInverter(CanInverter):
         self._axes.from_drive(0.0, 0.0, 0.0, 0.0)
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill i_A, u_V, u_bus_V, temperature_C, t_inverter_ns, inverter_status, link_errors."""
+        """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
         super().read(now_ns, feedback)
         if not self._says_phases:
             self._fill_phases(feedback)

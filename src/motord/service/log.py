@@ -4,10 +4,13 @@ import logging
 import logging.handlers
 import queue
 import sys
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 CAPACITY = 1000
+STOP_S = 2.0
+"""How long the end waits for what is still to be written: a stuck terminal takes for ever."""
 FORMAT = "%(asctime)s %(levelname)s %(message)s"
 
 
@@ -35,16 +38,24 @@ def log_to_stderr() -> Iterator[None]:
     logger = logging.getLogger("motord")
     stream = logging.StreamHandler(sys.stderr)
     stream.setFormatter(logging.Formatter(FORMAT))
-    records: queue.Queue[logging.LogRecord] = queue.Queue(CAPACITY)
+    records: queue.Queue[logging.LogRecord | None] = queue.Queue(CAPACITY)
     handler = _DroppingHandler(records)
-    listener = logging.handlers.QueueListener(records, stream)
+    writer = threading.Thread(target=_write, args=(records, stream), name="log", daemon=True)
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
-    listener.start()
+    writer.start()
     try:
         yield
     finally:
-        listener.stop()
         logger.removeHandler(handler)
         logger.setLevel(level)
+        with suppress(queue.Full):
+            records.put(None, timeout=STOP_S)
+        writer.join(STOP_S)
+
+
+def _write(records: "queue.Queue[logging.LogRecord | None]", stream: logging.Handler) -> None:
+    """Write records until there is None."""
+    while (record := records.get()) is not None:
+        stream.handle(record)

@@ -4,6 +4,7 @@ import io
 import logging
 import os
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -25,6 +26,8 @@ from motord.service.words import (
     trip_names,
     trip_words,
 )
+
+WAIT_S = 20.0
 
 
 def test_every_trip_has_a_meaning():
@@ -87,13 +90,44 @@ def test_the_log_goes_to_stderr_and_is_put_back(monkeypatch):
     assert logger.handlers == before
 
 
-def test_a_log_that_nobody_reads_is_dropped(monkeypatch):
+class StuckTerminal(io.StringIO):
+    """Takes nothing until it is let go."""
+
+    def __init__(self):
+        super().__init__()
+        self.goes_on = threading.Event()
+
+    def write(self, text):
+        self.goes_on.wait()
+        return super().write(text)
+
+
+@pytest.mark.parametrize("for_good", [False, True])
+def test_a_stuck_terminal_holds_up_nobody(monkeypatch, for_good):
+    """One line is on its way to it, one is kept, the others are dropped; nobody waits."""
+    terminal = StuckTerminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr("motord.service.log.CAPACITY", 1)
-    monkeypatch.setattr("logging.handlers.QueueListener.start", lambda self: None)
-    monkeypatch.setattr("logging.handlers.QueueListener.stop", lambda self: None)
-    with log_to_stderr():
-        for _ in range(5):
-            logging.getLogger("motord").warning("x")
+    monkeypatch.setattr("motord.service.log.STOP_S", 0.01 if for_good else WAIT_S)
+
+    def warn():
+        with log_to_stderr():
+            for number in range(5):
+                logging.getLogger("motord").warning("line %d", number)
+            if not for_good:
+                terminal.goes_on.set()
+
+    speaker = threading.Thread(target=warn, daemon=True)
+    speaker.start()
+    speaker.join(WAIT_S)
+    waited = speaker.is_alive()
+    terminal.goes_on.set()
+    assert not waited
+    if for_good:
+        return  # what it would have taken is lost
+    lines = terminal.getvalue().splitlines()
+    assert 1 <= len(lines) <= 2
+    assert all(" WARNING line " in line for line in lines), "no error of the log itself"
 
 
 def test_only_the_newest_events_are_kept_but_all_are_passed_on():
