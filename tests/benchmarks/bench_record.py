@@ -258,7 +258,7 @@ def recorder_share(seconds: float) -> Figure:
         running.go_on(seconds)
         used_s = cpu_s(running.recorder_pid) - before_s
         share = used_s / (time.monotonic() - begun_s)
-        lost = running.report["lost"]
+        lost = running.report.lost
         running.end()
     return Figure(
         f"recorder at {rate_Hz / 1000:g} kHz: share of a core",

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.record.launch import RecorderLink, recorder_command, spawn_recorder
+from motord.record.protocol import RecorderReport
 from motord.runtime.clock import Clock
 from motord.runtime.launch import start_loop
 from motord.runtime.mailbox import MailboxWriter
@@ -46,7 +46,7 @@ class RecordedLoop:
         bench = config.load(config_path)
         self.stem = folder / "runs" / "day"
         self.newest_ns = 0
-        self.report: dict[str, Any] = {}
+        self.report = RecorderReport(recording=False)
         self._config_path, self._run_dir = config_path, run_dir
         self._mailbox = MailboxWriter(run_dir.setpoint, Clock.measure())
         TablesWriter(run_dir.tables, bench.motor.counts).write(*parameters.build(bench))
@@ -65,8 +65,8 @@ class RecordedLoop:
         self._recorder = spawn_recorder(recorder_command(self._config_path, self._run_dir))
         self._link = RecorderLink(self._recorder)
         self._link.start(self.stem, {}, resume=resume)
-        self.report = {}
-        self.go_on(until=lambda: bool(self.report.get("recording")))
+        self.report = RecorderReport(recording=False)
+        self.go_on(until=lambda: self.report.recording)
 
     def go_on(self, seconds: float = PATIENCE_S, until: Callable[[], bool] | None = None) -> None:
         """Be the supervisor for so long, or until something is so, which must be within it."""
@@ -90,8 +90,8 @@ class RecordedLoop:
     def end(self) -> None:
         """End recording and loop."""
         self._link.stop("done")
-        self.go_on(until=lambda: not self.report["recording"])
-        assert self.report["error"] == "", self.report
+        self.go_on(until=lambda: not self.report.recording)
+        assert self.report.error == "", self.report
         self._link.close()
         self._recorder.wait(PATIENCE_S)
         self._loop.terminate()
@@ -113,7 +113,7 @@ class RecordedLoop:
             if len(block):
                 self.newest_ns = int(block["t_ns"][-1])
         if hasattr(self, "_recorder") and self._recorder.poll() is None:
-            for report in self._link.reports():
+            for report in self._link.reports(time.monotonic_ns()):
                 self.report = report
 
     def _phase(self) -> Phase:

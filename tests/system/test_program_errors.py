@@ -1,5 +1,7 @@
 """Errors in the program itself, put into a running daemon: answered, stopped, restarted OFF."""
 
+import os
+
 import pytest
 
 from motord.client import ClientError
@@ -12,29 +14,37 @@ import sys
 if "run" in sys.orig_argv:
     from motord.service.hand import Hand
     from motord.service.publisher import Publisher
+    from motord.service.watch import TickWatch
 
-    publish, set_by_hand = Publisher.step, Hand.set
+    publish, update, set_by_hand = Publisher.step, TickWatch.update, Hand.set
 
     def failing_set(self, asked, state):
         if asked.torque_Nm == 1.25:
             raise ZeroDivisionError("put into set")
         return set_by_hand(self, asked, state)
 
-    def failing_step(self, block, now_ns):
-        if len(block) and block["torque_set_Nm"][-1] == 1.5:
-            raise ZeroDivisionError("put into the supervisor")
+    def failing_publisher(self, block, now_ns):
+        if len(block) and block["torque_set_Nm"][-1] == 1.375:
+            raise ZeroDivisionError("put into the publisher")
         return publish(self, block, now_ns)
 
-    Hand.set, Publisher.step = failing_set, failing_step
+    def failing_watch(self, block, lost, now_ns):
+        if len(block) and block["torque_set_Nm"][-1] == 1.5:
+            raise ZeroDivisionError("put into the supervisor")
+        return update(self, block, lost, now_ns)
+
+    Hand.set, Publisher.step, TickWatch.update = failing_set, failing_publisher, failing_watch
 """
-"""A torque of 1.25 Nm meets a bug in a request's handler, one of 1.5 Nm in the supervisor."""
+"""A torque of 1.25 Nm meets a bug in a request's handler, one of 1.375 Nm in the publisher, which
+is no part of the bench, one of 1.5 Nm in the bench itself."""
 
 
 @pytest.fixture
 def before(tmp_path):
     (tmp_path / "bugs").mkdir()
     (tmp_path / "bugs" / "sitecustomize.py").write_text(BUGS)
-    return ("env", f"PYTHONPATH={tmp_path / 'bugs'}")
+    path = os.pathsep.join([str(tmp_path / "bugs"), os.environ.get("PYTHONPATH", "")])
+    return ("env", f"PYTHONPATH={path}")
 
 
 def test_a_daemon_outlives_a_handler_and_ends_off_after_its_supervisor(tmp_path, before):
@@ -50,11 +60,15 @@ def test_a_daemon_outlives_a_handler_and_ends_off_after_its_supervisor(tmp_path,
             assert caught.value.code == "internal"
             wait_for(client, lambda s: s.state == "OFF", "OFF")
             client.rpc("enable", token=lease.token)
+            client.rpc("set", torque_Nm=1.375, **turn)
+            wait_for(client, lambda s: s.state == "OFF", "OFF")
+            assert any("put into the publisher; stopped" in e.message for e in client.events())
+            client.rpc("enable", token=lease.token)
             client.rpc("set", torque_Nm=1.5, **turn)
             assert running.wait() == 1
             assert lease.lost.wait(60.0)
         said = running.said()
-        assert said.count("Traceback (most recent call last)") == 2
+        assert said.count("Traceback (most recent call last)") == 3
         assert "motord: error in the program, in the supervisor: ZeroDivisionError: put" in said
         ticks = running.runs()[-1].ticks()
         assert ticks["torque_set_Nm"][-1] == 0.0

@@ -9,11 +9,10 @@ from typing import Any
 from motord.config import RecordingConfig
 from motord.record.blackbox import BlackBox, Wanted
 from motord.record.errors import RecordError
+from motord.record.protocol import OUTCOMES_MAX, TEXT_MAX
 
 AT_ONCE = 3
 """Boxes in memory at a time, while the disk stalls: each may be some ten MB."""
-TOLD = 8
-"""Boxes of which the outcome is reported, the newest."""
 
 
 class BlackBoxes:
@@ -81,6 +80,6 @@ class BlackBoxes:
             self._note(box.wanted, "")
 
     def _note(self, wanted: Wanted, outcome: str) -> None:
-        self.outcomes[str(wanted.path)] = outcome
-        while len(self.outcomes) > TOLD:
+        self.outcomes[str(wanted.path)] = outcome[:TEXT_MAX]
+        while len(self.outcomes) > OUTCOMES_MAX:
             del self.outcomes[next(iter(self.outcomes))]

@@ -5,9 +5,12 @@ name is complete, and what a killed writer leaves behind is seen to be unfinishe
 buffered here: what has been written survives the death of the process.
 """
 
+import errno
+import fcntl
 import os
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -39,6 +42,29 @@ _FOOTER_BYTES = 8 + 8 + 4
 def part_of(path: Path) -> Path:
     """Return the name that the file `path` has until it is whole."""
     return path.with_name(path.name + PART)
+
+
+def hold(descriptor: int) -> bool:
+    """Mark a file as being written, until it is closed or the process ends; False if it is already.
+
+    A file system that knows no locks counts as free.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the disk hold the names in a folder. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def serialise(records: Iterable[McapRecord]) -> bytes:
@@ -131,24 +157,20 @@ class Container:
             self._counts[channel] = self._counts.get(channel, 0) + len(entries)
 
     def sync(self) -> None:
-        """Have the disk hold everything written so far."""
-        try:
+        """Have the disk hold everything written so far, where others can find it."""
+        with self._explained():
             os.fsync(self._descriptor)
-        except OSError as error:
-            raise self._failure(error) from error
+            self._check_place()
 
     def finish(self) -> None:
         """Write summary and footer, sync, and give the file its name."""
         self._write(serialise([DataEnd(self._crc)]))
         self._write(self._summary())
         self.sync()
-        self.abandon()
-        self._part.rename(self.path)
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        with self._explained():
+            self._part.rename(self.path)
+            self.abandon()
+            sync_folder(self.path.parent)
 
     def abandon(self) -> None:
         """Let go of the file as it is, unfinished under its `.part` name. May be called twice."""
@@ -160,22 +182,24 @@ class Container:
         for taken in (self.path, self._part):
             if taken.exists():
                 raise RecordError(f"{taken}: exists already; choose another name or remove it")
-        try:
+        with self._explained():
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            return os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        except OSError as error:
-            raise self._failure(error) from error
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            descriptor = os.open(self._part, flags, 0o644)
+            hold(descriptor)
+            return descriptor
 
     def _write(self, *parts: bytes | memoryview) -> None:
         start = self.size
-        try:
-            for part in parts:
-                self._write_all(part)
-        except OSError as error:
-            os.ftruncate(self._descriptor, start)
-            os.lseek(self._descriptor, start, os.SEEK_SET)
-            self.size = start
-            raise self._failure(error) from error
+        with self._explained():
+            try:
+                for part in parts:
+                    self._write_all(part)
+            except OSError:
+                self.size = start
+                os.lseek(self._descriptor, start, os.SEEK_SET)
+                os.ftruncate(self._descriptor, start)
+                raise
         for part in parts:
             self._crc = crc32(part, self._crc)
 
@@ -186,8 +210,23 @@ class Container:
             self.size += written
             left = left[written:]
 
-    def _failure(self, error: OSError) -> RecordError:
-        return RecordError(f"{self._part}: cannot write it: {error.strerror}")
+    def _check_place(self) -> None:
+        """Raise OSError if the file was removed or moved: what is written to it then is lost."""
+        mine, found = os.fstat(self._descriptor), None
+        with suppress(FileNotFoundError, NotADirectoryError):
+            found = self._part.stat()
+        if found is None or (found.st_dev, found.st_ino) != (mine.st_dev, mine.st_ino):
+            raise OSError(errno.ESTALE, "it was removed or moved while it was being written")
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Make a RecordError of whatever the disk or the system says."""
+        try:
+            yield
+        except OSError as error:
+            raise RecordError(
+                f"{self._part}: cannot write it: {error.strerror or error}"
+            ) from error
 
     def _summary(self) -> bytes:
         groups: list[tuple[Opcode, bytes | bytearray]] = [

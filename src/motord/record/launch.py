@@ -1,6 +1,5 @@
 """How the supervisor starts the recorder process and talks to it."""
 
-import json
 import os
 import subprocess
 import sys
@@ -9,8 +8,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from motord.record.blackbox import Wanted
-from motord.record.lines import LineReader
-from motord.record.plain import to_json
+from motord.record.lines import LineWriter
+from motord.record.plain import to_line
+from motord.record.protocol import MessageReader, RecorderReport
 from motord.runtime.rundir import RunDir
 
 BACKLOG_MAX_BYTES = 4 << 20
@@ -33,17 +33,26 @@ def spawn_recorder(command: Sequence[str]) -> "subprocess.Popen[bytes]":
 class RecorderLink:
     """The supervisor's end of the pipes to a recorder. No call waits.
 
-    What the recorder does not take at once is kept and sent by later calls; more than
-    `BACKLOG_MAX_BYTES` of it is dropped, oldest first, and counted in `dropped`. When the process
-    has ended, calls do nothing.
+    What the recorder does not take at once is kept and sent by later calls; beyond
+    `BACKLOG_MAX_BYTES` whole commands are dropped, oldest first, and counted in `dropped`. When the
+    process has ended, calls do nothing. `received` are its reports and what it sent besides.
     """
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self._stdin = _pipe(process.stdin)
         self._stdout = _pipe(process.stdout)
-        self._lines = LineReader(self._stdout.fileno())
-        self._waiting: list[bytes] = []
-        self.dropped = 0
+        self._commands = LineWriter(self._stdin.fileno(), BACKLOG_MAX_BYTES)
+        self.received = MessageReader(self._stdout.fileno(), RecorderReport)
+
+    @property
+    def dropped(self) -> int:
+        """Commands that the recorder did not take in time."""
+        return self._commands.dropped
+
+    @property
+    def waiting(self) -> bool:
+        """True if the recorder has not yet taken all commands."""
+        return self._commands.waiting
 
     def start(self, stem: Path, metadata: Mapping[str, object], *, resume: bool = False) -> None:
         """Begin the recording `stem`-000.mcap and so on; end the one that is going on.
@@ -83,10 +92,13 @@ class RecorderLink:
         """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""
         self._send({"do": "blackbox_event", "t_ns": event["t_ns"], "content": event})
 
-    def reports(self) -> list[dict[str, Any]]:
-        """Return what the recorder has said since the last call, and send what waits."""
-        self._flush()
-        return [json.loads(line) for line in self._lines.read()]
+    def reports(self, now_ns: int) -> list[RecorderReport]:
+        """Return what the recorder has reported since the last call, and send what waits.
+
+        `now_ns` is monotonic.
+        """
+        self._commands.flush()
+        return self.received.read(now_ns)
 
     def close(self) -> None:
         """Let go of the pipes: the recorder records what is left and ends."""
@@ -94,21 +106,7 @@ class RecorderLink:
         self._stdout.close()
 
     def _send(self, command: Mapping[str, object]) -> None:
-        self._waiting.append(to_json(command).encode() + b"\n")
-        while sum(map(len, self._waiting)) > BACKLOG_MAX_BYTES:
-            self._waiting.pop(0)
-            self.dropped += 1
-        self._flush()
-
-    def _flush(self) -> None:
-        while self._waiting:
-            try:
-                written = os.write(self._stdin.fileno(), self._waiting[0])
-            except (BlockingIOError, BrokenPipeError):
-                return
-            self._waiting[0] = self._waiting[0][written:]
-            if not self._waiting[0]:
-                self._waiting.pop(0)
+        self._commands.write(to_line(command))
 
 
 def _pipe(stream: IO[bytes] | None) -> IO[bytes]:

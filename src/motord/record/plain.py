@@ -31,6 +31,14 @@ def to_json(value: object) -> str:
     return json.dumps(plain(value), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
+def to_line(value: object) -> bytes:
+    """Return `value` as one line of JSON in UTF-8, without its end.
+
+    Half a surrogate pair, as a name of a file may have, becomes a question mark.
+    """
+    return to_json(value).encode(errors="replace")
+
+
 def to_strings(values: Mapping[str, object]) -> dict[str, str]:
     """Return the strings of a metadata record: text as it is, anything else as JSON."""
     strings = {key: v if isinstance(v, str) else to_json(v) for key, v in values.items()}

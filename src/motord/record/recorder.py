@@ -13,16 +13,16 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load
 from motord.record.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
 from motord.record.errors import RecordError
-from motord.record.lines import LineReader
+from motord.record.launch import BACKLOG_MAX_BYTES
+from motord.record.lines import LINE_MAX_BYTES, LineReader, LineWriter
 from motord.record.metadata import describe
-from motord.record.plain import to_json
+from motord.record.plain import to_line
 from motord.record.session import Session
 from motord.runtime.rundir import RunDir
 
@@ -32,6 +32,10 @@ DRAIN_S = 0.05
 REPORT_S = 0.5
 """Time between two reports, if nothing happens."""
 
+READS_AT_ONCE = 64
+COMMAND_MAX_BYTES = BACKLOG_MAX_BYTES
+"""A command is no longer than what its sender keeps."""
+
 _M_ARENA_MAX = -8  # malloc.h
 
 LAST_TICKS_S = 1.0
@@ -40,22 +44,25 @@ next tick."""
 
 
 class Reporter:
-    """Writes reports to a descriptor that does not block; what does not fit in it is dropped."""
+    """Writes reports to a descriptor that does not block, each whole.
+
+    While the one before has not been taken there is no new one: nobody reads, recording goes on.
+    """
 
     def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+        self._lines = LineWriter(descriptor, LINE_MAX_BYTES)
         self._last: tuple[object, ...] = ()
         self._due_s = 0.0
 
     def tell(self, report: dict[str, object], now_s: float) -> None:
         """Write `report` if it is time for one, or something other than its numbers changed."""
+        self._lines.flush()
         told = ("recording", "file", "lost", "error", "blackboxes")
         essence = tuple(report.get(key) for key in told)
-        if essence == self._last and now_s < self._due_s:
+        if self._lines.waiting or (essence == self._last and now_s < self._due_s):
             return
         self._last, self._due_s = essence, now_s + REPORT_S
-        with suppress(BlockingIOError, BrokenPipeError):  # nobody reads: recording goes on
-            os.write(self._descriptor, to_json(report).encode() + b"\n")
+        self._lines.write(to_line(report))
 
 
 def run(
@@ -74,7 +81,7 @@ def run(
     end_s: float | None = None
     while True:
         now_s = clock_s()
-        for line in commands.read():
+        for line in _all_of(commands):
             session.handle(line, now_s)
         ticks_came = session.step(now_s)
         reporter.tell(session.report(), now_s)
@@ -110,7 +117,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the supervisor, which ends us
     for descriptor in (commands, reports):
         os.set_blocking(descriptor, False)
-    lines = LineReader(commands)
+    lines = LineReader(commands, COMMAND_MAX_BYTES)
     run(
         session,
         lines,
@@ -164,8 +171,19 @@ def _box_of_the_daemons_end(session: Session, config: Config, path: Path, now_s:
     session.boxes.ask(box, now_s, if_powered=True)
 
 
+def _all_of(commands: LineReader) -> Iterator[bytes]:
+    """Yield the commands that have come, at most so many that the ring is not forgotten."""
+    for _ in range(READS_AT_ONCE):
+        lines = commands.read()
+        yield from lines
+        if not lines:
+            return
+
+
 def _wait(commands: int, lines: LineReader, wait_s: float) -> None:
     """Wait for a command, but at most `wait_s`; no commands come after their end."""
+    if lines.pending:
+        return
     select.select([] if lines.ended else [commands], [], [], wait_s)
 
 

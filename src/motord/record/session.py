@@ -11,6 +11,7 @@ from motord.record.blackbox import Wanted, checked_event
 from motord.record.blackboxes import BlackBoxes
 from motord.record.errors import RecordError
 from motord.record.feed import Feed, Piece, last_mark, neighbours
+from motord.record.protocol import TEXT_MAX
 from motord.record.recording import Recording, free_bytes
 
 TIME_MAX_NS = (1 << 63) - 1
@@ -143,7 +144,7 @@ class Session:
         return {
             "recording": recording is not None and recording.open,
             **tally,
-            "error": self._error or (recording.error if recording else "") or problem,
+            "error": (self._error or (recording.error if recording else "") or problem)[:TEXT_MAX],
             **({"blackboxes": dict(self.boxes.outcomes)} if self.boxes.outcomes else {}),
         }
 

@@ -91,6 +91,8 @@ class SharedFile:
                 raise SharedFileError(f"{path}: not a {kind} file: only {status.st_size} bytes")
             protection = mmap.PROT_READ | (mmap.PROT_WRITE if writable else 0)
             memory = mmap.mmap(descriptor, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE, protection)
+        except OSError as error:
+            raise SharedFileError(f"{path}: cannot map it: {error.strerror}") from error
         finally:
             os.close(descriptor)
         shared = cls(path, memory, status.st_ino)

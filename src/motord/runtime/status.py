@@ -9,6 +9,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from motord.runtime.histogram import TimeSummary
 from motord.runtime.realtime import RealtimeStatus
 
+SIZE_MAX_BYTES = 1 << 20
+
 
 class Phase(StrEnum):
     """Where in its life the loop process is."""
@@ -45,8 +47,20 @@ class LoopStatus(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> "LoopStatus | None":
-        """Return what the file says, or None if there is none (yet) or it is no status."""
+        """Return what the file says, or None if there is none (yet).
+
+        Raises OSError if it cannot be read or is no status.
+        """
         try:
-            return cls.model_validate_json(path.read_bytes())
-        except (FileNotFoundError, ValidationError):
+            with path.open("rb") as file:
+                content = file.read(SIZE_MAX_BYTES + 1)
+        except FileNotFoundError:
             return None
+        if len(content) > SIZE_MAX_BYTES:
+            raise OSError(f"{path}: is longer than any status of a loop")
+        try:
+            return cls.model_validate_json(content)
+        except ValidationError as error:
+            [first, *_] = error.errors(include_url=False, include_input=False)
+            where = ".".join(map(str, first["loc"]))
+            raise OSError(f"{path}: is no status of a loop: {where} {first['msg']}") from None

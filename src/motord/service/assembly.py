@@ -22,6 +22,7 @@ from motord.service.bench import Bench
 from motord.service.blackbox import BlackBoxes
 from motord.service.calibrations import CalibrationStore
 from motord.service.calls import CallQueue
+from motord.service.descriptors import DescriptorReserve
 from motord.service.desk import Desk
 from motord.service.devices import DeviceThread, SlowDevice
 from motord.service.durable import Durable
@@ -99,7 +100,8 @@ def assemble(
         (
             *process_table(config_path, run_dir),
             *((gate_spec(config_path),) if config.zenoh.remote else ()),
-        )
+        ),
+        DescriptorReserve(),
     )
     recording = Recording(config, toml, children, events, clock.now_ns, run_dir.timing)
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
@@ -153,6 +155,7 @@ def assemble(
         started_ns=time.monotonic_ns(),
         unix_ns=clock.now_ns,
         bridge_clock=loop.bridge_clock,
+        faults=lambda: dict(supervisor.guard.faults),
     )
     publisher = Publisher(bench, state, telemetry)
     events.listeners += [publisher.event, recording.event, boxes.event]
@@ -169,11 +172,12 @@ def assemble(
             "plan": publisher.plan_document,
         },
     )
+    supervisor = Supervisor(
+        *(bench, Desk(handlers, bench.erred), calls, children, loop, recording, publisher),
+        gate=GateLink(children, events) if config.zenoh.remote else None,
+    )
     return Assembly(
-        supervisor=Supervisor(
-            *(bench, Desk(handlers, bench.erred), calls, children, loop, recording, publisher),
-            gate=GateLink(children, events) if config.zenoh.remote else None,
-        ),
+        supervisor=supervisor,
         api=api,
         telemetry=telemetry,
         devices=devices,

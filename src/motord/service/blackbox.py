@@ -10,6 +10,7 @@ from typing import Any
 from motord.config import Config
 from motord.record.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
 from motord.record.launch import RecorderLink
+from motord.record.protocol import RecorderReport
 from motord.schema import State
 from motord.service.events import EventLog
 from motord.service.views import Event
@@ -79,9 +80,9 @@ class BlackBoxes:
             for wanted in self._asked.values():
                 link.blackbox(wanted)
 
-    def report(self, report: Mapping[str, Any]) -> None:
+    def report(self, report: RecorderReport) -> None:
         """Take in what became of the boxes."""
-        for path, outcome in report.get("blackboxes", {}).items():
+        for path, outcome in report.blackboxes.items():
             wanted = self._asked.pop(path, None)
             if wanted is None:
                 continue

@@ -15,7 +15,7 @@ from motord.runtime.clock import Clock
 from motord.runtime.rundir import RunDir, RunDirError
 from motord.runtime.shared import SharedFileError
 from motord.security.error import SecurityError
-from motord.service import gate, priority
+from motord.service import descriptors, gate, priority
 from motord.service.api import ApiError
 from motord.service.assembly import Assembly, assemble
 from motord.service.calibrations import state_directory
@@ -86,6 +86,7 @@ def run(
     text = config_path.read_text(encoding="utf-8")
     if config.zenoh.tls is not None:
         gate.check(config.zenoh.tls)
+    descriptors.raise_limit()
     with ExitStack() as stack:
         stack.enter_context(log_to_stderr())
         stopping = stack.enter_context(stop_signals())

@@ -1,10 +1,11 @@
 """A plan's progress into the journal, beside where it is recorded."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from motord.plans import Plan
 from motord.record.launch import RecorderLink
+from motord.record.protocol import RecorderReport
 from motord.service.events import EventLog
 from motord.service.journal_file import Journal
 from motord.service.plan_runner import PlanSink
@@ -76,5 +77,5 @@ class Durable:
         if link is None and self._under_way and story is not None:
             self._journal.recorder_died(self._unix_ns())
 
-    def report(self, report: Mapping[str, Any]) -> None:
+    def report(self, report: RecorderReport) -> None:
         """Hear what the recorder reports."""

@@ -8,28 +8,32 @@ change, all connections end and come back under the new ones; when its stdin end
 """
 
 import argparse
-import json
 import os
 import select
 import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import zenoh
 
 from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.config.bench import TlsConfig
+from motord.record.lines import LineWriter
+from motord.record.plain import to_line
 from motord.security import roles as roles_file
 from motord.security.error import SecurityError
 from motord.security.identity import check_files
 from motord.service.endpoints import gate_config
+from motord.service.gate_link import DATA_MAX, MESSAGE_MAX
 from motord.service.gate_log import LEVELS, GateLog, Throttle
 
 STDIN = 0
+BACKLOG_MAX_BYTES = 1 << 20
 LOOK_S = 1.0
 """How often it looks whether roles or certificates have changed."""
 
@@ -37,25 +41,37 @@ Signature = tuple[tuple[int, int, int], ...]
 
 
 class Speaker:
-    """Writes lines of JSON for the supervisor, from any thread."""
+    """Writes lines of JSON for the supervisor, from any thread; never waits for it."""
 
-    def __init__(self, out: IO[str]) -> None:
+    def __init__(self, out: LineWriter) -> None:
         self._out = out
         self._lock = threading.Lock()
         self._throttle = Throttle()
+        self._lost = 0
 
-    def say(self, message: str, **data: Any) -> None:
+    def say(self, message: str, **data: str) -> None:
         """Tell the supervisor what happened."""
         with self._lock:
             words = self._throttle.pass_on(message, time.monotonic_ns())
             if words is not None:
-                self._out.write(json.dumps({"message": words, "data": data}) + "\n")
-                self._out.flush()
+                self._write(words, data)
+            if self._out.dropped > self._lost:
+                lost, self._lost = self._out.dropped - self._lost, self._out.dropped
+                self._write(f"{lost} messages about access were lost: the daemon did not take them")
+
+    def flush(self) -> None:
+        """Write what the supervisor did not take before."""
+        with self._lock:
+            self._out.flush()
+
+    def _write(self, words: str, data: Mapping[str, str] | None = None) -> None:
+        told = {key: value[:DATA_MAX] for key, value in (data or {}).items()}
+        self._out.write(to_line({"message": words[:MESSAGE_MAX], "data": told}))
 
 
-def take_over_stdout() -> tuple[IO[str], IO[str]]:
+def take_over_stdout() -> tuple[IO[str], IO[bytes]]:
     """Let what Zenoh logs to stdout arrive here; return (Zenoh's log, the real stdout)."""
-    out = os.fdopen(os.dup(1), "w")
+    out = os.fdopen(os.dup(1), "wb", 0)
     reader, writer = os.pipe()
     os.dup2(writer, 1)
     os.close(writer)
@@ -107,9 +123,12 @@ def check(tls: TlsConfig) -> dict[str, roles_file.Role]:
     return roles_file.read(tls.roles)
 
 
-def _until_told_or_changed(tls: TlsConfig, before: Signature) -> bool:
+def _until_told_or_changed(
+    tls: TlsConfig, before: Signature, meanwhile: Callable[[], None]
+) -> bool:
     """Wait until a file has changed (True) or stdin has ended (False)."""
     while True:
+        meanwhile()
         readable, _, _ = select.select([STDIN], [], [], LOOK_S)
         if readable and not os.read(STDIN, 1024):
             return False
@@ -139,7 +158,7 @@ def _keep_unchanged(config: Config, tls: TlsConfig, reads: GateLog, speaker: Spe
             lambda event: greet(event, reads, speaker), history=True
         )
         speaker.say(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
-        changed = _until_told_or_changed(tls, before)
+        changed = _until_told_or_changed(tls, before, speaker.flush)
         listener.undeclare()  # type: ignore[no-untyped-call]
     return changed
 
@@ -159,7 +178,8 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.environ.pop("RUST_LOG", None)
     log, out = take_over_stdout()
-    speaker = Speaker(out)
+    os.set_blocking(out.fileno(), False)
+    speaker = Speaker(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
     try:
         keep(config_file.load(path), speaker, log)
     except (ConfigError, SecurityError, zenoh.ZError) as error:

@@ -1,19 +1,43 @@
-"""The supervisor's end of the gate: starts it, and makes events of what it says."""
+"""The supervisor's end of the gate: starts it, and makes events of what it reports."""
 
-import json
 import os
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from motord.record.lines import LineReader
+from pydantic import Field
+
+from motord.record.protocol import Message, MessageReader
+from motord.service.child_faults import ChildFaults
 from motord.service.events import EventLog
 from motord.service.processes import Children, ChildSpec
 
 GATE = "gate"
 STOP_S = 2.0
+MESSAGE_MAX = 2000
+DATA_MAX = 1000
+
+Datum = Annotated[str, Field(max_length=DATA_MAX)]
+
+
+class AccessData(Message):
+    """Who came, went or was refused, as far as it is known."""
+
+    who: Datum = ""
+    where: Datum = ""
+    role: Datum = ""
+    action: Datum = ""
+    key: Datum = ""
+    reason: Datum = ""
+
+
+class AccessMessage(Message):
+    """What the gate reports, in words and as data for the event."""
+
+    message: Annotated[str, Field(max_length=MESSAGE_MAX)]
+    data: AccessData = AccessData()
 
 
 def gate_spec(config_path: Path) -> ChildSpec:
@@ -36,36 +60,39 @@ def _spawn(command: Sequence[str]) -> "subprocess.Popen[bytes]":
 
 
 class GateLink:
-    """Makes events of what the gate says. No call waits."""
+    """Makes events of what the gate reports. No call waits."""
 
     def __init__(self, children: Children, events: EventLog) -> None:
         self._children = children
         self._events = events
+        self._faults = ChildFaults(GATE, children, events)
         self._process: Any = None
-        self._lines: LineReader | None = None
+        self._received: MessageReader[AccessMessage] | None = None
 
     def start(self, now_ns: int) -> None:
         """Let other machines in."""
         self._children.start(GATE, now_ns)
 
-    def step(self) -> None:
-        """Pass on what has come since the last call."""
-        if self._lines is None:
+    def step(self, now_ns: int) -> None:
+        """Pass on what has come since the last call. `now_ns` is monotonic."""
+        if self._received is None:
             process = self._children.process(GATE)
             if process is None or process is self._process:
                 return
             self._process = process
-            self._lines = LineReader(self._process.stdout.fileno())
-        for line in self._lines.read():
-            said = _content(line)
-            self._events.emit("access", str(said.get("message", "")), **said.get("data", {}))
-        if self._lines.ended:
+            self._received = MessageReader(process.stdout.fileno(), AccessMessage)
+        for message in self._received.read(now_ns):
+            self._events.emit(
+                "access", message.message, **message.data.model_dump(exclude_unset=True)
+            )
+        self._faults.step(self._received, now_ns)
+        if self._received.ended:
             self._close()
 
-    def stop(self) -> None:
+    def stop(self, now_ns: int) -> None:
         """Let nobody in any more."""
         self._children.stop(GATE)
-        self.step()
+        self.step(now_ns)
         self._close()
 
     def _close(self) -> None:
@@ -73,13 +100,4 @@ class GateLink:
             for pipe in (self._process.stdin, self._process.stdout):
                 if pipe is not None:
                     pipe.close()
-        self._lines = None  # the process is remembered: it may be gone before it is looked after
-
-
-def _content(line: bytes) -> dict[str, Any]:
-    try:
-        said = json.loads(line)
-    except ValueError:
-        said = None
-    good = isinstance(said, dict) and isinstance(said.get("data", {}), dict)
-    return said if good else {"message": line.decode(errors="replace")}
+        self._received = None  # the process is remembered: it may be gone before it is looked after

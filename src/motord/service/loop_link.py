@@ -45,22 +45,31 @@ class LoopLink:
         """Start the loop, unless it runs. It comes up OFF."""
         if self.phase != "down":
             return
-        self._run_dir.loop_status.unlink(missing_ok=True)
+        with suppress(OSError):  # then the loop's own status takes its place
+            self._run_dir.loop_status.unlink(missing_ok=True)
         self._children.start(LOOP, now_ns)
         self.phase = "starting"
 
-    def read(self) -> tuple[np.ndarray, int]:
-        """Return (block, lost), the ticks published since the last call."""
+    def follow(self) -> None:
+        """Look whether a loop that is starting is ready.
+
+        Raises OSError if what it has made ready cannot be opened yet, or makes no sense.
+        """
         if self.phase == "starting":
             self._look_whether_ready()
+
+    def read(self) -> tuple[np.ndarray, int]:
+        """Return (block, lost), the ticks published since the last call."""
         if self._ring is None:
             return np.empty(0, TICK_DTYPE), 0
         return self._ring.read()
 
     def ended(self, end: Ended) -> None:
         """Note that the loop process has ended by itself."""
-        status = LoopStatus.read(self._run_dir.loop_status)
         why = f"the loop ended: {end.how}"
+        status = None
+        with suppress(OSError):  # what it has said of its end cannot be read; how it ended is known
+            status = LoopStatus.read(self._run_dir.loop_status)
         if status is not None and status.error:
             why = f"the loop ended: {status.error}"
         elif status is not None and status.phase is Phase.STOPPED and status.reason:
@@ -94,8 +103,11 @@ class LoopLink:
         status = LoopStatus.read(self._run_dir.loop_status)
         if status is None or status.phase is not Phase.READY:
             return
+        try:
+            self._ring = RingReader(self._run_dir.ring, "oldest")
+        except SharedFileError as error:
+            raise OSError(f"the loop is ready, but its ring is not: {error}") from error
         self.status = status
-        self._ring = RingReader(self._run_dir.ring, "oldest")
         with suppress(SharedFileError):
             self._timing = Timing.attach(self._run_dir.timing)
         self.phase = "up"

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+from motord.service.descriptors import DescriptorReserve
 from motord.service.views import ProcessView
 
 BACKOFF_FIRST_S = 0.1
@@ -60,7 +61,10 @@ class ChildSpec:
 
 @dataclass(frozen=True)
 class Ended:
-    """A child that has ended by itself; `again_s`: when it is started again, None for never."""
+    """A child that has ended by itself or could not be started.
+
+    `again_s`: when it is started again, None for never.
+    """
 
     spec: ChildSpec
     how: str
@@ -77,23 +81,34 @@ class _Child:
     backoff_s: float = BACKOFF_FIRST_S
     start_at_ns: int | None = None
     stopping: bool = field(default=False)
+    bad_messages: int = 0
+    dropped_messages: int = 0
 
 
 class Children:
     """Starts, watches and stops the processes of a table. Times are monotonic ns."""
 
-    def __init__(self, specs: Sequence[ChildSpec]) -> None:
+    def __init__(
+        self, specs: Sequence[ChildSpec], reserve: DescriptorReserve | None = None
+    ) -> None:
         self._children = {spec.name: _Child(spec) for spec in specs}
+        self._reserve = reserve if reserve is not None else DescriptorReserve(0)
+        self._not_started: list[Ended] = []
 
     def start(self, name: str, now_ns: int) -> None:
-        """Start a child, unless it runs."""
+        """Start a child, unless it runs; one that cannot be started counts as ended."""
         child = self._children[name]
         if child.process is not None:
             return
-        child.process = child.spec.spawn(child.spec.command)
         child.started_ns, child.start_at_ns = now_ns, None
         child.restarts += 1
         child.stopping = False
+        try:
+            with self._reserve.released():
+                child.process = child.spec.spawn(child.spec.command)
+        except OSError as error:
+            how = f"it cannot be started: {error.strerror}"
+            self._not_started.append(self._note_end(child, how, now_ns))
 
     def process(self, name: str) -> Any:
         """Return the process of a child as its `spawn` made it, None if it does not run."""
@@ -101,19 +116,21 @@ class Children:
 
     def poll(self, now_ns: int) -> list[Ended]:
         """Return the children that have ended since the last call; start those that are due."""
-        ended = []
+        self._reserve.fill()
+        for child in self._children.values():
+            if child.start_at_ns is not None and now_ns >= child.start_at_ns:
+                self.start(child.spec.name, now_ns)
+        ended, self._not_started = self._not_started, []
         for child in self._children.values():
             if child.process is not None:
                 code = child.process.poll()
                 if code is not None:
-                    ended.append(self._note_end(child, code, now_ns))
-            elif child.start_at_ns is not None and now_ns >= child.start_at_ns:
-                self.start(child.spec.name, now_ns)
+                    ended.append(self._note_end(child, in_words(code), now_ns))
         return ended
 
-    def _note_end(self, child: _Child, code: int, now_ns: int) -> Ended:
+    def _note_end(self, child: _Child, how: str, now_ns: int) -> Ended:
         child.process = None
-        child.how = in_words(code)
+        child.how = how
         if child.spec.restart != "always" or child.stopping:
             return Ended(child.spec, child.how, None)
         if now_ns - child.started_ns > SETTLED_S * 1e9:
@@ -128,6 +145,15 @@ class Children:
         process = self._children[name].process
         if process is not None:
             process.send_signal(sig)
+
+    def kill(self, name: str) -> None:
+        """End a child that does not behave, without its consent; by its policy it comes back."""
+        self.signal(name, signal.SIGKILL)
+
+    def count(self, name: str, bad: int, dropped: int) -> None:
+        """Note how many messages of a child were none, and how many to it were dropped."""
+        child = self._children[name]
+        child.bad_messages, child.dropped_messages = bad, dropped
 
     def stop(self, name: str) -> str:
         """End a child: SIGTERM, after its time SIGKILL; it stays down. Returns how it ended."""
@@ -152,6 +178,8 @@ class Children:
                 running=child.process is not None,
                 restarts=max(child.restarts, 0),
                 exit=child.how,
+                bad_messages=child.bad_messages,
+                dropped_messages=child.dropped_messages,
             )
             for name, child in self._children.items()
         }

@@ -8,16 +8,21 @@ of its predecessor end, as far back as the ring reaches.
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
 
 from motord.config import Config
 from motord.plans import Plan
 from motord.record.files import file_name
 from motord.record.launch import RecorderLink
 from motord.record.metadata import describe
+from motord.record.protocol import RecorderReport
+from motord.schema import TICK_DTYPE
+from motord.service.child_faults import ChildFaults
 from motord.service.events import EventLog
 from motord.service.processes import Children
 from motord.service.timing_log import TimingLog
@@ -29,6 +34,8 @@ KEPT_EVENTS = 1000
 FINISH_S = 2.0
 """How long a recorder may take to close its file before it is told to end."""
 _LOOK_S = 0.01
+NO_REPORT = RecorderReport(recording=False)
+NO_TICKS = np.empty(0, TICK_DTYPE)
 
 
 class Follower(Protocol):
@@ -37,7 +44,7 @@ class Follower(Protocol):
     def recorder(self, link: RecorderLink | None) -> None:
         """A recorder was started, or the one there was has ended (None)."""
 
-    def report(self, report: Mapping[str, Any]) -> None:
+    def report(self, report: RecorderReport) -> None:
         """The recorder has reported."""
 
 
@@ -66,10 +73,12 @@ class Recording:
         self._pid: int | None = None
         self._stem: Path | None = None
         self._metadata: dict[str, Any] = {}
-        self._report: dict[str, Any] = {}
+        self._report = NO_REPORT
+        self._faults = ChildFaults(RECORDER, children, events)
         self._unsent: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self._plan_told: tuple[object, ...] = ()
         self._error = ""
+        self._dropped = 0
         self._loop_up = False
         self._timing = TimingLog(timing, self.event)
         self.followers: list[Follower] = []
@@ -101,16 +110,18 @@ class Recording:
     @property
     def settled(self) -> bool:
         """True if what should be recorded is, or the recorder has said why not."""
-        return self._stem is None or bool(self._report.get("recording")) or bool(self._error)
+        return self._stem is None or self._report.recording or bool(self._error)
 
-    def step(self) -> None:
-        """Follow the recorder: greet a new one, take in what it reports."""
+    def step(self, now_ns: int, block: np.ndarray = NO_TICKS) -> None:
+        """Follow the recorder: greet a new one, take in what it reports. `now_ns` is monotonic."""
         self._follow_process()
         if self._link is None:
             return
         if self._stem is not None:
             self._timing.step(self._unix_ns())
-        self._take_reports(self._link)
+        self._take_reports(self._link, now_ns)
+        self._faults.step(self._link.received, now_ns, self._link.dropped)
+        self._make_up_for_dropped(self._link)
 
     def stop(self) -> None:
         """End the recorder; it takes what the loop has still written and closes its file."""
@@ -126,10 +137,10 @@ class Recording:
         """Return what is recorded now."""
         report = self._report
         return RecordingView(
-            recording=bool(report.get("recording", False)),
-            path=str(report.get("file", "")),
+            recording=report.recording,
+            path=report.file,
             error=self._error,
-            detail={key: report[key] for key in ("ticks", "bytes", "lost") if key in report},
+            detail=report.model_dump(include={"ticks", "bytes", "lost"}, exclude_unset=True),
         )
 
     def about(self) -> dict[str, Any]:
@@ -176,24 +187,32 @@ class Recording:
         else:
             self.end(f"plan {view.plan} {view.state}")
 
-    def _take_reports(self, link: RecorderLink) -> None:
-        for report in link.reports():
+    def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
+        for report in link.reports(now_ns):
             self._report = report
             for follower in self.followers:
                 follower.report(report)
-            error = str(report.get("error", ""))
-            if error and error != self._error:
-                self._events.emit("recording", f"the recorder says: {error}")
-            self._error = error
+            if report.error and report.error != self._error:
+                self._events.emit("recording", f"the recorder says: {report.error}")
+            self._error = report.error
+
+    def _make_up_for_dropped(self, link: RecorderLink) -> None:
+        """Once a recorder takes commands again, tell it anew what is to be recorded."""
+        if link.dropped > self._dropped and not link.waiting:
+            self._dropped = link.dropped
+            if self._stem is not None:
+                self._send_start(self._stem, resume=True)
+            else:
+                link.stop("what was to be recorded has ended")
 
     def _await_end(self, link: RecorderLink) -> None:
         """Wait until the recorder has closed its file, so that it has all that it was told."""
         process, end_s = self._children.process(RECORDER), time.monotonic() + FINISH_S
-        while self._report.get("recording") and process is not None and process.poll() is None:
+        while self._report.recording and process is not None and process.poll() is None:
             if time.monotonic() >= end_s:
                 return
             time.sleep(_LOOK_S)
-            self._take_reports(link)
+            self._take_reports(link, time.monotonic_ns())
 
     def _end_timing(self) -> None:
         """Record what the loop has counted since the last time, if that can be recorded."""
@@ -232,9 +251,9 @@ class Recording:
         if self._link is not None:
             self._link.close()
         self._link = None
-        self._report = {}
+        self._report = NO_REPORT
         if process is not None:
-            self._link = RecorderLink(process)
+            self._link, self._dropped = RecorderLink(process), 0
             if self._stem is not None:
                 self._send_start(self._stem, resume=True)
         for follower in self.followers:

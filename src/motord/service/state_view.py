@@ -36,6 +36,7 @@ class StateView:
     started_ns: int
     unix_ns: Callable[[], int]
     bridge_clock: Callable[[], ClockView | None] = lambda: None
+    faults: Callable[[], dict[str, str]] = dict
 
     def build(self, now_ns: int) -> State:
         """Return the state now."""
@@ -73,6 +74,7 @@ class StateView:
             drive=device_view(bench, config, "drive", now_ns),
             bridge_clock=self.bridge_clock(),
             processes=self.processes(),
+            faults=self.faults(),
             telemetry_dropped=self.dropped(),
         )
 

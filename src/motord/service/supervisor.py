@@ -1,7 +1,8 @@
 """The supervisor's loop: about a hundred times a second, and never waiting for anyone.
 
 Ticks in, requests carried out, the bench advanced, the heartbeat written; everything that could
-take long (devices, the network, the disk) happens in other threads or processes.
+take long (devices, the network, the disk) happens in other threads or processes. Of the parts only
+the bench may end the daemon by an error; the others are in the table of `service.guard`.
 """
 
 import time
@@ -15,6 +16,7 @@ from motord.service.bench import Bench
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
 from motord.service.gate_link import GateLink
+from motord.service.guard import Guard
 from motord.service.log import log_error
 from motord.service.loop_link import LOOP, LoopLink
 from motord.service.notify import Notifier
@@ -42,11 +44,38 @@ class Supervisor:
     gate: GateLink | None = None
     notifier: Notifier = field(default_factory=Notifier)
     clock_ns: Callable[[], int] = time.monotonic_ns
+    guard: Guard = field(init=False)
+
+    def __post_init__(self) -> None:
+        bench = self.bench
+        self.guard = Guard(bench.events, bench.erred, lambda: bench.setpoint.request(Request.STOP))
 
     def step(self) -> None:
         """Do everything that is due now."""
-        now_ns = self.clock_ns()
+        now_ns, part = self.clock_ns(), self.guard.part
+        with part("loop link", now_ns):
+            self.loop.follow()
         block, lost = self.loop.read()
+        with part("processes", now_ns):
+            self._follow_processes(now_ns)
+        with part("requests", now_ns):
+            for call in self.calls.take():
+                self.desk.handle(call, now_ns)
+        self.bench.step(block, lost, now_ns)
+        with part("answers", now_ns):
+            self.desk.step(now_ns)
+        with part("gateway", now_ns):
+            if self.gate is not None:
+                self.gate.step(now_ns)
+        with part("recording", now_ns):
+            self.recording.step(now_ns, block)
+        with part("publisher", now_ns):
+            self.publisher.step(block, now_ns)
+        with part("service manager", now_ns):
+            self.notifier.progress(self.bench.watch.ticks, now_ns)
+
+    def _follow_processes(self, now_ns: int) -> None:
+        """Say who has ended; those that are due are started again."""
         for end in self.children.poll(now_ns):
             if end.spec.name == LOOP:
                 self.loop.ended(end)
@@ -55,15 +84,6 @@ class Supervisor:
                 self.bench.events.emit(
                     "process", f"{end.spec.name} ended: {end.how}: {end.spec.consequence}{again}"
                 )
-        for call in self.calls.take():
-            self.desk.handle(call, now_ns)
-        self.bench.step(block, lost, now_ns)
-        self.desk.step(now_ns)
-        if self.gate is not None:
-            self.gate.step()
-        self.recording.step()
-        self.publisher.step(block, now_ns)
-        self.notifier.progress(self.bench.watch.ticks, now_ns)
 
     def run(self, stopping: Callable[[], object]) -> None:
         """Step until `stopping()` is true; a step that comes late is not made up for."""
@@ -120,7 +140,7 @@ class Supervisor:
         self.calls.close("the daemon is shutting down")
         self.desk.give_up("the daemon is shutting down")
         if self.gate is not None:
-            self.gate.stop()
+            self.gate.stop(self.clock_ns())
         self.children.stop(LOOP)
         self.publisher.step(self.loop.read()[0], self.clock_ns())
         self.recording.stop()

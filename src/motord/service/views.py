@@ -146,12 +146,15 @@ class ClockView(Reply):
 
 
 class ProcessView(Reply):
-    """A child process."""
+    """A child process. bad_messages: lines of it that were no messages; dropped_messages: what it
+    did not take in time."""
 
     pid: int | None
     running: bool
     restarts: int
     exit: str  # how it ended last, "" if it never did
+    bad_messages: int = 0
+    dropped_messages: int = 0
 
 
 class CalibrationView(Reply):
@@ -234,6 +237,7 @@ class State(Reply):
     drive: DeviceView
     bridge_clock: ClockView | None = None
     processes: dict[str, ProcessView]
+    faults: dict[str, str] = {}  # what is wrong with a part of the daemon, by part
     telemetry_dropped: int
 
 

@@ -15,9 +15,10 @@ from motord.cli.record import app
 from motord.config import RecordingConfig
 from motord.record import blackbox
 from motord.record.blackbox import AFTER_S, LATE_S, Wanted, path_of
-from motord.record.blackboxes import AT_ONCE, TOLD
+from motord.record.blackboxes import AT_ONCE
 from motord.record.container import Container, part_of
 from motord.record.info import describe
+from motord.record.protocol import OUTCOMES_MAX
 from motord.record.reader import open_run
 from motord.record.session import Session
 from motord.runtime.ring import RingWriter
@@ -224,9 +225,9 @@ def test_while_the_disk_stalls_memory_is_bounded_and_what_is_left_out_is_told(be
     assert "still being written" in bench.session.report()["blackboxes"][str(paths[-1])]
     stalled.set()
     assert [bench.outcome(path) for path in paths[:-1]] == [""] * AT_ONCE
-    for number in range(TOLD):
+    for number in range(OUTCOMES_MAX):
         bench.outcome(bench.ask(149, after=0, number=10 + number))
-    assert len(bench.session.report()["blackboxes"]) == TOLD
+    assert len(bench.session.report()["blackboxes"]) == OUTCOMES_MAX
 
 
 def test_malformed_commands_show_in_the_report(bench):

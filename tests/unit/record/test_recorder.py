@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,6 +17,7 @@ from motord.record import launch, recorder
 from motord.record.container import part_of
 from motord.record.launch import RecorderLink, recorder_command, spawn_recorder
 from motord.record.lines import LineReader
+from motord.record.protocol import MessageReader, RecorderReport
 from motord.record.reader import open_run
 from motord.record.recorder import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.record.session import Session
@@ -82,6 +82,19 @@ def test_a_supervisor_that_does_not_read_or_is_gone_does_not_matter(pipe):
         reporter.tell(report, float(i))
     os.close(pipe[0])
     reporter.tell(report, 100.0)
+
+
+def test_reports_of_more_than_a_page_come_whole_or_not_at_all(pipe):
+    reporter, received = Reporter(pipe[1]), MessageReader(pipe[0], RecorderReport)
+    came = []
+    for i in range(200):
+        report: dict[str, object] = {"recording": True, "error": "x" * 16_000, "ticks": i}
+        reporter.tell(report, float(i))
+        if i % 7 == 0:  # now and then the supervisor looks
+            came += [report.ticks for report in received.read(i * 10**9)]
+    assert received.bad == 0
+    assert len(came) > 20
+    assert came == sorted(set(came))
 
 
 # --- the loop, with a clock of its own
@@ -238,7 +251,7 @@ def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
         link.event(i, "kind", "x" * 1000)
     assert link.dropped > 50
     process.wait()
-    assert link.reports() == []
+    assert link.reports(0) == []
     link.event(0, "kind", "the pipe is broken")
     link.close()
 
@@ -255,7 +268,7 @@ class Supervisor:
         self.ring = RingWriter(self.run_dir.ring, 4096)
         self.stem = folder / "runs" / "day"
         self.published = 0
-        self.last: dict[str, Any] = {}
+        self.last: RecorderReport | None = None
         self.process = spawn_recorder(recorder_command(CONFIG, self.run_dir))
         self.link = RecorderLink(self.process)
 
@@ -263,20 +276,20 @@ class Supervisor:
         self.link.close()
         self.process = spawn_recorder(recorder_command(CONFIG, self.run_dir))
         self.link = RecorderLink(self.process)
-        self.last = {}
+        self.last = None
 
     def loop(self, count: int) -> None:
         publish(self.ring, self.published, count)
         self.published += count
 
-    def until(self, condition: Callable[[dict[str, Any]], object], limit_s: float = 30.0) -> None:
+    def until(self, condition: Callable[[RecorderReport], object], limit_s: float = 30.0) -> None:
         """Wait for a report that meets `condition`."""
         deadline_s = time.monotonic() + limit_s
         while not (self.last and condition(self.last)):
             assert time.monotonic() < deadline_s, self.last
             assert self.process.stdout is not None
             select.select([self.process.stdout], [], [], 1.0)
-            for report in self.link.reports():
+            for report in self.link.reports(0):
                 self.last = report
 
     def end(self) -> int:
@@ -301,20 +314,20 @@ def supervisor(tmp_path: Path) -> Iterator[Supervisor]:
 @pytest.mark.system
 def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
     supervisor.link.start(supervisor.stem, METADATA)
-    supervisor.until(lambda r: r["recording"])
+    supervisor.until(lambda r: r.recording)
     supervisor.loop(1000)
-    supervisor.until(lambda r: r["ticks"] == 1000)
+    supervisor.until(lambda r: r.ticks == 1000)
     supervisor.link.event(1, "state", "ENABLED", {"a": 1})
     supervisor.link.plan(2, {"plan": "calibrate"})
     supervisor.link.operating_point(3, {"index": 0})
     supervisor.link.metadata("motord.latency", {"p50_us": 1})
     supervisor.link.stop("plan done")
-    supervisor.until(lambda r: not r["recording"])
-    run = open_run(Path(supervisor.last["file"]))
+    supervisor.until(lambda r: not r.recording)
+    run = open_run(Path(supervisor.last.file))
     assert run.end["reason"] == "plan done"
     assert (len(run.events()), len(run.plan()), len(run.operating_points())) == (1, 1, 1)
     supervisor.link.start(supervisor.stem, METADATA)
-    supervisor.until(lambda r: r["recording"])
+    supervisor.until(lambda r: r.recording)
     supervisor.loop(500)
     supervisor.ring.close()
     supervisor.process.send_signal(signal.SIGINT)
@@ -327,17 +340,17 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
 @pytest.mark.system
 def test_a_killed_process_is_followed_by_one_that_goes_on(supervisor):
     supervisor.link.start(supervisor.stem, METADATA)
-    supervisor.until(lambda r: r["recording"])
+    supervisor.until(lambda r: r.recording)
     supervisor.loop(600)
-    supervisor.until(lambda r: r["bytes"] > 50_000)
+    supervisor.until(lambda r: r.bytes > 50_000)
     supervisor.loop(300)
-    supervisor.until(lambda r: r["ticks"] == 900)
+    supervisor.until(lambda r: r.ticks == 900)
     supervisor.process.kill()
     supervisor.end()
     supervisor.loop(200)
     supervisor.again()
     supervisor.link.start(supervisor.stem, METADATA, resume=True)
-    supervisor.until(lambda r: r["recording"])
+    supervisor.until(lambda r: r.recording)
     supervisor.loop(50)
     supervisor.link.close()  # as if the supervisor had died
     supervisor.ring.close()

@@ -199,8 +199,15 @@ def test_foreign_threads_are_named() -> None:
 def test_status_file(tmp_path: Path) -> None:
     path = tmp_path / "loop.json"
     assert LoopStatus.read(path) is None
-    path.write_text('{"phase": "rea')
-    assert LoopStatus.read(path) is None
+    for nonsense in (
+        '{"phase": "rea',
+        "[" * 10_000,
+        '{"phase": "ready", "pid": []}',
+        "x" * (2 << 20),
+    ):
+        path.write_text(nonsense)
+        with pytest.raises(OSError, match="status of a loop"):
+            LoopStatus.read(path)
     status = LoopStatus(phase=Phase.READY, pid=7, foreign_threads=["x"])
     status.write(path)
     assert LoopStatus.read(path) == status

@@ -1,6 +1,5 @@
 """The gate in this process, before a daemon's own pieces: who comes, goes, may do what."""
 
-import io
 import json
 import os
 import subprocess
@@ -39,13 +38,26 @@ def who(folder, name):
     return identity.load(folder / "clients" / name)
 
 
+class Collected:
+    """What the gate reports, in the place of a pipe."""
+
+    dropped = 0
+
+    def __init__(self):
+        self.lines = []
+
+    def write(self, line):
+        self.lines.append(line)
+
+
 class Opened:
     """A gate that is kept open in a thread until the block ends."""
 
     def __init__(self, config, monkeypatch):
-        self.out, self.end, self.up = io.StringIO(), threading.Event(), threading.Event()
+        self.out = Collected()
+        self.end, self.up = threading.Event(), threading.Event()
 
-        def until(tls, before):
+        def until(tls, before, meanwhile):
             self.up.set()
             assert self.end.wait(WAIT_S)
             return gate.signature(tls) != before
@@ -69,7 +81,7 @@ class Opened:
         self.thread.join()
 
     def said(self):
-        return [json.loads(line)["message"] for line in self.out.getvalue().splitlines()]
+        return [json.loads(line)["message"] for line in self.out.lines]
 
 
 @pytest.fixture
@@ -149,19 +161,22 @@ def spoken(script, tmp_path):
     children = Children([type(spec)(**{**spec.__dict__, "command": command})])
     events = EventLog(lambda: 0)
     link = GateLink(children, events)
-    link.step()
+    link.step(0)
     link.start(0)
     process = children.process(GATE)
     process.wait(WAIT_S)
     for _ in range(3):
-        link.step()
-    link.stop()
+        link.step(0)
+    link.stop(0)
     return [event.message for event in events.recent()]
 
 
 def test_what_the_gate_says_becomes_an_event_whatever_it_is(tmp_path):
-    lines = [json.dumps({"message": "hello", "data": {"who": "anna"}}), "not JSON", "[1]"]
-    assert spoken(f"print({chr(10).join(lines)!r})", tmp_path) == ["hello", "not JSON", "[1]"]
+    good = json.dumps({"message": "hello", "data": {"who": "anna"}})
+    bad = ["not JSON", "[1]", json.dumps({"message": "x", "data": {"kind": "an argument of emit"}})]
+    hello, fault = spoken(f"print({chr(10).join([good, *bad])!r})", tmp_path)
+    assert hello == "hello"
+    assert fault.startswith("gate sent 3 lines that are no messages, the last of them")
 
 
 def test_a_gate_that_cannot_open_says_why(tmp_path):
@@ -174,7 +189,8 @@ def test_a_gate_that_cannot_open_says_why(tmp_path):
 def test_zenohs_log_is_taken_over_from_stdout():
     script = (
         "import os; from motord.service.gate import take_over_stdout as take\n"
-        "log, out = take(); os.write(1, b'inner\\n'); out.write('outer ' + log.readline())\n"
+        "log, out = take(); os.write(1, b'inner\\n'); line = log.readline()\n"
+        "out.write(b'outer ' + line.encode())\n"
         "out.flush()"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
@@ -189,7 +205,7 @@ def test_the_gate_ends_with_its_daemon(monkeypatch, folder):
     reader, writer = os.pipe()
     monkeypatch.setattr("motord.service.gate.STDIN", reader)
     authority.remove(folder, "ben")
-    assert gate._until_told_or_changed(tls, before) is True
+    assert gate._until_told_or_changed(tls, before, lambda: None) is True
     os.close(writer)
-    assert gate._until_told_or_changed(tls, gate.signature(tls)) is False
+    assert gate._until_told_or_changed(tls, gate.signature(tls), lambda: None) is False
     os.close(reader)

@@ -122,6 +122,7 @@ def test_one_that_does_not_listen_is_killed(children, started):
 def test_views_and_signals(children, started):
     assert children.views()["loop"].model_dump() == {
         "pid": None, "running": False, "restarts": 0, "exit": "",
+        "bad_messages": 0, "dropped_messages": 0,
     }  # fmt: skip
     children.signal("loop", signal.SIGUSR1)
     children.start("loop", 0)

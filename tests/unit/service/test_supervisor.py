@@ -87,11 +87,14 @@ class PlayedRecorder(Played):
         self.stdin, self.stdout = os.fdopen(self._into, "wb", 0), os.fdopen(self._out_of, "rb", 0)
         self._commands, self._reports = os.fdopen(commands, "rb", 0), os.fdopen(reports, "wb", 0)
         os.set_blocking(commands, False)
+        self._rest = b""
 
     def told(self, do=None):
-        lines = (self._commands.read() or b"").splitlines()
-        commands = [json.loads(line) for line in lines]
-        return [c for c in commands if do in (None, c["do"])]
+        return [c for c in self._whole_lines() if do in (None, c["do"])]
+
+    def _whole_lines(self):
+        *lines, self._rest = (self._rest + (self._commands.read() or b"")).split(b"\n")
+        return [json.loads(line) for line in lines]
 
     def report(self, **report):
         self._reports.write(json.dumps({"recording": True, "error": "", **report}).encode() + b"\n")

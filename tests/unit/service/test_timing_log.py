@@ -61,6 +61,9 @@ class Children:
     def process(self, _name):
         return self.running
 
+    def count(self, _name, _bad, _dropped):
+        pass
+
     def stop(self, _name):
         self.stopped += 1
 
@@ -81,7 +84,7 @@ class Bench:
     def next_recorder(self):
         self.children.running = Recorder(len(self.recorders))
         self.recorders.append(self.children.running)
-        self.recording.step()
+        self.recording.step(0)
         return self.children.running
 
     def loop(self):
@@ -129,8 +132,8 @@ def test_it_is_told_every_minute_and_the_parts_add_up(bench):
         live.work.add(1_000 * (minute + 1))
         live.record["missed"] += 1
         bench.now_ns += EVERY_NS
-        bench.recording.step()
-        bench.recording.step()
+        bench.recording.step(0)
+        bench.recording.step(0)
     live.work.add(9_000)
     bench.recording.loop_down()
     bench.recording.end("the loop ended")
@@ -160,7 +163,7 @@ def test_nothing_is_lost_while_there_is_no_recorder(bench):
     live.work.add(1_000)
     bench.children.running = None
     bench.now_ns += 2 * EVERY_NS
-    bench.recording.step()
+    bench.recording.step(0)
     live.work.add(2_000)
     second = bench.next_recorder()
     bench.recording.end("over")
@@ -182,7 +185,7 @@ def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     bench.recording.loop_up()
     live.work.add(1_000)
     recorder.say(recording=True, file="run-000.mcap", error="")
-    bench.recording.step()
+    bench.recording.step(0)
     recorder.say(recording=False, file="run-000.mcap", error="")
     bench.recording.stop()
     heard = [command["kind"] for command in recorder.heard()]
@@ -195,7 +198,7 @@ def test_a_recorder_that_has_died_is_not_waited_for(bench):
     recorder = bench.next_recorder()
     bench.recording.loop_up()
     recorder.say(recording=True, file="run-000.mcap", error="")
-    bench.recording.step()
+    bench.recording.step(0)
     recorder.code = -9
     bench.recording.stop()
     assert bench.children.stopped == 1

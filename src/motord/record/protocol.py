@@ -1,0 +1,112 @@
+"""What a child process reports to the supervisor: typed messages, bounded in size and in rate.
+
+Whatever else comes out of a child's pipe is counted and left out. Nothing here waits or raises.
+"""
+
+from typing import Annotated, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from motord.record.lines import LineReader
+
+TEXT_MAX = 16_384
+"""Characters of a path or of an error; the recorder cuts off the rest."""
+OUTCOMES_MAX = 8
+"""Black boxes, or files that were closed after a kill, of which a report tells the outcome."""
+
+RATE_PER_S = 200.0
+BURST = 2000.0
+"""What a child may send: messages, or KiB if they are longer. A recorder sends two a second."""
+SHOWN_BYTES = 80
+
+Text = Annotated[str, Field(max_length=TEXT_MAX)]
+Count = Annotated[int, Field(ge=0, lt=1 << 63)]
+Outcomes = Annotated[dict[Text, Text], Field(max_length=OUTCOMES_MAX)]
+
+
+class Message(BaseModel):
+    """A message of a child process: of exactly these fields and types."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class RecorderReport(Message):
+    """What the recorder says of itself: the recording that goes on, or the last one.
+
+    file: the newest file by its final name; while it is written it bears `.part` after it.
+    lost: ticks that were overwritten or vanished with a file. blackboxes: path of each to "" once
+    it is written, else why it is not.
+    """
+
+    recording: bool
+    file: Text = ""
+    files: Count = 0
+    ticks: Count = 0
+    bytes: Count = 0
+    lost: Count = 0
+    error: Text = ""
+    blackboxes: Outcomes = {}
+
+
+M = TypeVar("M", bound=Message)
+
+
+class Allowance:
+    """How much may come: `rate_per_s` for ever, `burst` at once (a token bucket). Times are ns."""
+
+    def __init__(self, rate_per_s: float = RATE_PER_S, burst: float = BURST) -> None:
+        self._rate_per_s = rate_per_s
+        self._burst = burst
+        self._left = burst
+        self._at_ns: int | None = None
+
+    def spend(self, amount: float, now_ns: int) -> bool:
+        """Take `amount`; return False once more has come than may."""
+        passed_s = (now_ns - (self._at_ns if self._at_ns is not None else now_ns)) / 1e9
+        self._at_ns = now_ns
+        self._left = min(self._burst, self._left + passed_s * self._rate_per_s) - amount
+        return self._left >= 0.0
+
+
+class MessageReader(Generic[M]):
+    """Messages of type `model` out of a pipe, at most `lines.LINES_AT_ONCE` at a call.
+
+    `bad`: lines so far that were none, `newest_bad` the last of them in short. `flooded` is True
+    once more has come than `Allowance` lets pass: the process behind it is not sound.
+    """
+
+    def __init__(self, descriptor: int, model: type[M]) -> None:
+        self._lines = LineReader(descriptor)
+        self._model = model
+        self._allowance = Allowance()
+        self._bad = 0
+        self.newest_bad = ""
+        self.flooded = False
+
+    @property
+    def ended(self) -> bool:
+        """True if the writer has closed the pipe and all of it has been returned."""
+        return self._lines.ended and not self._lines.pending
+
+    @property
+    def bad(self) -> int:
+        """Lines so far that were no message."""
+        return self._bad + self._lines.overlong
+
+    def read(self, now_ns: int) -> list[M]:
+        """Return the next messages that have come. `now_ns` is monotonic."""
+        before = self._lines.received
+        lines = self._lines.read()
+        KiB = (self._lines.received - before) / 1024
+        if not self._allowance.spend(max(len(lines), KiB), now_ns):
+            self.flooded = True
+        found = (self._parse(line) for line in lines)
+        return [message for message in found if message is not None]
+
+    def _parse(self, line: bytes) -> M | None:
+        try:
+            return self._model.model_validate_json(line)
+        except (ValidationError, ValueError):
+            self._bad += 1
+            self.newest_bad = repr(line[:SHOWN_BYTES])
+            return None
