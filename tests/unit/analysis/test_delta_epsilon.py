@@ -48,6 +48,7 @@ def test_it_is_measured_and_the_file_names_the_run(recording: Path, tmp_path: Pa
     assert content["delta_epsilon"] == pytest.approx(DELTA * EPSILON, rel=0.01)
     assert content["delta_epsilon_source"] == "gain.mcap"
     assert content["alpha"] == pytest.approx([0.8, 1.118, 1.118], rel=5e-3)
+    assert content["tau_cog_harmonics"]
     assert all(0 < h["phase_stderr_rad"] < 3.2 for h in content["tau_cog_harmonics"])
 
 

@@ -206,6 +206,8 @@ def test_a_board_that_does_not_know_its_encoder(board: Board) -> None:
     board.identity = Identity(counts=0)
     driver = SerialBridge(bench(port=board.port))
     driver.open()
+    assert driver.hello is not None
+    assert driver.hello.counts == 0
     driver.close()
 
 

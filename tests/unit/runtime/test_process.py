@@ -79,6 +79,7 @@ def test_terminated_loop_stops_safely_and_accounts(bench: LoopBench) -> None:
     assert bench.run() == 0
     assert phases == [Phase.STARTING] * WARM_UP_READS + [Phase.READY] * 20
     assert bench.rig.calls == ["open", "safe_stop", "close"]
+    assert bench.rig.commands
     assert all(command["enable"] == 0 for command in bench.rig.commands)
     status = bench.status
     assert (status.phase, status.reason, status.error) == (Phase.STOPPED, "SIGTERM", "")

@@ -114,6 +114,8 @@ def test_of_two_commanders_one_at_most_can_set(moves):
     for who, move in moves:
         _make(service, who, move, tokens)
         assert sum(_may_set(service, token) for token in tokens.values()) <= 1
+    _make(service, "ben", "force", tokens)
+    assert [_may_set(service, token) for token in tokens.values()] == [False, True]
 
 
 def _make(service, who, move, tokens):

@@ -59,7 +59,7 @@ def test_a_point_that_would_trip_is_named_with_the_cause_and_the_others_are_not(
 
 def test_a_supply_that_is_out_of_bounds_is_found():
     [each] = forecast(changed(load(), limits={"bus_V_min": 25.0}))
-    assert "BUS_VOLTAGE" in each.trouble or "not enabled" in each.trouble
+    assert each.trouble == "not enabled within 5 s"
 
 
 def test_a_brake_that_is_too_weak_is_found():
@@ -133,4 +133,8 @@ def test_every_plan_can_be_tried_out_or_says_why_not(name):
     settings = {"compensate": "off"} if name == "verify" else {}
     plan = build(name, load(), settings)
     [each] = forecasts(load(), plan.part(plan.points[:1]), None, Here(), 1e6)
-    assert each.fine or (not each.simulated and "by hand" in each.trouble)
+    if name == "inertia-oscillation":
+        assert (each.fine, each.simulated) == (False, False)
+        assert "by hand" in each.trouble
+    else:
+        assert (each.fine, each.simulated, each.trouble) == (True, True, "")
