@@ -253,7 +253,7 @@ def test_a_daemon_that_went_away_is_noticed(tmp_path):
 
 
 def test_a_supervisor_that_does_not_answer_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("motord.service.api.ANSWER_S", 0.2)
+    monkeypatch.setattr("motord.service.replies.ANSWER_S", 0.2)
     with live_service(tmp_path, name="asleep") as service:
         service.paused.set()
         with connect("asleep", service.listen) as client:

@@ -83,17 +83,20 @@ class LimitsConfig(Section):
 
 
 _LOOPBACK = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
+_SOCKET = r"unixsock-stream/(?=.{2,100}$)(/[\w.@+-]+)+"
 _TLS = r"tls/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):\d{1,5}"
 
 
 def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
-    form = re.compile(f"{_LOOPBACK}|{_TLS}")
-    if not any(re.fullmatch(_LOOPBACK, endpoint) for endpoint in endpoints) or not all(
+    own = re.compile(f"{_LOOPBACK}|{_SOCKET}")
+    form = re.compile(f"{own.pattern}|{_TLS}")
+    if not any(own.fullmatch(endpoint) for endpoint in endpoints) or not all(
         form.fullmatch(endpoint) for endpoint in endpoints
     ):
         raise ValueError(
             "whoever reaches the daemon may command it, so it listens on TCP ports of this "
-            f'machine alone, such as "tcp/127.0.0.1:7447"; got {", ".join(endpoints) or "none"}. '
+            'machine alone, such as "tcp/127.0.0.1:7447", or on a Unix socket, such as '
+            f'"unixsock-stream//run/motord/bench.sock"; got {", ".join(endpoints) or "none"}. '
             'Other machines come in by "tls/0.0.0.0:7448" besides, with certificates and roles: '
             "`motord security init` makes them"
         )
@@ -108,7 +111,7 @@ RENEWAL_S = 0.2
 
 
 Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
-"""Zenoh endpoints: TCP that only this machine can reach, at least one, and TLS."""
+"""Zenoh endpoints: TCP or Unix sockets of this machine alone, at least one, and TLS."""
 
 
 class RecordingConfig(Section):
@@ -140,23 +143,37 @@ class TlsConfig(Section):
 
 
 class ZenohConfig(Section):
-    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`."""
+    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`.
+
+    socket_group is the group whose members may connect to Unix sockets among the endpoints, by
+    default that of the daemon.
+    """
 
     listen: Endpoints = ("tcp/127.0.0.1:7447",)
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
+    socket_group: Annotated[str, Field(min_length=1, max_length=32)] | None = None
     tls: TlsConfig | None = None
 
     @property
     def local(self) -> tuple[str, ...]:
         """Endpoints of this machine alone."""
-        return tuple(endpoint for endpoint in self.listen if endpoint.startswith("tcp/"))
+        return tuple(endpoint for endpoint in self.listen if not endpoint.startswith("tls/"))
 
     @property
     def remote(self) -> tuple[str, ...]:
         """Endpoints that other machines reach, with a certificate."""
         return tuple(endpoint for endpoint in self.listen if endpoint.startswith("tls/"))
+
+    @model_validator(mode="after")
+    def _a_group_needs_a_socket(self) -> "ZenohConfig":
+        if self.socket_group and not any(e.startswith("unixsock-stream/") for e in self.listen):
+            raise ValueError(
+                f"socket_group = '{self.socket_group}' without an endpoint such as "
+                '"unixsock-stream//run/motord/bench.sock" in listen'
+            )
+        return self
 
     @model_validator(mode="after")
     def _tls_is_all_or_nothing(self) -> "ZenohConfig":

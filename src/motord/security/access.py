@@ -1,8 +1,9 @@
-"""What each role may do, as Zenoh's own access control: the rules of the gate.
+"""What clients may do, as Zenoh's own access control: the rules of the daemon and of the gate.
 
-What is not allowed is denied. Traffic comes in over TLS from clients, who are known by the common
-name of their certificate, and goes on over the loopback interface to the daemon. A client may never
-publish, answer or declare anything in the name of the bench.
+What is not allowed is denied. A client, wherever it is, may ask, subscribe and look who is alive;
+it may never publish, answer or declare anything in the name of the bench. To the gate clients come
+by TLS and are known by the common name of their certificate; it goes on to the daemon over the
+loopback interface or a Unix socket.
 """
 
 from collections.abc import Mapping
@@ -28,6 +29,31 @@ _ALL = (
     "declare_liveliness_subscriber",
 )
 
+_ASKS = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
+"""What a client sends."""
+_TELLS = ("put", "reply", "declare_queryable", "liveliness_token")
+"""What a client receives."""
+_TO_DAEMON = (
+    {"id": "daemon", "interfaces": ["lo"], "link_protocols": ["tcp"]},
+    {"id": "daemon_socket", "link_protocols": ["unixsock-stream"]},
+)
+"""How the gate reaches the daemon; it listens on TLS alone, so that nobody comes in this way."""
+
+
+def daemon_access_control(bench: str) -> dict[str, Any]:
+    """Return `access_control` of the Zenoh configuration of the daemon's own router.
+
+    The same for everybody who connects: the gate, programs of this machine, in whatever mode of
+    Zenoh. The daemon's own session is the router itself and passes no link.
+    """
+    rules = [
+        _rule("asks", ("ingress",), _ASKS, ["**"]),
+        _rule("receives", ("egress",), _TELLS, [f"motord/{bench}/**"]),
+    ]
+    return _enabled(
+        rules, [{"id": "anyone"}], [{"rules": ["asks", "receives"], "subjects": ["anyone"]}]
+    )
+
 
 def access_control(bench: str, roles: Mapping[str, Role]) -> dict[str, Any]:
     """Return `access_control` of the Zenoh configuration of the gate of `bench`."""
@@ -43,10 +69,10 @@ def access_control(bench: str, roles: Mapping[str, Role]) -> dict[str, Any]:
         _rule("command", ("ingress",), ("query",), [f"{root}/{COMMANDS}"]),
         _rule("answered", ("egress",), ("reply", "declare_queryable"), [f"{root}/{COMMANDS}"]),
     ]
-    subjects: list[dict[str, Any]] = [
-        {"id": "daemon", "interfaces": ["lo"], "link_protocols": ["tcp"]}
+    subjects: list[dict[str, Any]] = [dict(subject) for subject in _TO_DAEMON]
+    policies: list[dict[str, Any]] = [
+        {"rules": ["everything"], "subjects": [subject["id"] for subject in _TO_DAEMON]}
     ]
-    policies: list[dict[str, Any]] = [{"rules": ["everything"], "subjects": ["daemon"]}]
     look = ["watch", "watched", "look", "alive"]
     for role, allowed in ((Role.VIEWER, look), (Role.OPERATOR, [*look, "command", "answered"])):
         names = [name for name, given in roles.items() if given is role]
@@ -55,6 +81,12 @@ def access_control(bench: str, roles: Mapping[str, Role]) -> dict[str, Any]:
                 {"id": str(role), "link_protocols": ["tls"], "cert_common_names": names}
             )
             policies.append({"rules": allowed, "subjects": [str(role)]})
+    return _enabled(rules, subjects, policies)
+
+
+def _enabled(
+    rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
+) -> dict[str, Any]:
     return {
         "enabled": True,
         "default_permission": "deny",

@@ -30,8 +30,10 @@ from motord.service.events import EventLog
 from motord.service.experiments import Experiments
 from motord.service.gate_link import GateLink, gate_spec
 from motord.service.installation import Installation
+from motord.service.intake import Slow
 from motord.service.journal_file import Journal
 from motord.service.loop_link import LOOP, LoopLink
+from motord.service.messages import max_request_bytes
 from motord.service.operate import Operate
 from motord.service.processes import Children, ChildSpec, spawn
 from motord.service.publisher import Publisher
@@ -159,18 +161,21 @@ def assemble(
     )
     publisher = Publisher(bench, state, telemetry)
     events.listeners += [publisher.event, recording.event, boxes.event]
+    longest = max_request_bytes(config.motor.counts)
     api = Api(
         config.bench.name,
         calls,
         slow={
-            "calibration/install": (installation.prepare, installation.keep),
-            "plan/resume": (experiments.look_for_rest, lambda rest, answer: answer),
+            "calibration/install": Slow(installation.prepare, installation.keep, longest),
+            "plan/resume": Slow(experiments.look_for_rest),
         },
         documents={
             "state": publisher.state_document,
             "event": publisher.event_document,
             "plan": publisher.plan_document,
         },
+        max_request_bytes=longest,
+        in_command=lambda payload: bench.lease.is_in(payload, time.monotonic_ns()),
     )
     supervisor = Supervisor(
         *(bench, Desk(handlers, bench.erred), calls, children, loop, recording, publisher),

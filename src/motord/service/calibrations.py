@@ -12,8 +12,8 @@ from typing import Any
 
 from motord import calibration
 from motord.calibration import Calibration, CalibrationError
-from motord.config import Config
-from motord.service.messages import MAX_CALIBRATION_BYTES
+from motord.config import Config, MotorConfig
+from motord.service.messages import max_calibration_bytes
 from motord.service.views import CalibrationView
 from motord.whole_file import write_whole
 
@@ -32,15 +32,34 @@ def state_directory() -> Path:
     return (Path(home) if home else Path.home() / ".local" / "state") / "motord"
 
 
-def _readable(path: Path) -> Path:
+def check_given(
+    motor: MotorConfig, content: dict[str, Any] | None, path: str | None
+) -> Calibration:
+    """Return the calibration from a file's content or from a file, for `motor`.
+
+    Raises CalibrationError.
+    """
+    if path is None:
+        given = calibration.from_json(content, "calibration")
+    elif Path(path).is_absolute():
+        given = calibration.load(_readable(Path(path), max_calibration_bytes(motor.counts)))
+    else:
+        raise CalibrationError(f"{path}: give an absolute path on the daemon's machine")
+    given.check_motor(motor)
+    return given
+
+
+def _readable(path: Path, max_bytes: int) -> Path:
     """Return `path` if it is a file of a size that a calibration has. Raises CalibrationError."""
     try:
         status = path.stat()
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else error
         raise CalibrationError(f"{path}: cannot read it: {why}") from None
-    if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_CALIBRATION_BYTES:
-        raise CalibrationError(f"{path}: no file of a calibration")
+    if not stat.S_ISREG(status.st_mode) or status.st_size > max_bytes:
+        raise CalibrationError(
+            f"{path}: no file of a calibration: {status.st_size} bytes, at most {max_bytes}"
+        )
     return path
 
 
@@ -66,17 +85,6 @@ class CalibrationStore:
         loaded.check_motor(self._motor)
         self.path, self.current = path, loaded
         return loaded
-
-    def check(self, content: dict[str, Any] | None, path: str | None) -> Calibration:
-        """Return the calibration from a file's content or from a file, for this bench's motor."""
-        if path is None:
-            given = calibration.from_json(content, "calibration")
-        elif Path(path).is_absolute():
-            given = calibration.load(_readable(Path(path)))
-        else:
-            raise CalibrationError(f"{path}: give an absolute path on the daemon's machine")
-        given.check_motor(self._motor)
-        return given
 
     def keep(self, checked: Calibration) -> Path:
         """Write a checked calibration and mark it as the one in force."""

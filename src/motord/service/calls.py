@@ -1,34 +1,48 @@
-"""A request on its way from a Zenoh thread to the supervisor and its answer on the way back."""
+"""A request on its way to the supervisor, and its answer on the way back."""
 
 import queue
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from motord.service.messages import Request
 from motord.service.refusal import Refusal
 
 Answer = Mapping[str, Any]
+Outcome = Answer | Refusal
+
+
+def _nobody(outcome: Outcome) -> None:
+    """Tell nobody: whoever brought the call waits for it."""
 
 
 class Call:
-    """One request. The supervisor answers it once; the thread that brought it waits.
+    """One request. The supervisor answers it once.
 
-    `prepared` is what that thread has made of the request beforehand, because it takes long.
+    `prepared` is what was made of the request beforehand, because it takes long. `on_answer` is
+    called with the answer in the supervisor's thread and must not wait.
     """
 
-    def __init__(self, name: str, request: Request, prepared: Any = None) -> None:
+    def __init__(
+        self,
+        name: str,
+        request: Request,
+        prepared: Any = None,
+        on_answer: Callable[[Outcome], None] = _nobody,
+    ) -> None:
         self.name = name
         self.request = request
         self.prepared = prepared
+        self._on_answer = on_answer
         self._answered = threading.Event()
-        self._answer: Answer | Refusal | None = None
+        self._answer: Outcome | None = None
 
-    def answer(self, answer: Answer | Refusal) -> None:
+    def answer(self, answer: Outcome) -> None:
         """Answer the call, or refuse it; only the first answer counts."""
         if not self._answered.is_set():
             self._answer = answer
             self._answered.set()
+            self._on_answer(answer)
 
     def wait(self, timeout_s: float) -> Answer:
         """Return the answer. Raises Refusal, also if none comes within `timeout_s`."""

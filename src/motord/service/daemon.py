@@ -112,7 +112,7 @@ def _run(
         device.open(time.monotonic_ns())
     supervisor.step()  # so that there is a state for whoever asks at once
     stack.callback(daemon.api.close)
-    daemon.api.open(config.zenoh.local)
+    daemon.api.open(config.zenoh.local, config.zenoh.socket_group)
     stack.callback(daemon.telemetry.stop)
     daemon.telemetry.start()
     stack.callback(daemon.device_thread.stop)

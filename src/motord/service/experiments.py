@@ -7,7 +7,7 @@ from motord.plans import build as build_plan
 from motord.service.bench import Bench
 from motord.service.calls import Answer, Call
 from motord.service.desk import Handler, expect, need_no_plan, need_ready, need_zero_torque
-from motord.service.messages import PlanResume, PlanStart, Request, WithToken
+from motord.service.messages import PlanResume, PlanStart, Request, WithToken, parse
 from motord.service.plan_runner import Before
 from motord.service.refusal import Refusal
 from motord.service.resumption import Rest, Resumption
@@ -85,12 +85,13 @@ class Experiments:
         self._bench.plans.pause()
         return self._progress()
 
-    def look_for_rest(self, request: Request) -> Rest | None:
-        """Return what is missing of an interrupted plan; None if one is under way.
+    def look_for_rest(self, payload: bytes) -> tuple[Request, Rest | None]:
+        """Return a request to resume and what is missing of the plan; None if one is under way.
 
-        For the request's own thread, before `plan/resume`: it reads recordings. Raises Refusal.
+        For a thread that may wait, before `plan/resume`: it reads recordings. Raises Refusal.
         """
-        return None if self._bench.plans.active else self._resumption.rest()
+        request = parse("plan/resume", payload)
+        return request, None if self._bench.plans.active else self._resumption.rest()
 
     def _resume(self, call: Call, now_ns: int) -> Answer:
         asked, bench = expect(PlanResume, call), self._bench

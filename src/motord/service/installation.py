@@ -1,7 +1,7 @@
 """RPCs that concern what the daemon was set up with: its configuration and the calibration.
 
-A calibration is read, checked and turned into tables before the supervisor sees the request, and
-written to disk after it; only the exchange of the tables happens in between.
+A calibration is read and checked in another process and turned into tables before the supervisor
+sees the request, and written to disk after it; only the exchange of the tables happens in between.
 """
 
 from collections.abc import Callable
@@ -15,10 +15,11 @@ from motord.config import Config
 from motord.control import parameters
 from motord.runtime.tables import TablesBusyError
 from motord.service.bench import Bench
+from motord.service.calibration_reader import Read, read_elsewhere
 from motord.service.calibrations import CalibrationStore
 from motord.service.calls import Answer, Call
 from motord.service.desk import Handler, Wait, expect, need_no_plan, need_zero_torque
-from motord.service.messages import CalibrationInstall, Request
+from motord.service.messages import WithToken
 from motord.service.refusal import Refusal
 
 SWAP_S = 1.0
@@ -40,25 +41,28 @@ class Installation:
     """Answers `config` and installs calibrations; `toml` is the text of the bench file."""
 
     def __init__(
-        self, bench: Bench, store: CalibrationStore, write_tables: WriteTables, toml: str
+        self,
+        bench: Bench,
+        store: CalibrationStore,
+        write_tables: WriteTables,
+        toml: str,
+        read: Read = read_elsewhere,
     ) -> None:
         self._bench = bench
         self._store = store
         self._write_tables = write_tables
+        self._read = read
         self._config_answer = config_answer(bench.config, toml)
         self.handlers: dict[str, Handler] = {
             "config": lambda call, now_ns: self._config_answer,
             "calibration/install": self._install,
         }
 
-    def prepare(self, request: Request) -> Prepared:
-        """Check a calibration and make its tables; for any thread. Raises Refusal."""
-        assert isinstance(request, CalibrationInstall)
-        try:
-            calibration = self._store.check(request.calibration, request.path)
-        except CalibrationError as error:
-            raise Refusal("invalid", str(error)) from None
-        return Prepared(calibration, parameters.build(self._bench.config, calibration))
+    def prepare(self, payload: bytes) -> tuple[WithToken, Prepared]:
+        """Read and check a calibration, make its tables; for any thread. Raises Refusal."""
+        token, calibration = self._read(payload, self._bench.config.motor)
+        tables = parameters.build(self._bench.config, calibration)
+        return WithToken(token=token), Prepared(calibration, tables)
 
     def keep(self, prepared: Prepared, answer: Answer) -> Answer:
         """Write the calibration that is now in force to disk; for any thread. Raises Refusal."""
@@ -72,7 +76,7 @@ class Installation:
 
     def _install(self, call: Call, now_ns: int) -> Answer | Wait:
         bench, prepared = self._bench, call.prepared
-        who = bench.lease.require(expect(CalibrationInstall, call).token, now_ns).holder
+        who = bench.lease.require(expect(WithToken, call).token, now_ns).holder
         need_no_plan(bench)
         need_zero_torque(bench, "the torque would jump with the calibration")
 

@@ -88,6 +88,15 @@ class Lease:
         who = f"{held.holder} is in command" if held else "nobody is in command"
         raise Refusal("no_lease", f"this is not the token of the lease in force ({who})")
 
+    def is_in(self, payload: bytes, now_ns: int) -> bool:
+        """Return whether the token of the lease in force occurs in `payload`; for any thread.
+
+        Says that nobody else can have made the payload, before it is parsed; what it asks for still
+        has to `require` the token.
+        """
+        held = self._current(now_ns)
+        return held is not None and held.token.encode() in payload
+
     def expire(self, now_ns: int, notice_ns: int) -> str | None:
         """Return who has just lost command by not renewing, once; else None.
 

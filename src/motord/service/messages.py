@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.plans.settings import Compensation
 from motord.service.refusal import Refusal
 
@@ -123,14 +124,44 @@ REQUESTS: dict[str, type[Request]] = {
 """Every RPC and the model of its request."""
 
 MAX_REQUEST_BYTES = 64 * 1024
-MAX_CALIBRATION_BYTES = 64 * 1024 * 1024
+"""Of every request but `calibration/install`."""
+UNPROVEN_BYTES = 4096
+"""A request that needs the lease and is longer is not even parsed without its token."""
+NUMBER_BYTES = 32
+"""A number in JSON with all its digits, sign, exponent, comma, line end and some indentation."""
+WORDS_BYTES = 256 * 1024
+"""All of a calibration that is not a table: harmonics, runs, errors by point, words."""
+PASSES = 64
+"""Passes of learning whose errors a calibration lists for each point."""
+LEARNED_NUMBERS = MAX_NODES**2 * (4 * MAX_ORDERS + PASSES)
+"""At most this many numbers have been learned: two by order, the best of them, the errors."""
 
 
-def parse(name: str, payload: bytes) -> Request:
+def max_calibration_bytes(counts: int) -> int:
+    """Return how long a calibration file may be for an encoder of `counts` counts."""
+    return WORDS_BYTES + NUMBER_BYTES * (counts + LEARNED_NUMBERS)
+
+
+def max_request_bytes(counts: int) -> int:
+    """Return how long the longest request may be, which is an installation."""
+    return MAX_REQUEST_BYTES + max_calibration_bytes(counts)
+
+
+def needs_token(name: str) -> bool:
+    """Return whether RPC `name` is refused without the token of the lease in force."""
+    field = REQUESTS[name].model_fields.get("token")
+    return field is not None and field.is_required()
+
+
+def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
+    """Raise Refusal "invalid" for a request of more than `limit` bytes."""
+    if size > limit:
+        raise Refusal("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
+
+
+def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> Request:
     """Return the request of RPC `name`. Raises Refusal "invalid" that says which field is wrong."""
-    limit = MAX_CALIBRATION_BYTES if name == "calibration/install" else MAX_REQUEST_BYTES
-    if len(payload) > limit:
-        raise Refusal("invalid", f"{name}: {len(payload)} bytes, more than the {limit} allowed")
+    check_size(name, len(payload), limit)
     try:
         return REQUESTS[name].model_validate_json(payload or b"{}")
     except ValidationError as error:

@@ -23,3 +23,7 @@ class Refusal(Exception):
         super().__init__(message)
         self.code: Code = code
         self.message = message
+
+    def __reduce__(self) -> tuple[type["Refusal"], tuple[Code, str]]:
+        """Let it pass from one process to another."""
+        return type(self), (self.code, self.message)

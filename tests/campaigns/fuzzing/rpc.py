@@ -14,11 +14,12 @@ import numpy as np
 
 from motord.plans import PLANS
 from motord.schema import Trip
+from motord.service.calibration_reader import read
 from motord.service.calibrations import CalibrationStore
 from motord.service.calls import Call
 from motord.service.desk import Desk
 from motord.service.installation import Installation
-from motord.service.messages import REQUESTS, CalibrationInstall, parse
+from motord.service.messages import REQUESTS, parse
 from motord.service.refusal import Code, Refusal
 from tests.campaigns.fuzzing.mutate import (
     ODD_NUMBERS,
@@ -65,7 +66,7 @@ class Rpc:
         self._left = NEW_AFTER
         service = self.service = VirtualService()
         store = CalibrationStore(service.config, Path(self._folder.name))
-        self._installation = Installation(service.bench, store, lambda *tables: None, "text")
+        self._installation = Installation(service.bench, store, lambda *tables: None, "text", read)
         self._store = store
         handlers = {**service.desk._handlers, **self._installation.handlers}
         service.desk = Desk(handlers, service.bench.erred)
@@ -142,10 +143,10 @@ class Rpc:
         before = self._snapshot()
         in_force = self.token
         try:
-            request = parse(name, payload)
-            prepared = None
-            if isinstance(request, CalibrationInstall):
-                prepared = self._installation.prepare(request)
+            if name == "calibration/install":
+                request, prepared = self._installation.prepare(payload)
+            else:
+                request, prepared = parse(name, payload), None
             call = Call(name, request, prepared)
             self.service.desk.handle(call, self.service.now_ns)
         except Refusal as refusal:

@@ -4,11 +4,14 @@ import threading
 from contextlib import contextmanager
 
 from motord.service.api import Api
+from motord.service.calibration_reader import read
 from motord.service.calibrations import CalibrationStore
 from motord.service.calls import CallQueue
 from motord.service.desk import Desk
 from motord.service.experiments import Experiments
 from motord.service.installation import Installation
+from motord.service.intake import Slow
+from motord.service.messages import max_request_bytes
 from motord.service.operate import Operate
 from motord.service.publisher import Publisher
 from motord.service.state_view import StateView
@@ -48,7 +51,7 @@ class LiveService(VirtualService):
             "event": self.publisher.event_document,
             "plan": self.publisher.plan_document,
         }
-        installation = Installation(self.bench, store, lambda *tables: None, "the text")
+        installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         experiments = Experiments(self.bench, self.resumption)
         self.desk = Desk(
             {
@@ -58,11 +61,19 @@ class LiveService(VirtualService):
             },
             self.bench.erred,
         )
+        longest = max_request_bytes(self.config.motor.counts)
         slow = {
-            "calibration/install": (installation.prepare, installation.keep),
-            "plan/resume": (experiments.look_for_rest, lambda rest, answer: answer),
+            "calibration/install": Slow(installation.prepare, installation.keep, longest),
+            "plan/resume": Slow(experiments.look_for_rest),
         }
-        self.api = Api(self.config.bench.name, self.calls, slow, documents)
+        self.api = Api(
+            self.config.bench.name,
+            self.calls,
+            slow,
+            documents,
+            longest,
+            lambda payload: self.bench.lease.is_in(payload, self.now_ns),
+        )
         self.paused = threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._serve)

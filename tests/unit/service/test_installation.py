@@ -10,10 +10,10 @@ from motord import config
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.plans.settings import COMPENSATE
 from motord.runtime.tables import TablesBusyError
+from motord.service.calibration_reader import read
 from motord.service.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.calls import Call
 from motord.service.installation import Installation
-from motord.service.messages import CalibrationInstall
 from motord.service.refusal import Refusal
 from tests.unit.service.virtual_service import VirtualService
 
@@ -58,14 +58,16 @@ def tables():
 def service(tables, tmp_path):
     service = VirtualService()
     service.store = CalibrationStore(service.config, tmp_path)
-    service.installation = Installation(service.bench, service.store, tables.write, "the text")
+    service.installation = Installation(
+        service.bench, service.store, tables.write, "the text", read
+    )
     service.desk._handlers = {**service.desk._handlers, **service.installation.handlers}
     return service
 
 
 def install(service, token, **source):
-    request = CalibrationInstall(token=token, **source)
-    prepared = service.installation.prepare(request)
+    payload = json.dumps({"token": token, **source}).encode()
+    request, prepared = service.installation.prepare(payload)
     call = Call("calibration/install", request, prepared)
     service.desk.handle(call, service.now_ns)
     service.step(200)

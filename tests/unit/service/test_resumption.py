@@ -246,11 +246,11 @@ def test_what_was_found_in_the_requests_thread_is_used(days):
     service = days.daemon()
     [experiments] = {handler.__self__ for name, handler in service.desk._handlers.items()
                      if name == "plan/resume"}  # fmt: skip
-    rest = experiments.look_for_rest(None)
+    _, rest = experiments.look_for_rest(b'{"token": "t"}')
     assert [point.index for point in rest.plan.points] == [1, 2]
     token = service.acquire()
     service.ask("plan/resume", token=token)
-    assert experiments.look_for_rest(None) is None
+    assert experiments.look_for_rest(b'{"token": "t"}')[1] is None
 
 
 def test_a_journal_that_cannot_be_written_is_told_once_and_the_plan_goes_on(days, tmp_path):

@@ -1,0 +1,153 @@
+"""Where requests come in: bounded and checked before they are read, then handed to the supervisor.
+
+`accept` runs in Zenoh's network threads, which serve all clients. So nothing waits there, nothing
+is answered from there, and nothing of size is parsed there: `Replies` answers, and what takes long
+has a thread of its own, one request at a time. A request that needs the lease and is long, or takes
+long, is not parsed unless it holds the token of the lease in force; whether that is in its place is
+for the supervisor to see.
+"""
+
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from motord.service.calls import Answer, Call, CallQueue
+from motord.service.log import log_error
+from motord.service.messages import (
+    MAX_REQUEST_BYTES,
+    UNPROVEN_BYTES,
+    Request,
+    check_size,
+    needs_token,
+    parse,
+)
+from motord.service.refusal import Refusal
+from motord.service.replies import (
+    ANSWER_S,
+    ROOM,
+    ROOM_IN_COMMAND,
+    ROOM_OF_STOP,
+    Pending,
+    Replies,
+)
+
+InCommand = Callable[[bytes], bool]
+"""Whether a payload holds the token of the lease in force; for any thread."""
+
+
+@dataclass(frozen=True)
+class Slow:
+    """An RPC with work that must not hold up the supervisor, of at most `max_bytes`.
+
+    `prepare` makes the request and what comes with it of the payload, before the supervisor's
+    part, `finish` completes the answer after it. Both raise Refusal.
+    """
+
+    prepare: Callable[[bytes], tuple[Request, Any]]
+    finish: Callable[[Any, Answer], Answer] = lambda prepared, answer: answer
+    max_bytes: int = MAX_REQUEST_BYTES
+
+
+class Intake:
+    """Takes requests on and sees to it that each gets its answer through `replies`."""
+
+    def __init__(
+        self,
+        calls: CallQueue,
+        replies: Replies,
+        slow: Mapping[str, Slow],
+        in_command: InCommand,
+    ) -> None:
+        self._calls = calls
+        self._replies = replies
+        self._slow = slow
+        self._in_command = in_command
+        self._lanes: dict[str, queue.Queue[tuple[Pending, bytes] | None]] = {
+            name: queue.Queue(1) for name in slow
+        }
+        self._threads: list[threading.Thread] = []
+
+    def open(self) -> None:
+        """Begin with what is slow."""
+        for name, lane in self._lanes.items():
+            thread = threading.Thread(
+                target=self._serve_slowly, args=(name, lane), name=f"motord-{name}", daemon=True
+            )
+            thread.start()
+            self._threads.append(thread)
+
+    def close(self) -> None:
+        """End; what is being prepared is finished before."""
+        for lane in self._lanes.values():
+            lane.put(None)
+        for thread in self._threads:
+            thread.join()
+        self._threads = []
+
+    def accept(self, name: str, key: str, query: zenoh.Query) -> None:
+        """Take a query for RPC `name`, whose full key is `key`; never waits."""
+        size = len(query.payload) if query.payload is not None else 0
+        slow = self._slow.get(name)
+        fits = size <= (slow.max_bytes if slow else MAX_REQUEST_BYTES)
+        payload = query.payload.to_bytes() if fits and query.payload is not None else b""
+        proven = fits and self._in_command(payload)
+        room = ROOM_OF_STOP if name == "stop" else ROOM_IN_COMMAND if proven else ROOM
+        pending = self._replies.admit(name, key, query, size, room)
+        if pending is None:
+            return
+        try:
+            if str(query.key_expr) != key:
+                raise Refusal("invalid", f"rpc/{name} is asked for by its full name, no wildcard")
+            check_size(name, size, slow.max_bytes if slow else MAX_REQUEST_BYTES)
+            if needs_token(name) and not proven and (slow or size > UNPROVEN_BYTES):
+                raise self._without_lease(name, payload)
+            if slow:
+                self._hand_over(name, pending, payload)
+            else:
+                self._call(pending, parse(name, payload))
+        except Refusal as refusal:
+            self._replies.answer(pending, refusal)
+        except Exception as error:  # no client may be left without an answer
+            said = log_error(f"in taking on {name}", error)
+            self._replies.answer(pending, Refusal("internal", said))
+
+    def _without_lease(self, name: str, payload: bytes) -> Refusal:
+        """Return why a request is not read; a short one may be wrong in itself."""
+        if len(payload) <= UNPROVEN_BYTES:
+            parse(name, payload)
+        return Refusal("no_lease", f"{name}: not read, without the token of the lease in force")
+
+    def _call(self, pending: Pending, request: Request, prepared: Any = None) -> Call:
+        call = Call(
+            pending.name,
+            request,
+            prepared,
+            lambda outcome: self._replies.answer(pending, outcome),
+        )
+        self._calls.put(call)
+        return call
+
+    def _hand_over(self, name: str, pending: Pending, payload: bytes) -> None:
+        try:
+            self._lanes[name].put_nowait((pending, payload))
+        except queue.Full:
+            raise Refusal("busy", f"{name}: one is under way and one waits; try again") from None
+
+    def _serve_slowly(self, name: str, lane: "queue.Queue[tuple[Pending, bytes] | None]") -> None:
+        slow = self._slow[name]
+        while (item := lane.get()) is not None:
+            pending, payload = item
+            try:
+                request, prepared = slow.prepare(payload)
+                call = Call(name, request, prepared)
+                self._calls.put(call)
+                outcome: Answer | Refusal = slow.finish(prepared, call.wait(ANSWER_S))
+            except Refusal as refusal:
+                outcome = refusal
+            except Exception as error:  # as in `accept`
+                outcome = Refusal("internal", log_error(f"in {name}", error))
+            self._replies.answer(pending, outcome)
