@@ -2,11 +2,11 @@
 
 `python -m tests.campaigns.flood [--payloads 1000] [--flood-s 30] [--seed 1]`: a daemon on the
 simulated rig, powered by a commander who renews the lease; and others, in processes of their own,
-who have none. First they send so many payloads of 1 to 100 MB to any request, most of them JSON that
-is dear to parse; then for so long small requests, of any name and also by wildcard, as fast as Zenoh
-takes them, plans with a million points among them. The heartbeat is read from the recording: the
-longest time in which no new set-point of the supervisor came to a tick. Exit 1 if it was longer than
-100 ms, the bench did not stay enabled, the daemon ended or its memory is not back.
+who have none. First they send so many payloads of 1 to 100 MB to any request, most of them JSON
+that is dear to parse; then for so long small requests, of any name and also by wildcard, as fast as
+Zenoh takes them, plans with a million points among them. The heartbeat is read from the recording:
+the longest time in which no new set-point of the supervisor came to a tick. Exit 1 if it was longer
+than 100 ms, the bench did not stay enabled, the daemon ended or its memory is not back.
 """
 
 import argparse
@@ -150,13 +150,14 @@ def campaign(folder: Path, payloads: int, flood_s: float, seed: int) -> dict[str
             took_s = _attack(running.endpoint, "flooded", payloads, flood_s, seed, ask)
             peak.end()
             enabled = running.process.poll() is None and client.state().state == "ENABLED"
+            why = [] if enabled else [f"{e.kind}: {e.message}" for e in client.events()[-8:]]
             time.sleep(SETTLE_S)
             after_MB = _rss_MB(pid)
         exit_code = running.end()
         return {
             "payloads": payloads, "flood_s": flood_s, "took_s": round(took_s, 1),
             "heartbeat_gap_s": round(heartbeat_gap_s(running.runs()), 3),
-            "stayed_enabled": enabled, "exit_code": exit_code,
+            "stayed_enabled": enabled, "events": why, "exit_code": exit_code,
             "answers": len(answers_s), "slowest_answer_s": round(max(answers_s, default=0), 3),
             "unanswered": lost[:3],
             "before_MB": round(before_MB), "peak_MB": round(peak.peak_MB),

@@ -10,6 +10,9 @@ from motord.config.inertia import AccelerationConfig, OscillationConfig
 SMALLEST_GAIN_STEP = 0.05
 """Change of a phase's gain below which the common gain hardly shows."""
 
+MAX_VALUES = 64
+"""Values of a list that spans points: anybody may ask for a plan, and the bench waits for it."""
+
 
 class MeshConfig(Section):
     """`[plans.verify]`, and the mesh of `[plans.calibrate]`: the points and how each is taken.
@@ -17,8 +20,21 @@ class MeshConfig(Section):
     temperature_C: band of the inverter's; outside, a point is poor and taken again. None: any.
     """
 
-    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 2.0, 3.0, 4.0, 5.0)
-    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)] = (
+        1.0,
+        2.0,
+        3.0,
+        4.0,
+        5.0,
+    )
+    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)] = (
+        0.5,
+        0.6,
+        0.7,
+        0.8,
+        0.9,
+        1.0,
+    )
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0
@@ -35,8 +51,10 @@ class CalibrateConfig(MeshConfig):
     assumed to be 1.
     """
 
-    gain_steps: tuple[Annotated[float, Field(ge=0.5, le=1.5)], ...] = (0.8, 1.2)
-    gain_torques_Nm: tuple[Positive, ...] = ()
+    gain_steps: Annotated[
+        tuple[Annotated[float, Field(ge=0.5, le=1.5)], ...], Field(max_length=MAX_VALUES)
+    ] = (0.8, 1.2)
+    gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
 
     @field_validator("gain_steps")
     @classmethod
@@ -55,7 +73,14 @@ class DrivenConfig(Section):
     settle_tolerance for settle_s. temperature_C: as of a mesh.
     """
 
-    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)] = (
+        0.5,
+        0.6,
+        0.7,
+        0.8,
+        0.9,
+        1.0,
+    )
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0
@@ -84,8 +109,12 @@ class SensitivityConfig(Section):
     cogging_steps: Annotated[int, Field(ge=0, le=200)] = 15
     delta_epsilon: tuple[Positive, Positive] = (0.6, 1.4)
     delta_epsilon_steps: Annotated[int, Field(ge=0, le=200)] = 9
-    again_torques_Nm: tuple[Positive, ...] = (1.0, 3.0, 5.0)
-    again_speeds_Hz: tuple[Positive, ...] = (0.6, 0.9)
+    again_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = (
+        1.0,
+        3.0,
+        5.0,
+    )
+    again_speeds_Hz: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = (0.6, 0.9)
     again_alpha: tuple[Positive, Positive, Positive] = (0.8, 1.118, 1.118)
     again_beta_A: tuple[Finite, Finite, Finite] = (1.0, -0.5, -0.5)
     settle_s: NonNegative = 2.0

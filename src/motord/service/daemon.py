@@ -1,5 +1,6 @@
 """`motord run`: builds all parts of the daemon, runs them, takes them down in order."""
 
+import gc
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -104,6 +105,8 @@ def _run(
     daemon: Assembly, stack: ExitStack, stopping: Stopping, on_ready: Callable[[], None]
 ) -> None:
     """Bring everything up in order, run, take it down in the opposite order."""
+    gc.collect()
+    gc.freeze()  # modules and compiled kernels: to look through them takes longer than a step may
     supervisor, config = daemon.supervisor, daemon.supervisor.bench.config
     stack.callback(priority.fall)
     priority.rise(config.loop.priority)
