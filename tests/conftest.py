@@ -6,10 +6,15 @@ seed of its own, with which a run can be repeated.
 """
 
 import os
+from collections import Counter
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
+
+from tests.support import stalls
 
 settings.register_profile(
     "motord",
@@ -32,8 +37,35 @@ if not SOAK:
     providers._get_local_constants = lambda: nothing
 
 
+_seconds: Counter[str] = Counter()
+_forgiven: list[str] = stalls.FORGIVEN
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Add up the time of each folder of tests."""
+    _seconds[str(Path(report.nodeid.partition("::")[0]).parent)] += report.duration
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any, error: object) -> None:
+    """Take over from a process of pytest-xdist what it was forgiven."""
+    _forgiven.extend(getattr(node, "workeroutput", {}).get("forgiven", []))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how long each folder took, and which trips were forgiven."""
+    if len(_seconds) > 1:
+        times = ", ".join(f"{name} {seconds:.0f}" for name, seconds in _seconds.most_common())
+        terminalreporter.write_line(f"seconds by folder: {times}")
+    terminalreporter.write_line(f"{len(_forgiven)} trips forgiven to a computer that stalled")
+    for told in _forgiven:
+        terminalreporter.write_line(f"  {told}")
+
+
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     """With MOTORD_NO_SKIPS=1, as in continuous integration, a skipped test is a failure."""
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["forgiven"] = stalls.FORGIVEN
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if os.environ.get("MOTORD_NO_SKIPS") != "1" or reporter is None:
         return

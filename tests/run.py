@@ -1,7 +1,9 @@
-"""Run the test suite with coverage: compiled, then the kernels once more interpreted.
+"""Run the test suite, `--quick` the part of it for daily work, or some of its files.
 
 Coverage cannot see inside compiled code, so tests marked `kernel` run a second time with the
-compiler off; both passes count towards one figure, which must be at least `COVERAGE_PERCENT`.
+compiler off, beside the others; both count towards one figure, which must be at least
+`COVERAGE_PERCENT`. Tests marked `system` run last: they start processes of their own, in which
+nothing is measured. A file's tests run one after the other in one process, its fixtures once.
 """
 
 import argparse
@@ -12,33 +14,62 @@ from pathlib import Path
 
 COVERAGE_PERCENT = 90
 ROOT = Path(__file__).resolve().parent.parent
+SYSTEM_JOBS = 3
+"""Files of system tests at the same time, on 2 processors: they mostly wait."""
+SAME_EVERY_TIME = {
+    "PYTHONHASHSEED": "0",
+    "OMP_NUM_THREADS": "1",  # the order of sums, and no threads that wait for each other
+    "OPENBLAS_NUM_THREADS": "1",
+}
+QUICK = (
+    "tests/unit/control", "tests/unit/wire", "tests/unit/hal", "tests/unit/runtime",
+    "tests/unit/service", "tests/unit/record", "tests/unit/plans", "tests/unit/emulate",
+    "tests/unit/rig",
+)  # fmt: skip
 
 
-def run(*arguments: str, interpreted: bool = False) -> int:
-    environment = dict(os.environ)
-    if interpreted:
-        environment["NUMBA_DISABLE_JIT"] = "1"
-    return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=environment).returncode
+def begin(*arguments: str, **environment: str) -> subprocess.Popen[bytes]:
+    """Start `python -m arguments`; what it prints goes where this prints, or into `output`."""
+    return subprocess.Popen(
+        [sys.executable, "-m", *arguments],
+        cwd=ROOT,
+        env={**os.environ, **SAME_EVERY_TIME, **environment},
+    )
+
+
+def run(*arguments: str, **environment: str) -> int:
+    """Run `python -m arguments` and return its exit code."""
+    return begin(*arguments, **environment).wait()
+
+
+def pytest(jobs: str, *options: str) -> tuple[str, ...]:
+    """Return what runs pytest in so many processes."""
+    return ("pytest", "-q", "-n", jobs, "--dist", "loadfile", *options)
+
+
+def everything(jobs: str, paths: list[str]) -> int:
+    """Run all tests of `paths`, or of all folders, and return 0 if all is as it must be."""
+    for old in ROOT.glob(".coverage*"):
+        old.unlink()
+    kernels = ("coverage", "run", "--parallel-mode", "-m", "pytest", "-q", "-m", "kernel", *paths)
+    failed = run(*kernels, NUMBA_DISABLE_JIT="1")
+    failed |= run(*pytest(jobs, "--cov", "--cov-report=", "-m", "not system", *paths))
+    failed |= run(*pytest(str(SYSTEM_JOBS), "-m", "system", *paths))
+    if paths:
+        return failed
+    run("coverage", "combine", "--append", "--quiet")
+    return failed | run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", default="2", help="tests that run at the same time")
+    parser.add_argument("--jobs", default="2", help="unit tests that run at the same time")
+    parser.add_argument("--quick", action="store_true", help="the unit tests that matter daily")
     parser.add_argument("paths", nargs="*", help="folders or files of tests; default: all")
     options = parser.parse_args()
-    for old in ROOT.glob(".coverage*"):
-        old.unlink()
-    measured = ("coverage", "run", "--parallel-mode", "-m", "pytest", "-q")
-    failed = run(*measured, "-m", "kernel", *options.paths, interpreted=True)
-    failed |= run(
-        "pytest", "-q", "-n", options.jobs, "--dist", "loadgroup", "--cov", "--cov-report=",
-        "-m", "not system", *options.paths,
-    )  # fmt: skip
-    failed |= run(*measured, "-m", "system", *options.paths)
-    if options.paths:
-        return failed
-    run("coverage", "combine", "--append", "--quiet")
-    return failed | run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}")
+    if options.quick:
+        return run(*pytest(options.jobs, "-m", "not system and not slow", *QUICK))
+    return everything(options.jobs, options.paths)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.campaigns import seeds
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def main(rigs: int) -> int:
     config, wrong = load(), 0
     points_rad = 2 * np.pi / config.motor.counts
     off, stated, friction = [], [], []
-    for seed in range(rigs):
+    for seed in seeds.several(rigs, 0):
         case = random_case(seed)
         found = aligned(config, case)
         right = (found.phase_order, found.direction) == (case.phase_order, case.direction)

@@ -10,6 +10,7 @@ import numpy as np
 
 from motord.identify.back_emf import MeasuredBackEmf, measure
 from motord.rig.truth import RigTruth
+from tests.campaigns import seeds
 from tests.campaigns.driven import MOTORS, REPORT, Motor, inverter_apart, ticks_of
 
 BOUND_PERCENT = 0.3
@@ -58,9 +59,9 @@ def errors(found: MeasuredBackEmf, truth: RigTruth) -> tuple[float, float, np.nd
     )
 
 
-def campaign(motor: Motor, seeds: int) -> bool:
+def campaign(motor: Motor, count: int) -> bool:
     """Print what is reached with one motor; return whether the bound is kept."""
-    runs = [measured(motor, seed) for seed in range(1, seeds + 1)]
+    runs = [measured(motor, seed) for seed in seeds.several(count)]
     rows = [errors(*run) for run in runs]
     line, table = (max(row[k] for row in rows) for k in range(2))
     z = np.concatenate([row[2] for row in rows])
@@ -76,10 +77,10 @@ def campaign(motor: Motor, seeds: int) -> bool:
 
 def main() -> int:
     """Run all."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    kept = campaign(REPORT, seeds)
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    kept = campaign(REPORT, count)
     for motor in MOTORS:
-        kept = campaign(motor, max(seeds // 4, 1)) and kept
+        kept = campaign(motor, max(count // 4, 1)) and kept
     print("bound kept" if kept else "BOUND NOT KEPT")
     return 0 if kept else 1
 

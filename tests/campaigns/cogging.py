@@ -14,6 +14,7 @@ from motord.identify.points import PointData
 from motord.plans.build import build
 from motord.rig.truth import RigTruth
 from motord.virtual.mesh import run_points
+from tests.campaigns import seeds
 from tests.campaigns.driven import MOTORS, REPORT, Motor, bench_of, ticks_of
 
 MAGNITUDE_PERCENT = 0.5
@@ -76,9 +77,9 @@ def against_calibration(seed: int) -> tuple[float, float, float]:
     )
 
 
-def campaign(motor: Motor, seeds: int) -> bool:
+def campaign(motor: Motor, count: int) -> bool:
     """Print what is reached with one motor; return whether the bounds are kept."""
-    rows = [errors(*measured(motor, seed)) for seed in range(1, seeds + 1)]
+    rows = [errors(*measured(motor, seed)) for seed in seeds.several(count)]
     magnitude, phase, time = (max(row[k] for row in rows) for k in range(3))
     z = np.concatenate([row[3] for row in rows])
     covered = 100 * float((np.abs(z) < 1.96).mean())
@@ -91,11 +92,11 @@ def campaign(motor: Motor, seeds: int) -> bool:
 
 def main() -> int:
     """Run all; the bounds of magnitude and phase are the report's rig's."""
-    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    kept = campaign(REPORT, seeds)
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    kept = campaign(REPORT, count)
     for motor in MOTORS:
-        campaign(motor, max(seeds // 4, 1))
-    for seed in range(1, max(seeds // 10, 1) + 1):
+        campaign(motor, max(count // 4, 1))
+    for seed in seeds.several(max(count // 10, 1)):
         time, magnitude, phase = against_calibration(seed)
         print(
             f"calibrated against measured, seed {seed}: {time:.2f} % of peak, magnitude "

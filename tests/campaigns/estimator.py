@@ -19,6 +19,7 @@ from motord.plans import build
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, processors, run_plan
+from tests.campaigns import seeds
 
 SEEDS = 200
 MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.6, 0.9], "turns": 8, "settle_s": 0.5}
@@ -131,10 +132,10 @@ def judge(trials: Sequence[Trial]) -> Verdict:
     return Verdict(tuple(lines), tuple(failures))
 
 
-def main(seeds: int = SEEDS) -> int:
+def main(count: int = SEEDS) -> int:
     """Run all trials, print what they show, return the exit code."""
     with processors() as pool:
-        verdict = judge(list(pool.map(trial, range(1, seeds + 1), chunksize=4)))
+        verdict = judge(list(pool.map(trial, seeds.several(count), chunksize=4)))
     for line in (*verdict.lines, *(f"NOT KEPT: {failure}" for failure in verdict.failures)):
         print(line)
     return 1 if verdict.failures else 0

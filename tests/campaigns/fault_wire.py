@@ -3,7 +3,7 @@
 import json
 import re
 import signal
-import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,8 @@ from motord.record.reader import open_run
 from motord.schema import FAULT_COUNT_SHIFT, Flag, State, Trip
 from tests.campaigns.fault_bench import STATES
 from tests.campaigns.fault_table import ENABLED, RUNNING
-from tests.system.daemons import daemon, emulator, patient, wait_for
+from tests.support import stalls
+from tests.system.daemons import daemon, emulator, forgive, patient, wait_for
 from tests.unit.emulate.benches import write_bench
 
 RATE_HZ = 500
@@ -28,7 +29,10 @@ BRAKE = 0.58
 """Excitation that holds this torque at about 0.7 turns a second."""
 BRAKE_S = 0.8
 TORQUE_RATE_NM_PER_S = 10.0
-TRIES_S = 60.0
+TIMING_MS = 20.0
+"""Of emulator (5 ms at once), tick and telemetry, on any computer."""
+CLEAR_S = 1.5
+"""Within so long of a fault's end, as in virtual time, the bench can be enabled again."""
 NO_TRIP = Trip(0)
 ACTS_MS = 50.0
 """Within this time of an alarm the supervisor has begun to ramp the torque down."""
@@ -70,7 +74,8 @@ class WireRow:
 class WireOutcome:
     """What the recording and the rig's truth say of one fault in one state.
 
-    Times in ms after the fault's begin; zero_ms after the detection.
+    Times in ms after the fault's begin; zero_ms after the detection. late_ms: for how long the
+    computer kept the bench's processes from running meanwhile.
     """
 
     row: WireRow
@@ -79,7 +84,8 @@ class WireOutcome:
     first: Trip
     detected_ms: float | None
     zero_ms: float
-    recovered: bool
+    not_recovered: str
+    late_ms: float
     alarm_ms: float | None = None
     torque_ms: float = 0.0  # until the torque set-point was zero
 
@@ -170,15 +176,17 @@ def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) ->
     """Inject every fault in every state; return what came of it. Fails if ticks were lost."""
     bench, truth = bench_file(folder), folder / "truth.mcap"
     config = load(bench)
-    recovered = []
+    troubles, late_ms = [], []
     with emulator(folder, bench, truth) as devices, daemon(folder, bench) as running:
         with running.connect() as client, client.lease("faults") as lease:
             for row in rows:
                 for state in states:
                     _bring_to(client, lease.token, state, config)
+                    kept = stalls.of_bench(client.state())
                     inject(config, row.fault.model_dump(exclude_none=True))
-                    time.sleep(row.fault.duration_s + 0.4)
-                    recovered.append(_recover(client, lease.token))
+                    _let_pass(client, row.fault.duration_s + AFTER_S)
+                    late_ms.append(1e3 * kept.delay_s(client.state().loop.missed))
+                    troubles.append(_recover(client, lease.token))
             client.rpc("stop")
         assert running.end() == 0, running.said()
         devices.process.send_signal(signal.SIGTERM)
@@ -196,15 +204,16 @@ def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) ->
     events = [told for told in events if told["for_s"] != SETUP_S]
     _check_ticks(ticks)
     plan = [(row, state) for row in rows for state in states]
-    assert len(events) == len(plan) == len(recovered)
+    assert len(events) == len(plan) == len(troubles)
     rig = open_run(truth).truth()
     return [
-        _outcome(row, state, event, ticks, rig, well, said_ns)
-        for (row, state), event, well in zip(plan, events, recovered, strict=True)
+        _outcome(row, state, event, ticks, rig, trouble, late, said_ns)
+        for (row, state), event, trouble, late in zip(plan, events, troubles, late_ms, strict=True)
     ]
 
 
-SETUP_S = 0.0625
+AFTER_S = 0.4
+SETUP_S = 0.3125
 """How long the fault lasts that brings a bench to TRIPPED: by this it is known."""
 
 
@@ -221,24 +230,28 @@ def _bring_to(client: Any, token: str, state: str, config: Any) -> None:
         client.rpc("disable", token=token)
     elif state == "TRIPPED":
         _trip(client, config)
-        time.sleep(0.3)
+
+
+def _let_pass(client: Any, duration_s: float) -> None:
+    """Wait until the loop's ticks are that much later."""
+    end_ns = client.state().tick.t_ns + round(duration_s * 1e9)
+    wait_for(client, lambda state: state.tick.t_ns >= end_ns, f"{duration_s} s of ticks")
 
 
 def _turn(client: Any, token: str, state: str) -> None:
-    """Bring the bench under torque; one that trips meanwhile, as in `_enable`, is tried again."""
-    deadline_s = time.monotonic() + TRIES_S
+    """Bring the bench under torque; one that a busy computer trips meanwhile is tried again."""
     while True:
-        _enable(client, token)
+        kept = _enable(client, token)
         try:
             client.rpc("set", token=token, brake=BRAKE)
-            time.sleep(BRAKE_S)
+            _let_pass(client, BRAKE_S)
             client.rpc("set", token=token, torque_Nm=TORQUE_NM)
-        except ClientError:
-            if time.monotonic() > deadline_s:
-                raise
+        except ClientError as error:
+            forgive(client, kept, error)
             continue
         if state == "ramping" or wait_for(client, _there_or_not, "the torque").state == "ENABLED":
             return
+        forgive(client, kept)
 
 
 def _there_or_not(state: Any) -> bool:
@@ -246,38 +259,36 @@ def _there_or_not(state: Any) -> bool:
 
 
 def _trip(client: Any, config: Any) -> None:
-    """Trip the bench; a computer that stalls may miss a fault as short as that."""
-    deadline_s = time.monotonic() + TRIES_S
-    while client.state().state != "TRIPPED":
-        assert time.monotonic() < deadline_s, "no trip"
-        inject(config, {"kind": "bus_voltage", "for_s": SETUP_S})
-        time.sleep(SETUP_S + 0.5)
+    """Trip the bench by a fault that lasts longer than it takes to be found."""
+    inject(config, {"kind": "bus_voltage", "for_s": SETUP_S})
+    wait_for(client, lambda state: state.state == "TRIPPED", "the trip")
+    _let_pass(client, SETUP_S + 0.5)
 
 
-def _enable(client: Any, token: str) -> bool:
-    """Enable; a computer so busy that the bench trips meanwhile costs another try."""
-    deadline_s = time.monotonic() + TRIES_S
+def _enable(client: Any, token: str) -> stalls.Stalls:
+    """Enable, again only after a trip that a busy computer explains; return stalls since then."""
     while True:
+        kept = stalls.of_bench(client.state())
         try:
             client.rpc("reset", token=token)
-            return bool(client.rpc("enable", token=token) == {"state": "ENABLED"})
-        except ClientError:
-            if time.monotonic() > deadline_s:
-                raise
-            time.sleep(0.2)
+            assert client.rpc("enable", token=token) == {"state": "ENABLED"}
+            return kept
+        except ClientError as error:
+            forgive(client, kept, error)
 
 
-def _recover(client: Any, token: str) -> bool:
-    """Reset, enable at no torque, stop; True if that works."""
-    try:
+def _recover(client: Any, token: str) -> str:
+    """Reset, enable at no torque, stop; return what did not work, if anything."""
+    with suppress(ClientError):  # where it is not enabled
         client.rpc("set", token=token, torque_Nm=0.0)
-    except ClientError as error:
-        if error.code not in ("tripped", "refused"):
-            raise
+    _let_pass(client, CLEAR_S - AFTER_S)
     try:
-        return _enable(client, token)
+        _enable(client, token)
+    except AssertionError as error:
+        return str(error)
     finally:
         client.rpc("stop")
+    return ""
 
 
 def _check_ticks(ticks: np.ndarray) -> None:
@@ -290,7 +301,7 @@ def _check_ticks(ticks: np.ndarray) -> None:
 
 def _outcome(
     row: WireRow, state: str, event: dict[str, Any], ticks: np.ndarray, truth: np.ndarray,
-    recovered: bool, said_ns: list[int],
+    not_recovered: str, late_ms: float, said_ns: list[int],
 ) -> WireOutcome:  # fmt: skip
     """Read off the recording what a fault did, from its event until 0.3 s after its end."""
     period_ns = round(1e9 / RATE_HZ)
@@ -310,7 +321,9 @@ def _outcome(
         alarm_ms = (alarms[0] - begun_ns) * 1e-6 if alarms else None
         under = np.flatnonzero(here["torque_set_Nm"])
         torque_ms = (int(now_ns[during[under[-1]]]) - begun_ns) * 1e-6 if under.size else 0.0
-        return WireOutcome(row, state, told, Trip(0), None, 0.0, recovered, alarm_ms, torque_ms)
+        return WireOutcome(
+            row, state, told, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms
+        )
     tick = here[int(rows[0])]
     first = int(tick["trip_bits"]) & ~before
     first = int(tick["first_trip"]) if state not in ("OFF", "TRIPPED") else first & -first
@@ -319,12 +332,13 @@ def _outcome(
     largest = np.max([np.abs(then[f"i_{phase}_A"]) for phase in "abc"], axis=0)
     flowing = np.flatnonzero(largest > 1e-3)
     zero_ms = (int(then["t_ns"][flowing[-1]]) - at_ns) * 1e-6 if flowing.size else 0.0
-    return WireOutcome(row, state, told, Trip(first), (at_ns - begun_ns) * 1e-6, zero_ms, recovered)
+    detected_ms = (at_ns - begun_ns) * 1e-6
+    return WireOutcome(row, state, told, Trip(first), detected_ms, zero_ms, not_recovered, late_ms)
 
 
-def wrong(one: WireOutcome, late_ms: float) -> list[str]:
-    """Return what is not as it must be; `late_ms` is what the computer may add to the times."""
-    cell, faults = one.row.cells[one.state], []
+def wrong(one: WireOutcome) -> list[str]:
+    """Return what is not as it must be; to the times is added what the computer took away."""
+    cell, faults, late_ms = one.row.cells[one.state], [], one.late_ms + TIMING_MS
     if not one.told:
         faults.append("not told of in the recording")
     if cell.causes and cell.certain and one.detected_ms is None:
@@ -337,8 +351,8 @@ def wrong(one: WireOutcome, late_ms: float) -> list[str]:
         faults += _wrong_alarm(one, late_ms)
     if one.zero_ms > 20.0 + late_ms:
         faults.append(f"current for {one.zero_ms:.0f} ms after that")
-    if not one.recovered:
-        faults.append("not enabled again")
+    if one.not_recovered:
+        faults.append(f"not enabled again: {one.not_recovered}")
     return faults
 
 

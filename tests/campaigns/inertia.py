@@ -19,6 +19,7 @@ from motord.identify.inertia_report import DIFFERENCE, explanations
 from motord.identify.inertia_springs import Setup
 from motord.identify.ripple import harmonics_table
 from motord.rig.truth import load as load_truth
+from tests.campaigns import seeds
 from tests.unit.identify.inertia_runs import (
     pushes,
     read,
@@ -29,7 +30,7 @@ from tests.unit.identify.inertia_runs import (
     told,
 )
 
-SEEDS = range(1, 6)
+SEEDS = seeds.several(5)
 DRAWS = 200
 TRUTH_KG_M2 = 0.0105
 

@@ -20,8 +20,9 @@ from motord.plans import build
 from motord.record.reader import open_run
 from motord.simulate import Source, record_plan
 from motord.virtual import processors
+from tests.campaigns import seeds
 
-SEEDS = range(1, 4)
+SEEDS = seeds.several(3)
 ALPHA = np.array([0.8, 1.118, 1.118])
 BETA_A = np.array([1.0, -0.5, -0.5])
 

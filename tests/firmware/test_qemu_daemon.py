@@ -74,7 +74,9 @@ def between(rows, begun, held):
 def test_the_bench_turns_with_the_firmware_in_the_loop(bench, devices):
     with daemon(bench.folder, bench.path) as running:
         with running.connect() as client, client.lease("anna") as lease:
-            begun, held = hold(client, lease, 3.0, 0.7, states_in_a_row=20)
+            begun, held = hold(
+                client, lease, 3.0, 0.7, states_in_a_row=20, limit_s=HEARTBEAT_TIMEOUT_S
+            )
         assert running.end() == 0, running.said()
         [run] = running.runs()
         ticks = between(run.ticks(), begun, held)
@@ -94,12 +96,12 @@ def test_the_bench_turns_with_the_firmware_in_the_loop(bench, devices):
 def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
     with daemon(bench.folder, bench.path) as running, running.connect() as client:
         with client.lease("anna") as lease:
-            hold(client, lease, 2.0, 0.7, states_in_a_row=5)
+            hold(client, lease, 2.0, 0.7, states_in_a_row=5, limit_s=HEARTBEAT_TIMEOUT_S)
             bench.inject(kind="bridge_reboot", for_s=0.05)
             tripped = wait_for(client, lambda state: state.trips, "a trip")
             # the line opened and the power stage went off, or the first samples came sooner
             assert tripped.first_trip in ("INVERTER_FAULT", "BRIDGE_FAULT"), tripped.trips
-            hold(client, lease, 2.0, 0.7, states_in_a_row=5)
+            hold(client, lease, 2.0, 0.7, states_in_a_row=5, limit_s=HEARTBEAT_TIMEOUT_S)
         assert running.end() == 0, running.said()
     assert "trip: ENABLED -> TRIPPED" in running.said()
 
@@ -109,7 +111,7 @@ def test_a_dead_loop_opens_the_line(bench, devices, number):
     with daemon(bench.folder, bench.path) as running, running.connect() as client:
         lease = client.lease("anna")
         lease.acquire()
-        _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+        _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3, limit_s=HEARTBEAT_TIMEOUT_S)
         loop = state.processes["loop"].pid
         stopped_ns = time.time_ns()
         os.kill(loop, number)
@@ -130,7 +132,7 @@ def test_a_dead_loop_opens_the_line(bench, devices, number):
 def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):
     with daemon(bench.folder, bench.path) as running, running.connect() as client:
         with client.lease("anna") as lease:
-            hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+            hold(client, lease, 2.0, 0.7, states_in_a_row=3, limit_s=HEARTBEAT_TIMEOUT_S)
             bench.inject(kind="bridge_corrupt", for_s=1.0, fraction=0.1)
             time.sleep(1.5)
             assert client.state().state == "ENABLED", client.state().trips

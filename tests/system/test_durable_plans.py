@@ -37,6 +37,12 @@ def kill_everything(running, client):
     wait_until(lambda: not any(map(alive, pids)), "the processes to be gone")
 
 
+def journal(folder):
+    """Return what is on the disk of the plan's journal."""
+    [path] = (folder / "state" / "motord" / "plans").glob("*.jsonl")
+    return path.read_text()
+
+
 def followed(client, token, condition):
     with client.subscribe_plan() as progress:
         while True:
@@ -67,6 +73,7 @@ def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path
                 "plan/start", token=lease.token, name="calibrate", settings=PLAN, detach=True
             )
         begun = followed(client, lease.token, lambda view: view.points_done == 2)
+        wait_until(lambda: journal(tmp_path).count('"kind":"point"') == 2, "the disk")
         kill_everything(first, client)
     with daemon(tmp_path, path) as second:
         assert "calibrate was interrupted with 2 of 4 points taken" in second.said()

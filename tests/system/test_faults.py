@@ -14,17 +14,12 @@ from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-BUSY_MS = 1500.0
-"""What a busy computer may add to every time."""
-
 
 def test_a_few_faults_under_torque(tmp_path):
     rows = tuple(row for row in WIRE_TABLE if row.fault.kind in FEW)
     outcomes = session(tmp_path, rows, ("torque",))
     assert len(outcomes) == len(rows)
-    assert not [
-        (one.row.fault.kind, wrong(one, BUSY_MS)) for one in outcomes if wrong(one, BUSY_MS)
-    ]
+    assert not [(one.row.fault.kind, wrong(one)) for one in outcomes if wrong(one)]
 
 
 def test_faults_by_command_and_what_cannot_be(tmp_path):

@@ -11,18 +11,28 @@ import pytest
 from motord.client import ClientError
 from motord.record.reader import open_run
 from motord.schema import State
-from tests.system.daemons import Program, daemon, emulator, patient, wait_for, wait_until
-from tests.system.test_daemon import check_ticks
+from tests.support import stalls
+from tests.system.daemons import (
+    STALE_S,
+    Program,
+    daemon,
+    emulator,
+    forgive,
+    patient,
+    wait_for,
+    wait_until,
+)
+from tests.system.test_daemon import alive, check_ticks
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-INVERTER_TIMEOUT_S = 0.3
-SUPERVISOR_TIMEOUT_S = 1.0
+INVERTER_TIMEOUT_S = STALE_S
 ZERO_A = 1e-6
-HOLD_S = 180.0
-MARGIN_S = 1.5
-"""What a busy computer may take longer than the timeouts say."""
+RAMP_S = 0.2
+"""From 2 Nm at 10 Nm/s."""
+DECAYED_S = 0.02
+"""Of emulated time, until no current is left: 5 ms at once, and the inverter's lag."""
 
 
 class Wire:
@@ -55,26 +65,26 @@ def wire(tmp_path, request):
         yield Wire(running, devices, truth)
 
 
-def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row):
+def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S):
     """Bring the bench to torque and speed until the speed has stayed there for some states.
 
-    Returns the first and the last of them. A computer so busy that the bench trips costs another
-    try.
+    Returns the first and the last of them. A trip that a computer too busy explains, and no other,
+    costs another try (`tests.support.stalls`); `limit_s` is the bench's shortest limit.
     """
-    deadline_s = time.monotonic() + HOLD_S
-    while time.monotonic() < deadline_s:
-        seen = []
+    while True:
+        kept, seen = stalls.of_bench(client.state()), []
         try:
             client.rpc("reset", token=lease.token)
             client.rpc("enable", token=lease.token)
             client.rpc("set", token=lease.token, torque_Nm=torque_Nm, speed_Hz=speed_Hz)
             wait_for(client, partial(_held, seen, speed_Hz, states_in_a_row), f"{speed_Hz} Hz")
+            if seen:
+                return seen[0], seen[-1]
+            forgive(client, kept, limit_s=limit_s)
         except ClientError as error:
             if error.code not in ("tripped", "timeout", "refused"):
                 raise
-        if seen:
-            return seen[0], seen[-1]
-    raise AssertionError(f"not held within {HOLD_S} s: {client.state()}")
+            forgive(client, kept, error, limit_s)
 
 
 def _held(seen, speed_Hz, states_in_a_row, state):
@@ -91,11 +101,23 @@ def _held(seen, speed_Hz, states_in_a_row, state):
     return len(seen) == states_in_a_row and abs(mean_Hz / speed_Hz - 1.0) < 0.1
 
 
-def currents(truth, from_ns):
-    """Return the largest true current of each sample from `from_ns` on."""
+def currents(truth, from_ns, within_s=0.0):
+    """Return the largest true current of each row from `within_s` after `from_ns` on.
+
+    This time is that of the rig: where the emulator was kept from running, it left rows out.
+    """
     later = truth[truth["t_ns"] >= from_ns]
+    step_ns = np.median(np.diff(truth["t_ns"]))
+    passed_ns = np.cumsum(np.minimum(np.diff(later["t_ns"], prepend=from_ns), step_ns))
+    later = later[passed_ns >= within_s * 1e9]
     assert len(later) > 100
     return np.max([np.abs(later[f"i_{phase}_A"]) for phase in "abc"], axis=0)
+
+
+def go_on(devices, wakes=1000):
+    """Wait until the emulator has been run so many times more: about as many milliseconds."""
+    enough = stalls.runs(devices.process.pid) + wakes
+    wait_until(lambda: stalls.runs(devices.process.pid) > enough, "the emulator")
 
 
 def test_three_newton_metres_at_0_7_turns_a_second(wire):
@@ -120,24 +142,42 @@ def test_three_newton_metres_at_0_7_turns_a_second(wire):
 
 
 @pytest.mark.parametrize("wire", [INVERTER_TIMEOUT_S], indirect=True, ids=["short-timeout"])
-@pytest.mark.parametrize("victim", ["loop", "supervisor"])
-def test_kill_9_leaves_the_inverter_without_current(wire, victim):
+def test_kill_9_of_the_loop_leaves_the_inverter_without_current(wire):
     with wire.daemon.connect() as client:
         lease = client.lease("anna")
         lease.acquire()
         _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
-        pids = {name: view.pid for name, view in state.processes.items()}
-        pids["supervisor"] = wire.daemon.ready["pid"]
+        os.kill(state.processes["loop"].pid, signal.SIGKILL)
         killed_ns = time.time_ns()
-        os.kill(pids[victim], signal.SIGKILL)
-        if victim == "loop":
-            assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
-        time.sleep(SUPERVISOR_TIMEOUT_S + MARGIN_S + 1.0)  # the emulator records meanwhile
+        assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
+        go_on(wire.devices, wakes=round(2000 * INVERTER_TIMEOUT_S))
     truth = wire.truth()
-    timeout_s = INVERTER_TIMEOUT_S if victim == "loop" else SUPERVISOR_TIMEOUT_S + 0.2
     assert currents(truth, state.tick.t_ns - 200_000_000).max() > 1.0
-    within_ns = killed_ns + round((timeout_s + MARGIN_S) * 1e9)
-    assert currents(truth, within_ns).max() < ZERO_A
+    assert currents(truth, killed_ns, INVERTER_TIMEOUT_S + DECAYED_S).max() < ZERO_A
+
+
+def test_kill_9_of_the_supervisor_ramps_down(wire):
+    with wire.daemon.connect() as client:
+        lease = client.lease("anna")
+        lease.acquire()
+        _, state = hold(client, lease, 2.0, 0.7, states_in_a_row=3)
+        loop = state.processes["loop"].pid
+        os.kill(wire.daemon.ready["pid"], signal.SIGKILL)
+        killed_ns = time.time_ns()
+        wait_until(lambda: not alive(loop), "the loop to leave")
+        go_on(wire.devices)
+    ticks = wire.daemon.runs()[-1].ticks()
+    ramped_ns = killed_ns + round((STALE_S + RAMP_S) * 1e9)
+    commanded = np.max([np.abs(ticks[f"i_cmd_{phase}_A"]) for phase in "abc"], axis=0) > 0
+    last_ns = int((ticks["t_ns"] + ticks["sample_age_ns"])[commanded][-1])
+    assert killed_ns < last_ns <= ramped_ns
+    after = ticks[ticks["t_ns"] > ramped_ns]
+    assert len(after) > 100
+    assert (after["state"] == State.TRIPPED).all()
+    truth = wire.truth()
+    assert currents(truth, state.tick.t_ns - 200_000_000).max() > 1.0
+    zero_ns = int(after["t_ns"][0] + after["sample_age_ns"][0])
+    assert currents(truth, zero_ns, DECAYED_S).max() < ZERO_A
 
 
 def test_kill_9_of_the_recorder_leaves_the_commander_in_command(wire):
@@ -148,11 +188,11 @@ def test_kill_9_of_the_recorder_leaves_the_commander_in_command(wire):
         assert client.state().state == "ENABLED", client.state().trips
         assert client.rpc("stop") == {"state": "OFF"}
         stopped_ns = client.state().tick.t_ns
-        wait_until(lambda: client.state().tick.t_ns > stopped_ns + 2_000_000_000, "2 s")
+        wait_until(lambda: client.state().tick.t_ns > stopped_ns + 500_000_000, "0.5 s")
     assert wire.daemon.end() == 0
     ticks = np.concatenate([r.ticks(("tick", "missed", "flags")) for r in wire.daemon.runs()])
     check_ticks(ticks)
-    assert currents(wire.truth(), stopped_ns + round(MARGIN_S * 1e9)).max() < ZERO_A
+    assert currents(wire.truth(), stopped_ns, DECAYED_S).max() < ZERO_A
 
 
 def test_sigterm_ramps_down_on_the_wire(wire):
@@ -165,9 +205,9 @@ def test_sigterm_ramps_down_on_the_wire(wire):
     ended_ns = time.time_ns()
     [run] = wire.daemon.runs()
     assert State(int(run.ticks(("state",))["state"][-1])) is State.OFF
-    time.sleep(1.5)
+    go_on(wire.devices)
     truth = wire.truth()
-    assert currents(truth, ended_ns).max() < ZERO_A
+    assert currents(truth, ended_ns, DECAYED_S).max() < ZERO_A
     assert (truth["enable_line"][-100:] == 0).all()
 
 
