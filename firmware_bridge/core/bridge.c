@@ -25,6 +25,7 @@ static void put_hello(struct bridge *bridge)
                                     .rate_Hz = bridge->rate_Hz,
                                     .counts = 1U << board->encoder_lines,
                                     .layout = bridge->layout_hash,
+                                    .heartbeat_next = bridge->heartbeat_next,
                                 }};
     for (size_t i = 0; i < sizeof frame.Hello.board && board->name[i] != '\0'; i++) {
         frame.Hello.board[i] = (uint8_t)board->name[i];
@@ -119,9 +120,6 @@ void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading)
         bridge->ticks_to_sample = bridge->ticks_per_sample;
         sample(bridge, reading, encoder.lines);
     }
-    if (clock_since(reading->t_us, bridge->heard_t_us) >= BRIDGE_SILENCE_US) {
-        bridge->host_silent = true;
-    }
     if (bridge->streaming &&
         clock_since(reading->t_us, bridge->status_t_us) >= BRIDGE_STATUS_PERIOD_US) {
         put_status(bridge);
@@ -141,30 +139,36 @@ static void hear_hello_request(struct bridge *bridge, uint16_t protocol)
     put_hello(bridge);
 }
 
-/* All of it or nothing, so that the rate that Status tells stands for both. */
+/* All of it or nothing, so that the rate that Status tells stands for both. It is a host that starts:
+ * the line opens, so that an old Configure cannot prolong the time of a host that fell silent. */
 static void hear_configure(struct bridge *bridge, uint32_t rate_Hz, uint32_t timeout_us)
 {
     if (timeout_us >= BRIDGE_TIMEOUT_MIN_US && timeout_us <= BRIDGE_TIMEOUT_MAX_US &&
         set_rate(bridge, rate_Hz)) {
-        enable_line_judge(&bridge->line, bridge->t_us);
+        enable_line_stop(&bridge->line, bridge->t_us);
         bridge->line.timeout_us = timeout_us;
     }
     put_status(bridge);
 }
 
-static void hear_heartbeat(struct bridge *bridge, uint16_t sequence, uint8_t enable)
+static bool asks_to_close(const struct bridge_Heartbeat *heartbeat)
+{
+    return (heartbeat->turns_enable & BRIDGE_HEARTBEAT_ENABLE) != 0;
+}
+
+static void hear_heartbeat(struct bridge *bridge, const struct bridge_Heartbeat *heartbeat)
 {
     bridge->heartbeats++;
-    bridge->heartbeat_sequence = sequence;
+    bridge->heartbeat_sequence = heartbeat->sequence;
     bridge->heartbeat_t_us = bridge->t_us;
-    enable_line_heartbeat(&bridge->line, bridge->t_us, enable == 1);
+    enable_line_heartbeat(&bridge->line, bridge->t_us, asks_to_close(heartbeat));
 }
 
 static void hear(struct bridge *bridge, const union bridge_frame *frame)
 {
     switch (frame->type) {
     case BRIDGE_Heartbeat:
-        hear_heartbeat(bridge, frame->sequence, frame->Heartbeat.enable);
+        hear_heartbeat(bridge, &frame->Heartbeat);
         break;
     case BRIDGE_HelloRequest:
         hear_hello_request(bridge, frame->HelloRequest.protocol);
@@ -184,19 +188,36 @@ static void hear(struct bridge *bridge, const union bridge_frame *frame)
     }
 }
 
-/* Checks a good frame's number. HelloRequest is a host that starts. No other frame may step back,
- * unless the host was silent for long: a buffer that sends old heartbeats over and over is no living
- * host. */
+/* Whether a heartbeat is newer than every one before it. Nothing lets its number step back but a
+ * reset: no silence, no HelloRequest (a host that starts goes on from the number in Hello). A
+ * buffer on the way that sends old heartbeats, or old sessions, over and over is no living host. */
+static bool is_newer(struct bridge *bridge, const struct bridge_Heartbeat *heartbeat)
+{
+    const uint32_t number = (uint32_t)(heartbeat->turns_enable >> 1) << 16 | heartbeat->sequence;
+    const uint32_t ahead = (number - bridge->heartbeat_next) % BRIDGE_HEARTBEAT_NUMBERS;
+    if (bridge->heartbeat_known && ahead >= BRIDGE_HEARTBEAT_NUMBERS / 2) {
+        return false;
+    }
+    bridge->heartbeat_known = true;
+    bridge->heartbeat_next = (number + 1U) % BRIDGE_HEARTBEAT_NUMBERS;
+    return true;
+}
+
+/* Checks a good frame's number. HelloRequest is a host that starts: the next frame begins a count.
+ * No other frame may step back; a heartbeat's number is judged by all of its bits. */
 static bool accept(struct bridge *bridge, const union bridge_frame *frame)
 {
     struct sequence_check *check = &bridge->receiver.check;
     if (frame->type == BRIDGE_HelloRequest) {
         sequence_restart(check);
+        return true;
     }
-    const bool accepted = sequence_accept(check, frame->sequence, bridge->host_silent);
-    bridge->heard_t_us = bridge->t_us;
-    bridge->host_silent = false;
-    return accepted;
+    const bool beats = frame->type == BRIDGE_Heartbeat;
+    if (beats && !is_newer(bridge, &frame->Heartbeat)) {
+        sequence_corrupt(check);
+        return false;
+    }
+    return sequence_accept(check, frame->sequence, beats);
 }
 
 /* A good frame came. What asks for an open line is obeyed whatever its number; but a repeated
@@ -208,7 +229,7 @@ static void take(struct bridge *bridge, const union bridge_frame *frame)
     } else if (accept(bridge, frame)) {
         hear(bridge, frame);
     } else if (frame->type == BRIDGE_Stop ||
-               (frame->type == BRIDGE_Heartbeat && frame->Heartbeat.enable != 1 &&
+               (frame->type == BRIDGE_Heartbeat && !asks_to_close(&frame->Heartbeat) &&
                 enable_line_closed(&bridge->line))) {
         enable_line_stop(&bridge->line, bridge->t_us);
     }
@@ -245,7 +266,6 @@ void bridge_init(struct bridge *bridge, const struct board *board)
     const bool board_works = board->self_test();
     const bool timer_works = set_rate(bridge, BRIDGE_RATE_DEFAULT_HZ);
     bridge->self_test_passed = core_works & board_works & timer_works;
-    bridge->host_silent = true;
     bridge->sample_status = BRIDGE_STATUS_ENCODER_INVALID | BRIDGE_STATUS_TORQUE_INVALID;
     if (!bridge->self_test_passed) {
         enable_line_bar(&bridge->line);

@@ -27,7 +27,7 @@
 #include "core/ring.h"
 #include "protocol/bridge_frames.h"
 
-#define BRIDGE_FIRMWARE (1U << 16 | 0U << 8 | 0U) /* major, minor, patch */
+#define BRIDGE_FIRMWARE (1U << 16 | 1U << 8 | 0U) /* major, minor, patch */
 
 enum {
     BRIDGE_RATE_MIN_HZ = 100,
@@ -35,10 +35,9 @@ enum {
     BRIDGE_RATE_DEFAULT_HZ = 1000,
     BRIDGE_TICK_MIN_HZ = 2000, /* the enable line is judged at least so often, streaming or not */
     BRIDGE_TIMEOUT_MIN_US = 1000,
-    BRIDGE_TIMEOUT_MAX_US = 10000000,
+    BRIDGE_TIMEOUT_MAX_US = 1000000,
     BRIDGE_TIMEOUT_DEFAULT_US = 50000,
-    BRIDGE_STATUS_PERIOD_US = 50000, /* Status while streaming */
-    BRIDGE_SILENCE_US = 1000000      /* without a frame, and a host may count anew unasked */
+    BRIDGE_STATUS_PERIOD_US = 50000 /* Status while streaming */
 };
 
 struct bridge {
@@ -56,14 +55,14 @@ struct bridge {
     uint32_t ticks_to_sample;
     uint32_t status_t_us; /* when Status was last sent */
     int32_t torque_counts;
-    uint32_t heard_t_us; /* time of the newest good frame */
     uint32_t heartbeats;
+    uint32_t heartbeat_next; /* number after the newest heartbeat's */
     uint32_t heartbeat_t_us;
     uint32_t dropped;
     uint16_t heartbeat_sequence;
     uint16_t sample_status; /* torque and encoder bits of the newest sample */
     bool encoder_valid;     /* at every tick since that sample */
-    bool host_silent; /* no good frame for BRIDGE_SILENCE_US, or none since reset */
+    bool heartbeat_known;   /* `heartbeat_next` holds: there was one since reset */
     bool streaming;
 
     /* from the interrupts to the main loop */

@@ -15,7 +15,7 @@
 
 #include <stdint.h>
 
-#define BRIDGE_PROTOCOL 1
+#define BRIDGE_PROTOCOL 2
 
 /* clang-format off */
 #define BRIDGE_FRAMES(FRAME) \
@@ -35,7 +35,8 @@
     FIELD(I, serial) \
     FIELD(I, rate_Hz) \
     FIELD(I, counts) \
-    FIELD(I, layout)
+    FIELD(I, layout) \
+    FIELD(I, heartbeat_next)
 
 #define BRIDGE_FIELDS_Sample(FIELD) \
     FIELD(I, t_us) \
@@ -66,8 +67,11 @@
 #define BRIDGE_FIELDS_Stop(FIELD)
 
 #define BRIDGE_FIELDS_Heartbeat(FIELD) \
-    FIELD(B, enable)
+    FIELD(B, turns_enable)
 /* clang-format on */
+
+/* Heartbeats count further than `sequence` does: their number is turns << 16 | sequence. */
+enum { BRIDGE_HEARTBEAT_ENABLE = 1, BRIDGE_HEARTBEAT_NUMBERS = 1 << 23 };
 
 /* Bits of `status` in Sample and Status. */
 enum bridge_status {
@@ -121,7 +125,7 @@ enum bridge_body_bytes {
 #define BRIDGE_BODY(code, name) BRIDGE_BODY_##name = 5 BRIDGE_FIELDS_##name(BRIDGE_PLUS),
     BRIDGE_FRAMES(BRIDGE_BODY)
     BRIDGE_BODY_MIN = 5, /* type 1, sequence 2, CRC 2 */
-    BRIDGE_BODY_MAX = 43
+    BRIDGE_BODY_MAX = 47
 };
 
 #define BRIDGE_FITS(code, name) \

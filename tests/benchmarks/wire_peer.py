@@ -106,7 +106,7 @@ class FixedPeer:
         self._fast = [self._frames(m, values) for m in codec.feedback if is_fast(m)]
         self._slow = [self._frames(m, values) for m in codec.feedback if not is_fast(m)]
         self._board = Board(bench, time.monotonic_ns())
-        self._link = BoardLink(Path(bench.bridge.port))
+        self._link = BoardLink(Path(bench.bridge.port), self._board.check)
         rate_Hz = bench.loop.rate_Hz
         self._slow_every, self._listen_every, self._status_every = (
             max(1, rate_Hz // each_Hz) for each_Hz in (SLOW_HZ, LISTEN_HZ, BOARD_STATUS_HZ)

@@ -44,7 +44,7 @@ def test_hello_after_reset_and_when_asked(library: Library, link: int) -> None:
     (hello,) = device.answers()
     assert hello == frames.Hello(
         protocol=frames.PROTOCOL,
-        firmware=frames.firmware(1, 0, 0),
+        firmware=frames.firmware(1, 1, 0),
         board=b"host".ljust(16, b"\0"),
         serial=7,
         rate_Hz=1000,
@@ -126,8 +126,8 @@ def test_rates(library: Library, rate_Hz: int) -> None:
         (2000, 0, False),
         (2000, 999, False),
         (2000, 1000, True),
-        (2000, 10_000_000, True),
-        (2000, 10_000_001, False),
+        (2000, 1_000_000, True),
+        (2000, 1_000_001, False),
         (2000, 2**32 - 1, False),
     ],
 )
@@ -265,13 +265,13 @@ def test_a_full_ring_forgets_answers_and_lives(library: Library) -> None:
     device = Device(library)
     device.host.room = 0
     for _ in range(200):
-        device.send(frames.HelloRequest(1))
+        device.send(frames.HelloRequest(frames.PROTOCOL))
         device.send(frames.Start())
         device.answers()
     device.host.room = 2**32 - 1
     assert len(device.answers()) == 65
     assert device.link_errors == 0
-    assert isinstance(device.ask(frames.HelloRequest(1)), frames.Hello)
+    assert isinstance(device.ask(frames.HelloRequest(frames.PROTOCOL)), frames.Hello)
 
 
 @LINKS
@@ -283,7 +283,7 @@ def test_a_link_that_takes_little_at_a_time_loses_nothing(
     device = Device(library, link)
     device.host.room = 0
     for _ in range(5):
-        device.send(frames.HelloRequest(1))
+        device.send(frames.HelloRequest(frames.PROTOCOL))
     got = []
     for room in [*rooms, 10_000]:
         device.host.room = room
@@ -340,7 +340,7 @@ def test_a_failed_self_test_keeps_the_line_open_for_good(
     assert isinstance(device.answers()[0], frames.Hello)
     device.host.tick_Hz = 2000
     for _ in range(3):
-        device.send(frames.HelloRequest(1))
+        device.send(frames.HelloRequest(frames.PROTOCOL))
         device.beat(0)
         device.beat(1)
         device.pass_us(1000)
@@ -357,13 +357,13 @@ def test_another_protocol_opens_the_line_and_keeps_it_so(library: Library) -> No
     device = Device(library)
     device.close_line()
     assert device.closed
-    assert isinstance(device.ask(frames.HelloRequest(2)), frames.Hello)
+    assert isinstance(device.ask(frames.HelloRequest(frames.PROTOCOL + 1)), frames.Hello)
     assert not device.closed
     device.beat(0)
     device.beat(1)
     device.pass_us(1000)
     assert not device.closed
-    device.send(frames.HelloRequest(1))
+    device.send(frames.HelloRequest(frames.PROTOCOL))
     device.beat(1)
     assert not device.closed
     device.close_line()

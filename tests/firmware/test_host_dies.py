@@ -100,7 +100,7 @@ DEATHS: list[Death] = [
     corrupt_heartbeats,
     torn_heartbeats,
     every(frames.Start()),
-    every(frames.HelloRequest(1)),
+    every(frames.HelloRequest(frames.PROTOCOL)),
     every(frames.Configure(1000, TIMEOUT_US)),
     every(frames.Configure(99, 1_000_000), frames.Configure(1000, 20_000_000)),
     an_echo_of_the_board,
@@ -147,7 +147,7 @@ def test_the_line_opens_in_time_and_stays_open(
             break
     assert opened_us is not None
     assert opened_us - died_us <= TIMEOUT_US + 1000
-    asked_to = death.__name__.startswith(f"the_last_{ALIVE_BEATS}")
+    asked_to = death.__name__ in (f"the_last_{ALIVE_BEATS}_again_and_again", "only_Configure")
     assert asked_to or opened_us - died_us >= TIMEOUT_US
 
 
@@ -174,7 +174,7 @@ def test_a_stop_that_is_lost_is_made_good_by_the_silence_after_it(library: Libra
 
 def test_the_line_opens_at_once_when_asked(library: Library) -> None:
     """Whatever number the frame has; but only a new one lets the next heartbeat close it again."""
-    for frame in (frames.Stop(), frames.Heartbeat(0), frames.Heartbeat(7), frames.HelloRequest(9)):
+    for frame in (frames.Stop(), frames.Heartbeat(0), frames.HelloRequest(9)):
         for sequence in (None, 0, 15, ALIVE_BEATS - 1):
             device = Device(library)
             alive(device)
@@ -189,12 +189,11 @@ def test_the_line_opens_at_once_when_asked(library: Library) -> None:
 
 
 def test_a_repeated_heartbeat_does_not_spoil_the_one_before_it(library: Library) -> None:
-    for enable in (0, 7):
-        device = Device(library)
-        device.beat(enable)
-        device.send(frames.Heartbeat(enable), device.sequence - 1)
-        device.beat(1)
-        assert device.closed
+    device = Device(library)
+    device.beat(0)
+    device.send(frames.Heartbeat(0), device.sequence - 1)
+    device.beat(1)
+    assert device.closed
 
 
 def test_an_old_heartbeat_does_not_let_the_line_close(library: Library) -> None:
@@ -246,17 +245,37 @@ def test_both_sides_of_the_edge(library: Library, late_us: int) -> None:
     assert device.closed == (late_us < 0)
 
 
-def test_a_new_host_counts_from_zero(library: Library) -> None:
+def test_a_new_host_goes_on_from_the_number_in_hello(library: Library) -> None:
     device = Device(library)
     alive(device)
     device.sequence = 0
-    device.send(frames.HelloRequest(1))
-    device.beat(1)
+    hello = device.ask(frames.HelloRequest(frames.PROTOCOL))
+    assert isinstance(hello, frames.Hello)
+    assert hello.heartbeat_next == ALIVE_BEATS
+    for _ in range(3):
+        device.send(frames.Heartbeat(0), 5)
+        device.send(frames.Heartbeat(1), 6)
+        device.pass_us(1000)
+    assert not device.closed
+    device.sequence = hello.heartbeat_next
+    device.close_line()
+    assert device.closed
+
+
+@pytest.mark.parametrize("turns", [0, 1, 126, 127])
+def test_numbers_go_on_when_the_sequence_wraps(library: Library, turns: int) -> None:
+    """Frames of the turn before, of half of all turns before, are old; the next is new."""
+    device = Device(library)
+    device.send(frames.Heartbeat(turns << 1), 65_535)
+    device.send(frames.Heartbeat((turns + 1) % 128 << 1 | 1), 0)
     assert device.closed
     device.pass_us(49_000)
-    device.beat(1)
-    device.pass_us(49_000)
-    assert device.closed
+    for back in (0, 1, 5, 63):
+        device.send(frames.Heartbeat((turns - back) % 128 << 1 | 1), 65_000)
+        device.send(frames.Heartbeat((turns - back) % 128 << 1 | 1), 5)
+    device.pass_us(2000)
+    assert not device.closed
+    assert device.bridge.heartbeats == 2
 
 
 @pytest.mark.parametrize(
@@ -273,36 +292,6 @@ def test_an_old_command_does_nothing(library: Library, frame: frames.Frame) -> N
     assert device.bridge.rate_Hz == 1000
 
 
-@pytest.mark.parametrize(
-    ("silent_us", "taken"), [(999_999, False), (1_000_000, True), (1_000_001, True)]
-)
-def test_both_sides_of_the_silence(library: Library, silent_us: int, taken: bool) -> None:
-    device = Device(library, now_us=CLOCK - 999_000)
-    alive(device)
-    device.now_us += silent_us
-    device.tick()
-    device.send(frames.Heartbeat(0), 3)
-    assert device.bridge.heartbeats == ALIVE_BEATS + taken
-
-
-@pytest.mark.parametrize(("silent_us", "closed"), [(990_000, False), (1_010_000, True)])
-def test_after_a_second_of_silence_old_numbers_are_a_new_host(
-    library: Library, silent_us: int, closed: bool
-) -> None:
-    device = Device(library, now_us=CLOCK - 500_000)
-    alive(device)
-    device.pass_us(silent_us)
-    device.sequence = 3
-    device.beat(0)
-    device.beat(1)
-    assert device.closed == closed
-    status = device.ask(frames.HelloRequest(1))
-    assert isinstance(status, frames.Hello)
-    device.beat(0)
-    device.beat(1)
-    assert device.closed
-
-
 def test_old_frames_are_no_signs_of_life(library: Library) -> None:
     """Not even to the count of the silence: they come without end."""
     device = Device(library)
@@ -315,12 +304,14 @@ def test_old_frames_are_no_signs_of_life(library: Library) -> None:
     assert device.bridge.heartbeats == ALIVE_BEATS
 
 
-def test_a_longer_timeout_comes_too_late_for_a_host_that_fell_silent(library: Library) -> None:
-    """Configure counts from when it comes, even if no tick has judged the time before it."""
-    for silent_us, closed in ((49_999, True), (50_000, False)):
+def test_configure_opens_the_line_and_prolongs_nothing(library: Library) -> None:
+    """An old one, too, to which a HelloRequest before it lends a number that is taken."""
+    for silent_us, state in ((49_999, "LINE_SILENT"), (50_000, "LINE_LOST")):
         device = Device(library)
         device.close_line()
         device.now_us += silent_us
-        device.send(frames.Configure(1000, 1_000_000))
-        device.tick()
-        assert device.closed == closed
+        device.send(frames.HelloRequest(frames.PROTOCOL), 0)
+        device.send(frames.Configure(1000, 1_000_000), 1)
+        assert not device.closed
+        assert device.bridge.line.state == getattr(device.lib, state)
+        assert device.bridge.line.timeout_us == 1_000_000

@@ -16,7 +16,7 @@ from tests.firmware.library import Library
 EXAMPLES = [
     frames.Stop(),
     frames.Heartbeat(1),
-    frames.HelloRequest(1),
+    frames.HelloRequest(frames.PROTOCOL),
     frames.Configure(5000, 20_000),
     frames.Sample(123_456_789, 0x5A3, -1234, 1),
     frames.Status(1, 2, 3, 4, 5, 6, 7, 8, 1),
@@ -60,12 +60,15 @@ def test_no_heartbeat_with_up_to_three_wrong_bits_on_the_wire_is_taken(
         assert library.lib.host_flipped(wire, len(wire), wrong, tried) == 0
 
 
-def test_of_100_000_mutated_frames_none_is_taken(library: Library) -> None:
+def test_of_100_000_mutated_frames_no_more_is_taken_than_the_crc_lets_pass(
+    library: Library,
+) -> None:
+    """Random errors of more bits than it catches for certain pass it once in 65536."""
     each = MUTATED // len(MUTATIONS) + 1
     taken = {
         name: library.lib.host_mutated(2026, each, getattr(library.lib, name)) for name in MUTATIONS
     }
-    assert taken == dict.fromkeys(MUTATIONS, 0)
+    assert sum(taken.values()) <= MUTATED / 65536, taken
 
 
 @pytest.mark.parametrize("name", MUTATIONS)

@@ -35,7 +35,9 @@ class Bench:
         self.truth_path = folder / "truth.mcap"
         self.path = write_bench(folder)
         text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S)
-        text = text.replace("timeout_s = 5.0", f"timeout_s = {HEARTBEAT_TIMEOUT_S}", 1)
+        text = text.replace(
+            "heartbeat_timeout_s = 1.0", f"heartbeat_timeout_s = {HEARTBEAT_TIMEOUT_S}", 1
+        )
         self.path.write_text(text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n"))
         assert config.load(self.path).bridge.heartbeat_timeout_s == HEARTBEAT_TIMEOUT_S
 
@@ -161,7 +163,7 @@ def test_firmware_with_other_frames_is_refused(bench, tmp_path):
         program = Program(bench.folder, "run", "-c", bench.path, ready=False)
         assert program.wait() == 1
         last = program.said().splitlines()[-1]
-        assert "qemu-stm32f405 (firmware 1.0.0) was built with other frame layouts" in last
+        assert "qemu-stm32f405 (firmware 1.1.0) was built with other frame layouts" in last
         assert "update the older of the two" in last
     finally:
         devices.close()

@@ -35,7 +35,7 @@ def patient(text, name, rate_Hz=500, inverter_timeout_s=5.0):
     loop += "spin = false\n"  # loops of several benches leave each other and the rest their time
     text = text.replace("[loop]\n", f"[loop]\n{loop}")
     text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 3.0\n")
-    for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 5.0)):
+    for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 1.0)):
         key = "timeout_s" if table == "inverter" else "heartbeat_timeout_s"
         start = text.index(f"[{table}]\n")
         end = text.index("\n[", start)

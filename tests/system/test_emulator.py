@@ -201,8 +201,7 @@ def test_commands_give_currents_and_the_end_is_clean(start, host, tmp_path):
 
 
 def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_path):
-    patient = {"heartbeat_timeout_s = 1.0": "heartbeat_timeout_s = 5.0"}
-    bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
+    bench, truth = write_bench(tmp_path), tmp_path / "truth.mcap"
     emulator = start(bench, "--truth", str(truth))
     daemon = host(bench)
     daemon.switch_on()

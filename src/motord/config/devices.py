@@ -109,7 +109,7 @@ class BridgeConfig(Section):
     baud: Annotated[int, Field(gt=0)] = 2_000_000
     rate_Hz: Annotated[int, Field(ge=100, le=20_000)] | None = None
     stale_after_s: Positive = 0.02
-    heartbeat_timeout_s: Annotated[float, Field(ge=0.001, le=10.0)] = 0.05
+    heartbeat_timeout_s: Annotated[float, Field(ge=0.001, le=1.0)] = 0.05
     connect_timeout_s: Positive = 2.0
     adc_V_per_count: Positive = 10.0 / 32768
 

@@ -7,15 +7,16 @@ from motord.config import Config
 from motord.emulate.devices import NEVER_NS
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus
 from motord.wire import frames
+from motord.wire.sequence import SequenceCheck
 
 BOARD_NAME = b"motord-emulate"
-FIRMWARE = frames.firmware(1, 0, 0)
+FIRMWARE = frames.firmware(1, 1, 0)
 CLOCK_OFFSET_US = 3_000_000_000
 """Reading of the board's clock at its reset: wraps its 32 bits after some 20 minutes."""
 CLOCK_DRIFT = 35e-6
 """How much faster than the host's clock the board's clock runs."""
 RATES_HZ = (100, 20_000)
-TIMEOUTS_US = (1_000, 10_000_000)
+TIMEOUTS_US = (1_000, 1_000_000)
 """What Configure may ask for; one of the two out of range, and neither is taken."""
 _FAULTS_MODULUS = 128
 
@@ -25,7 +26,10 @@ class Board:
 
     `heartbeat_timeout` without a heartbeat opens the line, as do Stop and a reset; it stays open
     until a heartbeat has asked for it to be open, so that a host that does not know of it does not
-    find it closed again.
+    find it closed again. A heartbeat whose number is not above every one since reset is an old one
+    and none; so nothing that was sent before can keep the line closed, or close it.
+
+    The decoder of the link is to count corrupt frames in `check` and to hand on all good ones.
     """
 
     def __init__(self, config: Config, reset_ns: int, serial: int = 1) -> None:
@@ -33,7 +37,7 @@ class Board:
         self.streaming = False
         self.rate_Hz = config.bridge.rate_Hz or config.loop.rate_Hz
         self.heartbeat_drops = 0
-        self.errors = 0
+        self.check = SequenceCheck(frames.SEQUENCE_MODULUS)
         self.dropped = 0
         self.faults_begun = 0
         self._configured_ns = round(config.bridge.heartbeat_timeout_s * 1e9)
@@ -45,8 +49,14 @@ class Board:
         self._lost = False
         self._heard_ns = NEVER_NS
         self._heartbeats = 0
+        self._heartbeat_next: int | None = None
         self._heartbeat_sequence = 0
         self._heartbeat_t_us = 0
+
+    @property
+    def errors(self) -> int:
+        """Return the frames from the host that were lost, corrupt or old."""
+        return self.check.errors
 
     @property
     def deadline_ns(self) -> int:
@@ -59,10 +69,16 @@ class Board:
         return (CLOCK_OFFSET_US + int(run_us)) % frames.CLOCK_MODULUS_US
 
     def receive(self, now_ns: int, numbered: frames.Numbered) -> list[frames.Frame]:
-        """Take a frame of the host; return the answers."""
+        """Take a good frame; return the answers."""
         frame = numbered.frame
+        if isinstance(frame, frames.Hello | frames.Sample | frames.Status):
+            self.check.corrupt()  # a board's frame: an echo of somebody's
+            return []
+        if not self._accept(numbered):
+            self._obey_old(now_ns, frame)
+            return []
         if isinstance(frame, frames.Heartbeat):
-            self._beat(now_ns, numbered.sequence, frame.enable == 1)
+            self._beat(now_ns, numbered.sequence, frame.enable)
             return []
         if isinstance(frame, frames.HelloRequest):
             return [self.hello()]
@@ -70,10 +86,9 @@ class Board:
             self._configure(now_ns, frame)
         elif isinstance(frame, frames.Start):
             self.streaming = True
-        elif isinstance(frame, frames.Stop):
-            self._stop()
         else:
-            return []
+            self.streaming = False
+            self._open(now_ns)
         return [self.status(now_ns)]
 
     def expire(self, now_ns: int) -> None:
@@ -94,6 +109,7 @@ class Board:
             rate_Hz=self.rate_Hz,
             counts=self._counts,
             layout=frames.LAYOUT_HASH,
+            heartbeat_next=self._heartbeat_next or 0,
         )
 
     def sample(
@@ -119,8 +135,10 @@ class Board:
         )
 
     def restart(self, now_ns: int) -> None:
-        """Start anew: a clock from the start, no samples, the line open."""
-        self._stop()
+        """Start anew: a clock from the start, no samples, the line open, no number known."""
+        self.streaming = self._may_close = self.line_closed = False
+        self.check.restart()
+        self._heartbeat_next = None
         self._reset_ns = now_ns
         self._timeout_ns = self._configured_ns
         self._lost = False
@@ -137,6 +155,32 @@ class Board:
         line = BridgeStatus.ENABLE_LINE if self.line_closed else BridgeStatus(0)
         return line | (BridgeStatus.HEARTBEAT_LOST if self._lost else BridgeStatus(0))
 
+    def _accept(self, numbered: frames.Numbered) -> bool:
+        """Judge a frame's number: whether it is new.
+
+        HelloRequest is a host that starts: the next frame begins a count. A heartbeat's number goes
+        further than the frame's, and nothing but a reset lets it step back.
+        """
+        sequence, frame = numbered
+        if isinstance(frame, frames.HelloRequest):
+            self.check.restart()
+            return True
+        if not isinstance(frame, frames.Heartbeat):
+            return self.check.accept(sequence, may_restart=False)
+        number, numbers = frame.number(sequence), frames.HEARTBEAT_NUMBERS
+        expected = number if self._heartbeat_next is None else self._heartbeat_next
+        if (number - expected) % numbers >= numbers // 2:
+            self.check.corrupt()
+            return False
+        self._heartbeat_next = (number + 1) % numbers
+        return self.check.accept(sequence)
+
+    def _obey_old(self, now_ns: int, frame: frames.Frame) -> None:
+        """Open the line if an old frame asks for it: that does no harm."""
+        asks = isinstance(frame, frames.Heartbeat) and not frame.enable and self.line_closed
+        if asks or isinstance(frame, frames.Stop):
+            self._open(now_ns)
+
     def _beat(self, now_ns: int, sequence: int, close_line: bool) -> None:
         self._heartbeats += 1
         self._heartbeat_sequence = sequence
@@ -150,10 +194,11 @@ class Board:
         rate_Hz, timeout_us = frame.rate_Hz, frame.heartbeat_timeout_us
         rate_fits = RATES_HZ[0] <= rate_Hz <= RATES_HZ[1]
         if rate_fits and TIMEOUTS_US[0] <= timeout_us <= TIMEOUTS_US[1]:
-            self.expire(now_ns)
+            self._open(now_ns)  # an old one cannot prolong the time of a host that fell silent
             self.rate_Hz = rate_Hz
             self._timeout_ns = timeout_us * 1000
 
-    def _stop(self) -> None:
-        self.streaming = False
+    def _open(self, now_ns: int) -> None:
+        """Open the line until a heartbeat has asked for it to be open."""
+        self.expire(now_ns)
         self._may_close = self.line_closed = False

@@ -12,26 +12,25 @@ from motord.emulate.disturbance import Disturbance
 from motord.emulate.link import BoardEnd
 from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, pack
+from motord.wire.sequence import SequenceCheck
 
 
 class BoardCanLink(BoardEnd):
     """The board's end of the bus. Faults of the bridge's wire concern single pieces."""
 
-    def __init__(self, config: BridgeCanConfig, clock: HostClock) -> None:
-        """Open the channel. Raises EmulatorError."""
+    def __init__(self, config: BridgeCanConfig, clock: HostClock, check: SequenceCheck) -> None:
+        """Open the channel. Raises EmulatorError.
+
+        `check` is the board's, which judges the numbers of the frames.
+        """
         self.faults = Disturbance()
         self.pty_name = ""
         self._config = config
         self._clock = clock
         self._piece_bytes = FD_BYTES if config.fd else CLASSIC_BYTES
-        self._decoder = PieceDecoder()
+        self._decoder = PieceDecoder(check)
         self._sequence = self._number = self._refused = 0
         self._bus = open_bus(config)
-
-    @property
-    def errors(self) -> int:
-        """Return the frames from the host that were lost or corrupt."""
-        return self._decoder.errors
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when something has come, -1 if there is none."""

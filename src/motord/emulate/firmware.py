@@ -62,8 +62,6 @@ class FirmwareBoard(Board):
 class FirmwareLink:
     """The machine's link on a pseudo-terminal, and its feed. Used as `link.BoardLink` is."""
 
-    errors = 0
-
     def __init__(self, port: Path, machine: Qemu, board: FirmwareBoard) -> None:
         """Make the pseudo-terminal and its symlink. Raises EmulatorError."""
         self._machine = machine

@@ -10,6 +10,7 @@ from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.emulate.pty import Pty
 from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, encode
+from motord.wire.sequence import SequenceCheck
 from motord.wire.stream import StreamDecoder
 
 
@@ -42,18 +43,16 @@ class BoardEnd(ABC):
 class BoardLink(BoardEnd):
     """The board's end of the serial line."""
 
-    def __init__(self, port: Path) -> None:
-        """Make the pseudo-terminal and its symlink. Raises EmulatorError."""
+    def __init__(self, port: Path, check: SequenceCheck) -> None:
+        """Make the pseudo-terminal and its symlink. Raises EmulatorError.
+
+        `check` is the board's, which judges the numbers of the frames.
+        """
         self._pty = Pty(port)
-        self._decoder = StreamDecoder()
+        self._decoder = StreamDecoder(check)
         self._sequence = 0
         self._polled_ns = 0
         self.faults = Disturbance()
-
-    @property
-    def errors(self) -> int:
-        """Return the frames from the host that were lost or corrupt."""
-        return self._decoder.errors
 
     @property
     def pty_name(self) -> str:

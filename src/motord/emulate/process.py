@@ -129,9 +129,9 @@ class Emulator:
                 raise EmulatorError(
                     'the firmware in QEMU has a serial line only: [bridge] driver = "serial"'
                 )
-            link = BoardCanLink(can, self._clock)
+            link = BoardCanLink(can, self._clock, self.bench.board.check)
         elif self._firmware is None:
-            link = BoardLink(port)
+            link = BoardLink(port, self.bench.board.check)
         else:
             machine = Qemu(self._firmware)
             ports.callback(machine.close)
@@ -267,7 +267,6 @@ class Emulator:
             self.bench.arrive(at_ns, frame)
         for unix_ns, command in self._can.receive():
             self.bench.arrive(min(self._clock.monotonic_ns(unix_ns), now_ns), command)
-        self.bench.board.errors = self._link.errors
 
     def _produce(self, now_ns: int) -> int:
         """Let time pass up to `now_ns`, sending what is due; return when the next is due."""

@@ -1,8 +1,10 @@
 """The bridge board, over whatever link: encoder and torque in, heartbeat and enable request out.
 
 In the loop a tick costs one read and one write of the link. A board that starts anew while the
-loop runs is configured again without waiting for its answers. One that sends no samples any more is
-asked now and then who it is, since it may have started anew while the link was down.
+loop runs is configured again without waiting for its answers. One that sends no samples any more,
+or hears no heartbeats, is asked now and then who it is: it may have started anew while the link was
+down, or have missed so many heartbeats that it takes the next for old ones. Its Hello says from
+which number heartbeats go on.
 """
 
 import time
@@ -14,11 +16,14 @@ import numpy as np
 from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.clock import BoardClock, LoopClock
+from motord.schema import BridgeStatus
 from motord.wire import frames
 
 _ASK_AGAIN_S = 0.1
 SILENCE_NS = 500_000_000
-"""After this time without a sample the board is asked who it is, and again each time it is over."""
+"""After this time without a sample, or with heartbeats that the board does not hear, it is asked
+who it is, and again each time it is over; not before its samples are stale: it starts anew then."""
+_AHEAD = frames.HEARTBEAT_NUMBERS // 2
 _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
 _Answer = TypeVar("_Answer", frames.Hello, frames.Status, frames.Sample)
@@ -78,12 +83,14 @@ class Bridge:
         self._link: BridgeLink | None = None
         self._loop_clock = LoopClock()
         self.clock = BoardClock()
-        self._sequence = 0
+        self._number = 0  # of the next frame; its sequence is the rest of it
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT  # number and time of each heartbeat
         self._lost_by_board = 0
         self._board_errors = -1  # as last told, -1 if not since the board started
         self._errors_before: int | None = None  # link errors count from the first read
         self._t_ns = 0
+        self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
+        self._heard_ns = 0  # newest sample's arrival, while the board hears heartbeats
         self._asked_ns = 0
         self._sample = frames.Sample(0, 0, 0, 0)
 
@@ -93,6 +100,7 @@ class Bridge:
         try:
             self.hello = self._ask(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
             self._check(self.hello)
+            self._number = self.hello.heartbeat_next
             status = self._ask(self._configure(), frames.Status)
             if status.rate_Hz != self._rate_Hz:
                 raise self._error(
@@ -105,7 +113,7 @@ class Bridge:
             self._link.close()
             self._link = None
             raise
-        self._t_ns = self._loop_clock.now_ns()
+        self._t_ns = self._heard_ns = self._loop_clock.now_ns()
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
         """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
@@ -116,7 +124,7 @@ class Bridge:
             if heard:
                 stamp_ns = self._link.stamp_ns
                 self._take(heard, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
-            if now_ns - self._t_ns > SILENCE_NS and now_ns - self._asked_ns > SILENCE_NS:
+            if now_ns - max(self._heard_ns, self._asked_ns) > self._silence_ns:
                 self._asked_ns = now_ns
                 self._send(frames.HelloRequest(frames.PROTOCOL))
         sample = self._sample
@@ -158,8 +166,10 @@ class Bridge:
             elif type(frame) is frames.Hello:
                 newest = None
                 if self._unfit(frame) is None:
-                    self._restart()
+                    self._restart(frame)
         if newest is not None:
+            if not newest.status & BridgeStatus.HEARTBEAT_LOST:
+                self._heard_ns = arrival_ns
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
@@ -172,9 +182,11 @@ class Bridge:
         if status.heartbeats and number == status.heartbeat_sequence:
             self.clock.heartbeat(status.heartbeat_t_us, sent_ns)
 
-    def _restart(self) -> None:
-        """Configure and start a board that was reset while the loop runs."""
+    def _restart(self, hello: frames.Hello) -> None:
+        """Configure and start a board that was reset, or cut off, while the loop runs."""
         self.restarts += 1
+        if (hello.heartbeat_next - self._number) % frames.HEARTBEAT_NUMBERS < _AHEAD:
+            self._number = hello.heartbeat_next
         self.clock.reset()
         self._board_errors = -1
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT
@@ -182,15 +194,15 @@ class Bridge:
         self._send(frames.Start())
 
     def _beat(self, enable: int) -> None:
-        number = self._sequence
+        number = self._number % frames.SEQUENCE_MODULUS
         self._sent[number % _HEARTBEATS_KEPT] = (number, self._loop_clock.now_ns())
-        self._send(frames.Heartbeat(enable))
+        self._send(frames.Heartbeat.of(self._number, enable=enable == 1))
 
     def _send(self, frame: frames.Frame) -> None:
-        number = self._sequence
-        self._sequence = (number + 1) % frames.SEQUENCE_MODULUS
+        number = self._number
+        self._number = (number + 1) % frames.HEARTBEAT_NUMBERS
         if self._link is not None:
-            self._link.send(frame, number)
+            self._link.send(frame, number % frames.SEQUENCE_MODULUS)
 
     def _errors(self) -> int:
         link_errors = self._link.errors if self._link is not None else 0

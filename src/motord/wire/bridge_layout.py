@@ -3,13 +3,13 @@
 Made by tools/bridge_layout.py from firmware_bridge/protocol/bridge_frames.h: change that.
 """
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Version that both sides name in `HelloRequest` and `Hello`."""
 
 LAYOUTS: dict[str, tuple[int, str, tuple[str, ...]]] = {
     "Hello": (
         0x01,
-        "HI16sIIII",
+        "HI16sIIIII",
         (
             "protocol",
             "firmware",
@@ -18,6 +18,7 @@ LAYOUTS: dict[str, tuple[int, str, tuple[str, ...]]] = {
             "rate_Hz",
             "counts",
             "layout",
+            "heartbeat_next",
         ),
     ),
     "Sample": (
@@ -71,7 +72,7 @@ LAYOUTS: dict[str, tuple[int, str, tuple[str, ...]]] = {
     "Heartbeat": (
         0x15,
         "B",
-        ("enable",),
+        ("turns_enable",),
     ),
 }
 """Of each frame its type byte, the widths of its fields (as `struct` writes them), their names."""

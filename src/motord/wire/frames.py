@@ -21,6 +21,8 @@ from motord.wire.crc import crc16
 
 DELIMITER = b"\0"
 SEQUENCE_MODULUS = 1 << 16
+HEARTBEAT_NUMBERS = 1 << 23
+"""A heartbeat is newer than another if it is less than half of these ahead."""
 CLOCK_MODULUS_US = 1 << 32
 
 
@@ -34,6 +36,7 @@ class Hello(NamedTuple):
     rate_Hz: int  # of the samples, as configured
     counts: int  # encoder counts per turn, 0 if the board does not know
     layout: int  # LAYOUT_HASH of the board's frames
+    heartbeat_next: int = 0  # number after the newest heartbeat's, from which a host goes on
 
     @property
     def board_name(self) -> str:
@@ -95,9 +98,27 @@ class Stop(NamedTuple):
 
 
 class Heartbeat(NamedTuple):
-    """Host to board, every tick: the host is alive, and wants the enable line closed (1) or not."""
+    """Host to board, every tick: the host is alive, and wants the enable line closed or not.
 
-    enable: int
+    Bit 0 of `turns_enable` asks for a closed line. The other bits count the turns of the sequence
+    number: together they are the heartbeat's number, which never steps back.
+    """
+
+    turns_enable: int
+
+    @classmethod
+    def of(cls, number: int, *, enable: bool) -> "Heartbeat":
+        """Return the heartbeat with the number `number`, of which the sequence is the rest."""
+        return cls((number % HEARTBEAT_NUMBERS // SEQUENCE_MODULUS) << 1 | int(enable))
+
+    @property
+    def enable(self) -> bool:
+        """True: the host wants the enable line closed."""
+        return bool(self.turns_enable & 1)
+
+    def number(self, sequence: int) -> int:
+        """Return its number, given the frame's sequence number."""
+        return (self.turns_enable >> 1) * SEQUENCE_MODULUS + sequence
 
 
 Frame = Hello | Sample | Status | HelloRequest | Configure | Start | Stop | Heartbeat

@@ -25,10 +25,11 @@ class SequenceCheck:
         """Count a frame whose content cannot be trusted."""
         self._corrupt += 1
 
-    def accept(self, number: int) -> bool:
+    def accept(self, number: int, *, may_restart: bool = True) -> bool:
         """Count what is missing before a good frame; False if it repeats the one before it.
 
-        A step back, or more than half a turn ahead, is a sender that started anew: one error.
+        A step back, or more than half a turn ahead, is a sender that started anew: one error. If
+        not `may_restart` it is an old frame: one error, and False.
         """
         modulus = self._modulus
         if not modulus:
@@ -38,10 +39,11 @@ class SequenceCheck:
             missing = 0
         else:
             missing = (number - self._expected) % modulus
-            if missing == modulus - 1:
+            steps_back = missing > modulus // 2
+            if missing == modulus - 1 or (steps_back and not may_restart):
                 self._corrupt += 1
                 return False
-            if missing > modulus // 2:
+            if steps_back:
                 missing = 1
         self._expected = (number + 1) % modulus
         self._settle(missing)

@@ -19,7 +19,7 @@ static uint32_t draw(uint32_t below)
 static struct bridge bridge;
 static uint32_t now_us;
 static uint32_t asked_us; /* when a frame was last sent that can close the line */
-static uint16_t sequence;
+static uint32_t number; /* of the next frame, and further than its sequence */
 static uint8_t piece;
 
 static void receive(const uint8_t *data, size_t count)
@@ -59,11 +59,13 @@ static void send_frame(void)
     }
     memcpy(&frame, raw, sizeof frame);
     frame.type = types[draw(sizeof types)];
-    frame.sequence = draw(20) == 0 ? (uint16_t)draw(65536) : sequence++;
+    frame.sequence = (uint16_t)(draw(20) == 0 ? draw(65536) : number++);
     if (frame.type == BRIDGE_Heartbeat) {
-        frame.Heartbeat.enable = (uint8_t)draw(3);
+        const uint32_t turns = draw(20) == 0 ? draw(128) : number / 65536U;
+        frame.Heartbeat.turns_enable = (uint8_t)(turns << 1 | draw(2));
     } else if (frame.type == BRIDGE_HelloRequest) {
-        frame.HelloRequest.protocol = (uint16_t)draw(3);
+        frame.HelloRequest.protocol = (uint16_t)(draw(3) == 0 ? draw(4) : BRIDGE_PROTOCOL);
+        number = bridge.heartbeat_next; /* as Hello says */
     } else if (frame.type == BRIDGE_Configure) {
         frame.Configure.rate_Hz = draw(25000);
         frame.Configure.heartbeat_timeout_us = draw(20000);

@@ -22,7 +22,7 @@ static void *interrupts(void *unused)
     size_t count = stream_write(body, (uint8_t)frame_pack(&frame, body), wire);
     bridge_on_received(&bridge, 0, wire, count);
     frame.type = BRIDGE_Heartbeat;
-    frame.Heartbeat.enable = 1;
+    frame.Heartbeat.turns_enable = 1;
     const uint16_t adc[] = {2048};
     for (uint32_t i = 1; i <= 2 * samples; i++) {
         const struct board_reading reading = {i * 500, 0, adc, 1};

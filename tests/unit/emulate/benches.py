@@ -1,10 +1,20 @@
 """Benches for the tests of the emulator: the one in config/, on ports of their own."""
 
+import itertools
 from pathlib import Path
 
+from motord.wire import frames
 from tests.support.ports import free_port
 
 EMULATED = Path(__file__).parents[3] / "config" / "emulated.toml"
+NUMBERS = itertools.count()
+
+
+def beat(enable: int) -> frames.Numbered:
+    """Return a heartbeat that is newer than every one before it."""
+    number = next(NUMBERS)
+    heartbeat = frames.Heartbeat.of(number, enable=enable == 1)
+    return frames.Numbered(number % frames.SEQUENCE_MODULUS, heartbeat)
 
 
 PLACES = {

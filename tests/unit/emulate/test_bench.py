@@ -9,7 +9,7 @@ from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
 from motord.wire import frames
 from motord.wire.registers import DeviceStatus
-from tests.unit.emulate.benches import EMULATED
+from tests.unit.emulate.benches import EMULATED, beat
 
 MS = 1_000_000
 CONFIG = load(EMULATED)
@@ -21,10 +21,6 @@ CURRENTS = (5.0, -2.5, -2.5)
 
 def ignore(_frame):
     pass
-
-
-def beat(enable: int) -> frames.Numbered:
-    return frames.Numbered(0, frames.Heartbeat(enable))
 
 
 def truth_of(bench: EmulatedBench) -> np.ndarray:

@@ -16,8 +16,8 @@ from motord.rig import truth as rig_truth
 from motord.rig.drive import with_drive
 from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
-from motord.wire import dbc, frames
-from tests.unit.emulate.benches import EMULATED
+from motord.wire import dbc
+from tests.unit.emulate.benches import EMULATED, beat
 
 DQ = EMULATED.with_name("dq.toml")
 MS = 1_000_000
@@ -34,10 +34,10 @@ def changed(dq: dict[str, Any] | None = None, **signals: Any) -> Config:
 def spun(config: Config, truth: RigTruth, duration_ms: int = 60) -> EmulatedBench:
     """Return a bench that was told the same d and q every millisecond."""
     bench = EmulatedBench(config, truth, 0)
-    bench.arrive(0, frames.Numbered(0, frames.Heartbeat(0)))
+    bench.arrive(0, beat(0))
     for ms in range(duration_ms):
         bench.arrive(ms * MS, Command(COMMAND_A, True))
-        bench.arrive(ms * MS, frames.Numbered(0, frames.Heartbeat(1)))
+        bench.arrive(ms * MS, beat(1))
         bench.advance((ms + 1) * MS, lambda _frame: None)
     return bench
 

@@ -99,7 +99,7 @@ def test_the_rig_is_fed(ends, machine, board):
 def test_the_board_itself_says_nothing(ends, machine, board):
     link, _ = ends
     assert link.send(board.hello())
-    assert board.receive(0, frames.Numbered(0, frames.HelloRequest(1))) == []
+    assert board.receive(0, frames.Numbered(0, frames.HelloRequest(frames.PROTOCOL))) == []
     board.expire(10**18)
     assert (board.streaming, machine.resets) == (False, 0)
     board.restart(0)

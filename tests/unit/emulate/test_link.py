@@ -7,20 +7,22 @@ from motord import config
 from motord.emulate.board import Board
 from motord.emulate.link import BoardLink
 from motord.wire import frames
+from motord.wire.sequence import SequenceCheck
 from motord.wire.stream import StreamDecoder
 from tests.unit.emulate.benches import EMULATED
 
 
 @pytest.fixture
 def ends(tmp_path):
-    link = BoardLink(tmp_path / "port")
+    check = SequenceCheck(frames.SEQUENCE_MODULUS)
+    link = BoardLink(tmp_path / "port", check)
     with serial.Serial(str(tmp_path / "port"), timeout=2) as host:
-        yield link, host
+        yield link, host, check
     link.close()
 
 
 def test_frames_go_out_numbered(ends):
-    link, host = ends
+    link, host, _ = ends
     sent = [frames.Sample(n, n, -n, 0) for n in range(3)]
     assert all(link.send(sample) for sample in sent)
     decoder, got = StreamDecoder(), []
@@ -31,7 +33,7 @@ def test_frames_go_out_numbered(ends):
 
 
 def test_frames_that_waited_are_spread_over_the_wait(ends):
-    link, host = ends
+    link, host, _ = ends
     assert list(link.receive(1000)) == []
     host.write(b"".join(frames.encode(frames.Heartbeat(1), n) for n in range(4)))
     host.flush()
@@ -46,14 +48,14 @@ def test_frames_that_waited_are_spread_over_the_wait(ends):
 
 
 def test_noise_is_counted(ends):
-    link, host = ends
+    link, host, check = ends
     host.write(b"noise\0")
     assert list(link.receive(1)) == []
-    assert link.errors == 1
+    assert check.errors == 1
 
 
 def test_faults_on_the_line(ends):
-    link, host = ends
+    link, host, _ = ends
     link.faults.active, link.faults.delay_ns = True, 5
     assert link.send(frames.Sample(1, 1, 1, 0), 10)
     link.faults.clear()

@@ -7,7 +7,7 @@ from motord.config import Config, load
 from motord.emulate.bench import Command, EmulatedBench
 from motord.rig.truth import load as load_truth
 from motord.schema import TRUTH_DTYPE
-from motord.wire.frames import Heartbeat, Numbered
+from tests.unit.emulate.benches import beat
 
 MS = 1_000_000
 
@@ -29,8 +29,7 @@ def play(bench: EmulatedBench, until_ns: int, commanded: bool = True) -> None:
     number = 0
     while bench.now_ns < until_ns:
         if commanded:
-            beat = Heartbeat(enable=int(number > 0))
-            bench.arrive(bench.now_ns, Numbered(number % 65536, beat))
+            bench.arrive(bench.now_ns, beat(int(number > 0)))
             bench.arrive(bench.now_ns, Command((8.0, -4.0, -4.0), True))
             number += 1
         bench.advance(min(bench.now_ns + MS, until_ns), lambda frame: None)

@@ -189,7 +189,7 @@ def test_something_else_on_the_port(board: Board) -> None:
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(protocol=2), ["fake (firmware 1.2.3) speaks protocol 2, motord speaks 1"]),
+        (Identity(protocol=1), ["fake (firmware 1.2.3) speaks protocol 1, motord speaks 2"]),
         (Identity(layout=0xABCD), ["0000abcd", f"{frames.LAYOUT_HASH:08x}"]),
         (Identity(counts=1024), ["encoder of 1024 counts", "[motor] counts = 4096"]),
         (Identity(rates_Hz=[500]), ["cannot sample at 1000 Hz", "set rate_Hz in [bridge]"]),

@@ -14,7 +14,7 @@ from motord.wire.stream import StreamDecoder
 U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
 I32 = st.integers(-(2**31), 2**31 - 1)
 KINDS: list[st.SearchStrategy[Any]] = [
-    st.builds(frames.Hello, U16, U32, st.binary(min_size=16, max_size=16), U32, U32, U32, U32),
+    st.builds(frames.Hello, U16, U32, st.binary(min_size=16, max_size=16), *5 * (U32,)),
     st.builds(frames.Sample, U32, U32, I32, U16),
     st.builds(frames.Status, U32, U16, U16, U32, U32, U32, U32, U32, U8),
     st.builds(frames.HelloRequest, U16),
@@ -164,9 +164,9 @@ def test_hello_in_words() -> None:
 
 def test_layout_as_documented() -> None:
     """A change here is a new PROTOCOL: boards in the field would no longer be understood."""
-    assert frames.PROTOCOL == 1
+    assert frames.PROTOCOL == 2
     sample = frames.encode(frames.Sample(0x04030201, 0x08070605, -2, 0x0A09), 0x0C0B)
     body = bytes.fromhex("02 0b0c 01020304 05060708 feffffff 090a")
     assert cobs.decode(sample[:-1]) == body + crc16(body).to_bytes(2, "little")
-    assert frames.LAYOUT_HASH == 2922724587
+    assert frames.LAYOUT_HASH == 2785754103
     assert int(BridgeStatus.FAULT) < 1 << 16

@@ -28,7 +28,7 @@ def write(folder: Path) -> Path:
     text = text.replace('interface = "udp_multicast"', 'interface = "socketcan"')
     text = re.sub(r'channel = "239[^"]*"', f'channel = "{SOCKETCAN}"', text)
     text = re.sub(r"^options = .*\n", "", text, flags=re.MULTILINE)
-    text = re.sub(r"^heartbeat_timeout_s = .*$", "heartbeat_timeout_s = 10.0", text, flags=re.M)
+    text = re.sub(r"^heartbeat_timeout_s = .*$", "heartbeat_timeout_s = 1.0", text, flags=re.M)
     for key in ("stale_after_s", "supervisor_timeout_s"):
         text = re.sub(rf"^{key} = .*$", f"{key} = {PATIENCE_S}", text, flags=re.MULTILINE)
     text = text.replace("[loop]\n", f"[loop]\nenable_timeout_s = {PATIENCE_S}\n")
