@@ -71,15 +71,18 @@ def _token_in_force(client: "Client") -> str | None:
     return None
 
 
-def hold(client: "Client", lease: "Lease", state: str, for_s: float | None, *, quiet: bool) -> None:
+def announce(state: str, for_s: float | None) -> None:
+    """Say on stderr that this command stays in command of a bench in `state`, and what then."""
+    until = f"for {for_s:.3g} s" if for_s is not None else "until Ctrl-C"
+    then = "the bench ramps down and is disabled" if state == "ENABLED" else "brake and drive rest"
+    remark(f"in command {until}; then {then}")
+
+
+def hold(client: "Client", lease: "Lease", state: str, for_s: float | None) -> None:
     """Stay in command until interrupted or for `for_s`; what was set lasts as long.
 
     Fails if the bench falls back from `state`, or from a higher one that it reaches meanwhile.
     """
-    if not quiet:
-        until = f"for {for_s:.3g} s" if for_s is not None else "until Ctrl-C"
-        then = "the bench ramps down and is disabled"
-        remark(f"in command {until}; then {then if state == 'ENABLED' else 'brake and drive rest'}")
     watched = _Watched(_RANK[state])
     end_s = None if for_s is None else time.monotonic() + for_s
     with suppress(KeyboardInterrupt):

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.command import hold, in_command
+from motord.cli.command import announce, hold, in_command
 from motord.cli.observe import events, status, watch
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 from motord.cli.set_report import set_in_words, show_reached
@@ -46,7 +46,9 @@ def enable(
         answer = client.rpc("enable", token=command.token)
         say(answer, answer["state"], as_json)
         if command.lease is not None:
-            hold(client, command.lease, answer["state"], for_s, quiet=as_json)
+            if not as_json:
+                announce(answer["state"], for_s)
+            hold(client, command.lease, answer["state"], for_s)
 
 
 def disable(
@@ -121,9 +123,12 @@ def set_(
         answer = client.rpc("set", token=command.token, enable=enable_first, **asked)
         say(answer, set_in_words(answer), as_json)
         begun_s = time.monotonic()
+        lease = None if asked.keys() == {"compensate"} else command.lease
         with suppress(KeyboardInterrupt):
             if not as_json:
+                if lease is not None:
+                    announce(answer["state"], for_s)
                 show_reached(client, answer, for_s)
-            if command.lease is not None and asked.keys() != {"compensate"}:
+            if lease is not None:
                 left_s = None if for_s is None else for_s - (time.monotonic() - begun_s)
-                hold(client, command.lease, answer["state"], left_s, quiet=as_json)
+                hold(client, lease, answer["state"], left_s)

@@ -1,0 +1,283 @@
+"""What an operator does in terminals, with real processes: signals, takeovers, plans, pipes.
+
+Judged by what the daemon says of itself: its events and its ticks.
+"""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.schema import State
+from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+
+pytestmark = pytest.mark.system
+
+TORQUE_Nm = 2.0
+HELD = ("set", "--enable", "--torque-Nm", str(TORQUE_Nm), "--speed-Hz", "0.7")
+ON_ITS_TERMINAL = """
+import fcntl, os, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+os.execv(sys.executable, [sys.executable, "-m", "motord", *sys.argv[1:]])
+"""
+
+
+class Terminal:
+    """Starts commands for a daemon, as its operator does."""
+
+    def __init__(self, running, folder):
+        self.running = running
+        self.environment = dict(
+            os.environ, XDG_RUNTIME_DIR=str(folder), MOTORD_CONNECT=running.endpoint
+        )
+
+    def start(self, *arguments, **options):
+        """Start a command and return its process."""
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
+        return subprocess.Popen(
+            [sys.executable, "-m", "motord", *arguments], env=self.environment, **options
+        )
+
+    def run(self, *arguments):
+        """Run a command to its end and return exit code, output and what came on stderr."""
+        return finish(self.start(*arguments))
+
+
+def finish(process):
+    """Wait for the end of a command; return exit code, output and what came on stderr."""
+    out, err = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, (out or b"").decode(), (err or b"").decode()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("operator")
+
+
+@pytest.fixture(scope="module")
+def running(folder):
+    with daemon(folder, write_sim(folder)) as program:
+        yield program
+
+
+@pytest.fixture(scope="module")
+def client(running):
+    with running.connect() as client:
+        yield client
+
+
+@pytest.fixture
+def motord(running, folder, client):
+    yield Terminal(running, folder)
+    client.rpc("stop", by="teardown")
+    wait_for(client, lambda s: s.lease.holder is None and s.state == "OFF", "nobody in command")
+
+
+def events_since(client, t_ns):
+    return [event for event in client.events() if event.t_ns > t_ns]
+
+
+def turning(client):
+    return wait_for(
+        client, lambda s: s.tick is not None and s.tick.torque_set_Nm == TORQUE_Nm, "the torque"
+    )
+
+
+def check_ramped_down(client, running, ticks, begun_ns):
+    """The lease was given back, the torque came down by its ramp, then the bench was disabled."""
+    wait_for(client, lambda s: s.state == "READY" and s.lease.holder is None, "disabled")
+    messages = [event.message for event in events_since(client, begun_ns)]
+    assert not [message for message in messages if "ran out" in message or "TRIPPED" in message]
+    given_up = [m for m in messages if m.endswith("gave up command: ramping down and disabling")]
+    assert len(given_up) == 1
+    wait_until(lambda: ticks and ticks[-1]["state"][-1] == State.READY, "the ticks")
+    seen = np.concatenate(ticks)
+    torque_Nm = np.abs(seen["torque_set_Nm"][seen["state"] == State.ENABLED])
+    falling = torque_Nm[np.flatnonzero(torque_Nm == TORQUE_Nm)[-1] :]
+    assert falling[-1] < 0.05
+    step_Nm = running.config.limits.torque_rate_Nm_per_s / running.config.loop.rate_Hz
+    steps_Nm = (
+        -np.diff(falling)
+        / np.diff(seen["tick"][seen["state"] == State.ENABLED])[-len(falling) + 1 :]
+    )
+    assert steps_Nm == pytest.approx(step_Nm, rel=0.01, abs=step_Nm / 2)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_each_signal_ramps_down_and_disables(motord, client, running, number):
+    begun_ns, ticks = client.state().t_ns, []
+    with client.subscribe_ticks(ticks.append):
+        command = motord.start(*HELD)
+        turning(client)
+        command.send_signal(number)
+        code, out, err = finish(command)
+        check_ramped_down(client, running, ticks, begun_ns)
+    assert (code, err) == (
+        0,
+        "in command until Ctrl-C; then the bench ramps down and is disabled\n",
+    )
+    assert f"set: torque {TORQUE_Nm:g} Nm, reached in" in out
+
+
+def test_a_terminal_that_is_closed_ramps_down_and_disables(motord, client, running):
+    begun_ns, ticks = client.state().t_ns, []
+    controller, terminal = pty.openpty()
+    with client.subscribe_ticks(ticks.append):
+        command = subprocess.Popen(
+            [sys.executable, "-c", ON_ITS_TERMINAL, *HELD], env=motord.environment,
+            stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,
+        )  # fmt: skip
+        os.close(terminal)
+        state = turning(client)
+        os.close(controller)
+        assert command.wait(PATIENCE_S) == 0
+        check_ramped_down(client, running, ticks, begun_ns)
+    holder = state.lease.holder
+    assert holder.endswith(f" {command.pid}")
+    assert " pts/" in holder
+
+
+def test_a_reader_that_leaves_does_not_end_the_command(motord, client):
+    reading, writing = os.pipe()
+    command = motord.start(*HELD, "--for-s", "600", stdout=writing, stderr=writing)
+    os.close(writing)
+    os.close(reading)
+    turning(client)
+    command.send_signal(signal.SIGTERM)
+    assert command.wait(PATIENCE_S) == 0
+    assert wait_for(client, lambda s: s.state == "READY", "disabled").lease.holder is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        (("--torque-Nm", "99"), "99 Nm is above [limits] torque_Nm"),
+        (("--torque-Nm", "nan"), "torque_Nm"),
+        (("--torque-Nm", "1", "--speed-Hz", "40"), "[limits] trip_speed_rad_s"),
+    ],
+)
+def test_a_refused_set_point_leaves_the_bench_off(motord, client, asked, words):
+    begun_ns = client.state().t_ns
+    code, out, err = motord.run("set", "--enable", *asked)
+    assert (code, out, len(err.splitlines())) == (1, "", 1)
+    assert words in err
+    assert client.state().state == "OFF"
+    assert not [event for event in events_since(client, begun_ns) if event.kind == "state"]
+
+
+def test_after_a_takeover_others_use_the_token_of_the_winner(motord, client):
+    loser = motord.start("enable")
+    wait_for(client, lambda s: s.state == "ENABLED", "enabled")
+    winner = motord.start("enable", "--force")
+    code, _, err = finish(loser)
+    assert code == 1
+    assert "took over command" in err
+    code, out, err = motord.run("set", "--torque-Nm", "1", "--speed-Hz", "0.7")
+    assert (code, err) == (0, "")
+    assert "reached: torque 1 Nm commanded" in out
+    winner.send_signal(signal.SIGINT)
+    assert finish(winner)[0] == 0
+    wait_for(client, lambda s: s.state == "READY", "disabled")
+
+
+def test_the_drive_turns_for_as_long_as_the_command_runs(motord, client):
+    command = motord.start("set", "--drive-Hz", "0.5")
+    wait_for(client, lambda s: (s.tick.speed_Hz or 0.0) > 0.4, "the drive")
+    state = client.state()
+    assert (state.state, state.setpoint.drive_Hz) == ("OFF", 0.5)
+    command.send_signal(signal.SIGINT)
+    assert finish(command)[0] == 0
+    assert wait_for(client, lambda s: s.lease.holder is None, "over").setpoint.drive_Hz == 0.0
+
+
+def plan(motord, *arguments):
+    code, out, err = motord.run("plan", *arguments)
+    assert (code, err) == (0, ""), err
+    return out
+
+
+PLAN = [
+    word
+    for setting in ("torques_Nm=2", "speeds_Hz=0.8,1.0", "turns=2", "settle_s=0.2", "gain_steps=[]")
+    for word in ("--set", setting)
+]
+
+
+def test_a_plan_is_paused_resumed_and_aborted(motord, client):
+    assert "calibrate started" in plan(motord, "start", "calibrate", "--detach", *PLAN)
+    with client.subscribe_plan() as progress:
+
+        def until(condition):
+            while not condition(view := progress.get(PATIENCE_S)):
+                assert view is not None
+            return view
+
+        until(lambda v: v.torque_set_Nm == TORQUE_Nm)
+        plan(motord, "pause")
+        paused = until(lambda v: v.state == "paused")
+        state = client.state()
+        assert (state.tick.torque_set_Nm, paused.points_done) == (0.0, 0)
+        assert "calibrate paused, 0 %" in plan(motord, "status")
+        assert plan(motord, "resume") == "calibrate: running\n"
+        taken = until(lambda v: v.points_done == 1)
+        assert taken.state == "running"
+        assert plan(motord, "abort") == "calibrate: ending\n"
+        over = until(lambda v: v.over)
+    assert (over.state, over.points_done) == ("aborted", 1)
+    wait_for(client, lambda s: s.state == "READY", "disabled")
+    said = plan(motord, "status")
+    assert "1/2" in said
+    assert "left" not in said
+    assert "aborted by" in said
+
+
+def test_a_plan_that_is_followed_is_aborted_by_a_closed_terminal(motord, client):
+    command = motord.start("plan", "start", "calibrate", *PLAN)
+    wait_for(client, lambda s: s.state == "ENABLED" and s.setpoint.torque_Nm == TORQUE_Nm, "torque")
+    command.send_signal(signal.SIGHUP)
+    code, _, err = finish(command)
+    assert code == 1
+    assert "calibrate aborted: aborted by" in err
+    wait_for(client, lambda s: s.state == "READY", "disabled")
+
+
+@pytest.mark.parametrize("arguments", [("events",), ("events", "--json"), ("watch", "--json")])
+def test_what_goes_on_ends_when_nobody_reads_any_more(motord, arguments):
+    command = motord.start(*arguments)
+    assert command.stdout.readline()
+    command.stdout.close()
+    assert command.wait(PATIENCE_S) == 0
+    assert command.stderr.read() == b""
+    command.stderr.close()
+
+
+@pytest.mark.parametrize("arguments", [("status",), ("status", "--json"), ("plan", "list")])
+def test_a_full_disk_is_one_line_and_exit_1(motord, arguments):
+    with Path("/dev/full").open("wb") as full:
+        code, _, err = finish(motord.start(*arguments, stdout=full))
+    assert (code, err) == (1, "motord: cannot write the output: No space left on device\n")
+
+
+def test_a_daemon_that_dies_in_the_middle_is_one_line_and_exit_1(tmp_path):
+    with daemon(tmp_path, write_sim(tmp_path, "dying")) as running, running.connect() as client:
+        motord = Terminal(running, tmp_path)
+        commands = [
+            motord.start(*HELD),
+            motord.start("watch", "--json"),
+            motord.start("events", "--json"),
+        ]
+        turning(client)
+        for command in commands[1:]:
+            assert json.loads(command.stdout.readline())
+        running.end(signal.SIGKILL)
+        for command in commands:
+            code, _, err = finish(command)
+            assert code == 1
+            assert "motord: " in err.splitlines()[-1]
+            assert "Traceback" not in err
