@@ -102,11 +102,10 @@ def check_ramped_down(client, running, ticks, begun_ns):
     falling = torque_Nm[np.flatnonzero(torque_Nm == TORQUE_Nm)[-1] :]
     assert falling[-1] < 0.05
     step_Nm = running.config.limits.torque_rate_Nm_per_s / running.config.loop.rate_Hz
-    steps_Nm = (
-        -np.diff(falling)
-        / np.diff(seen["tick"][seen["state"] == State.ENABLED])[-len(falling) + 1 :]
-    )
-    assert steps_Nm == pytest.approx(step_Nm, rel=0.01, abs=step_Nm / 2)
+    gaps = np.diff(seen["tick"][seen["state"] == State.ENABLED].astype(int))[-len(falling) + 1 :]
+    falls_Nm = -np.diff(falling)
+    assert (falls_Nm[:-1] > 0.99 * step_Nm).all()  # with every tick, until there is none left
+    assert (falls_Nm < 1.01 * step_Nm * gaps).all()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -118,10 +117,8 @@ def test_each_signal_ramps_down_and_disables(motord, client, running, number):
         command.send_signal(number)
         code, out, err = finish(command)
         check_ramped_down(client, running, ticks, begun_ns)
-    assert (code, err) == (
-        0,
-        "in command until Ctrl-C; then the bench ramps down and is disabled\n",
-    )
+    assert code == 0
+    assert err == "in command until Ctrl-C; then the bench ramps down and is disabled\n"
     assert f"set: torque {TORQUE_Nm:g} Nm, reached in" in out
 
 
@@ -223,7 +220,7 @@ def test_a_plan_is_paused_resumed_and_aborted(motord, client):
         paused = until(lambda v: v.state == "paused")
         state = client.state()
         assert (state.tick.torque_set_Nm, paused.points_done) == (0.0, 0)
-        assert "calibrate paused, 0 %" in plan(motord, "status")
+        assert "calibrate paused, " in plan(motord, "status")
         assert plan(motord, "resume") == "calibrate: running\n"
         taken = until(lambda v: v.points_done == 1)
         assert taken.state == "running"
@@ -235,6 +232,7 @@ def test_a_plan_is_paused_resumed_and_aborted(motord, client):
     assert "1/2" in said
     assert "left" not in said
     assert "aborted by" in said
+    assert said.splitlines()[1] == f"next: motord analyse calibrate {over.recording}"
 
 
 def test_a_plan_that_is_followed_is_aborted_by_a_closed_terminal(motord, client):

@@ -67,7 +67,8 @@ def _progress(silent: bool) -> "Iterator[Progress]":
     try:
         yield show
     finally:
-        bar.stop()
+        if bar.live.is_started:
+            bar.stop()
 
 
 def _lines(done: "Imported") -> Iterator[str]:

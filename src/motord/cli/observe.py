@@ -81,7 +81,9 @@ def events(
             shown_ns = event.t_ns
         while follow and not nobody_reads():
             new = coming.get(LOOK_S)
-            if new is not None and new.t_ns > shown_ns:
+            if new is None:
+                client.state()  # to notice that the daemon is gone
+            elif new.t_ns > shown_ns:
                 _show(new, as_json)
 
 
@@ -133,7 +135,8 @@ def _rows(state: "State") -> list[tuple[str, str]]:
     rows.append(("command", f"{holder}" if holder else "nobody"))
     if state.plan is not None:
         p = state.plan
-        rows.append(("plan", f"{p.plan} {p.state}, {p.points_done}/{p.points} points, {p.step}"))
+        step = "" if p.over else f", {p.step}"
+        rows.append(("plan", f"{p.plan} {p.state}, {p.points_done}/{p.points} points{step}"))
     c = state.calibration
     rows.append(("calibration", f"{c.id}, {c.method}, {c.age} old" if c is not None else "none"))
     path = state.recording.path

@@ -1,6 +1,7 @@
 """`motord plan`: experiments on a running daemon."""
 
 import json
+import shlex
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,6 +36,7 @@ def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
     lines = []
     for plan in plans:
         lines.append(f"{plan['name']}: {plan['summary']}")
+        lines.append(f"    then: motord analyse {plan['name']} RUN...")
         lines += [f"    {key} = {json.dumps(value)}" for key, value in plan["settings"].items()]
     return lines
 
@@ -81,11 +83,12 @@ def start(
                 say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
             view = follow(client, command.token, progress, quiet=as_json)
-        _say_end(view, as_json)
+            then = _then(client, view)
+        _say_end(view, then, as_json)
 
 
-def _say_end(view: "PlanView", as_json: bool) -> None:
-    say(view.model_dump(mode="json"), _end_line(view), as_json)
+def _say_end(view: "PlanView", then: str, as_json: bool) -> None:
+    say(view.model_dump(mode="json"), _end_line(view) + then, as_json)
     if view.state != "done":
         fail(f"{view.plan} {view.state}: {view.message}")
 
@@ -114,6 +117,16 @@ def _aim(point: dict[str, Any]) -> str:
     if point["aim"]:
         return str(point["aim"])
     return f"{point['torque_Nm']:g} Nm  {point['speed_Hz']:g} Hz  {point['turns']} turns"
+
+
+def _then(client: "Client", view: "PlanView") -> str:
+    """Return the command that analyses what a plan has recorded, on a line of its own, or ""."""
+    if not view.over or not view.points_done or not view.recording:
+        return ""
+    runs = " ".join(shlex.quote(run) for run in (view.continues, view.recording) if run)
+    force = client.state().calibration if view.plan == "learn" else None
+    known = f" --calibration {shlex.quote(force.path)}" if force is not None else ""
+    return f"\nnext: motord analyse {view.plan} {runs}{known}"
 
 
 def _end_line(view: "PlanView") -> str:
@@ -150,6 +163,8 @@ def _bar() -> "Progress":
 
 
 def _step(view: "PlanView") -> str:
+    if view.over:
+        return f"{view.points_done}/{view.points}"
     eta = f"{view.eta_s / 60:.1f} min left" if view.eta_s >= 90 else f"{view.eta_s:.0f} s left"
     return f"{eta}; {view.points_done}/{view.points}; {view.step or view.state}"
 
@@ -164,7 +179,7 @@ def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = F
             return
         words = f"{view.plan} {view.state}, {100 * view.fraction:.0f} %, {_step(view)}"
         message = f": {view.message}" if view.message else ""
-        say(view.model_dump(mode="json"), words + message, as_json)
+        say(view.model_dump(mode="json"), words + message + _then(client, view), as_json)
 
 
 @app.command()
@@ -198,7 +213,8 @@ def resume(
                 say(answer, f"{answer['plan']}: {answer['state']}", as_json)
                 return
             end = follow(client, command.token, progress, quiet=as_json)
-        _say_end(end, as_json)
+            then = _then(client, end)
+        _say_end(end, then, as_json)
 
 
 @app.command()

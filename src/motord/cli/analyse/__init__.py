@@ -13,3 +13,5 @@ from motord.cli.console import group
 app = group("Identify, verify, report.")
 for command in (align, calibrate, learn, verify, cogging, back_emf, inertia, sensitivity):
     app.command()(command)
+for plan in ("inertia-oscillation", "inertia-acceleration"):  # as every other: by the plan's name
+    app.command(plan, hidden=True)(inertia)

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast, get_args
 
 import typer
 
@@ -16,11 +16,14 @@ from motord.cli.analyse.inputs import (
     open_runs,
     say_files,
 )
-from motord.cli.console import plain_console, print_json
+from motord.cli.console import fail, plain_console, print_json
 from motord.whole_file import write_whole
+
+Experiment = Literal["inertia-oscillation", "inertia-acceleration"]
 
 
 def inertia(
+    context: typer.Context,
     runs: Runs,
     output: Output = None,
     report: Report = None,
@@ -31,7 +34,7 @@ def inertia(
         ),
     ] = None,
     experiment: Annotated[
-        Literal["inertia-oscillation", "inertia-acceleration"] | None,
+        Experiment | None,
         typer.Option(help="Which it is, for recordings that name no plan: imported ones."),
     ] = None,
     config: BenchFile = None,
@@ -49,7 +52,10 @@ def inertia(
         opened, subject = open_runs(runs, config)
         names = [run.name for run in runs]
         plans = analysis.plans_of(config)
-        if analysis.experiment_of(opened, experiment) == analysis.OSCILLATION:
+        found = analysis.experiment_of(opened, experiment or _named(context))
+        if _named(context) not in (None, found):
+            fail(f"these are recordings of {found}: motord analyse {found} RUN...")
+        if found == analysis.OSCILLATION:
             swing = plans.inertia_oscillation if plans is not None else None
             swung = analysis.oscillation(opened, subject, swing, _cogging(calibration))
             result = analysis.oscillation_json(swung, subject, names)
@@ -68,6 +74,14 @@ def inertia(
         return
     _print(result)
     say_files(output, report)
+
+
+def _named(context: typer.Context) -> Experiment | None:
+    """Return which experiment the command is named after, if it is."""
+    for name in get_args(Experiment):
+        if context.info_name == name:
+            return cast("Experiment", name)
+    return None
 
 
 def _cogging(calibration: Path | None) -> Any:

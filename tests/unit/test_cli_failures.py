@@ -1,0 +1,181 @@
+"""Whatever a user does wrong: exit code 1 with one line, or 2 with the usage; never a traceback."""
+
+import shlex
+import socket
+
+import pytest
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.plans import PLANS
+from tests.unit.service.live_service import endpoint
+from tests.unit.test_cli_text import ALL
+
+LEAVES = {path: c for path, c in ALL.items() if path and not hasattr(c, "list_commands")}
+ASK_A_DAEMON = [p for p, c in LEAVES.items() if any(one.name == "connect" for one in c.params)]
+NEEDED = {
+    ("set",): ["--torque-Nm", "1", "--enable"],
+    ("plan", "start"): ["calibrate"],
+    ("calibration", "install"): ["good.json"],
+}
+"""What a command needs besides a daemon."""
+
+FILES = [
+    "run -c {}",
+    "check -c {}",
+    "emulate -c {}",
+    "emulate -c good.toml --faults {}",
+    "fault inject can_drop -c {}",
+    "latency -c {} --seconds 0",
+    "simulate calibrate -c {} -o new.mcap",
+    "simulate verify --calibration {} -o new.mcap",
+    *(f"analyse {name} {{}}" for name in PLANS if name != "learn"),
+    *(f"analyse {name} {{}} -c good.toml --json" for name in PLANS if name != "learn"),
+    "analyse learn none.mcap --calibration {}",
+    "analyse learn {} --calibration good.json",
+    "analyse sensitivity --calibration {}",
+    "calibration show {}",
+    "calibration install {}",
+    "record info {}",
+    "record info {} --check",
+    "record recover {}",
+    "record export {} -o table.csv",
+    "record import {} --map good.toml -o new.mcap",
+    "record import table.csv --map {} -o new.mcap",
+    "security list --in {}",
+    "security add anna --role viewer --in {}",
+    "security remove anna --in {}",
+    "status --connect tls/127.0.0.1:1 --identity {}",
+]
+NOWHERE = [
+    "simulate calibrate --set torques_Nm=2 --set speeds_Hz=1.0 --set turns=2 -o {}.mcap",
+    "demo --quick --out {}",
+    "latency --seconds 0 --plot {}.png",
+    "security init {}",
+    "calibration list --dir {}",
+]
+"""Commands that write, or look, where that cannot be."""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    from motord.config import packaged
+    from tests.unit.service.test_installation import calibration
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    calibration().save(tmp_path / "good.json")
+    text = packaged("sim.toml").read_text()
+    (tmp_path / "good.toml").write_text(text.replace('rig = "', 'rig = "package:'))
+    return tmp_path
+
+
+def invoke(arguments):
+    result = CliRunner().invoke(app, arguments)
+    assert isinstance(result.exception, SystemExit | None), repr(result.exception)
+    assert "Traceback" not in result.output
+    return result
+
+
+def failed(arguments):
+    """Check that a command fails with one line; return it."""
+    result = invoke(arguments)
+    lines = result.stderr.splitlines()
+    assert result.exit_code == 1, result.output
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("motord: ")
+    return lines[0]
+
+
+@pytest.mark.parametrize("path", LEAVES, ids=" ".join)
+def test_an_unknown_option_is_wrong_usage(path):
+    result = invoke([*path, "--no-such-option"])
+    assert result.exit_code == 2
+    assert "Usage: " in result.stderr
+
+
+@pytest.mark.parametrize("path", ASK_A_DAEMON, ids=" ".join)
+def test_no_daemon_is_said(path):
+    where = endpoint()
+    said = failed([*path, *NEEDED.get(path, ()), "--connect", where])
+    assert said == f"motord: no motord at {where}: is `motord run` running there?"
+
+
+@pytest.mark.parametrize(
+    "where", ["", "nonsense", "tcp/", "tcp/127.0.0.1:99999", "tcp/[::1", "*/*"]
+)
+def test_an_endpoint_that_is_none_is_said(where):
+    assert where in failed(["status", "--connect", where])
+
+
+@pytest.mark.parametrize("bench", ["*", "**", "a/b", "x y", "", "#", "$*"])
+def test_a_bench_that_is_none_is_said(bench):
+    failed(["status", "--connect", endpoint(), "--bench", bench])
+
+
+def test_somebody_else_at_the_endpoint_is_no_daemon():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+        server.close()
+        assert "no motord at" in failed(["status", "--connect", where])
+
+
+@pytest.mark.parametrize("kind", ["missing", "folder", "empty", "junk", "json"])
+@pytest.mark.parametrize("words", FILES)
+def test_a_file_that_cannot_be_is_one_line(words, kind, folder):
+    bad = folder / f"{kind}.mcap"
+    contents = {"empty": b"", "junk": bytes(range(256)) * 8, "json": b'{"a": [1, NaN]}'}
+    if kind == "folder":
+        bad.mkdir()
+    elif kind in contents:
+        bad.write_bytes(contents[kind])
+    if words.startswith("run ") and kind == "empty":
+        pytest.skip("an empty bench file is no error of the file")
+    failed(shlex.split(words.format(bad)))
+
+
+@pytest.mark.parametrize("words", NOWHERE)
+def test_what_cannot_be_written_is_one_line(words, folder):
+    (folder / "file").write_text("")
+    failed(shlex.split(words.format(folder / "file" / "below")))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "fault inject no_such_kind -c good.toml",
+        "fault inject can_drop fraction -c good.toml",
+        "simulate no-such-plan -o new.mcap",
+        "simulate calibrate --set turns=many -o new.mcap",
+        "simulate calibrate --set torques_Nm=99 -o new.mcap",
+        "simulate calibrate --set no_such_setting=1 -o new.mcap",
+        "simulate verify -o new.mcap",
+        "security add anna --role viewer --in .",
+        "analyse cogging none.mcap -c none.toml",
+    ],
+)
+def test_what_cannot_be_done_is_one_line(words):
+    failed(shlex.split(words))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "set",
+        "set --brake 2",
+        "set --torque-Nm much",
+        "set --compensate all",
+        "plan start",
+        "plan start calibrate --limit-s -1",
+        "plan nothing",
+        "analyse calibrate",
+        "simulate calibrate --set turns",
+        "latency --rate-Hz 1",
+        "watch --for-s soon",
+        "emulate",
+        "record import a.csv",
+        "no-such-command",
+    ],
+)
+def test_wrong_usage_is_exit_2(words):
+    assert invoke(shlex.split(words)).exit_code == 2

@@ -1,0 +1,90 @@
+"""What commands say is text: brackets stay, in help, messages, tables and progress."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.cli.console import plain_console, text_column
+from motord.plans import PLANS
+
+CLI = Path(__file__).parents[2] / "src" / "motord" / "cli"
+
+
+def commands(command, path=()):
+    """Yield every command with its path, groups and hidden ones as well."""
+    yield path, command
+    context = typer.Context(command)
+    for name in command.list_commands(context) if hasattr(command, "list_commands") else ():
+        yield from commands(command.get_command(context, name), (*path, name))
+
+
+ALL = dict(commands(typer.main.get_command(app)))
+PLACES = re.compile(r"\[[a-z][a-z_.*]*\]")
+
+
+def texts(command):
+    """Return all that a command has to say of itself."""
+    own = [command.help or ""]
+    return own + [getattr(parameter, "help", None) or "" for parameter in command.params]
+
+
+@pytest.mark.parametrize("path", ALL, ids=" ".join)
+def test_sections_in_brackets_are_in_the_help(path):
+    result = CliRunner().invoke(app, [*path, "--help"])
+    assert result.exit_code == 0
+    shown = " ".join(result.stdout.split())
+    for text in texts(ALL[path]):
+        for place in PLACES.findall(text):
+            assert place in shown
+
+
+def test_there_are_sections_in_the_help_of_some():
+    named = {place for c in ALL.values() for text in texts(c) for place in PLACES.findall(text)}
+    assert {"[loop]", "[motor]"} <= named
+    assert len(ALL) > 50
+
+
+def test_wrong_usage_shows_brackets_too():
+    result = CliRunner().invoke(app, ["analyse", "[loop]"])
+    assert result.exit_code == 2
+    assert "[loop]" in result.stderr
+
+
+def test_consoles_and_columns_print_text_as_it_is():
+    from rich.progress import Progress
+    from rich.table import Table
+
+    console = plain_console()
+    rows = Table("[loop] :cat:", title="[motor]")
+    rows.add_row("[brake.modbus] no answer", "runs[loop]/a.mcap")
+    with console.capture() as captured:
+        console.print("[limits]", rows)
+    for text in ("[limits]", "[loop] :cat:", "[motor]", "[brake.modbus]", "runs[loop]/a.mcap"):
+        assert text in captured.get()
+    with Progress(text_column("{task.description}"), console=console) as bars:
+        task = bars.add_task("[loop]", total=1.0)
+        assert str(bars.columns[0].render(bars.tasks[task])) == "[loop]"
+
+
+@pytest.mark.parametrize("path", sorted(CLI.rglob("*.py")), ids=lambda p: str(p.relative_to(CLI)))
+def test_nothing_with_markup_is_made_elsewhere(path):
+    made = {
+        node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Call)
+    }
+    allowed = {"console.py": {"Console", "TextColumn", "Typer"}, "__init__.py": {"Typer"}}
+    marked = made & {"Console", "TextColumn", "Typer", "from_markup", "rprint"}
+    assert marked <= allowed.get(str(path.relative_to(CLI)), set())
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_every_plan_has_an_analysis_of_its_name(name):
+    result = CliRunner().invoke(app, ["analyse", name, "--help"])
+    assert result.exit_code == 0
+    assert "RUN" in result.stdout
