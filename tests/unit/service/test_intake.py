@@ -1,0 +1,265 @@
+"""Requests before they are read: size, lease, room; and how they are answered."""
+
+import json
+import threading
+
+import pytest
+import zenoh
+
+from motord import config
+from motord.calibration import Calibration
+from motord.learned import MAX_NODES, MAX_ORDERS, LearnedPoint, LearnedTorque, Verified
+from motord.service import intake, replies
+from motord.service.calibration_reader import read_elsewhere
+from motord.service.calls import CallQueue
+from motord.service.endpoints import ENVELOPE_BYTES, client_config
+from motord.service.intake import Intake, Slow
+from motord.service.messages import (
+    MAX_REQUEST_BYTES,
+    PASSES,
+    REQUESTS,
+    UNPROVEN_BYTES,
+    WithToken,
+    max_calibration_bytes,
+    max_request_bytes,
+    needs_token,
+)
+from motord.service.refusal import Refusal
+from motord.service.replies import ROOM, ROOM_IN_COMMAND, ROOM_OF_STOP, Replies
+from tests.unit.service.live_service import live_service
+from tests.unit.service.test_installation import calibration
+
+WAIT_S = 20.0
+TOKEN = b"0123456789abcdef"
+LIMIT = 2 * MAX_REQUEST_BYTES
+
+
+class Query:
+    """What is used of Zenoh's query."""
+
+    def __init__(self, payload=b"", key="k"):
+        self.payload = zenoh.ZBytes(payload)
+        self.key_expr = key
+        self.dropped = False
+        self.code = self.content = None
+        self.done = threading.Event()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.done.set()
+
+    def drop(self):
+        self.dropped = True
+
+    def reply(self, key, payload, encoding):
+        self.content = payload
+
+    def reply_err(self, payload, encoding):
+        self.code = json.loads(payload)["code"]
+
+    def outcome(self):
+        """Wait for the answer; return the code of the refusal, or the content."""
+        assert self.done.wait(WAIT_S)
+        return self.code or self.content
+
+
+class Desk:
+    """An intake whose parsing is taken down; `slow` is a slow request that waits to go on."""
+
+    def __init__(self, monkeypatch):
+        self.parsed = []
+        monkeypatch.setattr(intake, "parse", self._parse)
+        self.calls, self.replies = CallQueue(), Replies(4 * LIMIT)
+        self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
+        slow = {name: Slow(self._prepare, max_bytes=LIMIT) for name in ("calibration/install",)}
+        self.intake = Intake(self.calls, self.replies, slow, lambda payload: TOKEN in payload)
+
+    def _parse(self, name, payload):
+        self.parsed.append((name, len(payload)))
+        return WithToken(token="t")
+
+    def _prepare(self, payload):
+        self.begun.release()
+        assert self.go_on.acquire(timeout=WAIT_S)
+        raise Refusal("failed", "prepared")
+
+    def bring(self, name, payload):
+        query = Query(payload)
+        self.intake.accept(name, "k", query)
+        return query
+
+    def __enter__(self):
+        self.replies.open()
+        self.intake.open()
+        return self
+
+    def __exit__(self, *error):
+        self.calls.close("over")
+        self.intake.close()
+        self.replies.close()
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    with Desk(monkeypatch) as made:
+        yield made
+
+
+GUARDED = sorted(name for name in REQUESTS if needs_token(name))
+
+
+def test_all_but_these_need_the_lease():
+    assert set(REQUESTS) - set(GUARDED) == {
+        "lease/acquire", "stop", "plan/start", "plan/list", "config",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GUARDED)
+def test_a_long_request_is_not_parsed_without_the_lease(desk, name):
+    long = b'{"token": "guess"' + b" " * UNPROVEN_BYTES
+    assert desk.bring(name, long).outcome() == "no_lease"
+    assert desk.parsed == []
+    desk.go_on.release()
+    proven = desk.bring(name, long + TOKEN)
+    if name == "calibration/install":
+        assert desk.begun.acquire(timeout=WAIT_S)
+    else:
+        assert [call.name for call in desk.calls.take()] == [name]
+        assert desk.parsed == [(name, UNPROVEN_BYTES + 17 + len(TOKEN))]
+    assert not proven.dropped
+
+
+@pytest.mark.parametrize("name", sorted(REQUESTS))
+def test_a_request_that_is_too_long_is_not_parsed_with_it_either(desk, name):
+    limit = LIMIT if name == "calibration/install" else MAX_REQUEST_BYTES
+    assert desk.bring(name, TOKEN + b" " * (limit + 1 - len(TOKEN))).outcome() == "invalid"
+    assert desk.parsed == []
+
+
+def test_what_takes_long_is_not_begun_without_the_lease(desk):
+    assert desk.bring("calibration/install", b"{}").outcome() == "no_lease"
+    assert desk.parsed == [("calibration/install", 2)]  # short: it may be wrong in itself
+    assert not desk.begun.acquire(blocking=False)
+
+
+def test_what_takes_long_is_done_one_after_the_other(desk):
+    first = desk.bring("calibration/install", TOKEN)
+    assert desk.begun.acquire(timeout=WAIT_S)
+    second = desk.bring("calibration/install", TOKEN)
+    assert desk.bring("calibration/install", TOKEN).outcome() == "busy"
+    desk.go_on.release(2)
+    assert (first.outcome(), second.outcome()) == ("failed", "failed")
+
+
+def test_an_error_in_taking_on_is_answered(desk, monkeypatch):
+    monkeypatch.setattr(intake, "parse", lambda name, payload: 1 / 0)
+    assert desk.bring("stop", b"").outcome() == "internal"
+
+
+def test_room_is_kept_for_whoever_is_in_command_and_for_stop(desk):
+    taken = [desk.bring("lease/acquire", b"{}") for _ in range(ROOM)]
+    assert desk.bring("lease/acquire", b"{}").dropped
+    taken += [desk.bring("lease/renew", TOKEN) for _ in range(ROOM_IN_COMMAND - ROOM)]
+    assert desk.bring("lease/renew", TOKEN).dropped
+    taken += [desk.bring("stop", b"") for _ in range(ROOM_OF_STOP - ROOM_IN_COMMAND)]
+    assert desk.bring("stop", b"").dropped
+    assert not any(query.dropped for query in taken)
+    for call in desk.calls.take():
+        call.answer({})
+    assert {query.outcome() for query in taken} == {"{}"}
+    assert not desk.bring("lease/acquire", b"{}").dropped
+
+
+def test_bytes_under_way_are_bounded(monkeypatch):
+    kept = Replies(100)  # not open: nothing is answered
+    assert kept.admit("a", "k", Query(), 60) is not None
+    late = Query()
+    assert kept.admit("a", "k", late, 41) is None
+    assert late.dropped
+    assert kept.admit("a", "k", Query(), 40) is not None
+
+
+def test_only_the_first_answer_counts_and_none_is_forgotten():
+    kept, query, left = Replies(100), Query(), Query()
+    pending = kept.admit("a", "k", query, 0)
+    kept.admit("b", "k", left, 0)
+    kept.answer(pending, Refusal("busy", "first"))
+    kept.answer(pending, {"second": 1})
+    kept.open()
+    kept.close()
+    assert (query.outcome(), query.content, left.outcome()) == ("busy", None, "refused")
+
+
+def test_refusals_are_counted_in_the_log(monkeypatch, caplog):
+    monkeypatch.setattr(replies, "LOG_S", 0.0)
+    monkeypatch.setattr(replies, "LOOK_S", 0.0)
+    kept, query = Replies(0), Query()
+    kept.admit("a", "k", Query(), 1)
+    kept.answer(kept.admit("a", "k", query, 0), Refusal("no_lease", "x"))
+    with caplog.at_level("WARNING", "motord"):
+        kept.open()
+        kept.close()
+    assert "1 dropped, 1 no_lease" in caplog.text
+
+
+def test_longer_messages_are_dropped_by_zenoh_and_the_session_goes_on(tmp_path, monkeypatch):
+    sizes, admit = [], Replies.admit
+
+    def spy(self, name, key, query, size, room=ROOM):
+        sizes.append(size)
+        return admit(self, name, key, query, size, room)
+
+    monkeypatch.setattr(Replies, "admit", spy)
+    with live_service(tmp_path) as live, zenoh.open(client_config(live.listen)) as session:
+        longest = max_request_bytes(live.config.motor.counts)
+        install, stop = (f"motord/live/rpc/{name}" for name in ("calibration/install", "stop"))
+        for size in (longest + ENVELOPE_BYTES, 50_000_000):
+            session.get(install, lambda reply: None, payload=bytes(size))
+        [refused] = session.get(install, payload=bytes(longest + 1), timeout=WAIT_S)
+        assert json.loads(refused.err.payload.to_bytes())["code"] == "invalid"
+        [stopped] = session.get(stop, timeout=WAIT_S)
+        assert stopped.ok is not None
+    assert sizes == [longest + 1, 0]
+
+
+def number(n):
+    return -(1.1234567890123456 + n * 1e-9) * 1e-101
+
+
+def largest(counts, motor):
+    """Return the longest calibration that the schema takes for an encoder of `counts` counts."""
+    numbers = tuple(number(n) for n in range(MAX_ORDERS))
+    errors = tuple(-number(n) for n in range(PASSES))
+    best = Verified(cos_Nm=numbers, sin_Nm=numbers, rms_percent=1.1e-101, stderr_percent=1.1e-101)
+    point = LearnedPoint(
+        cos_Nm=numbers, sin_Nm=numbers, gain=0.1234567890123456, best=best, history_percent=errors
+    )
+    nodes = tuple(1.1234567890123456 + n for n in range(MAX_NODES))
+    learned = LearnedTorque(
+        torques_Nm=nodes,
+        speeds_Hz=nodes,
+        orders=tuple(range(7, 7 * MAX_ORDERS + 1, 7)),
+        points=(point,) * MAX_NODES**2,
+    )
+    made = calibration(motor=motor.model_copy(update={"counts": counts}),
+                       tau_cog_Nm=tuple(map(number, range(counts))))  # fmt: skip
+    return Calibration(**{**dict(made), "id": "", "learned": learned})
+
+
+def test_the_longest_calibration_is_no_longer_than_allowed():
+    made = largest(4096, calibration().motor)
+    size = len(json.dumps(made.to_json(), indent=1))
+    assert 0.8 * max_calibration_bytes(4096) < size < max_calibration_bytes(4096)
+
+
+def test_a_calibration_is_read_in_another_process():
+    made = calibration()
+    motor = config.load().motor
+    payload = json.dumps({"token": "t", "calibration": made.to_json()}).encode()
+    token, read = read_elsewhere(payload, motor)
+    assert (token, read.id, read.motor) == ("t", made.id, made.motor)
+    with pytest.raises(Refusal, match=r"Invalid JSON") as caught:
+        read_elsewhere(b'{"token": "t", "calibration": {' + b"[" * 1_000_000, motor)
+    assert caught.value.code == "invalid"
