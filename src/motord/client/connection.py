@@ -9,26 +9,34 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import zenoh
 
+from motord.client.answers import (
+    decode_answer,
+    decode_event,
+    decode_events,
+    decode_plan,
+    decode_plan_or_none,
+    decode_state,
+    decode_ticks,
+    only_answer,
+)
 from motord.client.diagnosis import why_closed
 from motord.client.error import ClientError
 from motord.client.holder import operator
 from motord.client.lease import Lease
 from motord.client.subscription import Subscription
-from motord.schema import TICK
 from motord.security import identity as identity_folder
 from motord.security.error import SecurityError
 from motord.security.identity import Identity
 from motord.service.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
-from motord.service.messages import REQUESTS
+from motord.service.messages import REQUESTS, check_size
+from motord.service.refusal import Refusal
 from motord.service.views import Event, PlanView, State
-from motord.wire.blocks import BlockCodec
 
 ANSWER_S = 40.0
 """An answer that does not come in this time will not come: the daemon's own limit is shorter."""
 LOOK_S = 2.0
 
 _Item = TypeVar("_Item")
-_CODEC = BlockCodec(TICK)
 
 
 def connect(
@@ -128,24 +136,22 @@ class Client:
 
     def state(self) -> State:
         """Return the state now."""
-        return State.model_validate_json(self._get("state", None, LOOK_S))
+        return decode_state(self._get("state", None, LOOK_S))
 
     def events(self) -> list[Event]:
         """Return the newest events that the daemon remembers, the oldest first."""
-        return [Event.model_validate(e) for e in json.loads(self._get("event", None, LOOK_S))]
+        return decode_events(self._get("event", None, LOOK_S))
 
     def plan(self) -> PlanView | None:
         """Return the progress of the plan under way or of the last one."""
-        content = self._get("plan", None, LOOK_S)
-        return None if content == b"null" else PlanView.model_validate_json(content)
+        return decode_plan_or_none(self._get("plan", None, LOOK_S))
 
     def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
         """Ask for `rpc/<name>` (docs/api.md lists them) and return the answer.
 
         Raises ClientError with the daemon's code and message if it refuses.
         """
-        answer = json.loads(self._get(f"rpc/{name}", arguments, ANSWER_S))
-        return dict(answer)
+        return decode_answer(name, self._get(f"rpc/{name}", arguments, ANSWER_S))
 
     def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
         """Return a lease on command, as a context manager that renews it until it is left."""
@@ -155,25 +161,25 @@ class Client:
         self, callback: Callable[[State], None] | None = None
     ) -> "Subscription[State]":
         """Receive the state, ten times a second and when it changes."""
-        return self._subscribe("state", State.model_validate_json, callback)
+        return self._subscribe("state", decode_state, callback)
 
     def subscribe_events(
         self, callback: Callable[[Event], None] | None = None
     ) -> "Subscription[Event]":
         """Receive events as they happen."""
-        return self._subscribe("event", Event.model_validate_json, callback)
+        return self._subscribe("event", decode_event, callback)
 
     def subscribe_plan(
         self, callback: Callable[[PlanView], None] | None = None
     ) -> Subscription[PlanView]:
         """Receive the progress of plans."""
-        return self._subscribe("plan", PlanView.model_validate_json, callback)
+        return self._subscribe("plan", decode_plan, callback)
 
     def subscribe_ticks(
         self, callback: Callable[[np.ndarray], None] | None = None
     ) -> Subscription[np.ndarray]:
         """Receive every tick, in blocks: structured arrays of shape (n,), `schema.TICK_DTYPE`."""
-        return self._subscribe("ticks", _CODEC.decode_list, callback)
+        return self._subscribe("ticks", decode_ticks, callback)
 
     def _subscribe(
         self, name: str, decode: Callable[[bytes], _Item], callback: Callable[[_Item], None] | None
@@ -181,30 +187,38 @@ class Client:
         return Subscription(self._session, key(self.bench, name), decode, callback)
 
     def _get(self, name: str, arguments: dict[str, Any] | None, timeout_s: float) -> bytes:
-        payload = None if arguments is None else json.dumps(arguments)
-        for reply in self._ask(name, payload, timeout_s):
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-            if reply.err is not None:
-                raise _refusal(name, reply.err, timeout_s)
-        if name.removeprefix("rpc/") in REQUESTS and self.identity is not None and self._alive():
+        payload = None if arguments is None else json.dumps(arguments).encode()
+        rpc = name.removeprefix("rpc/")
+        if payload is not None and rpc in REQUESTS and rpc != "calibration/install":
+            _check_size(rpc, len(payload))
+        replies = self._ask(name, payload, timeout_s)
+        content = only_answer(replies, key(self.bench, name), timeout_s)
+        if content is not None:
+            return content
+        raise self._no_answer(name, rpc)
+
+    def _no_answer(self, name: str, rpc: str) -> ClientError:
+        """Return why a request was not answered: Zenoh does not say."""
+        if not self._alive():
+            where = f"the daemon of bench '{self.bench}' at {self.endpoint}"
+            return ClientError("unreachable", f"{where} is gone")
+        if rpc in REQUESTS and self.identity is not None:
             who = self.identity
-            raise ClientError(
+            return ClientError(
                 "forbidden", f"no answer to {name}: not permitted for {who.name} ({who.role})?"
             )
-        if name.startswith("rpc/") and self._alive():
-            raise ClientError("unknown", f"this daemon has no {name}")
-        raise ClientError(
-            "unreachable", f"the daemon of bench '{self.bench}' at {self.endpoint} is gone"
-        )
+        if rpc in REQUESTS or not name.startswith("rpc/"):
+            return ClientError("busy", f"no answer to {name}: too much is asked of the daemon")
+        return ClientError("unknown", f"this daemon has no {name}")
 
-    def _ask(self, name: str, payload: str | None, timeout_s: float) -> list[zenoh.Reply]:
+    def _ask(self, name: str, payload: bytes | None, timeout_s: float) -> list[zenoh.Reply]:
         try:
             replies = self._session.get(
                 key(self.bench, name),
                 payload=payload,
                 encoding=zenoh.Encoding.APPLICATION_JSON,
                 timeout=timeout_s,
+                consolidation=zenoh.ConsolidationMode.NONE,  # a second answer has to be seen
             )
         except zenoh.ZError:
             raise ClientError("unreachable", f"the connection to {self.endpoint} is over") from None
@@ -215,9 +229,8 @@ class Client:
         return any(token.ok is not None for token in tokens)
 
 
-def _refusal(name: str, error: zenoh.ReplyError, timeout_s: float) -> ClientError:
+def _check_size(rpc: str, size: int) -> None:
     try:
-        content = json.loads(error.payload.to_bytes())
-        return ClientError(str(content["code"]), str(content["message"]))
-    except (ValueError, KeyError, TypeError):  # Zenoh's own: "Timeout"
-        return ClientError("unreachable", f"{name}: no answer within {timeout_s:g} s")
+        check_size(rpc, size)
+    except Refusal as refusal:
+        raise ClientError(refusal.code, refusal.message) from None

@@ -2,7 +2,10 @@
 
 
 class ClientError(Exception):
-    """The daemon cannot be reached or refuses. `code` is its own, "unreachable" or "forbidden"."""
+    """The daemon cannot be reached or refuses, or what came is not from it.
+
+    `code` is the daemon's own, or "unreachable", "forbidden", "unknown", "busy" or "bad_answer".
+    """
 
     def __init__(self, code: str, message: str) -> None:
         super().__init__(message)

@@ -1,11 +1,14 @@
 """What comes in on one key of a daemon."""
 
+import logging
 import queue
 from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
 import zenoh
+
+from motord.client.error import ClientError
 
 KEPT = 1000
 WAIT_S = 1.0
@@ -16,7 +19,8 @@ _Item = TypeVar("_Item")
 class Subscription(Generic[_Item]):
     """What comes in on one key: handed to a callback, or kept for `get` and iteration.
 
-    At most `KEPT` items are kept; older ones are dropped and counted in `lost`. The callback runs
+    At most `KEPT` items are kept; older ones are dropped and counted in `lost`. What the daemon
+    cannot have sent is dropped and counted in `malformed`; the first is logged. The callback runs
     in a thread of its own.
     """
 
@@ -27,7 +31,7 @@ class Subscription(Generic[_Item]):
         decode: Callable[[bytes], _Item],
         callback: Callable[[_Item], None] | None,
     ) -> None:
-        self.lost = 0
+        self.lost = self.malformed = 0
         self._items: queue.Queue[_Item] = queue.Queue(KEPT)
         self._decode = decode
         self._callback = callback
@@ -63,7 +67,13 @@ class Subscription(Generic[_Item]):
                 yield item
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        item = self._decode(sample.payload.to_bytes())
+        try:
+            item = self._decode(sample.payload.to_bytes())
+        except ClientError as error:
+            if not self.malformed:
+                logging.getLogger("motord").warning("%s: %s", sample.key_expr, error)
+            self.malformed += 1
+            return
         if self._callback is not None:
             self._callback(item)
             return

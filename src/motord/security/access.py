@@ -6,7 +6,7 @@ by TLS and are known by the common name of their certificate; it goes on to the 
 loopback interface or a Unix socket.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from motord.security.roles import Role
@@ -29,8 +29,10 @@ _ALL = (
     "declare_liveliness_subscriber",
 )
 
-_ASKS = ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber")
-"""What a client sends."""
+DOCUMENTS = ("state", "event", "plan")
+"""Keys that are asked for the newest, also by whoever does not know the bench's name."""
+_LISTENS = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+"""What a client sends besides queries."""
 _TELLS = ("put", "reply", "declare_queryable", "liveliness_token")
 """What a client receives."""
 _TO_DAEMON = (
@@ -40,19 +42,23 @@ _TO_DAEMON = (
 """How the gate reaches the daemon; it listens on TLS alone, so that nobody comes in this way."""
 
 
-def daemon_access_control(bench: str) -> dict[str, Any]:
+def daemon_access_control(bench: str, requests: Iterable[str]) -> dict[str, Any]:
     """Return `access_control` of the Zenoh configuration of the daemon's own router.
 
     The same for everybody who connects: the gate, programs of this machine, in whatever mode of
-    Zenoh. The daemon's own session is the router itself and passes no link.
+    Zenoh. The daemon's own session is the router itself and passes no link. `requests` are asked
+    for by their full name: a query by wildcard would come to all of them.
     """
+    root = f"motord/{bench}"
+    asked = [f"{where}/{name}" for where in (root, "motord/*") for name in DOCUMENTS]
+    asked += [f"{root}/rpc/{name}" for name in requests]
     rules = [
-        _rule("asks", ("ingress",), _ASKS, ["**"]),
-        _rule("receives", ("egress",), _TELLS, [f"motord/{bench}/**"]),
+        _rule("listens", ("ingress",), _LISTENS, ["**"]),
+        _rule("asks", ("ingress",), ("query",), asked),
+        _rule("receives", ("egress",), _TELLS, [f"{root}/**"]),
     ]
-    return _enabled(
-        rules, [{"id": "anyone"}], [{"rules": ["asks", "receives"], "subjects": ["anyone"]}]
-    )
+    policy = {"rules": [rule["id"] for rule in rules], "subjects": ["anyone"]}
+    return _enabled(rules, [{"id": "anyone"}], [policy])
 
 
 def access_control(bench: str, roles: Mapping[str, Role]) -> dict[str, Any]:

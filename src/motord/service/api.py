@@ -94,7 +94,7 @@ class Api:
             self._declare(full, partial(self._intake.accept, name, full))
         for name, document in self._documents.items():
             full = key(self._bench, name)
-            self._declare(full, partial(self._show, name, full, document))
+            self._declare(full, partial(self._intake.show, name, full, document))
         self._declared.append(session.liveliness().declare_token(key(self._bench, "alive")))
 
     def put(self, name: str, payload: bytes) -> None:
@@ -125,12 +125,6 @@ class Api:
         self._declared.append(
             self._session.declare_queryable(full, Callback(guarded, indirect=False), complete=True)
         )
-
-    def _show(self, name: str, full: str, document: Document, query: zenoh.Query) -> None:
-        size = len(query.payload) if query.payload is not None else 0
-        pending = self._replies.admit(name, full, query, size)
-        if pending is not None:
-            self._replies.answer(pending, document)
 
 
 def _reason(error: zenoh.ZError) -> str:

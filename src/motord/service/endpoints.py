@@ -9,7 +9,7 @@ from motord.config import Config
 from motord.security.access import access_control, daemon_access_control
 from motord.security.identity import Identity
 from motord.security.roles import Role
-from motord.service.messages import max_request_bytes
+from motord.service.messages import REQUESTS, max_request_bytes
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 KEY_ROOT = "motord"
@@ -53,7 +53,7 @@ def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> 
     Messages of more than `max_request_bytes` are dropped by Zenoh as they arrive.
     """
     config = router_config(listen)
-    config.insert_json5("access_control", json.dumps(daemon_access_control(bench)))
+    config.insert_json5("access_control", json.dumps(daemon_access_control(bench, REQUESTS)))
     _bound(config, MAX_LOCAL_CLIENTS, max_request_bytes)
     return config
 

@@ -2,6 +2,8 @@
 
 import json
 import threading
+import time
+from types import SimpleNamespace
 
 import pytest
 import zenoh
@@ -153,6 +155,22 @@ def test_what_takes_long_is_done_one_after_the_other(desk):
     assert (first.outcome(), second.outcome()) == ("failed", "failed")
 
 
+def test_what_needs_no_lease_is_paced_and_neither_stop_nor_the_commander_is(desk, monkeypatch):
+    clock = SimpleNamespace(now_s=100.0, slept_s=[])
+    monkeypatch.setattr(intake.time, "monotonic", lambda: clock.now_s)
+    monkeypatch.setattr(intake.time, "sleep", clock.slept_s.append)
+    queries = [desk.bring("plan/list", b"{}") for _ in range(ROOM)]
+    arrived = []
+    while len(arrived) < ROOM:
+        arrived += desk.calls.take()
+    assert not any(query.dropped for query in queries)
+    assert len(clock.slept_s) == ROOM - intake.BURST
+    assert clock.slept_s[-1] == pytest.approx((ROOM - intake.BURST) * intake.PACE_S)
+    for name, payload in (("stop", b""), ("lease/renew", TOKEN)):
+        desk.bring(name, payload)
+        assert [call.name for call in desk.calls.take()] == [name]  # in this very thread
+
+
 def test_an_error_in_taking_on_is_answered(desk, monkeypatch):
     monkeypatch.setattr(intake, "parse", lambda name, payload: 1 / 0)
     assert desk.bring("stop", b"").outcome() == "internal"
@@ -166,8 +184,10 @@ def test_room_is_kept_for_whoever_is_in_command_and_for_stop(desk):
     taken += [desk.bring("stop", b"") for _ in range(ROOM_OF_STOP - ROOM_IN_COMMAND)]
     assert desk.bring("stop", b"").dropped
     assert not any(query.dropped for query in taken)
-    for call in desk.calls.take():
-        call.answer({})
+    until_s = time.monotonic() + WAIT_S
+    while not all(query.done.is_set() for query in taken) and time.monotonic() < until_s:
+        for call in desk.calls.take():
+            call.answer({})
     assert {query.outcome() for query in taken} == {"{}"}
     assert not desk.bring("lease/acquire", b"{}").dropped
 

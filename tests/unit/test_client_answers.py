@@ -1,0 +1,181 @@
+"""A program that pretends to be the daemon: whatever it says, a client ends with one error."""
+
+import json
+import logging
+import threading
+from contextlib import suppress
+
+import pytest
+import zenoh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motord.client import Client, ClientError, connect
+from motord.client.answers import (
+    ANSWERS,
+    MAX_ANSWER_BYTES,
+    decode_answer,
+    decode_event,
+    decode_events,
+    decode_plan,
+    decode_plan_or_none,
+    decode_state,
+    decode_ticks,
+)
+from motord.service.endpoints import router_config
+from motord.service.messages import MAX_REQUEST_BYTES, REQUESTS
+from tests.unit.service.live_service import endpoint
+
+WAIT_S = 20.0
+ROOT = "motord/false"
+PAYLOADS = (
+    b"", b"null", b"[]", b"{}", b"[[]]", b'"x"', b"\xff\xfe", b"{" * 900, b"[" * 100_000, b"NaN",
+    b'{"token": 1}', b'{"code": 7}', b'{"state": null}', b'{"state": {"a": [1e999]}}',
+    b'{"token": "x", "lease_s": -1, "renew_within_s": NaN, "took_over_from": 3}',
+)  # fmt: skip
+
+
+class FalseDaemon:
+    """Has the port and the token, and says what it is told to."""
+
+    def __init__(self):
+        self.where = endpoint()
+        self.replies = lambda query: query.reply(query.key_expr, b"{}")
+        self.session = zenoh.open(router_config([self.where]))
+        self.token = self.session.liveliness().declare_token(f"{ROOT}/alive")
+        for name in ("rpc/**", "state", "event", "plan"):
+            self.session.declare_queryable(f"{ROOT}/{name}", self._answer, complete=True)
+
+    def _answer(self, query):
+        with query:
+            self.replies(query)
+
+
+@pytest.fixture(scope="module")
+def false_daemon():
+    made = FalseDaemon()
+    yield made
+    made.session.close()
+
+
+@pytest.fixture
+def client(false_daemon):
+    with connect(None, false_daemon.where) as client:
+        yield client
+
+
+ASKS = {
+    **{name: lambda client, name=name: client.rpc(name) for name in sorted(ANSWERS)},
+    "lease": lambda client: client.lease("anna").acquire(),
+    "state": Client.state,
+    "events": Client.events,
+    "plan": Client.plan,
+}
+
+
+@pytest.mark.parametrize("how", ["reply", "reply_err"])
+@pytest.mark.parametrize("ask", sorted(ASKS))
+def test_what_is_no_answer_is_said(false_daemon, client, ask, how):
+    wrong = 0
+    for payload in PAYLOADS:
+        false_daemon.replies = (
+            (lambda query, p=payload: query.reply(query.key_expr, p))
+            if how == "reply"
+            else (lambda query, p=payload: query.reply_err(p))
+        )
+        caught = None
+        try:
+            ASKS[ask](client)
+        except ClientError as error:
+            caught = error
+        if caught is not None:
+            assert (caught.code, "not what the daemon says" in str(caught)) == ("bad_answer", True)
+            wrong += 1
+    assert wrong >= len(PAYLOADS) - (1 if how == "reply" else 0)  # [] are no events; null, no plan
+
+
+def test_two_answers_are_one_too_many(false_daemon, client):
+    def twice(query):
+        for _ in range(2):
+            query.reply(query.key_expr, b'{"state": "OFF"}')
+
+    false_daemon.replies = twice
+    with pytest.raises(
+        ClientError, match=r"2 answers to motord/false/rpc/stop, from .*zid"
+    ) as caught:
+        client.rpc("stop")
+    assert caught.value.code == "bad_answer"
+
+
+def test_an_answer_on_another_key_is_none(false_daemon, client):
+    false_daemon.replies = lambda query: query.reply(f"{ROOT}/rpc/enable", b'{"state": "OFF"}')
+    with pytest.raises(ClientError):  # Zenoh itself takes none that was not asked for
+        client.rpc("stop")
+
+
+def test_no_answer_of_somebody_who_is_there_is_said(false_daemon, client):
+    false_daemon.replies = lambda query: None
+    with pytest.raises(ClientError, match="no answer to rpc/stop") as caught:
+        client.rpc("stop")
+    assert caught.value.code == "busy"
+
+
+def test_what_is_too_long_is_not_sent(client):
+    for name in sorted(set(REQUESTS) - {"calibration/install"}):
+        with pytest.raises(ClientError, match="more than the 65536 allowed") as caught:
+            client.rpc(name, by="x" * MAX_REQUEST_BYTES)
+        assert caught.value.code == "invalid"
+
+
+def test_what_is_too_long_is_not_read():
+    with pytest.raises(ClientError, match="at most"):
+        decode_state(bytes(MAX_ANSWER_BYTES + 1))
+
+
+DECODERS = {
+    **{name: lambda content, name=name: decode_answer(name, content) for name in sorted(REQUESTS)},
+    "state": decode_state,
+    "event": decode_event,
+    "events": decode_events,
+    "plan": decode_plan,
+    "plan or none": decode_plan_or_none,
+    "ticks": decode_ticks,
+}
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(st.sampled_from(["token", "state", "t_ns", "points", "kind"]), inner)
+    ),
+    max_leaves=10,
+)
+
+
+@pytest.mark.parametrize("what", sorted(DECODERS))
+@settings(max_examples=60)
+@given(content=st.binary(max_size=80) | json_values.map(lambda value: json.dumps(value).encode()))
+def test_nothing_but_the_clients_own_error_escapes(what, content):
+    with suppress(ClientError):
+        DECODERS[what](content)
+
+
+def test_a_subscription_drops_what_is_malformed_and_goes_on(false_daemon, client, caplog):
+    good, arrived = decode_event(b'{"t_ns": 1, "kind": "k", "message": "m", "data": {}}'), []
+    done = threading.Event()
+
+    def take(event):
+        arrived.append(event)
+        done.set()
+
+    with caplog.at_level(logging.WARNING, "motord"), client.subscribe_events(take) as events:
+        client_is_there = false_daemon.session.declare_publisher(f"{ROOT}/event")
+        while not client_is_there.matching_status.matching:
+            pass
+        for payload in PAYLOADS:
+            client_is_there.put(payload)
+        client_is_there.delete()
+        client_is_there.put(good.to_json())
+        assert done.wait(WAIT_S)
+        assert arrived == [good]
+        assert events.malformed == len(PAYLOADS) + 1
+    assert caplog.text.count("not what the daemon says") == 1
