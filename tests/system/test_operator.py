@@ -183,6 +183,17 @@ def test_after_a_takeover_others_use_the_token_of_the_winner(motord, client):
     wait_for(client, lambda s: s.state == "READY", "disabled")
 
 
+def test_a_brake_is_held_for_as_long_as_the_command_runs(motord, client):
+    command = motord.start("set", "--brake", "0.4")
+    wait_for(client, lambda s: s.setpoint.brake == 0.4, "the brake")
+    begun_s = client.state().uptime_s
+    state = wait_for(client, lambda s: s.uptime_s > begun_s + 1.0, "a second")
+    assert state.setpoint.brake == 0.4
+    command.send_signal(signal.SIGINT)
+    assert finish(command)[0] == 0
+    assert wait_for(client, lambda s: s.lease.holder is None, "over").setpoint.brake == 0.0
+
+
 def test_the_drive_turns_for_as_long_as_the_command_runs(motord, client):
     command = motord.start("set", "--drive-Hz", "0.5")
     wait_for(client, lambda s: (s.tick.speed_Hz or 0.0) > 0.4, "the drive")

@@ -9,6 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from motord.cli import app
+from motord.cli.observe import sensor_in_words
 from motord.cli.settings import parse_settings
 from motord.cli.shared_token import folder, shared
 from motord.client import Subscription, connect
@@ -126,6 +127,42 @@ def test_set_can_enable_and_hold_by_itself(live, motord):
     assert "request: enable" in "\n".join(live.messages())
 
 
+@pytest.mark.parametrize("asked", [("--drive-Hz", "0.5"), ("--brake", "0.5")])
+def test_what_is_set_without_torque_is_held_until_somebody_stops_it(live, motord, asked):
+    set_point = live.bench.setpoint
+
+    def stop_when_set():
+        with connect("cli", live.listen) as client, client.subscribe_state() as states:
+            for _ in range(10):  # a second
+                while not (s := states.get(WAIT_S).setpoint).drive_Hz and not s.brake:
+                    pass
+            assert 0.5 in (set_point.drive_Hz, set_point.brake)
+            client.rpc("stop", by="another terminal")
+
+    thread = threading.Thread(target=stop_when_set)
+    thread.start()
+    result = motord("set", *asked)
+    thread.join()
+    assert result.exit_code == 1
+    assert "in command until Ctrl-C; then brake and drive rest" in result.stderr
+    assert "the bench is OFF, and what was set is undone" in result.stderr
+
+
+def test_what_is_set_without_torque_lasts_as_long_as_it_is_asked_for(live, motord):
+    assert motord("set", "--drive-Hz", "0.5", "--for-s", "0.5").exit_code == 0
+    assert live.bench.setpoint.drive_Hz == 0.0
+    assert "gave up command" in live.messages()[-1]
+
+
+def test_a_sensor_that_passes_the_mean_is_believed(live):
+    with connect("cli", live.listen) as client:
+        state = client.state()
+    assert "ripple" in sensor_in_words(state)
+    state.torque_sensor.highpass_time_constant_s = 0.0
+    state.tick.torque_Nm = 1.25
+    assert sensor_in_words(state) == "1.25 Nm measured"
+
+
 def test_set_without_enable_says_what_to_do(motord):
     assert "enable it first" in failed(motord("set", "--torque-Nm", "1"))
 
@@ -134,7 +171,11 @@ def test_set_of_nothing_is_wrong_usage(motord):
     assert motord("set").exit_code == 2
 
 
-def test_a_trip_ends_the_hold_with_its_cause(live, motord):
+BOX = "/runs/blackbox/blackbox-[cli]-1.mcap"
+
+
+def test_a_trip_ends_the_hold_and_is_told_with_all_that_helps(live, motord, monkeypatch):
+    monkeypatch.setattr(live.bench.watch, "on_trip", lambda t_ns, tick, account: BOX)
     seen = threading.Event()
 
     def trip_when_enabled():
@@ -153,7 +194,15 @@ def test_a_trip_ends_the_hold_with_its_cause(live, motord):
     assert seen.is_set()
     assert result.exit_code == 1
     assert "the bench is TRIPPED: OVER_SPEED" in result.stderr
-    assert "OVER_SPEED" in failed(motord("enable"))
+    told = ("OVER_SPEED", "limit 25", "check that the brake answers", "motord reset", BOX)
+    for said in (result.stderr, failed(motord("enable")), motord("status").stdout):
+        assert [words for words in told if words not in said] == []
+    events = motord("events", "--no-follow").stdout.splitlines()
+    [number] = [n for n, line in enumerate(events) if "-> TRIPPED" in line]
+    for line, words in zip(events[number:], ("limit 25", "`motord reset`", BOX), strict=False):
+        assert words in line
+    report = printed(motord("status", "--json"))["trip"]
+    assert (report["blackbox"], report["first"]) == (BOX, ["OVER_SPEED"])
     assert printed(motord("reset", "--json")) == {"state": "READY"}
 
 
@@ -192,6 +241,7 @@ def test_events_are_shown(motord):
 
 def test_plans_are_listed_with_their_settings(motord):
     text = motord("plan", "list").stdout
+    assert "    then: motord analyse inertia-oscillation RUN..." in text
     assert "calibrate: " in text
     assert "    turns = 24" in text
     assert {p["name"] for p in printed(motord("plan", "list", "--json"))["plans"]} >= {"verify"}
@@ -260,7 +310,8 @@ def test_a_plan_is_followed_to_its_end(motord):
     result = motord("plan", "start", "calibrate", *given)
     assert result.exit_code == 0, result.output
     assert "calibrate: 1 of 1 points" in result.stdout
-    assert "calibrate done, 100 %" in motord("plan", "status").stdout
+    assert result.stdout.splitlines()[-1] == "next: motord analyse calibrate /runs/calibrate.mcap"
+    assert "calibrate done, 100 %, 1/1" in motord("plan", "status").stdout
 
 
 @pytest.mark.slow
@@ -269,7 +320,9 @@ def test_an_aborted_plan_is_resumed_and_followed_to_its_end(motord):
     given = [word for setting in settings for word in ("--set", setting)]
     assert motord("plan", "start", "calibrate", "--detach", *given).exit_code == 0
     motord("stop")
-    assert "calibrate aborted" in motord("plan", "status").stdout
+    said = motord("plan", "status").stdout
+    assert "calibrate aborted" in said
+    assert "left" not in said
     result = motord("plan", "resume")
     assert result.exit_code == 0, result.output
     assert "calibrate: 1 of 1 points" in result.stdout
