@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from motord.client import Client, ClientError, connect
 from motord.client.answers import (
     ANSWERS,
-    MAX_ANSWER_BYTES,
     decode_answer,
     decode_event,
     decode_events,
@@ -22,7 +21,7 @@ from motord.client.answers import (
     decode_state,
     decode_ticks,
 )
-from motord.service.endpoints import router_config
+from motord.service.endpoints import MAX_ANSWER_BYTES, router_config
 from motord.service.messages import MAX_REQUEST_BYTES, REQUESTS
 from tests.unit.service.live_service import endpoint
 

@@ -14,11 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from motord.client.error import ClientError
 from motord.schema import TICK
+from motord.service.endpoints import MAX_ANSWER_BYTES
 from motord.service.views import Event, PlanView, State
 from motord.wire.blocks import BlockCodec
-
-MAX_ANSWER_BYTES = 64 * 1024 * 1024
-"""The largest is `config` with a table of the back-EMF at 1,048,576 counts."""
 
 _Text = Annotated[str, Field(max_length=4096)]
 _Seconds = Annotated[float, Field(gt=0, lt=1e6, allow_inf_nan=False)]

@@ -19,7 +19,7 @@ from motord.client.answers import (
     decode_ticks,
     only_answer,
 )
-from motord.client.diagnosis import why_closed
+from motord.client.diagnosis import why_closed, why_no_socket
 from motord.client.error import ClientError
 from motord.client.holder import operator
 from motord.client.lease import Lease
@@ -79,6 +79,9 @@ def _absent(bench: str | None, endpoint: str, who: Identity | None = None) -> Cl
         refused = why_closed(endpoint, who)
         if refused:
             return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
+    forbidden = why_no_socket(endpoint)
+    if forbidden:
+        return ClientError("forbidden", forbidden)
     which = f" for bench '{bench}'" if bench else ""
     return ClientError(
         "unreachable", f"no motord at {endpoint}{which}: is `motord run` running there?"

@@ -1,10 +1,14 @@
-"""Why a TLS endpoint does not let somebody in: Zenoh says only that it could not connect."""
+"""Why an endpoint does not let somebody in: Zenoh says only that it could not connect."""
 
+import grp
+import os
 import re
 import socket
 import ssl
+from pathlib import Path
 
 from motord.security.identity import Identity
+from motord.service.unix_socket import SCHEME
 
 PATIENCE_S = 3.0
 _ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")
@@ -16,6 +20,30 @@ _ALERTS = (
     ("CERTIFICATE_EXPIRED", "the certificate has expired"),
     ("BAD_CERTIFICATE", "the certificate is not accepted"),
 )
+
+
+def why_no_socket(endpoint: str) -> str:
+    """Return why a Unix socket cannot be connected to by this user, "" if that is not why."""
+    if not endpoint.startswith(SCHEME):
+        return ""
+    path = Path(endpoint.removeprefix(SCHEME))
+    nearest = next((p for p in (path, *path.parents) if _there(p)), path)
+    if os.access(nearest, os.W_OK if nearest == path else os.X_OK):
+        return ""
+    gid = nearest.stat().st_gid
+    try:
+        group = grp.getgrgid(gid).gr_name
+    except KeyError:
+        group = str(gid)
+    return f"{nearest} is for members of the group {group} only"
+
+
+def _there(path: Path) -> bool:
+    try:
+        path.lstat()
+    except OSError:
+        return False
+    return True
 
 
 def why_closed(endpoint: str, who: Identity) -> str:

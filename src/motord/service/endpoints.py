@@ -23,6 +23,8 @@ MAX_ARRIVING = 32
 """So many at a time that have connected but not yet said who they are."""
 ENVELOPE_BYTES = 4096
 """What Zenoh adds to the payload of a request: its key and headers."""
+MAX_ANSWER_BYTES = 64 * 1024 * 1024
+"""To a client. The largest is `config` with a table of the back-EMF at 1,048,576 counts."""
 STUCK_US = 1_000_000
 """Who takes no answers for so long is disconnected: the thread that answers waits for nobody."""
 
@@ -94,6 +96,7 @@ def client_config(endpoint: str, identity: Identity | None = None) -> zenoh.Conf
     config.insert_json5("connect/timeout_ms", "0")
     config.insert_json5("connect/exit_on_failure", "true")
     config.insert_json5("connect/retry", json.dumps(AGAIN))
+    config.insert_json5("transport/link/rx/max_message_size", str(MAX_ANSWER_BYTES))
     if identity is not None:
         files = {
             "root_ca_certificate": str(identity.ca),

@@ -8,6 +8,7 @@ import threading
 from types import SimpleNamespace
 
 import pytest
+import zenoh
 
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
@@ -15,7 +16,7 @@ from motord.security import authority, identity
 from motord.security.error import SecurityError
 from motord.security.roles import Role
 from motord.service import gate
-from motord.service.endpoints import gate_config
+from motord.service.endpoints import client_config, gate_config
 from motord.service.events import EventLog
 from motord.service.gate_link import GATE, GateLink, gate_spec
 from motord.service.gate_log import GateLog
@@ -84,15 +85,49 @@ class Opened:
         return [json.loads(line)["message"] for line in self.out.lines]
 
 
-@pytest.fixture
-def gated(tmp_path, folder, monkeypatch):
+@pytest.fixture(params=["tcp", "socket"])
+def gated(request, tmp_path, folder, monkeypatch):
+    """A gate before a daemon on a TCP port or on nothing but a Unix socket."""
     local, remote = endpoint(), f"tls/127.0.0.1:{free_port()}"
+    if request.param == "socket":
+        private = tmp_path / "private"
+        private.mkdir(mode=0o700)
+        local = f"unixsock-stream/{private}/bench.sock"
     files = {"ca": "ca.pem", "certificate": "server.pem", "key": "server.key"}
     tls = {key: folder / name for key, name in files.items()} | {"roles": folder / "roles.toml"}
     with live_service(
         tmp_path, listen=local, zenoh={"listen": (local, remote), "tls": tls}
     ) as service, Opened(service.config, monkeypatch) as opened:  # fmt: skip
         yield SimpleNamespace(remote=remote, opened=opened, config=service.config)
+
+
+def test_nobody_from_elsewhere_speaks_for_the_bench(gated, folder):
+    """An operator may command, and not answer, publish or be there in the name of the bench."""
+    captured, heard = [], []
+    with (
+        zenoh.open(client_config(gated.remote, who(folder, "anna"))) as intruder,
+        connect("live", gated.remote, folder / "clients" / "anna") as client,
+        connect("live", gated.config.zenoh.local[0]) as local,
+    ):
+        for wide in ("**", "motord/live/**", "motord/live/rpc/stop"):
+            intruder.declare_queryable(
+                wide, lambda query: captured.append(query.key_expr), complete=True
+            )
+        _token = intruder.liveliness().declare_token("motord/evil/alive")
+        with client.subscribe_plan(heard.append), local.subscribe_plan(heard.append):
+            for name in ("state", "plan", "event", "rpc/stop"):
+                intruder.put(f"motord/live/{name}", b"{}")
+            remote = zenoh.Locality.REMOTE
+            key = "motord/live/rpc/plan/list"
+            assert list(intruder.get(key, timeout=WAIT_S, allowed_destination=remote))
+            for there in (client, local):
+                assert there.rpc("stop")["state"] == "OFF"
+                assert there.state().bench == "live"
+        for endpoint_there, identity_there in (
+            (gated.remote, who(folder, "ben")), (gated.config.zenoh.local[0], None),
+        ):  # fmt: skip
+            connect(None, endpoint_there, identity_there).close()  # there is but one bench
+    assert (captured, heard) == ([], [])
 
 
 def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
