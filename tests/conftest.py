@@ -26,9 +26,11 @@ settings.register_profile(
 )
 settings.register_profile("interpreted", parent=settings.get_profile("motord"), max_examples=8)
 settings.register_profile("soak", parent=settings.get_profile("motord"), derandomize=False)
-SOAK = os.environ.get("MOTORD_HYPOTHESIS") == "soak"
+settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=20)
 INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT") == "1"
-settings.load_profile("soak" if SOAK else "interpreted" if INTERPRETED else "motord")
+PROFILE = os.environ.get("MOTORD_HYPOTHESIS", "interpreted" if INTERPRETED else "motord")
+SOAK = PROFILE == "soak"
+settings.load_profile(PROFILE)
 
 if not SOAK:
     # hypothesis also draws numbers that stand in the modules that happen to be loaded
