@@ -28,9 +28,7 @@ QUICK = (
     "tests/unit/service", "tests/unit/plans", "tests/unit/emulate",
 )  # fmt: skip
 """What keeps a bench safe. Of `service`, not the files that run plans, clients and processes."""
-NOT_if sys.version_info >= (3, 12):
-    SAME_EVERY_TIME["COVERAGE_CORE"] = "sysmon"  # costs a fraction
-QUICK = (
+NOT_QUICK = (
     "resumption", "dry_run", "child_faults", "local_access", "gate", "cli", "journal",
     "experiments",
 )  # fmt: skip
