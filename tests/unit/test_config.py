@@ -113,6 +113,48 @@ def test_a_heartbeat_timeout_that_no_board_takes_is_refused(tmp_path: Path) -> N
         assert "bridge.heartbeat_timeout_s" in said
 
 
+@pytest.mark.parametrize(
+    ("drive", "modbus", "loop", "words"),
+    [
+        ("", "", "", "has no watchdog_s"),
+        ("", "watchdog_s = 0.2", "", ""),
+        ("", "watchdog_s = 0.201", "", "Together they may be 0.3 s"),
+        ("", "watchdog_s = 0.2\ntimeout_s = 0.101", "", "timeout_s (0.101 s) are too long"),
+        ("", "watchdog_s = 0.25\ntimeout_s = 0.05", "", ""),
+        ("", "watchdog_s = 0.3", "supervisor_timeout_s = 0.02", "may be 0.38 s"),
+        ("", "watchdog_s = 0.28", "supervisor_timeout_s = 0.02", ""),
+        ("", "watchdog_s = 0.2", "supervisor_timeout_s = 1.0", ""),
+        ("poll_s = 0.1", "watchdog_s = 0.2", "", ""),
+        ("poll_s = 0.101", "watchdog_s = 0.2", "", "make it at most 0.1"),
+    ],
+)
+def test_a_drive_that_would_go_on_without_the_daemon_is_refused(
+    tmp_path: Path, drive: str, modbus: str, loop: str, words: str
+) -> None:
+    text = BENCH.replace("[loop]\n", f"[loop]\n{loop}\n")
+    text += (
+        f'[zenoh]\nlease_s = 5.0\n[drive]\ndriver = "modbus"\n{drive}\n[drive.modbus]\n{modbus}\n'
+    )
+    if words:
+        assert words in complaint(tmp_path, text)
+    else:
+        read(tmp_path, text)
+
+
+def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
+    line = 'transport = "rtu"\nserial_port = "/dev/ttyUSB0"\n'
+    drive = (
+        f'[drive]\ndriver = "modbus"\n[drive.modbus]\n{line}watchdog_s = 0.2\ntimeout_s = 0.05\n'
+    )
+    brake = f'[brake]\ndriver = "modbus"\n[brake.modbus]\n{line}timeout_s = '
+    read(tmp_path, f"{BENCH}{drive}{brake}0.05\n")
+    assert "that of the brake on its line (0.11 s)" in complaint(
+        tmp_path, f"{BENCH}{drive}{brake}0.06\n"
+    )
+    other = brake.replace("USB0", "USB1")
+    read(tmp_path, f"{BENCH}{drive}{other}0.5\n")
+
+
 def test_a_lease_too_short_for_the_ramp_is_refused_with_what_it_needs(tmp_path: Path) -> None:
     slow = BENCH + "torque_rate_Nm_per_s = 2.0\n"
     said = complaint(tmp_path, slow)

@@ -7,7 +7,13 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
-from motord.config.devices import BrakeConfig, BridgeConfig, DriveConfig, InverterConfig
+from motord.config.devices import (
+    BrakeConfig,
+    BridgeConfig,
+    DriveConfig,
+    InverterConfig,
+    shares_line,
+)
 from motord.config.motor import MotorConfig, TorqueSensorConfig
 from motord.config.plans import PlansConfig
 
@@ -106,6 +112,12 @@ def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
 SUPERVISOR_ACTS_S = 0.05
 """Within this time the supervisor has acted on what the ticks or the clock tell it: two of its
 steps, a plan's look and a tick."""
+ORDER_S = 0.1
+"""Longest time for which a set-point of the supervisor for a slow device is good."""
+DRIVE_FALLS_S = 0.5
+"""Within this time after anything of the daemon hangs, the speed of an external drive falls."""
+DRIVE_REACTS_S = 0.1
+"""Of it, what the drive itself may take."""
 RENEWAL_S = 0.2
 """A lease must leave at least this time for its renewal."""
 
@@ -254,6 +266,45 @@ class Config(Section):
                 f"{self.limits.torque_Nm / self.limits.torque_rate_Nm_per_s:g} s, besides [loop] "
                 f"supervisor_timeout_s = {self.loop.supervisor_timeout_s:g} and the time for a "
                 f"renewal; make it at least {least_s:.2f}"
+            )
+        return self
+
+    @property
+    def order_s(self) -> float:
+        """For this long after a step of the supervisor its set-points for slow devices are good."""
+        return min(self.loop.supervisor_timeout_s, ORDER_S)
+
+    @model_validator(mode="after")
+    def _drive_stops_without_the_daemon(self) -> "Config":
+        """Whatever of the daemon hangs, the drive's speed falls within DRIVE_FALLS_S.
+
+        Its last set-point is written at most a timeout after the order's end; then its watchdog
+        runs. A brake on the same serial line may keep it waiting besides.
+        """
+        modbus, brake = self.drive.modbus, self.brake.modbus
+        if self.drive.driver != "modbus" or modbus is None:
+            return self
+        if modbus.watchdog_s == 0.0:
+            raise ValueError(
+                "[drive.modbus] has no watchdog_s: a drive that nobody writes to any more would "
+                "turn the rotor for ever. Set a watchdog (communication timeout) in the drive and "
+                "say here what it is, such as watchdog_s = 0.2; one without cannot be used"
+            )
+        wait_s, waits = modbus.timeout_s, "timeout_s"
+        if self.brake.driver == "modbus" and brake is not None and shares_line(modbus, brake):
+            wait_s, waits = wait_s + brake.timeout_s, "timeout_s, and that of the brake on its line"
+        most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - self.order_s
+        if modbus.watchdog_s + wait_s > most_s * (1 + 1e-9):
+            raise ValueError(
+                f"[drive.modbus] watchdog_s = {modbus.watchdog_s:g} and {waits} ({wait_s:g} s) are "
+                f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
+                f"hangs. Together they may be {most_s:g} s, such as 0.2 and 0.1"
+            )
+        if 2 * self.drive.poll_s > modbus.watchdog_s:
+            raise ValueError(
+                f"[drive] poll_s = {self.drive.poll_s:g} is too long for [drive.modbus] "
+                f"watchdog_s = {modbus.watchdog_s:g}: one failed exchange would stop the drive; "
+                f"make it at most {modbus.watchdog_s / 2:g}"
             )
         return self
 

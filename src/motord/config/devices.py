@@ -134,7 +134,8 @@ class ModbusConfig(Section):
     """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device.
 
     `timeout_s` is for one request. `watchdog_s` tells when the device itself drops its set-point
-    to zero if nobody writes it (0 = never): set in the device, and followed by the emulated one.
+    to zero if nobody writes it (0 = never, not for a drive): set in the device, and followed by
+    the emulated one.
     """
 
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -180,6 +181,11 @@ class ModbusConfig(Section):
                     raise ValueError(f"{name} and {taken[address]} both use register {address}")
                 taken[address] = name
         return self
+
+
+def shares_line(one: ModbusConfig, other: ModbusConfig) -> bool:
+    """Return whether two devices are on one serial line, where one waits for the other."""
+    return one.transport == other.transport == "rtu" and one.serial_port == other.serial_port
 
 
 class _ModbusDevice(Section):

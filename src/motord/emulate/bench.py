@@ -158,15 +158,15 @@ class EmulatedBench:
         duration_ns = to_ns - self.now_ns
         if duration_ns <= 0:
             return
-        self.brake.expire(to_ns)
-        self.drive.expire(to_ns)
+        played_ns = self._played_ns(to_ns)
+        self.brake.elapse(played_ns)
+        self.drive.elapse(played_ns)
         fields = self._fields
         fields["i_command_A"][0] = self.inverter.i_A
         fields["enable_command"][0] = self.inverter.enabled
         fields["enable_line"][0] = self.board.line_closed
         fields["brake"][0] = self.brake.setpoint
         fields["drive_rad_s"][0] = self.drive.setpoint
-        played_ns = self._played_ns(to_ns)
         if played_ns > 0:
             step.advance(self._parameters, self._state, self.rig_input, played_ns * 1e-9)
         self.played_ns += played_ns

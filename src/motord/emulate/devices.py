@@ -1,6 +1,6 @@
 """What the emulated inverter, brake and drive do, without I/O: commands, timeouts, registers.
 
-All times are monotonic nanoseconds, handed in; nothing here reads a clock.
+All times are nanoseconds, handed in; nothing here reads a clock.
 """
 
 import math
@@ -54,7 +54,8 @@ class RegisterDevice:
     """The registers of a brake or a drive: one set-point in, status and one value out.
 
     The Modbus server's thread writes, the emulator's loop reads `setpoint` and sets `value` and
-    `status`; each is a single attribute, so neither has to wait for the other.
+    `status`; each is a single attribute, so neither has to wait for the other. Its watchdog counts
+    the rig's time.
     """
 
     def __init__(self, config: ModbusConfig, low: float, high: float) -> None:
@@ -67,7 +68,9 @@ class RegisterDevice:
         self._limits = (low, high)
         self._read_table = config.read_table
         self._watchdog_ns = round(config.watchdog_s * 1e9)
-        self._heard_ns: int | None = None
+        self._writes = 0
+        self._writes_seen = 0
+        self._silent_ns: int | None = None  # since it was written; None before, and once dropped
         self._words: dict[int, int] = dict.fromkeys(_span(self.layout.setpoint), 0)
 
     @property
@@ -85,7 +88,7 @@ class RegisterDevice:
         words.update(zip(_span(parts.value), parts.value.encode(self.value), strict=True))
         return words
 
-    def write(self, address: int, values: list[int], now_ns: int) -> bool:
+    def write(self, address: int, values: list[int]) -> bool:
         """Take registers written by the host; False if the set-point would be out of range."""
         words = dict(self._words)
         words.update(zip(range(address, address + len(values)), values, strict=True))
@@ -95,16 +98,20 @@ class RegisterDevice:
         if not self._limits[0] - tolerance <= setpoint <= self._limits[1] + tolerance:
             return False
         self._words = words
-        self._heard_ns = now_ns
+        self._writes += 1
         self.setpoint = setpoint
         return True
 
-    def expire(self, now_ns: int) -> None:
-        """Drop the set-point to zero if the watchdog is on and the host has been silent."""
-        heard_ns = self._heard_ns
-        if not self._watchdog_ns or heard_ns is None or now_ns - heard_ns < self._watchdog_ns:
+    def elapse(self, time_ns: int) -> None:
+        """Let time pass; a set-point that nobody has written for the watchdog's time drops to 0."""
+        if self._writes != self._writes_seen:
+            self._writes_seen, self._silent_ns = self._writes, 0
+        if not self._watchdog_ns or self._silent_ns is None:
             return
-        self._heard_ns = None
+        self._silent_ns += time_ns
+        if self._silent_ns < self._watchdog_ns:
+            return
+        self._silent_ns = None
         self._words = dict.fromkeys(self._words, 0)
         self.watchdog_drops += self.setpoint != 0.0
         self.setpoint = 0.0

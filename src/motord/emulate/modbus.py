@@ -4,7 +4,6 @@ import asyncio
 import logging
 import socket
 import threading
-import time
 from collections.abc import Mapping
 from concurrent.futures import Future
 from pathlib import Path
@@ -138,9 +137,7 @@ def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
             await asyncio.sleep(SILENT_LOOK_S)
         if function_code not in SERVED:
             return ExcCodes.ILLEGAL_FUNCTION
-        if values is not None and not device.write(
-            address, [int(v) for v in values], time.monotonic_ns()
-        ):
+        if values is not None and not device.write(address, [int(v) for v in values]):
             return ExcCodes.ILLEGAL_VALUE
         table = "input" if function_code == READ_INPUT else "holding"
         for at, word in device.words(table).items():

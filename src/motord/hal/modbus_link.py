@@ -131,17 +131,19 @@ class _SerialLine:
     """An open port. Frames are not numbered: see `wire.modbus_pdu` for what counts as an answer."""
 
     _open: ClassVar[dict[str, "_SerialLine"]] = {}
+    _joining: ClassVar[threading.RLock] = threading.RLock()
 
     @classmethod
     def join(cls, config: ModbusConfig) -> "_SerialLine":
         path = os.path.realpath(config.serial_port)
-        line = cls._open.get(path)
-        if line is None:
-            line = cls._open[path] = cls(path, config)
-        elif line._settings != _settings(config):
-            raise ValueError("another device on it has other baud, parity or stop_bits")
-        line._users += 1
-        return line
+        with cls._joining:
+            line = cls._open.get(path)
+            if line is None:
+                line = cls._open[path] = cls(path, config)
+            elif line._settings != _settings(config):
+                raise ValueError("another device on it has other baud, parity or stop_bits")
+            line._users += 1
+            return line
 
     def __init__(self, path: str, config: ModbusConfig) -> None:
         self._path = path
@@ -171,9 +173,10 @@ class _SerialLine:
                 raise
 
     def leave(self) -> None:
-        self._users -= 1
-        if self._users == 0:
-            self._close()
+        with self._joining:
+            self._users -= 1
+            if self._users == 0:
+                self._close()
 
     def _ask(self, unit: int, question: Question, timeout_s: float) -> Answer:
         self._await_silence(_Deadline(timeout_s))
@@ -203,9 +206,10 @@ class _SerialLine:
         return data
 
     def _close(self) -> None:
-        if self._open.get(self._path) is self:
-            del self._open[self._path]
-        self._port.close()
+        with self._joining:
+            if self._open.get(self._path) is self:
+                del self._open[self._path]
+            self._port.close()
 
 
 def _settings(config: ModbusConfig) -> tuple[int, str, int]:

@@ -24,7 +24,7 @@ from motord.service.calibrations import CalibrationStore
 from motord.service.calls import CallQueue
 from motord.service.descriptors import DescriptorReserve
 from motord.service.desk import Desk
-from motord.service.devices import DeviceThread, SlowDevice
+from motord.service.devices import DeviceThreads, SlowDevice
 from motord.service.durable import Durable
 from motord.service.events import EventLog
 from motord.service.experiments import Experiments
@@ -55,7 +55,7 @@ class Assembly:
     api: Api
     telemetry: Telemetry
     devices: Mapping[str, SlowDevice]
-    device_thread: DeviceThread
+    device_threads: DeviceThreads
 
 
 def process_table(config_path: Path, run_dir: RunDir) -> tuple[ChildSpec, ...]:
@@ -88,7 +88,13 @@ def slow_devices(config: Config) -> dict[str, SlowDevice]:
         section = config.brake if kind == "brake" else config.drive
         if section.driver not in ("sim", "none"):
             device = registry.make_setpoint_device(kind, config)
-            devices[kind] = SlowDevice(kind, device, section.poll_s, section.stale_after_s)
+            # a brake takes speed out: it is left as it is until no torque can be left
+            hold_s = config.wind_down_s(config.limits.torque_Nm) if kind == "brake" else 0.0
+            devices[kind] = SlowDevice(
+                *(kind, device, section.poll_s, section.stale_after_s),
+                order_s=config.order_s,
+                hold_s=hold_s,
+            )
     return devices
 
 
@@ -98,6 +104,12 @@ def assemble(
     """Return the daemon of a bench, with its shared files made. Raises DeviceError."""
     events = EventLog(clock.now_ns)
     devices = slow_devices(config)
+    if config.drive.driver not in ("sim", "none", "modbus"):
+        events.emit(
+            "device",
+            f'[drive] driver = "{config.drive.driver}" is not motord\'s own: it is not known what '
+            "stops the drive if nobody writes to it any more; see docs/modbus.md",
+        )
     children = Children(
         (
             *process_table(config_path, run_dir),
@@ -186,7 +198,7 @@ def assemble(
         api=api,
         telemetry=telemetry,
         devices=devices,
-        device_thread=DeviceThread(list(devices.values())),
+        device_threads=DeviceThreads(list(devices.values())),
     )
 
 

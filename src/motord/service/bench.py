@@ -15,7 +15,7 @@ from motord.plans.settings import COMPENSATE
 from motord.schema import Request, State
 from motord.service.devices import SlowDevice
 from motord.service.events import EventLog
-from motord.service.hand import Hand
+from motord.service.hand import WATCHED, Hand
 from motord.service.injected import InjectedFaults
 from motord.service.lease import Lease
 from motord.service.log import log_error
@@ -29,6 +29,8 @@ LOOK_NS = 20_000_000
 STALLED_NS = 1_000_000_000
 """A loop that publishes nothing for this long is reported, and a plan ends."""
 LOOP_STARTS = "the loop is not up yet"
+AWAY_NS = 500_000_000
+"""A supervisor that did not run for this long does not go on with what the drive turned."""
 REPORT_AGAIN_NS = 1_000_000_000
 """A device that fails now and then is reported at most this often."""
 
@@ -75,11 +77,14 @@ class Bench:
         self._device_reports = {name: _DeviceReport() for name in devices}
         self._trouble = ""
         self._stalled = False
+        self._stepped_ns = 0
+        self._tick_age_ns = round(config.order_s * 1e9)
 
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
         """Take in a block of ticks and do everything that is due; ends with the heartbeat."""
         self.injected.update(block)
         self.watch.update(block, lost, now_ns)
+        self._watch_own_pace(now_ns)
         self._expire_lease(now_ns)
         self._watch_devices(now_ns)
         self._watch_loop(now_ns)
@@ -230,13 +235,24 @@ class Bench:
             why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
             self.events.emit("fault", why)
             self.plans.end(why)
-            self.hand.drop_torque()
+            self.hand.rest()
         self._stalled = stalled
 
+    def _watch_own_pace(self, now_ns: int) -> None:
+        """Stop what the drive turned if this was away for long; the device is safe by then."""
+        away_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
+        if away_ns <= AWAY_NS or "drive" not in self.devices or self.setpoint.drive_Hz == 0.0:
+            return
+        why = f"the supervisor did not run for {away_ns / 1e9:.1f} s, and the drive was stopped"
+        self.events.emit("fault", why)
+        self.plans.end(why)
+        self.hand.rest()
+
     def _follow_state(self) -> None:
-        """Forget what was set by hand once the bench is no longer enabled, whatever the reason."""
+        """Forget what was set by hand once the bench is no longer enabled, or no longer watched."""
         before, self._state = self._state, self.state
-        if before is State.ENABLED and self._state is not State.ENABLED and not self.plans.active:
+        left = before is State.ENABLED or (before is State.READY and self._state not in WATCHED)
+        if left and self._state is not before and not self.plans.active:
             self.hand.rest()
 
     def _look(self, block: np.ndarray, now_ns: int) -> None:
@@ -255,8 +271,18 @@ class Bench:
     def _pass_to_devices(self, now_ns: int) -> None:
         brake, drive = self.devices.get("brake"), self.devices.get("drive")
         if brake is not None:
-            brake.wanted = self.setpoint.brake
+            brake.order(self.setpoint.brake, now_ns)
             value = brake.view(now_ns).value
             self.setpoint.brake_temperature_C = float("nan") if value is None else value
         if drive is not None:
-            drive.wanted = self.setpoint.drive_Hz * RAD_PER_TURN
+            self._order_drive(drive, now_ns)
+
+    def _order_drive(self, drive: SlowDevice, now_ns: int) -> None:
+        """Let the drive turn only while fresh ticks say that the interlocks watch its speed."""
+        speed_rad_s = self.setpoint.drive_Hz * RAD_PER_TURN
+        if speed_rad_s == 0.0 or self.state not in WATCHED:
+            drive.order(0.0, now_ns)
+        elif now_ns - self.watch.seen_at_ns > self._tick_age_ns:
+            drive.withhold(now_ns)
+        else:
+            drive.order(speed_rad_s, now_ns)

@@ -118,8 +118,8 @@ def _run(
     daemon.api.open(config.zenoh.local, config.zenoh.socket_group)
     stack.callback(daemon.telemetry.stop)
     daemon.telemetry.start()
-    stack.callback(daemon.device_thread.stop)
-    daemon.device_thread.start()
+    stack.callback(daemon.device_threads.stop)
+    daemon.device_threads.start()
     stack.callback(supervisor.take_down)
     if supervisor.gate is not None:
         supervisor.gate.start(time.monotonic_ns())

@@ -15,6 +15,9 @@ from motord.service.refusal import Refusal
 from motord.service.setpoint import Setpoint
 from motord.service.views import SetpointView
 
+WATCHED = (State.READY, State.ENABLED)
+"""States in which the interlocks watch the rotor's speed: in others the drive stands."""
+
 
 class Hand:
     """What an operator has set. A brake that has to rise leads the torque, as in a plan."""
@@ -50,6 +53,12 @@ class Hand:
                 check_brake(self._config, torque_Nm, speed_Hz)
         except PlanError as error:
             raise Refusal("refused", str(error)) from None
+        if asked.drive_Hz and state not in WATCHED and not asked.enable:
+            raise Refusal(
+                "refused",
+                f"the bench is {state.name}: the rotor's speed is watched in READY and ENABLED "
+                "alone; enable it first (disabled again it is READY)",
+            )
 
     def set(self, asked: Set, state: State) -> None:
         """Take over what `asked` holds, or keep it until the bench is enabled. Raises Refusal."""

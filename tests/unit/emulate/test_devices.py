@@ -82,7 +82,7 @@ def device(**table):
 
 def test_registers_read_what_was_written_and_measured():
     brake = device()
-    assert brake.write(0, [2500], 0)
+    assert brake.write(0, [2500])
     brake.measure(25.5, DeviceStatus.FAULT)
     assert brake.setpoint == pytest.approx(0.25)
     assert brake.words("holding") == {0: 2500, 16: 2, 17: 255}
@@ -98,33 +98,34 @@ def test_input_registers_hold_status_and_value_if_the_bench_says_so():
 
 def test_a_wide_set_point_may_be_written_in_two_parts():
     drive = device(setpoint_kind="i32", setpoint_scale=1e-6)
-    assert drive.write(1, [500], 0)
+    assert drive.write(1, [500])
     assert drive.setpoint == pytest.approx(500e-6)
-    assert drive.write(0, [0xFFFF], 0)
+    assert drive.write(0, [0xFFFF])
     assert drive.setpoint == pytest.approx((500 - 65_536) * 1e-6)
 
 
 def test_a_set_point_out_of_range_is_refused():
     brake = device()
-    assert brake.write(0, [10_000], 0)
-    assert not brake.write(0, [10_001], 0)
+    assert brake.write(0, [10_000])
+    assert not brake.write(0, [10_001])
     assert brake.setpoint == pytest.approx(1.0)
 
 
 def test_the_watchdog_drops_the_set_point_once():
     drive = device(watchdog_s=2.0)
-    drive.write(0, [5000], 10 * MS)
-    drive.expire(2010 * MS - 1)
+    drive.write(0, [5000])
+    drive.elapse(0)
+    drive.elapse(2000 * MS - 1)
     assert drive.setpoint == pytest.approx(0.5)
-    drive.expire(2010 * MS)
-    drive.expire(5000 * MS)
+    drive.elapse(1)
+    drive.elapse(5000 * MS)
     assert (drive.setpoint, drive.words("holding")[0], drive.watchdog_drops) == (0.0, 0, 1)
 
 
 def test_without_a_watchdog_the_set_point_stays():
     brake = device()
-    brake.write(0, [5000], 0)
-    brake.expire(10**15)
+    brake.write(0, [5000])
+    brake.elapse(10**15)
     assert brake.setpoint == pytest.approx(0.5)
 
 

@@ -295,7 +295,11 @@ def test_brake_and_drive_take_limits_from_the_bench():
         {
             "motor": MOTOR,
             "brake": {"driver": "modbus", "modbus": table},
-            "drive": {"driver": "modbus", "modbus": table, "speed_max_rad_s": 12.0},
+            "drive": {
+                "driver": "modbus",
+                "modbus": {**table, "watchdog_s": 0.2},
+                "speed_max_rad_s": 12.0,
+            },
         }
     )
     brake, drive = modbus.brake(config), modbus.drive(config)

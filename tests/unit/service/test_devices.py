@@ -1,11 +1,15 @@
 """Slow devices: health, polling thread, zero set-point at the end."""
 
+import random
 import threading
+import time
 
 import pytest
 
 from motord.hal.base import DeviceError, DeviceReading
-from motord.service.devices import DeviceThread, SlowDevice
+from motord.service.devices import DeviceThreads, Order, SlowDevice
+
+MS = 1_000_000
 
 
 class Wire:
@@ -31,13 +35,14 @@ class Wire:
 
     def safe_stop(self):
         self.stopped = True
+        self.exchanges.append("safe")
 
     def close(self):
         self.closed = True
 
 
 def slow(wire, poll_s=0.05):
-    return SlowDevice("brake", wire, poll_s, stale_after_s=1.0)
+    return SlowDevice("brake", wire, poll_s, stale_after_s=1.0, order_s=60.0)
 
 
 def test_health_goes_from_ok_to_failing_to_stale_and_back():
@@ -45,7 +50,7 @@ def test_health_goes_from_ok_to_failing_to_stale_and_back():
     device = slow(wire)
     device.open(0)
     assert device.view(0).health == "ok"
-    device.wanted = 0.4
+    device.order(0.4, 0)
     device.exchange(lambda: now[0])
     view = device.view(0)
     assert (view.health, view.status, view.setpoint, view.value) == ("ok", 5, 0.4, 21.5)
@@ -64,6 +69,7 @@ def test_a_device_that_never_answered_goes_stale_too():
     wire = Wire()
     device = slow(wire)
     device.open(0)
+    device.order(0.0, 0)
     wire.answers = False
     device.exchange(lambda: 0)
     assert device.view(10).health == "failing"
@@ -95,20 +101,93 @@ def test_the_thread_polls_every_device_and_leaves_them_at_zero():
     devices = [slow(wire, poll_s=0.002) for wire in wires]
     for device in devices:
         device.open(0)
-        device.wanted = 0.25
-    thread = DeviceThread(devices)
+        device.order(0.25, time.monotonic_ns())
+    thread = DeviceThreads(devices)
     thread.start()
     assert all(wire.seen.wait(10.0) for wire in wires)
     thread.stop()
     polled = [len(wire.exchanges) for wire in wires]
     assert all(wire.stopped and wire.closed for wire in wires)
-    assert [wire.exchanges[-1] for wire in wires] == [0.25, 0.25]
+    assert [wire.exchanges[-2:] for wire in wires] == [[0.25, "safe"]] * 2
     assert [len(wire.exchanges) for wire in wires] == polled
 
 
 def test_without_devices_there_is_no_thread():
     before = threading.active_count()
-    thread = DeviceThread([])
+    thread = DeviceThreads([])
     thread.start()
     assert threading.active_count() == before
     thread.stop()
+
+
+def test_an_order_is_worth_nothing_once_its_time_is_over():
+    order = Order(5.0, 100)
+    assert [order.at(now_ns) for now_ns in (0, 99, 100, 101)] == [5.0, 5.0, None, None]
+
+
+@pytest.mark.parametrize("hold_ms", [0, 700])
+def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
+    wire = Wire()
+    device = SlowDevice("drive", wire, 0.05, 1.0, order_s=0.1, hold_s=hold_ms * 1e-3)
+    device.open(0)
+    written_ms = []
+    for ms in range(0, 3000, 50):
+        if ms <= 500 or ms >= 2500:
+            device.order(7.0, ms * MS)
+        before = len(wire.exchanges)
+        device.exchange(lambda ms=ms: ms * MS)
+        written_ms += [(ms, what) for what in wire.exchanges[before:]]
+        assert (device.view(ms * MS).error != "") == (600 <= ms < 2500)
+    safe_ms = 600 + hold_ms
+    assert written_ms == [
+        *((ms, 7.0) for ms in range(0, 600, 50)),
+        (safe_ms, "safe"),
+        *((ms, 7.0) for ms in range(2500, 3000, 50)),
+    ]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_set_point_is_written_later_than_its_order_allows(seed):
+    """Whatever the supervisor and the thread do when: hang, come back, hold back."""
+    draw, wire, now_ns, given_ns, value = random.Random(seed), Wire(), 0, None, 0.0
+    device = SlowDevice("drive", wire, 0.05, 1.0, order_s=0.1)
+    for _ in range(500):
+        now_ns += draw.choice([1, 20 * MS, 99 * MS, 100 * MS, 400 * MS])
+        what = draw.choice(["order", "withhold", "exchange", "exchange", "exchange"])
+        if what == "order":
+            given_ns, value = now_ns, draw.uniform(-9.0, 9.0)
+            device.order(value, now_ns)
+        elif what == "withhold":
+            given_ns = None
+            device.withhold(now_ns)
+        else:
+            before = len(wire.exchanges)
+            device.exchange(lambda now_ns=now_ns: now_ns)
+            fresh = given_ns is not None and now_ns - given_ns < 100 * MS
+            wrote = wire.exchanges[before:]
+            assert wrote == [value] if fresh else wrote in ([], ["safe"])
+            assert fresh or len(wire.exchanges) < 2 or wire.exchanges[-2:] != ["safe", "safe"]
+
+
+def test_a_driver_that_errs_in_its_safe_stop_does_not_end_the_thread():
+    class Errs(Wire):
+        def safe_stop(self):
+            raise ZeroDivisionError("of a bug")
+
+    device = SlowDevice("drive", Errs(), 0.05, 1.0, order_s=0.1)
+    device.exchange(lambda: 0)
+    assert "ZeroDivisionError" in device.view(0).error
+
+
+def test_a_device_that_is_silent_keeps_no_other_waiting():
+    held, wires = threading.Event(), [Wire(), Wire()]
+    wires[0].exchange = lambda setpoint: held.wait(60.0)
+    devices = [slow(wire, poll_s=0.002) for wire in wires]
+    for device in devices:
+        device.open(0)
+        device.order(0.25, time.monotonic_ns())
+    threads = DeviceThreads(devices)
+    threads.start()
+    assert wires[1].seen.wait(10.0)
+    held.set()
+    threads.stop()

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from motord.hal.base import DeviceReading
 from motord.schema import State
+from motord.service.devices import SlowDevice
 from motord.service.refusal import Refusal
 from tests.unit.service.virtual_service import VirtualService
 
@@ -52,3 +54,110 @@ def test_it_needs_a_drive_and_no_brake(monkeypatch: pytest.MonkeyPatch) -> None:
         "plan/start", token=token, name="cogging", settings=SHORT, detach=False, dry_run=True
     )
     assert np.all([p["torque_Nm"] == 0.0 for p in outline["points"]])
+
+
+class Drive:
+    """A drive on a wire that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.written: list[float | str] = []
+
+    def open(self) -> None:
+        pass
+
+    def exchange(self, setpoint: float) -> DeviceReading:
+        self.written.append(setpoint)
+        return DeviceReading(0, setpoint, 0.0)
+
+    def safe_stop(self) -> None:
+        self.written.append("safe")
+
+    def close(self) -> None:
+        pass
+
+
+class Driven:
+    """A READY bench whose drive turns at 1 Hz; steps and exchanges are the test's to make."""
+
+    def __init__(self) -> None:
+        self.wire = Drive()
+        self.drive = SlowDevice("drive", self.wire, 0.05, 60.0, order_s=0.1)
+        self.service = VirtualService({"drive": self.drive})
+        self.token = self.service.ready()
+        self.service.ask("set", token=self.token, drive_Hz=1.0)
+        assert self.told() == TURNING
+
+    def told(self) -> float | str | None:
+        """Let supervisor and thread come round; return what the device is told then."""
+        self.service.step()
+        return self.poll()
+
+    def poll(self) -> float | str | None:
+        before = len(self.wire.written)
+        self.drive.exchange(lambda: self.service.now_ns)
+        return self.wire.written[-1] if len(self.wire.written) > before else None
+
+
+TURNING = pytest.approx(2 * np.pi)
+
+
+def test_the_drive_turns_while_supervisor_and_loop_live() -> None:
+    driven = Driven()
+    for _ in range(50):
+        driven.service.ask("lease/renew", token=driven.token)
+        assert driven.told() == TURNING
+
+
+def test_a_supervisor_that_hangs_lets_the_drive_go_safe_and_starve() -> None:
+    driven = Driven()
+    driven.service.now_ns += 99_000_000
+    assert driven.poll() == TURNING
+    driven.service.now_ns += 1_000_000
+    assert driven.poll() == "safe"
+    for _ in range(10):
+        driven.service.now_ns += 50_000_000
+        assert driven.poll() is None
+
+
+def test_a_supervisor_that_was_away_does_not_go_on() -> None:
+    driven = Driven()
+    driven.service.now_ns += 510_000_000
+    assert driven.told() == 0.0
+    said = "fault: the supervisor did not run for 0.5 s, and the drive was stopped"
+    assert said in driven.service.messages()
+
+
+def test_without_fresh_ticks_the_drive_goes_safe_and_starves() -> None:
+    driven = Driven()
+    driven.service.loop.running = False
+    told = [driven.told() for _ in range(90)]
+    assert told[:10] == [TURNING] * 10
+    assert told[10:] == ["safe", *[None] * 79]
+    driven.service.ask("lease/renew", token=driven.token)
+    for _ in range(20):
+        driven.told()
+    assert driven.service.bench.setpoint.drive_Hz == 0.0
+    driven.service.loop.running = True
+    assert driven.told() == 0.0
+
+
+@pytest.mark.parametrize("how", ["trip", "stop", "release", "expire", "loop"])
+def test_what_takes_the_bench_away_takes_the_drive_to_zero(how: str) -> None:
+    driven = Driven()
+    service = driven.service
+    if how == "trip":
+        service.loop.virtual._tables[0]["bus_V_min"] = 29.0
+    elif how == "stop":
+        service.ask("stop")
+    elif how == "release":
+        service.ask("lease/release", token=driven.token)
+    elif how == "loop":
+        service.bench.loop_down("the loop ended")
+    else:
+        lease_s = service.config.zenoh.lease_s
+        for _ in range(int(lease_s * 100)):
+            driven.told()
+    for _ in range(3):
+        told = driven.told()
+    assert told == 0.0
+    assert service.bench.setpoint.drive_Hz == 0.0

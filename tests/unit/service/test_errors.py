@@ -193,8 +193,9 @@ class BuggyDevice:
 
 def test_a_bug_in_a_driver_makes_the_device_fail_and_is_logged_once(caplog):
     device = BuggyDevice()
-    slow = SlowDevice("brake", device, 0.05, 1.0)
+    slow = SlowDevice("brake", device, 0.05, 1.0, order_s=0.1)
     slow.open(0)
+    slow.order(0.0, 0)
     for t_ns in (1, 2, 3):
         slow.exchange(lambda t_ns=t_ns: t_ns)
     assert slow.view(4).health == "failing"

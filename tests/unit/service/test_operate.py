@@ -202,8 +202,14 @@ def test_the_drive_may_not_be_set_near_the_over_speed_trip():
     assert "within 20 % of the over-speed trip" in said
 
 
-def test_torque_needs_an_enabled_bench_but_the_drive_does_not(service):
+def test_torque_needs_an_enabled_bench_and_the_drive_one_that_is_watched(service):
     token = service.acquire()
+    assert "enable it first" in refused(service, "refused", "set", token=token, torque_Nm=1)
+    assert "the rotor's speed is watched in READY" in refused(
+        service, "refused", "set", token=token, drive_Hz=0.5
+    )
+    service.ask("enable", token=token)
+    service.ask("disable", token=token)
     assert "enable it first" in refused(service, "refused", "set", token=token, torque_Nm=1)
     service.ask("set", token=token, drive_Hz=0.5)
     service.step()

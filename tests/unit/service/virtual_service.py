@@ -187,6 +187,12 @@ class VirtualService:
         self.ask("enable", token=token)
         return token
 
+    def ready(self):
+        """Return the token of a commander who has enabled the bench and disabled it again."""
+        token = self.enabled()
+        self.ask("disable", token=token)
+        return token
+
     def kinds(self):
         """Return the kinds of all events."""
         return [event.kind for event in self.events.recent()]
