@@ -131,6 +131,7 @@ class RecordingConfig(Section):
 
     directory: Path = Path("runs")
     auto: bool = True
+    required: bool = True
     chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     sync_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0

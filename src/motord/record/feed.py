@@ -28,6 +28,11 @@ class Mark:
     t_ns: int
     missed: int
 
+    @classmethod
+    def of(cls, tick: np.void) -> "Mark":
+        """Return the mark of a tick, a record with fields `tick`, `t_ns` and `missed`."""
+        return cls(*(int(tick[name]) for name in ("tick", "t_ns", "missed")))
+
 
 @dataclass(frozen=True)
 class Piece:
@@ -70,15 +75,16 @@ def _mark(path: Path) -> Mark | None:
         return None
     if not len(last):
         return None
-    return Mark(*(int(last[name][0]) for name in ("tick", "t_ns", "missed")))
+    return Mark.of(last[0])
 
 
 class Feed:
     """Reads the ring at `path`, which may not be there yet, and follows it to its successors.
 
-    Ticks come from the moment of construction on ("now"), or from the oldest that the ring holds,
-    without those up to `mark`, or else to the first of `others` that is among them. `problem` says
-    why there is no ring, if it is not only that the loop has not started.
+    Ticks come from the moment of construction on ("now"), or from the oldest that the ring holds:
+    with `first_tick` from that one on or after the newest of `recorded`, and without those up to
+    `mark`, or else to the newest of `others` that is among them. `problem` says why there is no
+    ring, if it is not only that the loop has not started.
     """
 
     def __init__(
@@ -87,8 +93,12 @@ class Feed:
         start: Literal["now", "oldest"] = "now",
         mark: Mark | None = None,
         others: Sequence[Mark] = (),
+        first_tick: int = 0,
+        recorded: Sequence[Mark] = (),
     ) -> None:
         self._path = path
+        self._recorded = recorded
+        self._first_tick = first_tick
         self._mark = mark
         self._others = others
         self._new_ring = False
@@ -145,12 +155,28 @@ class Feed:
         if mark is None:
             mark = next((other for other in others if _is_in(block, other).any()), None)
         if mark is None:
-            return Piece(block, lost, new_ring=new_ring)
+            fresh, missing = self._from_first(block)
+            return Piece(fresh, lost + missing, new_ring=new_ring)
         fresh, lost = _after(block, mark)
+        fresh = fresh[fresh["tick"] >= self._first_tick]
         if not len(fresh):
             self._mark = mark  # nothing new yet
             return Piece(fresh)
+        self._first_tick = 0
         return Piece(fresh, lost, resumed=mark, new_ring=new_ring)
+
+    def _from_first(self, block: Block) -> tuple[Block, int]:
+        """Return the ticks from the first that is wanted on, and how many of them are gone."""
+        known = [mark.tick + 1 for mark in self._recorded if _is_in(block, mark).any()]
+        first = max([self._first_tick, *known])
+        fresh = block[block["tick"] >= first]
+        if not first or not len(fresh):
+            return fresh, 0
+        self._first_tick, self._recorded = 0, ()
+        oldest = int(block["tick"][0])
+        reader = self._reader
+        overwritten = reader is not None and reader.position > len(block)
+        return fresh, max(0, oldest - first) if overwritten else 0
 
 
 def _is_in(block: Block, mark: Mark) -> Block:

@@ -54,12 +54,21 @@ class RecorderLink:
         """True if the recorder has not yet taken all commands."""
         return self._commands.waiting
 
-    def start(self, stem: Path, metadata: Mapping[str, object], *, resume: bool = False) -> None:
+    def start(
+        self,
+        stem: Path,
+        metadata: Mapping[str, object],
+        *,
+        resume: bool = False,
+        first_tick: int | None = None,
+    ) -> None:
         """Begin the recording `stem`-000.mcap and so on; end the one that is going on.
 
+        With `first_tick`, begin with that tick, if nothing is going on and the ring still has it.
         With `resume`, go on where the newest file of `stem` ends, as far as the ring reaches.
         """
-        self._send({"do": "start", "out": str(stem), "metadata": metadata, "resume": resume})
+        command = {"do": "start", "out": str(stem), "metadata": metadata, "resume": resume}
+        self._send(command if first_tick is None else {**command, "first_tick": first_tick})
 
     def stop(self, reason: str) -> None:
         """End the recording."""

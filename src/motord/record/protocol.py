@@ -33,19 +33,24 @@ class Message(BaseModel):
 class RecorderReport(Message):
     """What the recorder says of itself: the recording that goes on, or the last one.
 
-    file: the newest file by its final name; while it is written it bears `.part` after it.
-    lost: ticks that were overwritten or vanished with a file. blackboxes: path of each to "" once
-    it is written, else why it is not.
+    file: the newest file by its final name, path: by the name that it has now, with `.part` while
+    it is not whole. obstacle: why nothing could be recorded now, though nothing is. lost: ticks
+    that were overwritten, or vanished with a file. blackboxes: path of each to "" once it is
+    written, else why it is not. leftovers: files that were not ended in order, and what became of
+    each.
     """
 
     recording: bool
     file: Text = ""
+    path: Text = ""
+    obstacle: Text = ""
     files: Count = 0
     ticks: Count = 0
     bytes: Count = 0
     lost: Count = 0
     error: Text = ""
     blackboxes: Outcomes = {}
+    leftovers: Outcomes = {}
 
 
 M = TypeVar("M", bound=Message)

@@ -57,7 +57,7 @@ class Reporter:
     def tell(self, report: dict[str, object], now_s: float) -> None:
         """Write `report` if it is time for one, or something other than its numbers changed."""
         self._lines.flush()
-        told = ("recording", "file", "lost", "error", "blackboxes")
+        told = ("recording", "file", "lost", "error", "obstacle", "blackboxes", "leftovers")
         essence = tuple(report.get(key) for key in told)
         if self._lines.waiting or (essence == self._last and now_s < self._due_s):
             return

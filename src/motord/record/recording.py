@@ -1,22 +1,16 @@
 """A recording that goes on: one file after the other, synced, limited, ended in good order."""
 
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from motord.config import RecordingConfig
+from motord.record.container import part_of
 from motord.record.errors import RecordError
 from motord.record.files import next_file
+from motord.record.storage import MB, free_bytes, too_little_space
 from motord.record.writer import RunWriter
 from motord.wire.blocks import Block
-
-MB = 1e6
-
-
-def free_bytes(folder: Path) -> int:
-    """Return the bytes that a user may still write in `folder`. Raises OSError."""
-    return shutil.disk_usage(folder).free
 
 
 @dataclass
@@ -57,10 +51,17 @@ class Recording:
         self._last_ns = 0
         self._closed_bytes = 0
         self._make_folder()
-        if self._short_of_space():
-            raise RecordError(f"{stem.parent}: {self._space_in_words()}; nothing is recorded")
+        if short := self._too_little_space():
+            raise RecordError(f"{stem.parent}: {short}; nothing is recorded")
         self._writer = self._next_writer()
         self.open = True
+        self._closed = False
+
+    @property
+    def path(self) -> Path:
+        """The newest file by the name that it has now: with `.part` until it is whole."""
+        final = Path(self.tally.file)
+        return final if self._closed else part_of(final)
 
     def ticks(self, block: Block, lost: int = 0) -> None:
         """Write ticks, shape (n,), before which `lost` were lost; in a new file if one is due."""
@@ -103,14 +104,14 @@ class Recording:
         if self.open and now_s - self._synced_s >= self._settings.sync_s:
             self._synced_s = now_s
             self._write(self._writer.sync)
-            if self._short_of_space():
-                self._end_for_space()
+            if short := self._too_little_space():
+                self._end_for_space(short)
         self._count_bytes()
 
     def close(self, reason: str) -> None:
         """End the recording and give its last file its name."""
         if self._write(lambda: self._writer.close({"reason": reason})):
-            self.open = False
+            self.open, self._closed = False, True
         self._count_bytes()
 
     def _make_folder(self) -> None:
@@ -159,17 +160,11 @@ class Recording:
             return False
         return True
 
-    def _short_of_space(self) -> bool:
-        try:
-            return self._free(self.stem.parent) < self._settings.free_min_MB * MB
-        except OSError:
-            return False  # writing will tell
+    def _too_little_space(self) -> str:
+        return too_little_space(self.stem.parent, self._settings, self._free)
 
-    def _space_in_words(self) -> str:
-        return f"less than recording.free_min_MB = {self._settings.free_min_MB:g} is free"
-
-    def _end_for_space(self) -> None:
-        reason = f"{self.stem.parent}: {self._space_in_words()}; the recording was ended"
+    def _end_for_space(self, short: str) -> None:
+        reason = f"{self.stem.parent}: {short}; the recording was ended"
         self.event(self._last_ns, "recording_ended", reason)
         self.close(reason)
         self.error = self.error or reason

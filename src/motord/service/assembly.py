@@ -131,10 +131,6 @@ def assemble(
     tables.write(*parameters.build(config, _installed(store, bench)))
     _take_up(journal, resumption, bench)
 
-    def loop_came_up() -> None:
-        bench.loop_up()
-        recording.loop_up()
-
     def loop_is_gone(why: str) -> None:
         boxes.loop_died(why, bench.watch)
         recording.loop_down()
@@ -142,10 +138,12 @@ def assemble(
         bench.loop_down(why)
         recording.end(why)
 
-    loop = LoopLink(children, run_dir, loop_came_up, loop_is_gone)
+    loop = LoopLink(children, run_dir, bench.loop_up, loop_is_gone)
     recording.calibration_id = lambda: store.current.id if store.current is not None else ""
     recording.realtime = loop.realtime
-    experiments = Experiments(bench, resumption)
+    recording.driven = lambda: bench.setpoint.drive_Hz != 0.0
+    recording.on_plan_unrecorded = bench.plans.abort
+    experiments = Experiments(bench, resumption, recording.obstacle)
     installation = Installation(bench, store, tables.write, toml)
     handlers = {
         **Operate(bench, lambda: loop.start(time.monotonic_ns())).handlers,

@@ -1,5 +1,6 @@
 """RPCs of plans: start, pause, resume, abort, discard, list."""
 
+from collections.abc import Callable
 from typing import Any
 
 from motord.plans import PLANS, Plan, PlanError
@@ -16,9 +17,12 @@ from motord.service.resumption import Rest, Resumption
 class Experiments:
     """Starts plans, steers the one under way, resumes one that was interrupted."""
 
-    def __init__(self, bench: Bench, resumption: Resumption) -> None:
+    def __init__(
+        self, bench: Bench, resumption: Resumption, unrecordable: Callable[[], str] = str
+    ) -> None:
         self._bench = bench
         self._resumption = resumption
+        self._unrecordable = unrecordable
         self.handlers: dict[str, Handler] = {
             "plan/start": self._start,
             "plan/pause": self._pause,
@@ -68,6 +72,12 @@ class Experiments:
         need_zero_torque(bench, "a plan begins with an open brake")
         if bench.trouble:
             raise Refusal("refused", f"not started: {bench.trouble}")
+        if why := self._unrecordable():
+            raise Refusal(
+                "refused",
+                f"not started: it could not be recorded: {why}; make it possible, or allow plans "
+                "without a recording by [recording] required = false",
+            )
 
     def _need_plan(self, call: Call, now_ns: int) -> str:
         who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder

@@ -1,14 +1,16 @@
 """What is recorded and under which name: the supervisor's side of the recorder process.
 
-With `[recording] auto` everything is recorded from when the loop is up until it ends. A plan gets
-a recording of its own; the one of hand operation ends before it and a new one begins after it, so
-that every tick is in exactly one file. A recorder that was started again goes on where the files
-of its predecessor end, as far back as the ring reaches.
+With `[recording] auto` the bench is recorded whenever it is powered: from `BEFORE_S` before it was
+enabled, out of the ring, until `AFTER_S` after it no longer is. A plan gets a recording of its own,
+from its start to its end; one of hand operation that goes on ends before it, and if the bench is
+still powered a new one begins after it, so that every tick of a powered bench is in exactly one
+file. A recorder that was started again goes on where the files of its predecessor end, as far back
+as the ring reaches. A plan of which the ring alone has had the ticks for too long is ended.
 """
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,7 +23,7 @@ from motord.record.files import file_name
 from motord.record.launch import RecorderLink
 from motord.record.metadata import describe
 from motord.record.protocol import RecorderReport
-from motord.schema import TICK_DTYPE
+from motord.schema import TICK_DTYPE, State
 from motord.service.child_faults import ChildFaults
 from motord.service.events import EventLog
 from motord.service.processes import Children
@@ -34,6 +36,15 @@ KEPT_EVENTS = 1000
 FINISH_S = 2.0
 """How long a recorder may take to close its file before it is told to end."""
 _LOOK_S = 0.01
+BEFORE_S = 2.0
+"""Ticks before the bench was enabled that belong to a recording."""
+AFTER_S = 2.0
+EVENTS_BEFORE_S = 10.0
+"""Events of this time before a recording go into it."""
+RING_PART = 0.5
+"""Part of `[loop] ring_s` for which the ring alone may hold the ticks of a plan."""
+SILENT_NS = 5_000_000_000
+"""A recorder reports twice a second; after this long it is not known whether it could record."""
 NO_REPORT = RecorderReport(recording=False)
 NO_TICKS = np.empty(0, TICK_DTYPE)
 
@@ -52,7 +63,8 @@ class Recording:
     """Tells the recorder what to record. No call but `stop` waits for it.
 
     The loop counts its punctuality in the file `timing`. `calibration_id` and `realtime` say what
-    goes into the metadata of the next recording.
+    goes into the metadata of the next recording; `driven` whether the external drive turns the
+    bench; `on_plan_unrecorded` is called with the reason when a plan has to end.
     """
 
     def __init__(
@@ -76,29 +88,30 @@ class Recording:
         self._report = NO_REPORT
         self._faults = ChildFaults(RECORDER, children, events)
         self._unsent: deque[Event] = deque(maxlen=KEPT_EVENTS)
+        self._leftovers: dict[str, str] = {}
+        self._first_tick: int | None = None
+        self._newest_tick = 0
+        self._now_ns = self._reported_ns = self._recorded_ns = self._powered_ns = 0
+        self._plan = False
         self._plan_told: tuple[object, ...] = ()
         self._error = ""
         self._dropped = 0
-        self._loop_up = False
+        self._enabled = False
         self._timing = TimingLog(timing, self.event)
         self.followers: list[Follower] = []
         self.calibration_id: Callable[[], str] = str
         self.realtime: Callable[[], dict[str, Any]] = dict
+        self.driven: Callable[[], bool] = bool
+        self.on_plan_unrecorded: Callable[[str], None] = lambda why: None
 
     def start_recorder(self, now_ns: int) -> None:
         """Start the recorder process, which waits for what to record. `now_ns` is monotonic."""
         self._children.start(RECORDER, now_ns)
         self._follow_process()
 
-    def loop_up(self) -> None:
-        """Record, with `[recording] auto`, now that there are ticks."""
-        self._loop_up = True
-        if self._config.recording.auto:
-            self._begin("", {})
-
     def loop_down(self) -> None:
         """Begin nothing new; what is still to be said of the loop's end goes into the old file."""
-        self._loop_up = False
+        self._enabled = False
 
     def end(self, why: str) -> None:
         """End what is recorded now."""
@@ -109,12 +122,28 @@ class Recording:
 
     @property
     def settled(self) -> bool:
-        """True if what should be recorded is, or the recorder has said why not."""
-        return self._stem is None or self._report.recording or bool(self._error)
+        """True if the recorder is up, and what should be recorded is, or it has said why not."""
+        recorded = self._stem is None or self._report.recording or bool(self._error)
+        return self._report is not NO_REPORT and recorded
+
+    def obstacle(self) -> str:
+        """Return why a plan could not be recorded now, "" if it could or need not be."""
+        report = self._report
+        if not self._config.recording.required:
+            return ""
+        if self._link is None or report is NO_REPORT:
+            return "the recorder is not up; see its events"
+        silent_s = (self._now_ns - self._reported_ns) / 1e9
+        if self._now_ns - self._reported_ns > SILENT_NS:
+            return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
+        return report.obstacle if not report.recording else ""
 
     def step(self, now_ns: int, block: np.ndarray = NO_TICKS) -> None:
-        """Follow the recorder: greet a new one, take in what it reports. `now_ns` is monotonic."""
+        """Follow bench and recorder. `now_ns` is monotonic, `block` the ticks that have come."""
+        self._now_ns = now_ns
         self._follow_process()
+        self._follow_power(block, now_ns)
+        self._watch_plan(now_ns)
         if self._link is None:
             return
         if self._stem is not None:
@@ -138,8 +167,10 @@ class Recording:
         report = self._report
         return RecordingView(
             recording=report.recording,
-            path=report.file,
+            path=report.path,
+            final_path=report.file,
             error=self._error,
+            obstacle=report.obstacle,
             detail=report.model_dump(include={"ticks", "bytes", "lost"}, exclude_unset=True),
         )
 
@@ -166,7 +197,8 @@ class Recording:
             **({"continues": view.continues} if view.continues else {}),
         }
         self._plan_told = ()
-        return self._begin(f"-{plan.name}", described, notes)
+        self._plan, self._recorded_ns = True, self._now_ns
+        return self._begin(f"-{plan.name}", described, notes, self._ticks_ago(BEFORE_S))
 
     def plan_point(self, point: dict[str, Any]) -> None:
         """Record an operating point."""
@@ -181,20 +213,68 @@ class Recording:
             self._link.plan(self._unix_ns(), view.model_dump(mode="json"))
 
     def plan_over(self, view: PlanView) -> None:
-        """End the recording of a plan; that of hand operation begins anew."""
-        if self._config.recording.auto and self._loop_up:
+        """End the recording of a plan; if the bench is still powered, another goes on."""
+        self._plan = False
+        if self._config.recording.auto and (self._enabled or self.driven()):
+            self._powered_ns = self._now_ns
             self._begin("", {})
         else:
             self.end(f"plan {view.plan} {view.state}")
 
+    def _follow_power(self, block: np.ndarray, now_ns: int) -> None:
+        """Begin and end the recordings of hand operation."""
+        enabled = block["state"] == State.ENABLED
+        if len(block):
+            self._enabled, self._newest_tick = bool(enabled[-1]), int(block["tick"][-1])
+        if self._plan or not self._config.recording.auto:
+            return
+        if enabled.any() or self.driven():
+            self._powered_ns = now_ns
+            if self._stem is None and len(block):
+                powered = int(block["tick"][np.argmax(enabled)])
+                self._begin("", {}, first_tick=self._ticks_before(powered, BEFORE_S))
+        elif self._stem is not None and now_ns - self._powered_ns >= AFTER_S * 1e9:
+            self.end("the bench is not powered any more")
+
+    def _ticks_before(self, tick: int, span_s: float) -> int:
+        return max(0, tick - round(span_s * self._config.loop.rate_Hz))
+
+    def _ticks_ago(self, span_s: float) -> int:
+        return self._ticks_before(self._newest_tick, span_s)
+
+    def _watch_plan(self, now_ns: int) -> None:
+        """End a plan while the ring still has what was not recorded of it."""
+        if not self._plan or not self._config.recording.required:
+            return
+        file = Path(self._report.file).name
+        if self._stem is None or (
+            self._report.recording
+            and file.startswith(self._stem.name)
+            and now_ns - self._reported_ns <= SILENT_NS
+        ):
+            self._recorded_ns = now_ns
+            return
+        unrecorded_s = (now_ns - self._recorded_ns) / 1e9
+        if unrecorded_s > RING_PART * self._config.loop.ring_s:
+            self._recorded_ns = now_ns  # not to be said with every step
+            why = self._error or "the recorder does not record"
+            self.on_plan_unrecorded(f"not recorded for {unrecorded_s:.1f} s: {why}")
+
     def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
         for report in link.reports(now_ns):
-            self._report = report
+            self._report, self._reported_ns = report, now_ns
             for follower in self.followers:
                 follower.report(report)
             if report.error and report.error != self._error:
                 self._events.emit("recording", f"the recorder says: {report.error}")
             self._error = report.error
+            self._tell_leftovers(report.leftovers)
+
+    def _tell_leftovers(self, leftovers: Mapping[str, str]) -> None:
+        for path, outcome in leftovers.items():
+            if self._leftovers.get(path) != outcome:
+                self._events.emit("recording", f"{path}: {outcome}", path=path)
+        self._leftovers = dict(leftovers)
 
     def _make_up_for_dropped(self, link: RecorderLink) -> None:
         """Once a recorder takes commands again, tell it anew what is to be recorded."""
@@ -219,13 +299,20 @@ class Recording:
         if self._link is not None and self._stem is not None:
             self._timing.end(self._unix_ns())
 
-    def _begin(self, suffix: str, plan: dict[str, Any], notes: str = "") -> str:
+    def _begin(
+        self,
+        suffix: str,
+        plan: dict[str, Any],
+        notes: str = "",
+        first_tick: int | None = None,
+    ) -> str:
         self._end_timing()
         self._timing.begin(self._unix_ns())
         config, now = self._config, datetime.fromtimestamp(self._unix_ns() / 1e9, UTC)
         moment = f"{now:%Y%m%dT%H%M%S}{now.microsecond // 1000:03d}Z"
         folder = config.recording.directory.absolute()
         self._stem = folder / f"{config.bench.name}-{moment}{suffix}"
+        self._first_tick = first_tick
         self._metadata = {
             **self.about(),
             "plan": plan,
@@ -237,10 +324,12 @@ class Recording:
     def _send_start(self, stem: Path, *, resume: bool) -> None:
         if self._link is None:
             return
-        self._link.start(stem, self._metadata, resume=resume)
+        self._link.start(stem, self._metadata, resume=resume, first_tick=self._first_tick)
+        since_ns = self._unix_ns() - round(EVENTS_BEFORE_S * 1e9)
         while self._unsent:
             event = self._unsent.popleft()
-            self._link.event(event.t_ns, event.kind, event.message, event.data)
+            if event.t_ns >= since_ns:
+                self._link.event(event.t_ns, event.kind, event.message, event.data)
 
     def _follow_process(self) -> None:
         process = self._children.process(RECORDER)

@@ -202,11 +202,18 @@ class PlanView(Reply):
 
 
 class RecordingView(Reply):
-    """What the recorder says of itself."""
+    """What the recorder says of itself.
+
+    path: the newest file by the name that it has now, with `.part` until it is whole; final_path:
+    the name that it gets then. error: why what should be recorded is not; obstacle: why a recording
+    could not begin now, though none has to.
+    """
 
     recording: bool
     path: str
+    final_path: str = ""
     error: str = ""
+    obstacle: str = ""
     detail: dict[str, Any] = {}
 
 

@@ -1,6 +1,8 @@
 """The recorder without its process: a ring in, files out."""
 
+import errno
 import json
+import shutil
 import threading
 from pathlib import Path
 from typing import Any
@@ -16,8 +18,9 @@ from motord.record.errors import RecordError
 from motord.record.feed import Mark, last_mark
 from motord.record.files import file_name, next_file, numbers
 from motord.record.reader import open_run
-from motord.record.recording import Recording, free_bytes
+from motord.record.recording import Recording
 from motord.record.session import Session
+from motord.record.storage import free_bytes
 from motord.record.writer import RunWriter
 from motord.runtime.ring import RingWriter
 from motord.schema import TICK_DTYPE
@@ -103,7 +106,8 @@ def test_ticks_from_the_start_on_are_recorded_once(bench):
     assert run.end["reason"] == "done"
     report = bench.report()
     assert report == {
-        "recording": False, "file": str(bench.files()[0]), "files": 1, "ticks": 530,
+        "recording": False, "file": str(bench.files()[0]), "path": str(bench.files()[0]),
+        "files": 1, "ticks": 530,
         "bytes": bench.files()[0].stat().st_size, "lost": 0, "error": "",
     }  # fmt: skip
     block = np.concatenate(list(run.blocks()))
@@ -688,3 +692,188 @@ def test_the_last_tick_of_a_recording(tmp_path):
     file_name(stem, 0).write_bytes(content)
     assert last_mark(stem).tick == 499
     assert same(open_run(file_name(stem, 0)).tick_table.last(), block[499:500])
+
+
+# --- a disk that takes no more, and takes again
+
+
+def test_a_folder_that_is_deleted_is_told_and_recording_goes_on_when_it_is_back(bench):
+    bench.start()
+    bench.loop(40)
+    bench.step()
+    bench.step(1.0)  # a sync
+    shutil.rmtree(bench.stem.parent)
+    bench.stem.parent.write_text("in the way of a folder")
+    bench.loop(10)
+    bench.step(1.1)
+    bench.step()
+    report = bench.report()
+    assert not report["recording"]
+    assert "it was removed or moved while it was being written" in report["error"]
+    for _ in range(10):
+        bench.loop(10)
+        bench.step(1.0)
+    assert not bench.report()["recording"]
+    assert bench.report()["error"] != ""
+    bench.stem.parent.unlink()
+    bench.step(30.0)
+    bench.step(30.0)
+    bench.loop(10)
+    bench.step()
+    report = bench.report()
+    assert report["recording"]
+    assert report["error"] == ""
+    assert Path(report["path"]).exists()
+    bench.stop()
+    recorded = bench.recorded()
+    assert recorded == list(range(160))  # the ring had them all
+    [event] = [e for e in bench.events() if e["kind"] == "recording_resumed"]
+    assert event["data"]["lost"] == 0
+    assert "removed or moved" in event["data"]["reason"]
+
+
+def test_what_a_vanished_file_had_and_the_ring_has_no_more_is_counted(bench):
+    bench.start()
+    bench.loop(40)
+    bench.step(1.1)
+    shutil.rmtree(bench.stem.parent)
+    bench.step(1.1)
+    bench.loop(CAPACITY)
+    bench.step(30.0)
+    bench.loop(10)
+    bench.step(0.05)
+    bench.stop()
+    recorded = bench.recorded()
+    assert recorded == list(range(recorded[0], 40 + CAPACITY + 10))
+    assert bench.report()["lost"] == recorded[0]
+    assert recorded[0] > 40
+
+
+def test_a_disk_that_was_full_takes_the_rest_in_a_new_file(bench):
+    bench.start()
+    for _ in range(4):
+        bench.loop(30)
+        bench.step(1.1)
+    bench.free = 0
+    bench.loop(10)
+    bench.step(1.1)
+    bench.step(1.1)
+    assert "free_min_MB" in bench.report()["error"]
+    bench.loop(50)
+    bench.step(1.1)
+    bench.free = PLENTY
+    bench.step(30.0)
+    bench.loop(5)
+    bench.step()
+    bench.stop()
+    assert bench.recorded() == list(range(185))
+    assert [f.name for f in bench.files()] == ["day-000.mcap", "day-001.mcap"]
+
+
+def test_a_start_that_fails_is_tried_again_and_loses_nothing(bench):
+    bench.loop(20)
+    bench.stem.parent.write_text("in the way of a folder")
+    bench.start()
+    assert bench.report()["error"] != ""
+    bench.loop(30)
+    bench.step()
+    bench.stem.parent.unlink()
+    bench.step(1.1)
+    bench.step()
+    bench.stop()
+    assert bench.recorded() == list(range(20, 50))
+    assert bench.report()["error"] == ""
+
+
+def test_a_file_that_cannot_get_its_name_at_the_end_is_told(bench):
+    bench.start()
+    bench.loop(40)
+    bench.step()
+    shutil.rmtree(bench.stem.parent)
+    bench.stop()
+    [outcome] = bench.report()["leftovers"].values()
+    assert "not ended in order, with 40 ticks" in outcome
+
+
+def test_a_descriptor_that_is_missing_is_an_error_and_not_the_end(bench, monkeypatch):
+    def no_more(*arguments):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("motord.record.session.last_mark", no_more)
+        bench.start(resume=True)
+    assert "Too many open files" in bench.report()["error"]
+
+
+def test_whether_it_could_record_is_looked_at_while_it_does_not(bench):
+    bench.settings = bench.session._settings.model_copy(update={"directory": bench.stem.parent})
+    bench.session = bench.new_session()
+    bench.step()
+    assert "obstacle" not in bench.report()
+    assert bench.files() == []
+    bench.free = 0
+    bench.step(2.1)
+    assert "free_min_MB" in bench.report()["obstacle"]
+    bench.free = PLENTY
+    shutil.rmtree(bench.stem.parent)
+    bench.stem.parent.write_text("in the way of a folder")
+    bench.step(2.1)
+    assert f"{bench.stem.parent}: cannot write there" in bench.report()["obstacle"]
+    bench.stem.parent.unlink()
+    bench.step(2.1)
+    assert "obstacle" not in bench.report()
+
+
+# --- from a tick on
+
+
+def test_a_recording_begins_with_the_tick_that_is_asked_for(bench):
+    bench.loop(100)
+    bench.step()
+    bench.start(first_tick=60)
+    bench.loop(10)
+    bench.step()
+    bench.stop()
+    assert bench.recorded() == list(range(60, 110))
+    assert bench.report()["lost"] == 0
+    assert not any(e["kind"] == "recorder_restarted" for e in bench.events())
+
+
+def test_ticks_that_the_recording_before_has_are_not_recorded_twice(bench):
+    bench.start()
+    bench.loop(50)
+    bench.step()
+    bench.stop()
+    bench.loop(10)
+    for _ in range(2):  # by the same recorder, and by one that was started since
+        bench.stem = bench.stem.with_name(f"{bench.stem.name}x")
+        bench.start(first_tick=20)
+        bench.loop(10)
+        bench.step()
+        bench.stop()
+        bench.session = bench.new_session()
+    assert sorted(bench.recorded()) == list(range(80))
+
+
+def test_a_counter_that_began_anew_hides_no_tick(bench):
+    bench.start()
+    bench.loop(200)
+    bench.step()
+    bench.stop()
+    bench.ring = RingWriter(bench.ring_path, CAPACITY)
+    bench.loop(50, first=0)
+    bench.stem = bench.stem.with_name("next")
+    bench.start(first_tick=0)
+    bench.step()
+    bench.stop()
+    assert bench.report()["ticks"] == 50
+
+
+def test_ticks_before_the_first_that_the_ring_has_are_counted_as_lost(bench):
+    bench.loop(CAPACITY + 100)
+    bench.start(first_tick=50)
+    bench.step()
+    bench.stop()
+    recorded = bench.recorded()
+    assert recorded[-1] == CAPACITY + 99
+    assert bench.report()["lost"] == recorded[0] - 50 > 0

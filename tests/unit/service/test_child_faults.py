@@ -71,16 +71,16 @@ def test_a_line_that_is_no_report_is_told_and_counted(played):
 
 
 def test_a_recorder_that_takes_no_commands_is_told_anew_what_to_record(played):
-    [start] = played.recorders[0].told("start")
+    start = played.record()
     for number in range(400):
         played.supervisor.bench.events.emit("note", "x" * 20_000, n=number)
-    played.step(12)
+    played.step(12, State.ENABLED)
     assert played.state()["processes"]["recorder"]["dropped_messages"] > 100
     assert any("did not take its commands in time" in m for m in played.messages())
     again = []
     for _ in range(100):
         again += played.recorders[0].told("start")
-        played.step()
+        played.step(1, State.ENABLED)
     assert [(c["out"], c["resume"]) for c in again] == [(start["out"], True)]
 
 

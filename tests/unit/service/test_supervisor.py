@@ -140,6 +140,15 @@ class PlayedDaemon:
         self.supervisor.loop.start(self.now_ns)
         self.loops[-1].ready()
         self.step()
+        self.recorders[-1].report(recording=False)
+        self.step()
+
+    def record(self):
+        """Be enabled, so that it is recorded; return what the recorder was told for it."""
+        self.step(2, State.ENABLED)
+        [start] = self.recorders[-1].told("start")
+        self.recorders[-1].report(file=f"{start['out']}-000.mcap")
+        return start
 
     def step(self, steps=1, state=State.OFF):
         for _ in range(steps):
@@ -180,29 +189,65 @@ def test_every_rpc_has_a_handler(played):
     assert played.supervisor.desk._handlers.keys() == REQUESTS.keys()
 
 
-def test_the_loop_comes_up_and_is_recorded_from_then_on(played):
+def test_a_bench_that_is_not_powered_is_not_recorded(played):
     played.step()
     assert played.state()["fault"] == "the loop is not up yet"
     played.up()
     assert played.state()["fault"] == ""
+    assert played.supervisor.recording.settled
+    played.step(300)
+    played.step(50, State.READY)
+    assert played.recorders[0].told("start") == []
+    assert not played.state()["recording"]["recording"]
+
+
+def test_a_bench_is_recorded_from_before_it_was_enabled_until_after_it_no_longer_is(played):
+    played.up()
+    played.step(300)
+    enabled_at = played.loops[0].number
+    played.step(1, State.ENABLED)
     [start] = played.recorders[0].told("start")
+    assert start["first_tick"] == enabled_at - 2 * played.config.loop.rate_Hz
+    assert start["resume"] is False
     assert Path(start["out"]).parent == played.folder / "runs"
     assert Path(start["out"]).name.startswith("played-1970")
     assert start["metadata"]["config"] == "the text"
     assert start["metadata"]["realtime"]["kernel"] == "k"
-    assert start["resume"] is False
     assert not played.supervisor.recording.settled
-    played.recorders[0].report(file="/runs/x.mcap", ticks=3)
-    played.step()
+    name = f"{start['out']}-000.mcap"
+    played.recorders[0].report(file=name, path=f"{name}.part", ticks=3)
+    played.step(12, State.ENABLED)
+    view = played.supervisor.recording.view()
     assert played.supervisor.recording.settled
-    assert played.supervisor.recording.view().path == "/runs/x.mcap"
-    assert played.supervisor.recording.view().detail == {"ticks": 3}
+    assert (view.path, view.final_path) == (f"{name}.part", name)
+    assert view.detail == {"ticks": 3}
+    played.step(195, State.TRIPPED)  # a trip is no end of interest
+    assert played.recorders[0].told("stop") == []
+    played.step(1, State.ENABLED)
+    played.step(195, State.OFF)
+    assert played.recorders[0].told("stop") == []
+    played.step(10, State.OFF)
+    assert len(played.recorders[0].told("stop")) == 1
+    assert played.recorders[0].told("start") == []
+
+
+def test_a_bench_that_an_external_drive_turns_is_recorded(played):
+    played.up()
+    played.step(5, State.READY)
+    played.supervisor.bench.setpoint.drive_Hz = 1.0
+    played.step(1, State.READY)
+    assert len(played.recorders[0].told("start")) == 1
+    played.supervisor.bench.setpoint.drive_Hz = 0.0
+    played.step(210, State.READY)
+    assert len(played.recorders[0].told("stop")) == 1
 
 
 def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()
-    assert played.recorders[0].told() == []
+    played.step(5, State.ENABLED)
+    played.step(5, State.OFF)
+    assert played.recorders[0].told("start") == []
     assert played.supervisor.recording.settled
     token = played.ask("lease/acquire", holder="anna")["token"]
     answer = played.ask("plan/start", token=token, name="calibrate", notes="by night")
@@ -220,26 +265,112 @@ def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played.close()
 
 
-def test_a_plan_has_a_recording_between_two_others(played):
+def test_a_plan_has_a_recording_of_its_own_between_two_others_while_it_is_powered(played):
+    played.up()
+    first = played.record()
+    played.step(5)
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    played.step(5, State.ENABLED)
+    call = played.bring("stop")
+    played.step(2, State.ENABLED)  # the loop has not seen it yet
+    played.step(2)
+    call.wait(0)
+    told = played.recorders[0].told()
+    stems = [Path(c["out"]).name for c in told if c["do"] == "start"]
+    assert [("calibrate" in stem) for stem in stems] == [True, False]
+    assert len({*stems, Path(first["out"]).name}) == 3
+    assert [c for c in told if c["do"] == "stop"] == []
+
+
+def test_the_recording_of_a_plan_ends_with_it(played):
     played.up()
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.ask("plan/start", token=token, name="calibrate")
     played.step(5)
     played.ask("stop")
-    stems = [Path(c["out"]).name for c in played.recorders[0].told("start")]
-    assert [("calibrate" in stem) for stem in stems] == [False, True, False]
-    assert len(set(stems)) == 3
+    told = [c["do"] for c in played.recorders[0].told() if c["do"] in ("start", "stop")]
+    assert told == ["start", "stop"]
+
+
+@pytest.mark.parametrize(
+    ("report", "why"),
+    [
+        (None, "the recorder is not up"),
+        ({"recording": False, "obstacle": "/runs: cannot write there: No such device"}, "/runs"),
+    ],
+)
+def test_a_plan_that_cannot_be_recorded_is_refused_before_anything_is_powered(played, report, why):
+    played.up()
+    if report is None:
+        played.recorders[0].code = -9
+    else:
+        played.recorders[0].report(**report)
+    played.step(2)
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    with pytest.raises(Refusal, match=why) as caught:
+        played.ask("plan/start", token=token, name="calibrate")
+    assert "required = false" in caught.value.message
+    assert played.supervisor.bench.plans.view is None
+    assert played.ask("plan/start", name="calibrate", dry_run=True)["points"]
+
+
+def test_a_recorder_that_is_silent_is_not_relied_on(played):
+    played.up()
+    played.step(600)
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    with pytest.raises(Refusal, match="has not reported for 6 s"):
+        played.ask("plan/start", token=token, name="calibrate")
+
+
+def test_a_plan_may_go_unrecorded_if_the_bench_file_says_so(tmp_path, monkeypatch):
+    played = PlayedDaemon(tmp_path, monkeypatch, recording={"required": False})
+    played.up()
+    played.recorders[0].report(recording=False, obstacle="/runs: cannot write there")
+    played.step(2)
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate", detach=True)
+    for _ in range(12):
+        played.recorders[0].report(recording=False, error="/runs: cannot write there")
+        played.step(100)
+    assert played.supervisor.bench.plans.active
+    played.close()
+
+
+@pytest.mark.parametrize("reports", [True, False])
+def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(played, reports):
+    played.up()
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate", detach=True)
+    [start] = played.recorders[0].told("start")
+    limit_s = 0.5 * played.config.loop.ring_s
+    for _ in range(60):  # the recorder dies and comes back, again and again
+        played.recorders[0].report(file=f"{start['out']}-000.mcap")
+        played.step(50, State.ENABLED)
+        played.recorders[0].report(recording=False, error="")
+        played.step(round(0.5 * limit_s * 100), State.ENABLED)
+        if not reports:
+            break
+    assert played.supervisor.bench.plans.view.state in ("running", "paused")
+    for _ in range(round(2 * limit_s)):
+        if reports:
+            played.recorders[0].report(recording=False, error="/runs: gone")
+        played.step(50, State.ENABLED)
+    view = played.supervisor.bench.plans.view
+    assert "not recorded for 7.5 s" in view.message
+    assert ("/runs: gone" in view.message) is reports
 
 
 def test_a_recorder_that_ends_is_started_again_where_it_left_off(played):
     played.up()
-    [first] = played.recorders[0].told("start")
+    first = played.record()
     played.recorders[0].code = -9
-    played.step()
+    played.step(1, State.ENABLED)
     assert any("recorder ended: killed by SIGKILL" in m for m in played.messages())
-    played.step(30)
+    played.step(30, State.ENABLED)
     [again] = played.recorders[1].told("start")
     assert (again["out"], again["resume"]) == (first["out"], True)
+    assert again["first_tick"] == first["first_tick"]
     assert played.state()["processes"]["recorder"]["restarts"] == 1
 
 
@@ -254,6 +385,7 @@ def test_what_a_recorder_complains_of_is_an_event_once(played):
 
 def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     played.up()
+    played.record()
     played.step(20, State.ENABLED)
     played.loops[0].code = -9
     played.step()
@@ -267,10 +399,13 @@ def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     assert len(played.loops) == 2
     with pytest.raises(Refusal):
         resetting.wait(0)
+    assert played.recorders[0].told("start") == []
     played.loops[1].ready()
     played.step(3)
     assert resetting.wait(0) == {"state": "OFF"}
+    played.step(1, State.ENABLED)
     assert played.recorders[0].told("start")
+    played.step(12)
     assert played.state()["fault"] == ""
 
 
@@ -325,7 +460,7 @@ def test_an_installed_calibration_is_in_force_from_the_start(tmp_path, monkeypat
     assert played.state()["calibration"]["id"] == given.id
     assert played.loops[0].tables.current.parameters["alpha"][0] == pytest.approx(given.alpha)
     assert played.supervisor.bench.setpoint.compensate == COMPENSATE["on"]
-    assert played.recorders[0].told("start")[0]["metadata"]["calibration"] == given.id
+    assert played.record()["metadata"]["calibration"] == given.id
     played.close()
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -10,6 +11,7 @@ from motord import config
 from motord.cli.record import app
 from motord.record.writer import RunWriter
 from motord.runtime.timing import Timing, TimingSummary, total
+from motord.schema import TICK_DTYPE, State
 from motord.service.events import EventLog
 from motord.service.recording import Recording
 from motord.service.timing_log import EVERY_NS
@@ -87,6 +89,11 @@ class Bench:
         self.recording.step(0)
         return self.children.running
 
+    def power_on(self):
+        tick = np.zeros(1, TICK_DTYPE)
+        tick["state"] = State.ENABLED
+        self.recording.step(0, tick)
+
     def loop(self):
         self.live = Timing.create(self.path)
         return self.live
@@ -111,7 +118,7 @@ def timings(commands):
 def test_a_recording_gets_what_was_counted_while_it_was_made(bench):
     recorder, live = bench.next_recorder(), bench.loop()
     live.work.add(1_000)
-    bench.recording.loop_up()
+    bench.power_on()
     live.work.add(5_000)
     live.wake_late.add(70)
     live.record["missed"] = 3
@@ -127,7 +134,7 @@ def test_a_recording_gets_what_was_counted_while_it_was_made(bench):
 
 def test_it_is_told_every_minute_and_the_parts_add_up(bench):
     recorder, live = bench.next_recorder(), bench.loop()
-    bench.recording.loop_up()
+    bench.power_on()
     for minute in range(3):
         live.work.add(1_000 * (minute + 1))
         live.record["missed"] += 1
@@ -135,7 +142,6 @@ def test_it_is_told_every_minute_and_the_parts_add_up(bench):
         bench.recording.step(0)
         bench.recording.step(0)
     live.work.add(9_000)
-    bench.recording.loop_down()
     bench.recording.end("the loop ended")
     parts = timings(recorder.heard())
     assert [(part.missed, part.work.samples) for part in parts] == [(1, 1)] * 3 + [(0, 1)]
@@ -146,20 +152,21 @@ def test_it_is_told_every_minute_and_the_parts_add_up(bench):
 
 def test_the_next_recording_begins_to_count_where_the_one_before_ended(bench):
     recorder, live = bench.next_recorder(), bench.loop()
-    bench.recording.loop_up()
+    bench.power_on()
     live.work.add(1_000)
-    bench.recording.loop_up()
+    bench.recording.end("first")
+    bench.power_on()
     live.work.add(2_000)
     live.work.add(2_000)
     bench.recording.end("over")
     heard = recorder.heard()
-    assert [c["kind"] for c in heard] == ["start", "timing", "start", "timing", "stop"]
+    assert [c["kind"] for c in heard] == ["start", "timing", "stop"] * 2
     assert [part.work.samples for part in timings(heard)] == [1, 2]
 
 
 def test_nothing_is_lost_while_there_is_no_recorder(bench):
     recorder, live = bench.next_recorder(), bench.loop()
-    bench.recording.loop_up()
+    bench.power_on()
     live.work.add(1_000)
     bench.children.running = None
     bench.now_ns += 2 * EVERY_NS
@@ -175,14 +182,14 @@ def test_nothing_is_lost_while_there_is_no_recorder(bench):
 
 def test_without_a_loop_that_counts_there_is_no_such_event(bench):
     recorder = bench.next_recorder()
-    bench.recording.loop_up()
+    bench.power_on()
     bench.recording.end("over")
     assert [command["kind"] for command in recorder.heard()] == ["start", "stop"]
 
 
 def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     recorder, live = bench.next_recorder(), bench.loop()
-    bench.recording.loop_up()
+    bench.power_on()
     live.work.add(1_000)
     recorder.say(recording=True, file="run-000.mcap", error="")
     bench.recording.step(0)
@@ -196,7 +203,7 @@ def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
 
 def test_a_recorder_that_has_died_is_not_waited_for(bench):
     recorder = bench.next_recorder()
-    bench.recording.loop_up()
+    bench.power_on()
     recorder.say(recording=True, file="run-000.mcap", error="")
     bench.recording.step(0)
     recorder.code = -9

@@ -1,0 +1,47 @@
+"""Whether recordings can be written to a folder: asked before they are needed."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from motord.config import RecordingConfig
+
+MB = 1e6
+
+
+def free_bytes(folder: Path) -> int:
+    """Return the bytes that a user may still write in `folder`. Raises OSError."""
+    return shutil.disk_usage(folder).free
+
+
+def too_little_space(
+    folder: Path, settings: RecordingConfig, free: Callable[[Path], int] = free_bytes
+) -> str:
+    """Return in words that less than `free_min_MB` is free, "" if more is, or if nobody knows."""
+    try:
+        short = free(folder) < settings.free_min_MB * MB
+    except OSError:
+        return ""  # writing will tell
+    if not short:
+        return ""
+    return f"less than recording.free_min_MB = {settings.free_min_MB:g} is free"
+
+
+def obstacle(settings: RecordingConfig, free: Callable[[Path], int] = free_bytes) -> str:
+    """Return why nothing could be recorded now, with the folder, "" if it could.
+
+    Makes the folder, and a file in it which it removes; may take as long as the disk does.
+    """
+    folder = settings.directory.absolute()
+    probe = folder / f".motord-probe-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            probe.write_bytes(b"x")
+        finally:
+            probe.unlink(missing_ok=True)
+    except OSError as error:
+        return f"{folder}: cannot write there: {error.strerror or error}"
+    short = too_little_space(folder, settings, free)
+    return f"{folder}: {short}" if short else ""
