@@ -99,9 +99,7 @@ class Sweep:
                     state = client.state()
                     if state.fault or state.state == "TRIPPED":
                         _command(client, "reset")
-                wait_for(
-                    client, lambda s: "calibrate" not in s.recording.path, "the next recording"
-                )
+                wait_for(client, lambda s: not s.recording.recording, "the recording to end")
             assert daemon.end() == 0
             return True
         finally:

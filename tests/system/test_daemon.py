@@ -106,7 +106,7 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
         while not view.over:
             view = progress.get(PATIENCE_S)
         assert (view.state, view.points_done) == ("done", 2)
-        wait_for(client, lambda s: s.recording.path != view.recording, "the next recording")
+        wait_for(client, lambda s: not s.recording.recording, "the recording to end")
     assert running.end() == 0
     [plan_run] = [run for run in running.runs() if run.metadata["plan"]]
     assert str(plan_run.path) == view.recording
@@ -172,8 +172,11 @@ def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(running):
 
 
 def test_a_dead_recorder_is_restarted_and_the_gap_is_told(running):
-    with running.connect() as client:
+    with running.connect() as client, client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
         before = wait_for(client, lambda s: s.recording.recording, "a recording")
+        assert before.recording.path == f"{before.recording.final_path}.part"
+        assert Path(before.recording.path).exists()
         subprocess.run(["kill", "-9", str(before.processes["recorder"].pid)], check=True)
         after = wait_for(
             client,
@@ -181,7 +184,7 @@ def test_a_dead_recorder_is_restarted_and_the_gap_is_told(running):
             "a new recording",
         )
         assert after.processes["recorder"].restarts == 1
-        assert after.state == "OFF"
+        assert after.state == "ENABLED"
         assert any("recorder ended" in event.message for event in client.events())
     assert running.end() == 0
     ticks = [run.ticks(("tick", "missed", "flags")) for run in running.runs()]

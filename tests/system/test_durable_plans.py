@@ -87,7 +87,7 @@ def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path
             assert answer["points"] == 4
             end = followed(client, lease.token, lambda view: view.over)
             assert (end.state, end.points_done) == ("done", 4)
-            wait_for(client, lambda s: s.recording.path != end.recording, "the next recording")
+            wait_for(client, lambda s: not s.recording.recording, "the recording to end")
         assert second.end() == 0
     runs = [run for run in second.runs() if run.metadata["plan"]]
     assert [run.metadata["plan"]["run_id"] for run in runs] == [begun.run_id] * 2

@@ -89,10 +89,10 @@ class Bench:
 @contextmanager
 def enabled(folder, path, before=()):
     with daemon(folder, path, before) as running, running.connect() as client:
-        wait_for(client, lambda s: s.recording.recording, "a recording")
         lease = client.lease("anna")
         lease.acquire()
         client.rpc("enable", token=lease.token)
+        wait_for(client, lambda s: s.recording.recording, "a recording")
         client.rpc("set", token=lease.token, torque_Nm=1.0, speed_Hz=0.7)
         yield Bench(running, client)
 

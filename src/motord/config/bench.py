@@ -127,10 +127,14 @@ Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
 
 
 class RecordingConfig(Section):
-    """`[recording]`: where runs go and how they are written."""
+    """`[recording]`: where runs go and how they are written.
+
+    auto: hand operation is recorded while the bench is powered, or "always". required: a plan that
+    cannot be recorded is refused or ended.
+    """
 
     directory: Path = Path("runs")
-    auto: bool = True
+    auto: bool | Literal["always"] = True
     required: bool = True
     chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25
     compression: Literal["zstd", "lz4", "none"] = "zstd"

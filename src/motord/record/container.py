@@ -123,8 +123,7 @@ class Container:
         try:
             self._write(MAGIC + serialise([Header(profile="", library=library())]))
         except RecordError:
-            self.abandon()
-            self._part.unlink(missing_ok=True)
+            self.discard()
             raise
 
     @property
@@ -177,6 +176,12 @@ class Container:
         if self.open:
             os.close(self._descriptor)
             self._descriptor = -1
+
+    def discard(self) -> None:
+        """Let go of a file in which there is nothing of use, and remove it."""
+        self.abandon()
+        with suppress(OSError):
+            self._part.unlink()
 
     def _create(self) -> int:
         for taken in (self.path, self._part):

@@ -54,7 +54,7 @@ class RunWriter:
             self.metadata(METADATA, {"format": FORMAT, **metadata})
             self._declare(topics.TICKS)
         except RecordError:
-            self._file.abandon()
+            self._file.discard()
             raise
 
     @property

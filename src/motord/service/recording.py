@@ -1,7 +1,7 @@
 """What is recorded and under which name: the supervisor's side of the recorder process.
 
 With `[recording] auto` the bench is recorded whenever it is powered: from `BEFORE_S` before it was
-enabled, out of the ring, until `AFTER_S` after it no longer is. A plan gets a recording of its own,
+enabled, out of the ring, until `AFTER_S` after it no longer is; with "always", powered or not. A plan gets a recording of its own,
 from its start to its end; one of hand operation that goes on ends before it, and if the bench is
 still powered a new one begins after it, so that every tick of a powered bench is in exactly one
 file. A recorder that was started again goes on where the files of its predecessor end, as far back
@@ -96,7 +96,7 @@ class Recording:
         self._plan_told: tuple[object, ...] = ()
         self._error = ""
         self._dropped = 0
-        self._enabled = False
+        self._enabled = self._loop_up = False
         self._timing = TimingLog(timing, self.event)
         self.followers: list[Follower] = []
         self.calibration_id: Callable[[], str] = str
@@ -111,7 +111,7 @@ class Recording:
 
     def loop_down(self) -> None:
         """Begin nothing new; what is still to be said of the loop's end goes into the old file."""
-        self._enabled = False
+        self._loop_up = False
 
     def end(self, why: str) -> None:
         """End what is recorded now."""
@@ -215,7 +215,8 @@ class Recording:
     def plan_over(self, view: PlanView) -> None:
         """End the recording of a plan; if the bench is still powered, another goes on."""
         self._plan = False
-        if self._config.recording.auto and (self._enabled or self.driven()):
+        auto = self._config.recording.auto
+        if self._loop_up and auto and (auto == "always" or self._enabled or self.driven()):
             self._powered_ns = self._now_ns
             self._begin("", {})
         else:
@@ -225,10 +226,12 @@ class Recording:
         """Begin and end the recordings of hand operation."""
         enabled = block["state"] == State.ENABLED
         if len(block):
+            self._loop_up = True
             self._enabled, self._newest_tick = bool(enabled[-1]), int(block["tick"][-1])
         if self._plan or not self._config.recording.auto:
             return
-        if enabled.any() or self.driven():
+        always = self._config.recording.auto == "always"
+        if always or enabled.any() or self.driven():
             self._powered_ns = now_ns
             if self._stem is None and len(block):
                 powered = int(block["tick"][np.argmax(enabled)])

@@ -242,6 +242,22 @@ def test_a_bench_that_an_external_drive_turns_is_recorded(played):
     assert len(played.recorders[0].told("stop")) == 1
 
 
+def test_everything_is_recorded_always_if_the_bench_file_says_so(tmp_path, monkeypatch):
+    played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": "always"})
+    played.up()
+    [start] = played.recorders[0].told("start")
+    assert start["first_tick"] == 0
+    played.step(300)
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    played.ask("plan/start", token=token, name="calibrate")
+    played.step(2)
+    played.ask("stop")
+    played.step(300)
+    told = [c for c in played.recorders[0].told() if c["do"] in ("start", "stop")]
+    assert ["calibrate" in c.get("out", "no stop is meant") for c in told] == [True, False]
+    played.close()
+
+
 def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     played.up()
