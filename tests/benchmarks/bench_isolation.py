@@ -129,7 +129,7 @@ def running_bench() -> Iterator[Bench]:
         path = write_sim(Path(name), "isolation")
         text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
         text = text.replace("[zenoh]\n", "[zenoh]\ntick_rate_Hz = 1000.0\n")
-        path.write_text(text)
+        path.write_text(f'{text}\n[recording]\nauto = "always"\n')
         with daemon(Path(name), path) as running:
             yield Bench(running, cpu)
 

@@ -89,9 +89,11 @@ def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path
             assert (end.state, end.points_done) == ("done", 4)
             wait_for(client, lambda s: not s.recording.recording, "the recording to end")
         assert second.end() == 0
+    assert not list((tmp_path / "runs").glob("*.part"))  # the next daemon has closed it
     runs = [run for run in second.runs() if run.metadata["plan"]]
-    assert [run.metadata["plan"]["run_id"] for run in runs] == [begun.run_id] * 2
-    assert runs[1].metadata["plan"]["continues"] == str(runs[0].path).removesuffix(".part")
+    assert {run.metadata["plan"]["run_id"] for run in runs} == {begun.run_id}
+    assert [run.metadata.get("recovered") for run in runs] == [None, "from the ring", None]
+    assert runs[2].metadata["plan"]["continues"] == str(runs[0].path)
     found = points_of(runs)
     assert Counter(index for index, _ in found) == dict.fromkeys(range(4), 1)
     rate_Hz, slowest_Hz = second.config.loop.rate_Hz, 1.0

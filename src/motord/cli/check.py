@@ -31,7 +31,7 @@ def check(
     ] = (False),
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Check a bench file and probe each of its devices; nothing is enabled or set."""
+    """Check a bench file, probe each device and where recordings go; nothing is enabled or set."""
     from motord.config import ConfigError, load
 
     try:
@@ -41,7 +41,7 @@ def check(
     findings: list[Finding] = [
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
-    findings += probe_devices(bench)
+    findings += [*probe_devices(bench), probe_recordings(bench)]
     rights = _rights(bench) if rt else []
     host = _host(bench) if rt else []
     if as_json:
@@ -71,6 +71,24 @@ def probe_devices(bench: "Config") -> list[Finding]:
             ]
     except RunDirError as error:
         return [{"what": "devices", "ok": False, "message": str(error)}]
+
+
+def probe_recordings(bench: "Config") -> Finding:
+    """Write to the folder of recordings as the recorder would, and look at its free space."""
+    from contextlib import suppress
+
+    from motord.record.storage import free_bytes, obstacle
+
+    folder = bench.recording.directory.absolute()
+    was_there = folder.exists()
+    why = obstacle(bench.recording)
+    if why:
+        return {"what": "recordings", "ok": False, "message": why}
+    free_GB = free_bytes(folder) / 1e9
+    if not was_there:
+        with suppress(OSError):
+            folder.rmdir()
+    return {"what": "recordings", "ok": True, "message": f"{folder}, {free_GB:.1f} GB free"}
 
 
 def _probe(what: str, probe: Callable[[], str]) -> Finding:

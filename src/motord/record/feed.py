@@ -52,7 +52,7 @@ def last_mark(stem: Path) -> Mark | None:
     """Return the last tick in the newest file of the recording `stem`, None if there is none."""
     for number in reversed(numbers(stem)):
         path = file_name(stem, number)
-        mark = _mark(path if path.exists() else part_of(path))
+        mark = mark_of(path if path.exists() else part_of(path))
         if mark is not None:
             return mark
     return None
@@ -63,11 +63,11 @@ def neighbours(stem: Path) -> tuple[Mark, ...]:
 
     One of them ended where `stem` begins, if it is of the same bench.
     """
-    marks = map(_mark, newest_others(stem, NEIGHBOURS))
+    marks = map(mark_of, newest_others(stem, NEIGHBOURS))
     return tuple(sorted((m for m in marks if m is not None), key=lambda m: -m.t_ns))
 
 
-def _mark(path: Path) -> Mark | None:
+def mark_of(path: Path) -> Mark | None:
     """Return the last tick in a file, None if it has none, or none that can be read."""
     try:
         last = open_run(path).tick_table.last(["tick", "t_ns", "missed"])
@@ -157,7 +157,7 @@ class Feed:
         if mark is None:
             fresh, missing = self._from_first(block)
             return Piece(fresh, lost + missing, new_ring=new_ring)
-        fresh, lost = _after(block, mark)
+        fresh, lost = after(block, mark)
         fresh = fresh[fresh["tick"] >= self._first_tick]
         if not len(fresh):
             self._mark = mark  # nothing new yet
@@ -185,7 +185,7 @@ def _is_in(block: Block, mark: Mark) -> Block:
     return found
 
 
-def _after(block: Block, mark: Mark) -> tuple[Block, int]:
+def after(block: Block, mark: Mark) -> tuple[Block, int]:
     """Return the ticks of `block` that come after `mark`, and how many between are lost."""
     same = _is_in(block, mark)
     if same.any():

@@ -20,6 +20,7 @@ from motord.config import Config, ConfigError, load
 from motord.record.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
 from motord.record.errors import RecordError
 from motord.record.launch import BACKLOG_MAX_BYTES
+from motord.record.leftovers import Leftovers
 from motord.record.lines import LINE_MAX_BYTES, LineReader, LineWriter
 from motord.record.metadata import describe
 from motord.record.plain import to_line
@@ -106,10 +107,14 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     _allocate_from_one_heap()
     try:
         config = load(options.config)
-        session = Session(RunDir.at(options.dir).ring, config.recording)
+        run_dir = RunDir.at(options.dir)
+        session = Session(run_dir.ring, config.recording)
+        leftovers = Leftovers(
+            config, run_dir, lambda: _metadata(config, options.config), session.leave
+        )
         if options.out is not None:
             session.start(options.out, _metadata(config, options.config), time.monotonic())
-    except (ConfigError, RecordError) as error:
+    except (ConfigError, RecordError, OSError) as error:
         sys.stderr.write(f"motord recorder: {error}\n")
         return 1
     stopped: list[int] = []
@@ -118,6 +123,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     for descriptor in (commands, reports):
         os.set_blocking(descriptor, False)
     lines = LineReader(commands, COMMAND_MAX_BYTES)
+    leftovers.start()
     run(
         session,
         lines,
@@ -126,6 +132,7 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         lambda wait_s: _wait(commands, lines, wait_s),
         on_orphaned=lambda now_s: _box_of_the_daemons_end(session, config, options.config, now_s),
     )
+    leftovers.stop()
     return 0
 
 

@@ -1,5 +1,6 @@
 """A clean recording made from a damaged or unfinished one: all its whole chunks, as they are."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from motord.record.chunk import Index, chunk_record
 from motord.record.container import PART, Container
 from motord.record.content import ChunkError, chunk_head, messages
 from motord.record.damage import Damage
+from motord.record.errors import RecordError
 from motord.record.plain import mended, to_strings
 from motord.record.reader import Run, open_run
 from motord.record.source import Source
@@ -33,15 +35,16 @@ def default_output(path: Path) -> Path:
     return path.with_name(f"{name}.recovered.mcap")
 
 
-def recover(path: Path, output: Path) -> Recovery:
-    """Write all that can be read of `path` as the new file `output`.
+def recover(path: Path, output: Path, go_on: Callable[[], bool] = lambda: True) -> Recovery:
+    """Write all that can be read of `path` as the new file `output`, for as long as `go_on()`.
 
-    Raises RecordError if `path` is not a recording, or `output` exists or cannot be written.
+    Raises RecordError if `path` is not a recording, if `output` exists or cannot be written, and if
+    it was not to go on; then there is no `output`.
     """
     run = open_run(path)
     container = Container(output)
     try:
-        ticks, chunks = _copy(run, container)
+        ticks, chunks = _copy(run, container, go_on)
         damage = run.damage
         account = {
             "from": path.name,
@@ -50,12 +53,15 @@ def recover(path: Path, output: Path) -> Recovery:
         }
         container.metadata(METADATA_RECOVERED, to_strings(account))
         container.finish()
+    except RecordError:
+        container.discard()
+        raise
     finally:
         container.abandon()
     return Recovery(output, ticks, chunks, damage)
 
 
-def _copy(run: Run, container: Container) -> tuple[int, int]:
+def _copy(run: Run, container: Container, go_on: Callable[[], bool]) -> tuple[int, int]:
     """Copy everything that is readable; return the numbers of ticks and of chunks."""
     source = run.source
     for name, strings in source.structure.metadata.items():
@@ -65,6 +71,8 @@ def _copy(run: Run, container: Container) -> tuple[int, int]:
         container.channel(schema, channel)
     ticks, chunks, tick_channel = 0, 0, source.number(topics.TICKS.name)
     for entry, record, content in source.contents(source.chunks()):
+        if not go_on():
+            raise RecordError(f"{run.path}: not done in the time that there was")
         try:
             index = _index(source, content)
         except ChunkError as error:

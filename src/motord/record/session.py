@@ -25,6 +25,8 @@ BACKLOG_BYTES = 64 << 20
 RETRY_FIRST_S, RETRY_LAST_S = 1.0, 30.0
 """A recording that ended by itself is begun again after pauses that grow, for as long as it is
 wanted; the ring holds what has come meanwhile, as far as it reaches."""
+RETRY_MIN_BYTES = 16e6
+"""Free space below which it is not begun again, so that a full disk is not filled with scraps."""
 PROBE_S = 2.0
 """Time between two looks, while nothing is recorded, whether something could be."""
 
@@ -166,6 +168,9 @@ class Session:
         if self._recording is not None:
             self._error = self._recording.error
         self._why_again = self._why_again or self._error
+        if self._nearly_full(wanted.stem.parent):
+            self._retry_at_s = now_s + self._retry_s
+            return
         try:
             if self._before is not None:  # ticks were read that may not be in a file
                 mark = last_mark(wanted.stem) or self._before
@@ -175,6 +180,12 @@ class Session:
             self._error = str(error)
         except OSError as error:
             self._error = f"{error.filename or wanted.stem}: {error.strerror or error}"
+
+    def _nearly_full(self, folder: Path) -> bool:
+        try:
+            return self._free(folder) < RETRY_MIN_BYTES
+        except OSError:  # nobody knows, as when it is gone
+            return False
 
     def stay(self) -> None:
         """Follow the loop that there is to its end, and no other after it."""

@@ -13,6 +13,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+LEFT = ".left-ring"
+LEFT_MAX = 3
+"""Rings of daemons that were killed, the newest: each is some ten MB of memory."""
+
 
 class RunDirError(Exception):
     """The bench is in use by another process, or its folder cannot be used."""
@@ -76,10 +80,13 @@ class RunDir:
     def hold(self) -> Iterator["RunDir"]:
         """Be the one daemon of this bench; on leaving, remove the folder with all that is in it.
 
-        Raises RunDirError with the process number of the daemon that already runs.
+        The ring of a daemon that was killed is kept for the recorder, which takes from it what is
+        in no recording (`left_rings`). Raises RunDirError with the process number of the daemon
+        that already runs.
         """
         self.create()
         with self.lock("daemon", 0.0):
+            self._set_ring_aside()
             self.remove_files()
             try:
                 yield self
@@ -106,11 +113,22 @@ class RunDir:
         finally:
             os.close(descriptor)
 
+    def left_rings(self) -> list[Path]:
+        """Return the rings of daemons that were killed, the oldest first."""
+        found = [path for path in self.path.glob(f"*{LEFT}") if path.stem.isdecimal()]
+        return sorted(found, key=lambda path: int(path.stem))
+
     def remove_files(self) -> None:
-        """Remove the shared files, those of a crashed daemon included; locks stay."""
+        """Remove the shared files, those of a crashed daemon too; locks and left rings stay."""
         for file in self.path.iterdir():
-            if file.suffix != ".lock":
+            if file.suffix not in (".lock", LEFT):
                 file.unlink(missing_ok=True)
+
+    def _set_ring_aside(self) -> None:
+        with suppress(FileNotFoundError):
+            self.ring.rename(self.path / f"{time.time_ns()}{LEFT}")
+        for ring in self.left_rings()[:-LEFT_MAX]:
+            ring.unlink(missing_ok=True)
 
 
 def _make_private(folder: Path) -> None:

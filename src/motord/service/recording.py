@@ -1,11 +1,12 @@
 """What is recorded and under which name: the supervisor's side of the recorder process.
 
 With `[recording] auto` the bench is recorded whenever it is powered: from `BEFORE_S` before it was
-enabled, out of the ring, until `AFTER_S` after it no longer is; with "always", powered or not. A plan gets a recording of its own,
-from its start to its end; one of hand operation that goes on ends before it, and if the bench is
-still powered a new one begins after it, so that every tick of a powered bench is in exactly one
-file. A recorder that was started again goes on where the files of its predecessor end, as far back
-as the ring reaches. A plan of which the ring alone has had the ticks for too long is ended.
+enabled, out of the ring, until `AFTER_S` after it no longer is; with "always", powered or not. A
+plan gets a recording of its own, from its start to its end; one of hand operation that goes on ends
+before it, and if the bench is still powered a new one begins after it, so that every tick of a
+powered bench is in exactly one file. A recorder that was started again goes on where the files of
+its predecessor end, as far back as the ring reaches. A plan of which the ring alone has had the
+ticks for too long is ended.
 """
 
 import time

@@ -99,6 +99,12 @@ def test_files_of_a_killed_daemon_are_replaced(tmp_path: Path) -> None:
     assert run_dir.ring.read_bytes() == b"ring of first"
     with run_dir.hold():
         assert not run_dir.ring.exists()
+        [left] = run_dir.left_rings()
+        assert left.read_bytes() == b"ring of first"
+    [left] = run_dir.left_rings()  # nobody has looked after it
+    left.unlink()
+    with run_dir.hold():
+        pass
     assert not run_dir.path.exists()
 
 

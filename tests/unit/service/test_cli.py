@@ -8,6 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from motord import config
 from motord.cli import app
 from motord.cli.observe import sensor_in_words
 from motord.cli.settings import parse_settings
@@ -386,7 +387,7 @@ def test_check_names_what_is_wrong(tmp_path, monkeypatch):
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
     assert [f["what"] for f in report["findings"]] == [
-        "config", "inverter and bridge", "brake", "drive",
+        "config", "inverter and bridge", "brake", "drive", "recordings",
     ]  # fmt: skip
     assert {"scheduler", "memory lock"} <= {item["name"] for item in report["realtime"]}
     text = CliRunner().invoke(app, ["check", "--rt"]).stdout
@@ -400,3 +401,28 @@ def test_check_of_a_bench_without_its_devices_fails_on_each(tmp_path, monkeypatc
     assert "not ready to run: inverter and bridge, brake, drive" in failed(result)
     missing = CliRunner().invoke(app, ["check", "-c", str(tmp_path / "no.toml")])
     assert "no.toml: cannot read it" in failed(missing)
+
+
+def bench_that_records_to(folder, free_min_MB=1):
+    text = config.packaged("sim.toml").read_text()
+    text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
+    path = folder.parent / "bench.toml"
+    path.write_text(f'{text}\n[recording]\ndirectory = "{folder}"\nfree_min_MB = {free_min_MB}\n')
+    return path
+
+
+def test_check_says_whether_recordings_can_be_written(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = tmp_path / "runs"
+    good = CliRunner().invoke(app, ["check", "-c", str(bench_that_records_to(folder))])
+    assert good.exit_code == 0
+    assert f"recordings: ok, {folder}, " in good.output
+    assert not folder.exists()
+    folder.write_text("in the way of a folder")
+    bad = CliRunner().invoke(app, ["check", "-c", str(bench_that_records_to(folder))])
+    assert bad.exit_code == 1
+    assert f"recordings: {folder}: cannot write there: File exists" in bad.output
+    folder.unlink()
+    full = CliRunner().invoke(app, ["check", "-c", str(bench_that_records_to(folder, 1e12))])
+    assert full.exit_code == 1
+    assert "less than recording.free_min_MB" in full.output

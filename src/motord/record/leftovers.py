@@ -1,0 +1,275 @@
+"""What a bench that was killed left behind: its ring is recorded, its recordings are closed.
+
+Done once by the recorder of the next daemon, in a thread beside its work. What was begun since the
+daemon started, and what another process still writes, is left alone.
+"""
+
+import os
+import re
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from motord.config import Config
+from motord.record.container import PART, hold, sync_folder
+from motord.record.errors import RecordError
+from motord.record.feed import Mark, after, mark_of
+from motord.record.files import file_name, next_file, stem_of
+from motord.record.reader import open_run
+from motord.record.recover import METADATA_RECOVERED, recover
+from motord.record.storage import MB
+from motord.record.writer import RunWriter
+from motord.runtime.ring import RingReader
+from motord.runtime.rundir import RunDir
+from motord.runtime.shared import SharedFileError
+from motord.schema import State
+from motord.wire.blocks import Block
+
+LIMIT_S = 60.0
+"""Time for all of it; what is not done then stays as it is, and can be read all the same."""
+WRITERS_S = 15.0
+"""How long the recorder of a daemon that was killed may go on: the loop ramps down by itself."""
+LOOK_S = 0.1
+BEFORE_S = 2.0
+NEWEST = 8
+"""Recordings that are looked at for where the ticks of a ring begin to be missing."""
+_STAMP = r"\d{8}T\d{9}Z"
+
+Told = Callable[[Path, str], None]
+"""Called with a file and what became of it."""
+
+
+class Leftovers:
+    """Looks after the leftovers of the bench of `config` in a thread; `tell` is called from it.
+
+    `describe` gives the metadata of a recording that has no predecessor.
+    """
+
+    def __init__(
+        self, config: Config, run_dir: RunDir, describe: Callable[[], dict[str, object]], tell: Told
+    ) -> None:
+        self._config = config
+        self._run_dir = run_dir
+        self._describe = describe
+        self._tell = tell
+        self._stopping = threading.Event()
+        self._end_s = 0.0
+        self._since_s = _started_s(run_dir)
+        self._parts = list(self._unfinished())
+        self._thread = threading.Thread(target=self.run, name="leftovers", daemon=True)
+
+    def start(self) -> None:
+        """Begin, if there is anything."""
+        if self._parts or self._run_dir.left_rings():
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Leave the rest as it is."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def run(self) -> None:
+        """Look after all there is."""
+        self._wait_for_writers()
+        self._end_s = time.monotonic() + LIMIT_S
+        for ring in self._run_dir.left_rings():
+            self._told(ring, partial(self._record_ring, ring))
+        for part in self._parts:
+            if self._go_on() and part.exists():
+                self._told(part, partial(self._close, part))
+
+    def _go_on(self) -> bool:
+        return not self._stopping.is_set() and time.monotonic() < self._end_s
+
+    def _told(self, path: Path, action: Callable[[], str]) -> None:
+        try:
+            outcome = action()
+        except RecordError as error:
+            outcome = f"left as it is: {error}"
+        except OSError as error:
+            outcome = f"left as it is: {error.strerror or error}"
+        if outcome:
+            self._tell(path, outcome)
+            self._stopping.wait(LOOK_S)  # so that each is reported
+
+    def _unfinished(self) -> Iterator[Path]:
+        """Yield the files of this bench that were not closed, none of this daemon's."""
+        bench, settings = re.escape(self._config.bench.name), self._config.recording
+        names = (
+            (settings.directory, rf"{bench}-{_STAMP}.*-\d{{3,}}\.mcap{re.escape(PART)}"),
+            (settings.blackbox_directory, rf"blackbox-{bench}-{_STAMP}\.mcap{re.escape(PART)}"),
+        )
+        for folder, pattern in names:
+            if folder.is_dir():
+                for path in sorted(folder.absolute().iterdir()):
+                    if re.fullmatch(pattern, path.name) and path.stat().st_mtime < self._since_s:
+                        yield path
+
+    def _wait_for_writers(self) -> None:
+        """Wait for the end of a recorder that has outlived its daemon."""
+        end_s = time.monotonic() + WRITERS_S
+        rings = self._run_dir.left_rings()
+        while time.monotonic() < end_s and not self._stopping.is_set():
+            if not any(map(_being_written, self._parts)) and not any(map(_being_filled, rings)):
+                return
+            self._stopping.wait(LOOK_S)
+
+    def _close(self, part: Path) -> str:
+        """Give an unfinished file its name; return what became of it."""
+        final, closing = whole_of(part), whole_of(part).with_suffix(".closing.mcap")
+        with _held(part) as free:
+            if not free:
+                return ""  # somebody writes it, and will close it
+            if final.exists():
+                if not open_run(final).source.structure.metadata.get(METADATA_RECOVERED):
+                    return f"left as it is: {final.name} is there, too"
+                part.unlink()  # it was closed, and its closer killed
+                return ""
+            needed = part.stat().st_size + self._config.recording.free_min_MB * MB
+            if shutil.disk_usage(part.parent).free < needed:
+                return "left as it is: too little space to close it"
+            closing.with_name(closing.name + PART).unlink(missing_ok=True)
+            closing.unlink(missing_ok=True)
+            recovery = recover(part, closing, self._go_on)
+            closing.rename(final)
+            part.unlink()
+            sync_folder(part.parent)
+        return (
+            f"was left by a bench that was killed; closed as {final.name}, {recovery.ticks} ticks"
+        )
+
+    def _record_ring(self, ring: Path) -> str:
+        """Record what a ring has and no recording has; return what became of it."""
+        try:
+            block, _ = RingReader(ring, "oldest").read()
+        except SharedFileError as error:
+            ring.unlink(missing_ok=True)
+            return f"its ticks are lost: {error}"
+        last = self._last_recorded(block)
+        missing = self._missing(block, last)
+        outcome = ""
+        if len(missing.block):
+            path = self._write(missing, last)
+            outcome = f"{len(missing.block)} ticks of a bench that was killed: recorded in {path}"
+        ring.unlink(missing_ok=True)
+        return outcome
+
+    def _last_recorded(self, block: Block) -> "_Recorded | None":
+        """Return the newest tick of `block` that is in a recording, and in which."""
+        folder = self._config.recording.directory.absolute()
+        bench = re.compile(rf"{re.escape(self._config.bench.name)}-{_STAMP}")
+        files = [p for p in folder.glob("*.mcap*") if folder.is_dir() and bench.match(p.name)]
+        files = sorted(files, key=lambda path: path.stat().st_mtime_ns, reverse=True)[:NEWEST]
+        found = []
+        for path in files:
+            mark = mark_of(path)
+            if mark is not None and bool(np.any(_same(block, mark))):
+                found.append(_Recorded(path, mark))
+        return max(found, key=lambda recorded: recorded.mark.tick, default=None)
+
+    def _missing(self, block: Block, last: "_Recorded | None") -> "_Missing":
+        """Return the ticks after `last` if it was being recorded, else those that were powered."""
+        lost = 0
+        if last is not None:
+            block, lost = after(block, last.mark)
+            if last.path.name.endswith(PART):
+                return _Missing(block, lost)
+        enabled = np.flatnonzero(block["state"] == State.ENABLED)
+        if not len(enabled):
+            return _Missing(block[:0])
+        margin = round(BEFORE_S * self._config.loop.rate_Hz)
+        return _Missing(block[max(0, int(enabled[0]) - margin) : int(enabled[-1]) + margin + 1])
+
+    def _write(self, missing: "_Missing", last: "_Recorded | None") -> Path:
+        """Write the ticks of a ring: the next file of their recording, or one of their own."""
+        folder, name = self._config.recording.directory.absolute(), self._config.bench.name
+        stem, t_ns = None, int(missing.block["t_ns"][0])
+        about: dict[str, object] = self._describe()
+        if last is not None and last.path.name.endswith(PART):
+            stem, about = stem_of(whole_of(last.path)), dict(open_run(last.path).metadata)
+        moment = datetime.fromtimestamp(t_ns / 1e9, UTC)
+        stamp = f"{moment:%Y%m%dT%H%M%S}{moment.microsecond // 1000:03d}Z"
+        own = folder / f"{name}-{stamp}-recovered"
+        path = next_file(stem) if stem is not None else file_name(own, 0)
+        settings = self._config.recording
+        with RunWriter(
+            path,
+            {**about, "recording": (stem or own).name, "recovered": "from the ring"},
+            compression=settings.compression,
+            chunk_s=settings.chunk_s,
+        ) as writer:
+            message = f"{len(missing.block)} ticks out of the ring of a bench that was killed"
+            writer.event(t_ns, "recovered", message, {"lost": missing.lost})
+            writer.ticks(missing.block)
+        return path
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """The last tick of a recording, and its file."""
+
+    path: Path
+    mark: Mark
+
+
+@dataclass(frozen=True)
+class _Missing:
+    """Ticks that no recording has; before them `lost` are nowhere."""
+
+    block: Block
+    lost: int = 0
+
+
+def whole_of(part: Path) -> Path:
+    """Return the name that an unfinished file is to have."""
+    return part.with_name(part.name.removesuffix(PART))
+
+
+def _same(block: Block, mark: Mark) -> Block:
+    found: Block = (block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns)
+    return found
+
+
+def _started_s(run_dir: RunDir) -> float:
+    """Return when the daemon took its lock, Unix seconds; 0 without a daemon."""
+    try:
+        return (run_dir.path / "daemon.lock").stat().st_mtime
+    except OSError:
+        return 0.0
+
+
+@contextmanager
+def _held(path: Path) -> Iterator[bool]:
+    """Hold a file that nobody writes (True), or see that somebody does (False)."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        yield hold(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _being_written(path: Path) -> bool:
+    try:
+        with _held(path) as free:
+            return not free
+    except OSError:
+        return False
+
+
+def _being_filled(ring: Path) -> bool:
+    """Tell whether a loop publishes in a ring: two looks a moment apart."""
+    try:
+        reader = RingReader(ring, "now")
+    except SharedFileError:
+        return False
+    time.sleep(LOOK_S)
+    return not reader.closed and reader.backlog > 0
