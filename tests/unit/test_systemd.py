@@ -50,3 +50,13 @@ def test_it_comes_back_but_never_enabled() -> None:
     assert "Type=notify" in unit
     assert re.search(r"^WatchdogSec=\d+$", unit, re.MULTILINE)
     assert "enable" not in re.findall(r"^ExecStart.*$", unit, re.MULTILINE)[0]
+
+
+def test_its_group_reaches_the_socket_and_nobody_else_does() -> None:
+    unit = UNIT.read_text()
+    for line in ("Group=motord", "RuntimeDirectory=motord", "RuntimeDirectoryMode=0750"):
+        assert re.search(rf"^{line}$", unit, re.MULTILINE), line
+    service = (UNIT.parents[1] / "docs" / "service.md").read_text()
+    [path] = set(re.findall(r"unixsock-stream/(/run/motord/[\w.]+)", service))
+    [runtime] = re.findall(r"^Environment=.*XDG_RUNTIME_DIR=(\S+)", unit, re.MULTILINE)
+    assert Path(path).parent == Path(runtime)
