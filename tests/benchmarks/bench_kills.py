@@ -22,6 +22,7 @@ from motord.record.errors import RecordError
 from motord.record.files import file_name, numbers
 from motord.record.reader import open_run
 from tests.benchmarks.figure import Figure
+from tests.support.stalls import Stalls
 from tests.system.recorded import recorded_loop
 
 RATE_Hz = 10_000
@@ -33,9 +34,13 @@ MEAN_S, LONGEST_S = 0.4, 2.5
 
 @dataclass
 class Outcome:
-    """`missing_s`: at each kill; `unreadable`: files, by whom; `gone`, `double`: ticks, in all."""
+    """`missing_s`: at each kill; `unreadable`: files, by whom; `gone`, `double`: ticks, in all.
+
+    `late_s`: for how long the computer kept each recorder from running until it was killed.
+    """
 
     missing_s: list[float] = field(default_factory=list)
+    late_s: list[float] = field(default_factory=list)
     unreadable: list[str] = field(default_factory=list)
     gone: int = 0
     double: int = 0
@@ -48,6 +53,7 @@ class Kill:
 
     t_ns: int
     number: int
+    late_s: float
 
 
 def kill_often(rate_Hz: int, kills: int, seed: int) -> Outcome:
@@ -58,9 +64,11 @@ def kill_often(rate_Hz: int, kills: int, seed: int) -> Outcome:
         running.go_on(1.0)
         done = []
         for _ in range(kills):
+            kept = Stalls()
             running.go_on(min(float(rng.exponential(MEAN_S)), LONGEST_S))
+            late_s = kept.delay_s()
             running.kill_recorder()
-            done.append(Kill(running.newest_ns, numbers(running.stem)[-1]))
+            done.append(Kill(running.newest_ns, numbers(running.stem)[-1], late_s))
             running.start_recorder(resume=True)
         running.go_on(1.0)
         running.end()
@@ -78,6 +86,7 @@ def read_back(stem: Path, kills: Iterable[Kill]) -> Outcome:
     for kill in kills:
         last_ns = max(int(block["t_ns"][-1]) for n, block in blocks.items() if n <= kill.number)
         outcome.missing_s.append((kill.t_ns - last_ns) / 1e9)
+        outcome.late_s.append(kill.late_s)
     every = np.concatenate([blocks[number] for number in sorted(blocks)])
     steps = np.diff(every["tick"].astype(np.int64))
     skipped = np.diff(every["missed"].astype(np.int64))  # by the loop, which says so
