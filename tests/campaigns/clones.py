@@ -1,8 +1,8 @@
 """Is `make test` green everywhere? `python -m tests.campaigns.clones [--clones 10]`.
 
-Makes fresh clones of what is committed, one after the other, each in a time zone of its own, so that
-it is another time of day there, and runs `make test` in it while a process keeps every processor
-busy. Prints what came of each and where its log is; exits with 1 if one is red.
+Makes fresh clones of what is committed, one after the other, each in a time zone of its own, so
+that it is another time of day there, and runs `make test` in it while a process keeps every
+processor busy. Prints what came of each and where its log is; exits with 1 if one is red.
 
 `--venv FOLDER` takes an environment that is there instead of setting one up in each clone, `--idle`
 leaves the processors alone, and `--run` names another target or, behind `tests/run.py`, files.
