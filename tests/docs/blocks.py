@@ -1,0 +1,127 @@
+"""The fenced blocks of README and docs, and what is to be done with each.
+
+A block of TOML is read by what it is for (`READ_BY`), one of commands by the tree of commands,
+one of Python is run (`RUN`). All others stand in `LISTED`, with the reason why nothing is done.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+FILES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{p.name}" for p in ROOT.glob("docs/*.md")))
+COMMANDS = ("sh", "console")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block: where it is, in which language, its text."""
+
+    file: str
+    line: int
+    language: str
+    text: str
+
+    @property
+    def first(self) -> str:
+        return self.text.split("\n", 1)[0]
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Return file and first line, which stay when text above the block grows."""
+        return self.file, self.first
+
+
+READ_BY = {
+    ("docs/faults.md", "[[fault]]"): "faults",
+    ("docs/import.md", 'motor = "motor.toml"            # [motor] and, if wanted,'): "map",
+    ("docs/protocols.md", '[project.entry-points."motord.drivers"]'): "entry points",
+}
+"""Blocks of TOML that are not part of a bench file; by the beginning of their first line."""
+
+RUN = {
+    ("README.md", "import json, time, zenoh"): {
+        "tcp/127.0.0.1:7447": "{endpoint}",
+        "motord/emulated/": "motord/sim/",
+        "time.sleep(10)": "time.sleep(1)",
+    },
+    ("docs/api.md", "from motord.client import connect"): {
+        "with connect() as": 'with connect("sim", "{endpoint}") as'
+    },
+    ("docs/api.md", "import json, time, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
+    ("docs/realtime.md", "from motord.runtime.ring import RingReader"): {},
+    ("docs/realtime.md", "from motord.runtime.rundir import RunDir"): {},
+    ("docs/recording.md", "from pathlib import Path"): {
+        "runs/bench-20250101T120000000Z-000.mcap": "{recording}"
+    },
+}
+"""Blocks of Python, and what is put in place of what only a reader has. `PRINTED` says more."""
+
+PRINTED = {
+    ("README.md", "import json, time, zenoh"): ("'state': '", " bytes of motord.Tick"),
+    ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
+    ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state": "OFF"'),
+    ("docs/realtime.md", "from motord.runtime.ring import RingReader"): (),
+    ("docs/realtime.md", "from motord.runtime.rundir import RunDir"): (),
+    ("docs/recording.md", "from pathlib import Path"): (),
+}
+
+_PRINTED = "what commands print: compared by tests/system/test_bring_up.py, which runs them"
+LISTED = {
+    "text": {"docs/bring-up.md": _PRINTED},
+    "ini": {
+        "docs/security.md": "a drop-in of systemd with an address of a network that is not here",
+        "docs/service.md": "a drop-in of systemd with an address of a network that is not here",
+    },
+    "": {"docs/architecture.md": "a drawing"},
+}
+"""By language and file: blocks that are neither read nor run, and why."""
+
+PROGRAMS = {
+    "sudo": "changes the computer",
+    "apt": "changes the computer",
+    "st-flash": "needs a board",
+    "ip": "needs a CAN interface, and root",
+    "sysctl": "needs root",
+    "systemctl": "tests/system/test_systemd_unit.py does it",
+    "systemd-sysusers": "tests/system/test_systemd_unit.py does it",
+    "install": "tests/system/test_systemd_unit.py does it; what is copied has to be there",
+    "udevadm": "needs root",
+    "python3": "sets up an environment",
+    "/opt/motord/bin/pip": "sets up an environment",
+    "pip": "sets up an environment",
+    "cp": "what is copied has to be there",
+    "ls": "shows what is plugged in",
+    ".": "activates the environment",
+    "git": "needs a network",
+    "cansend": "needs a CAN interface",
+    "candump": "needs a CAN interface",
+}
+"""Programs of commands that are not run here, and why. `motord`, `make` and pytest are read."""
+
+
+def blocks() -> list[Block]:
+    found = []
+    for file in FILES:
+        text = (ROOT / file).read_text()
+        for match in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.M | re.S):
+            line = text.count("\n", 0, match.start()) + 1
+            found.append(Block(file, line, match[1], match[2]))
+    return found
+
+
+def of(*languages: str) -> list[Block]:
+    return [block for block in blocks() if block.language in languages]
+
+
+def named(block: Block) -> str:
+    return f"{block.file}:{block.line}"
+
+
+def commands(block: Block) -> list[str]:
+    """Return the single commands of a block: prompts, comments and what they print left out."""
+    lines = block.text.replace("\\\n", " ").splitlines()
+    if any(line.startswith("$ ") for line in lines):
+        lines = [line[2:] for line in lines if line.startswith("$ ")]
+    whole = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
+    return [part.strip() for line in whole for part in re.split(r"&&|\|", line) if part.strip()]

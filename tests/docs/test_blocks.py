@@ -1,0 +1,196 @@
+"""Every block of README and docs is read or run, or listed with the reason why not."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from motord import config
+from motord.cli import app
+from motord.config import Config
+from motord.config.faults import Timeline
+from motord.imports.mapping import ImportMap
+from motord.plans.build import PLANS, build
+from tests.docs.blocks import (
+    COMMANDS,
+    LISTED,
+    PRINTED,
+    PROGRAMS,
+    READ_BY,
+    ROOT,
+    RUN,
+    Block,
+    blocks,
+    commands,
+    named,
+    of,
+)
+
+KEPT_HERE = ("config/", "systemd/", "tests/", "docs/", "tools/")
+"""Folders whose files a command may name: they have to be there."""
+
+
+def test_every_block_is_read_run_or_listed() -> None:
+    for block in blocks():
+        where = f"{named(block)}: a block of {block.language or 'no language'}"
+        if block.language == "python":
+            assert block.key in RUN, f"{where} is not run: put it into RUN"
+        elif block.language not in ("toml", *COMMANDS):
+            assert block.file in LISTED.get(block.language, {}), f"{where} is not listed"
+
+
+def test_nothing_is_listed_that_is_not_there() -> None:
+    found = blocks()
+    assert {block.key for block in found if block.language == "python"} == set(RUN) == set(PRINTED)
+    for language, files in LISTED.items():
+        for file in files:
+            assert any(b.language == language and b.file == file for b in found), (language, file)
+    for file, first in READ_BY:
+        assert any(b.file == file and b.first.startswith(first) for b in found), (file, first)
+
+
+def kind_of(block: Block) -> str:
+    kinds = [
+        kind
+        for (file, first), kind in READ_BY.items()
+        if file == block.file and block.first.startswith(first)
+    ]
+    return kinds[0] if kinds else "bench"
+
+
+def bench_with(tables: dict[str, Any]) -> Config:
+    """Return the packaged bench with these tables: devices replaced, others changed."""
+    whole = tomllib.loads(config.packaged("sim.toml").read_text())
+    devices = tables.keys() & {"inverter", "bridge"}
+    if devices:  # a rig is simulated in whole or not at all
+        whole = tomllib.loads((ROOT / "config" / "bench.toml").read_text())
+    if tables.get("inverter", {}).get("driver") == "can-dq":
+        whole["motor"]["connection"] = "star"
+    for name, table in tables.items():
+        keep = name in whole and name not in devices and isinstance(table, dict)
+        whole[name] = {**whole[name], **table} if keep else table
+    path = ROOT / "config" / "bench.toml" if devices else config.packaged("sim.toml")
+    return Config.model_validate(whole, context={"folder": path.parent})
+
+
+@pytest.mark.parametrize("block", of("toml"), ids=named)
+def test_toml_is_valid(block: Block) -> None:
+    tables = tomllib.loads(block.text)
+    kind = kind_of(block)
+    if kind == "faults":
+        assert Timeline.model_validate(tables).fault
+    elif kind == "map":
+        assert ImportMap.model_validate(tables).columns
+    elif kind == "entry points":
+        from motord.hal.registry import GROUP
+
+        [[group, drivers]] = tables["project"]["entry-points"].items()
+        assert group == GROUP
+        assert all(re.fullmatch(r"(inverter|bridge|brake|drive)\.\w+", name) for name in drivers)
+    else:
+        assert bench_with(tables).motor
+
+
+def parse(arguments: list[str]) -> list[str]:
+    """Parse a command line as `motord` would, without carrying it out; return the commands' names.
+
+    Raises what the parser raises: no such command, no such option, an argument that is missing.
+    """
+    command: Any = typer.main.get_command(app)
+    context, names = None, []
+    while True:
+        name = names[-1] if names else "motord"
+        context = command.make_context(name, list(arguments), parent=context)
+        if not hasattr(command, "commands") and not hasattr(command, "resolve_command"):
+            return names
+        left = [*getattr(context, "_protected_args", []), *context.args]
+        found, command, arguments = command.resolve_command(context, left)
+        names.append(found)
+
+
+def settings_of(words: list[str]) -> dict[str, Any]:
+    """Return what `--set key=value` says; several values are a list."""
+    pairs = [words[at + 1].split("=", 1) for at, word in enumerate(words) if word == "--set"]
+    return {
+        key: [float(part) for part in value.split(",")] if "," in value else value
+        for key, value in pairs
+    }
+
+
+def check_motord(words: list[str]) -> None:
+    names = parse(words)
+    if names[:2] in (["plan", "start"], ["simulate"]) or names[:1] == ["simulate"]:
+        plan = words[len(names)]
+        assert plan in PLANS, f"no plan {plan}"
+        build(plan, config.load(), settings_of(words))
+
+
+def check_make(words: list[str]) -> None:
+    folder = ROOT / words[words.index("-C") + 1] if "-C" in words else ROOT
+    files = (folder / "Makefile", *folder.glob("boards/*.mk"))
+    makefile = "".join(path.read_text() for path in files)
+    targets = [w for at, w in enumerate(words) if w != "-C" and words[at - 1] != "-C"]
+    for target in targets:
+        if "=" not in target:
+            rule = rf"^(?:[\w-]+ )*{re.escape(target)}(?: [\w-]+)* *:"
+            assert re.search(rule, makefile, re.M), f"no target {target}"
+
+
+def check(command: str) -> None:
+    """Raise AssertionError for a command that cannot be meant as it stands."""
+    words = shlex.split(command)
+    while re.fullmatch(r"[A-Z_]+=.*", words[0]):
+        words = words[1:]
+    program, *rest = words
+    for word in rest:
+        if word.startswith(KEPT_HERE):
+            assert (ROOT / word).exists(), f"{word} is not there"
+    if program == "motord":
+        try:
+            check_motord(rest)
+        except typer.Exit:
+            pass
+        except Exception as error:
+            text = getattr(error, "message", None) or str(error)
+            raise AssertionError(f"{command}: {text}") from error
+    elif program == "make":
+        check_make(rest)
+    elif Path(program).name != "pytest":
+        assert program in PROGRAMS, f"{program}: neither a command that is read nor listed"
+
+
+@pytest.mark.parametrize("block", of(*COMMANDS), ids=named)
+def test_commands_can_be_given(block: Block) -> None:
+    assert commands(block), "no command: is this another language?"
+    for command in commands(block):
+        check(command)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "motord set --torque 3",
+        "motord sett --torque-Nm 3",
+        "motord plan start calibration",
+        "motord plan start calibrate --set torques=2,4",
+        "motord analyse coging x.mcap",
+        "motord calibration install",
+        "make tests",
+        "make -C firmware_bridge board",
+        "cp config/benches.toml bench.toml",
+        "curl http://x",
+    ],
+)
+def test_a_command_that_is_wrong_is_found(wrong: str) -> None:
+    with pytest.raises((AssertionError, FileNotFoundError)):
+        check(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["[limit]\ntorque_Nm = 2.0\n", '[limits]\ntorque_Nm = "2"\n'])
+def test_toml_that_is_wrong_is_found(wrong: str) -> None:
+    with pytest.raises(ValueError, match=r"limit"):
+        bench_with(tomllib.loads(wrong))

@@ -1,0 +1,88 @@
+"""Blocks of Python run as they stand there, and commands that take little, on a simulated bench."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.docs.blocks import PRINTED, RUN, Block, commands, named, of
+from tests.system.daemons import Daemon, daemon, wait_for, write_sim
+
+pytestmark = pytest.mark.system
+
+TIMEOUT_S = 120.0
+Run = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    """A bench of the name that the docs give, which has recorded something."""
+    folder = tmp_path_factory.mktemp("docs")
+    path = write_sim(folder, "sim")
+    with daemon(folder, path) as recording:
+        with recording.connect() as client, client.lease("docs") as lease:
+            client.rpc("enable", token=lease.token)
+        with recording.connect() as client:
+            wait_for(client, lambda state: state.state != "ENABLED", "disabled")
+        assert recording.end() == 0, recording.said()
+    with daemon(folder, path) as running:
+        yield running
+
+
+@pytest.fixture
+def run(bench: Daemon) -> Run:
+    """Return what runs a program as a reader on this computer would."""
+    environment = dict(
+        os.environ,
+        XDG_RUNTIME_DIR=str(bench.folder),
+        XDG_STATE_HOME=str(bench.folder / "state"),
+        MOTORD_CONNECT=bench.endpoint,
+        COLUMNS="200",
+    )
+
+    def run(*arguments: str, **settings: Any) -> "subprocess.CompletedProcess[str]":
+        return subprocess.run(
+            [sys.executable, *arguments], cwd=bench.folder, env=environment, check=False,
+            capture_output=True, text=True, timeout=TIMEOUT_S, **settings,
+        )  # fmt: skip
+
+    return run
+
+
+@pytest.mark.parametrize("block", of("python"), ids=named)
+def test_python_runs(bench: Daemon, run: Run, block: Block) -> None:
+    recordings = sorted((bench.folder / "runs").glob("*.mcap"))
+    places = {"endpoint": bench.endpoint, "recording": str(recordings[0])}
+    text = block.text
+    for there, here in RUN[block.key].items():
+        assert there in text, f"{there} is not in the block any more"
+        text = text.replace(there, here.format(**places))
+    done = run("-c", text)
+    assert (done.returncode, done.stderr) == (0, "")
+    for printed in PRINTED[block.key]:
+        assert printed in done.stdout, done.stdout
+
+
+def test_certificates_as_in_the_guide(run: Run, tmp_path: Path) -> None:
+    [block] = [b for b in of("console") if "security init" in b.text]
+    said = ""
+    for command in commands(block):
+        program, *words = command.split()
+        if program == "motord":
+            words = [str(tmp_path / "access") if w == "/etc/motord/access" else w for w in words]
+            done = run("-m", "motord", *words)
+            assert done.returncode == 0, f"{command}: {done.stderr}"
+            said = done.stdout
+    assert "anna" in said
+    assert "ben" in said
+
+
+@pytest.mark.parametrize("command", ["status", "watch --for-s 0.2", "plan list", "record --help"])
+def test_commands_that_only_look(run: Run, command: str) -> None:
+    done = run("-m", "motord", *command.split())
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout
