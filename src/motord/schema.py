@@ -103,6 +103,7 @@ class Trip(IntFlag):
     CURRENT_IMPLAUSIBLE = 1 << 18
     TORQUE_IMPLAUSIBLE = 1 << 19
     BRAKE_TEMPERATURE = 1 << 20
+    ENABLE_LINE = 1 << 21
 
 
 class Flag(IntFlag):
@@ -121,6 +122,7 @@ class Flag(IntFlag):
     SIMULATED = 1 << 10
     SUPERVISOR_ABSENT = 1 << 11
     LEARNED_COMPENSATED = 1 << 12  # the learned torque of the calibration applied
+    POSITION_AGED = 1 << 13  # enabled, but no current: the newest position is too old
 
 
 class InverterStatus(IntFlag):

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from motord.config.faults import KINDS, Timeline, random_timeline
-from motord.control.interlock_table import INTERLOCKS
+from motord.control.interlock_table import INTERLOCKS, Source
+from motord.control.observer import POSITION_AGE_MAX_S
 from motord.schema import Request, State, Trip
 from tests.campaigns import fault_wire, seeds
 from tests.campaigns.fault_bench import (
@@ -153,12 +154,13 @@ def static_part() -> str:
         told = ", ".join(f"{key} = {value!r}" for key, value in kind.parameters.items())
         where = ", ".join(sorted(kind.places))
         lines.append(f"| `{name}` | {kind.meaning} | {kind.for_s:g} s | {told} | {where} |")
-    lines += ["", _INTERLOCKS, "| cause | trips when | limit | may last |", "|---|---|---|---|"]
+    lines += ["", _INTERLOCKS, "| cause | trips when | limit | may last | evidence |"]
+    lines.append("|---|---|---|---|---|")
     for lock in INTERLOCKS:
         limit = ", ".join(f"`{key}`" for key in lock.limit.split(", ") if key)
-        lasts = f"{lock.lasts} {lock.counted}" if lock.lasts else ""
-        lasts = f"`{lock.lasts_s}`" if lock.lasts_s else lasts
-        lines.append(f"| {lock.trip.name} | {lock.meaning} | {limit} | {lasts} |")
+        lasts = f"`{lock.lasts}`" if isinstance(lock.lasts, str) else f"{1e3 * lock.lasts:g} ms"
+        debounce = f"{lasts} | {SOURCES[lock.source]}" if lock.lasts else " | "
+        lines.append(f"| {lock.trip.name} | {lock.meaning} | {limit} | {debounce} |")
     lines += ["", _MATRIX, f"| fault | {' | '.join(STATES)} | if it does not trip, it shows in |"]
     lines.append("|---" * (len(STATES) + 2) + "|")
     for row in TABLE:
@@ -223,12 +225,25 @@ _INTERLOCKS = """## Interlocks
 
 All of them, in the order in which the first of several causes of one tick is chosen. They are
 evaluated in every tick, in compiled code; a cause takes current and enable away in the same tick
-and stays until a reset. A condition that may last a while (debounce) counts ticks or new samples.
+and stays until a reset. A condition that may last a while (debounce) trips with the first evidence
+that it has held for so long, so at every rate within this time and two intervals of its evidence;
+evidence that does not come has interlocks of its own. Speed is known up to LAG ms late under a
+constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest that is allowed).
+Where the newest position is older than AGE ms no torque is commanded (flag `POSITION_AGED`). Bench
+files whose limits, ages, rates and timeouts would not leave every interlock its time are refused.
 Currents are compared with the two newest commands, the measured torque with the set-point as the
 sensor's high-pass shows it, besides a fifth of the set-point; this only where torque is applied and
 the currents are not limited. An encoder track is stuck if it has not changed over 2.5 times its
 pattern; tracks too fine for the speed are left out.
-"""
+""".replace("LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
+    "AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
+)
+
+SOURCES = {
+    Source.LOOP: "ticks",
+    Source.BRIDGE: "samples of the bridge",
+    Source.INVERTER: "feedback of the inverter",
+}
 
 _MATRIX = f"""## What each leads to
 

@@ -29,10 +29,19 @@ TESTS: dict[str, tuple[str, ...]] = {
     "motord.control.states": _CONTROL,
     "motord.control.interlocks": (*_CONTROL, "tests/unit/control/test_step.py"),
     "motord.control.interlock_table": _CONTROL,
+    "motord.control.observer": (
+        "tests/unit/control/test_observer.py",
+        "tests/unit/control/test_interlock_times.py",
+    ),
     "motord.plans.limits": ("tests/unit/plans/test_limits.py",),
     "motord.service.lease": ("tests/unit/service/test_lease.py",),
 }
 SLOW = "not test_limits_hold_for_any_input and not test_compensation_inverts_the_model"
+
+SPEED_OF_DENSE_SAMPLES_ONLY = """    if dt_s > STEADY_S:
+        m.angle_rad = angle_rad
+        return
+    pole = math.exp("""
 
 FEW = (
     ("motord.control.states", "if causes != 0:", "if causes > 1:"),
@@ -42,7 +51,13 @@ FEW = (
     ("motord.control.interlocks", "largest_A > p.trip", "largest_A > 1.001 * p.trip"),
     ("motord.control.interlocks", "bits & -bits", "bits"),
     ("motord.control.interlocks", "(ratio * ratio - 1.0)", "(ratio * ratio)"),
-    ("motord.control.interlock_table", '"limits.trip_torque_Nm", 5', '"limits.trip_torque_Nm", 6'),
+    (
+        "motord.control.interlock_table",
+        '"limits.trip_torque_Nm", Source.BRIDGE, 0.005',
+        '"limits.trip_torque_Nm", Source.BRIDGE, 0.006',
+    ),
+    ("motord.control.observer", "    pole = math.exp(", SPEED_OF_DENSE_SAMPLES_ONLY),
+    ("motord.control.observer", "POSITION_AGE_MAX_S = 0.03", "POSITION_AGE_MAX_S = 0.1"),
     ("motord.plans.limits", "SPEED_MARGIN = 0.8", "SPEED_MARGIN = 0.81"),
     ("motord.service.lease", "held is not None and not force", "held is not None and force"),
 )

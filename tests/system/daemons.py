@@ -27,14 +27,14 @@ STALE_S = 1.0
 """The shortest limit of a patient bench that a busy computer exceeds."""
 
 
-def patient(text, name, rate_Hz=500, inverter_timeout_s=5.0):
+def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0):
     """Make a bench patient with a computer that stalls, and give it a name and a port."""
     text = re.sub(r'^name = "\w+"', f'name = "{name}"', text, count=1, flags=re.MULTILINE)
     text = re.sub(r"^(rate_Hz|overrun_ticks|supervisor_timeout_s) = .*\n", "", text, flags=re.M)
-    loop = f"rate_Hz = {rate_Hz}\noverrun_ticks = 100000\nsupervisor_timeout_s = {STALE_S}\n"
+    loop = f"rate_Hz = {rate_Hz}\noverrun_ticks = {rate_Hz}\nsupervisor_timeout_s = {STALE_S}\n"
     loop += "spin = false\n"  # loops of several benches leave each other and the rest their time
     text = text.replace("[loop]\n", f"[loop]\n{loop}")
-    text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 3.0\n")
+    text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 1.5\n")
     for table, timeout in (("inverter", inverter_timeout_s), ("bridge", 1.0)):
         key = "timeout_s" if table == "inverter" else "heartbeat_timeout_s"
         start = text.index(f"[{table}]\n")

@@ -34,11 +34,11 @@ def write_bench(folder: Path, rate_Hz: int = 1000) -> Path:
     """Write the packaged simulated bench, patient with a machine that stalls at times."""
     text = config.packaged("sim.toml").read_text()
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
-    patient = f"rate_Hz = {rate_Hz}\noverrun_ticks = 100000\nsupervisor_timeout_s = 2.0"
+    patient = f"rate_Hz = {rate_Hz}\noverrun_ticks = {rate_Hz}\nsupervisor_timeout_s = 1.0"
     text = re.sub(r"^rate_Hz = \d+", patient, text, count=1, flags=re.MULTILINE)
     path = folder / "sim.toml"
     path.write_text(
-        text.replace("[inverter]", "[inverter]\ntimeout_s = 5.0") + "\n[zenoh]\nlease_s = 5.0\n"
+        text.replace("[inverter]", "[inverter]\ntimeout_s = 1.0") + "\n[zenoh]\nlease_s = 5.0\n"
     )
     return path
 

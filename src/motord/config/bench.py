@@ -16,6 +16,14 @@ from motord.config.devices import (
 )
 from motord.config.motor import MotorConfig, TorqueSensorConfig
 from motord.config.plans import PlansConfig
+from motord.config.timing import (
+    JUMP_MAX_RAD,
+    RAMP_DOWN_MAX_S,
+    RATE_MAX_HZ,
+    RATE_MIN_HZ,
+    SILENCE_MAX_S,
+    refused,
+)
 
 
 class BenchConfig(Section):
@@ -39,13 +47,13 @@ class BenchConfig(Section):
 class LoopConfig(Section):
     """`[loop]`: the real-time loop and its observer."""
 
-    rate_Hz: Annotated[int, Field(ge=100, le=20_000)] = 1000
+    rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] = 1000
     cpu: Annotated[int, Field(ge=0)] | None = None
     priority: Annotated[int, Field(ge=1, le=98)] = 80
     spin: bool = True
-    observer_bandwidth_Hz: Positive = 30.0
-    supervisor_timeout_s: Positive = 0.25
-    enable_timeout_s: Positive = 1.0
+    observer_bandwidth_Hz: Annotated[float, Field(ge=15, le=10_000)] = 30.0
+    supervisor_timeout_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.25
+    enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
     overrun_ticks: Annotated[int, Field(ge=1)] = 50
     ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
 
@@ -70,11 +78,16 @@ class LimitsConfig(Section):
     bus_V_min: NonNegative = 18.0
     bus_V_max: Positive = 32.0
     link_errors_per_s: Positive = 50.0
-    encoder_jump_rad: Positive = 0.15
+    encoder_jump_rad: Annotated[float, Field(gt=0, le=JUMP_MAX_RAD)] = 0.15
     current_error_A: Positive | None = None
-    current_error_s: Positive = 0.02
+    current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
     torque_error_Nm: Positive | None = None
-    torque_error_s: Positive = 0.1
+    torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+
+    @property
+    def ramp_down_Nm_per_s(self) -> float:
+        """How fast the torque goes to zero on disable, or without a supervisor or commander."""
+        return max(self.torque_rate_Nm_per_s, self.torque_Nm / RAMP_DOWN_MAX_S)
 
     @model_validator(mode="after")
     def _trip_above_limit(self) -> "LimitsConfig":
@@ -237,6 +250,12 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _interlocks_keep_their_times(self) -> "Config":
+        if reasons := list(refused(self)):
+            raise ValueError("; ".join(reasons))
+        return self
+
+    @model_validator(mode="after")
     def _bus_voltage_is_watched(self) -> "Config":
         can = self.inverter.can
         if self.inverter.driver in _ON_CAN and can and not can.signals.feedback_u_bus_V:
@@ -267,10 +286,9 @@ class Config(Section):
             raise ValueError(
                 f"[zenoh] lease_s = {self.zenoh.lease_s:g} is too short: no torque may be left "
                 f"when it ends, and the ramp from [limits] torque_Nm = {self.limits.torque_Nm:g} "
-                f"at torque_rate_Nm_per_s = {self.limits.torque_rate_Nm_per_s:g} takes "
-                f"{self.limits.torque_Nm / self.limits.torque_rate_Nm_per_s:g} s, besides [loop] "
-                f"supervisor_timeout_s = {self.loop.supervisor_timeout_s:g} and the time for a "
-                f"renewal; make it at least {least_s:.2f}"
+                f"takes {self.limits.torque_Nm / self.limits.ramp_down_Nm_per_s:g} s, besides "
+                f"[loop] supervisor_timeout_s = {self.loop.supervisor_timeout_s:g} and the time "
+                f"for a renewal; make it at least {least_s:.2f}"
             )
         return self
 
@@ -318,7 +336,7 @@ class Config(Section):
 
         One that hangs is missed by the loop after supervisor_timeout_s; the ramp follows.
         """
-        ramp_s = abs(torque_Nm) / self.limits.torque_rate_Nm_per_s
+        ramp_s = abs(torque_Nm) / self.limits.ramp_down_Nm_per_s
         return ramp_s + self.loop.supervisor_timeout_s + SUPERVISOR_ACTS_S
 
     @property

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.can_load import DEFAULT_BITRATE, load
 from motord.config.can_signals import CanSignalMap, DqConfig
+from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
 
 
 class CanBusConfig(Section):
@@ -45,9 +46,9 @@ class InverterConfig(Section):
     driver: str = "sim"
     can: CanConfig | None = None
     dq: DqConfig = DqConfig()
-    stale_after_s: Positive = 0.02
-    timeout_s: Positive = 0.05
-    actuation_delay_s: NonNegative = 0.0008
+    stale_after_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.02
+    timeout_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.05
+    actuation_delay_s: Annotated[float, Field(ge=0, le=DELAY_MAX_S)] = 0.0008
     lag_s: NonNegative = 0.0
     feedback_age_s: NonNegative = 0.0
 
@@ -107,9 +108,9 @@ class BridgeConfig(Section):
     can: BridgeCanConfig | None = None
     port: str = ""
     baud: Annotated[int, Field(gt=0)] = 2_000_000
-    rate_Hz: Annotated[int, Field(ge=100, le=20_000)] | None = None
-    stale_after_s: Positive = 0.02
-    heartbeat_timeout_s: Annotated[float, Field(ge=0.001, le=1.0)] = 0.05
+    rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] | None = None
+    stale_after_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.02
+    heartbeat_timeout_s: Annotated[float, Field(ge=0.001, le=SILENCE_MAX_S)] = 0.05
     connect_timeout_s: Positive = 2.0
     adc_V_per_count: Positive = 10.0 / 32768
 

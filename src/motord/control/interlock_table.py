@@ -1,47 +1,65 @@
-"""Every interlock, once: cause, meaning, limit, and how long its condition may last.
+"""Every interlock, once: cause, meaning, limit, source of its evidence, and its debounce time.
 
-From this table come the kernel's debounce times, the words of events and the documentation.
+From this table come the kernel's debounce times, the words of events, the values of a trip and the
+documentation. Times are in seconds, so that they are the same at every loop and sample rate: a
+condition trips with the first evidence that it has held for `lasts_s`. Evidence is a new sample of
+its source; between two samples a condition is neither confirmed nor refuted, and a source that
+falls silent has an interlock of its own. So a cause is found within `lasts_s` and two intervals
+between samples of its source, whatever these are, or the source is stale.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from enum import IntEnum
 
+from motord.config import Config
 from motord.schema import Trip
 
-Counted = Literal["ticks", "samples of the bridge", "samples of the inverter"]
+
+class Source(IntEnum):
+    """Where the evidence of a condition comes from."""
+
+    LOOP = 0
+    """Every tick is evidence."""
+    BRIDGE = 1
+    """A new sample of encoder and torque sensor."""
+    INVERTER = 2
+    """New feedback of the inverter."""
 
 
 @dataclass(frozen=True)
 class Interlock:
     """A cause of a trip.
 
-    `limit`: the keys of the bench file that set it. The condition may last `lasts` ticks or samples
-    without a trip, or for the time that the key `lasts_s` sets.
+    limit: the keys of the bench file that set it. lasts: for how long the condition may hold
+    without a trip, in s, or the key of the bench file that says so.
     """
 
     trip: Trip
     meaning: str
     limit: str
-    lasts: int = 0
-    counted: Counted = "ticks"
-    lasts_s: str = ""
+    source: Source = Source.LOOP
+    lasts: float | str = 0.0
 
+    def lasts_s(self, config: Config) -> float:
+        """Return for how long the condition may hold, in s."""
+        if isinstance(self.lasts, float):
+            return self.lasts
+        section, _, key = self.lasts.partition(".")
+        return float(getattr(getattr(config, section), key))
 
-_BRIDGE: Counted = "samples of the bridge"
-_INVERTER: Counted = "samples of the inverter"
 
 INTERLOCKS = (
     Interlock(
         Trip.OVER_CURRENT, "a phase current was above limits.trip_current_A",
-        "limits.trip_current_A", 1, _INVERTER,
+        "limits.trip_current_A", Source.INVERTER, 0.001,
     ),
     Interlock(
         Trip.OVER_SPEED, "the rotor turned faster than limits.trip_speed_rad_s",
-        "limits.trip_speed_rad_s", 2,
+        "limits.trip_speed_rad_s", Source.BRIDGE, 0.002,
     ),
     Interlock(
         Trip.OVER_TORQUE, "the measured torque was above limits.trip_torque_Nm",
-        "limits.trip_torque_Nm", 5, _BRIDGE,
+        "limits.trip_torque_Nm", Source.BRIDGE, 0.005,
     ),
     Interlock(
         Trip.I2T,
@@ -54,17 +72,21 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.ENCODER_IMPLAUSIBLE,
-        "the encoder jumped further than the speed can explain, or one of its tracks is stuck",
-        "limits.encoder_jump_rad", 2, _BRIDGE,
+        "the encoder jumped further than the speed can explain, gave no position, or one of its "
+        "tracks is stuck",
+        "limits.encoder_jump_rad",
     ),
-    Interlock(Trip.TORQUE_STALE, "the torque sample is not valid", "", 5, _BRIDGE),
+    Interlock(
+        Trip.TORQUE_STALE, "the torque sample is not valid", "", Source.BRIDGE, 0.005
+    ),
     Interlock(
         Trip.INVERTER_STALE,
         "no feedback came from the inverter within inverter.stale_after_s",
         "inverter.stale_after_s",
     ),
     Interlock(
-        Trip.INVERTER_FAULT, "the inverter reports a fault, or its power stage went off", "", 2
+        Trip.INVERTER_FAULT, "the inverter reports a fault, or its power stage went off", "",
+        Source.LOOP, 0.002,
     ),
     Interlock(Trip.BUS_OFF, "the CAN controller is off the bus", ""),
     Interlock(
@@ -78,7 +100,7 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.TEMPERATURE, "the inverter is hotter than limits.trip_temperature_C",
-        "limits.trip_temperature_C", 20, _INVERTER,
+        "limits.trip_temperature_C", Source.INVERTER, 0.02,
     ),
     Interlock(
         Trip.LINK_ERRORS, "more frames were lost or corrupt than limits.link_errors_per_s",
@@ -86,11 +108,11 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.BUS_VOLTAGE, "the DC bus voltage is outside limits.bus_V_min to bus_V_max",
-        "limits.bus_V_min, limits.bus_V_max", 20, _INVERTER,
+        "limits.bus_V_min, limits.bus_V_max", Source.INVERTER, 0.02,
     ),
     Interlock(
         Trip.ENABLE_TIMEOUT,
-        "the inverter was not ready within loop.enable_timeout_s of being enabled",
+        "inverter and enable line were not ready within loop.enable_timeout_s of being enabled",
         "loop.enable_timeout_s",
     ),
     Interlock(
@@ -100,17 +122,23 @@ INTERLOCKS = (
     Interlock(
         Trip.CURRENT_IMPLAUSIBLE,
         "a phase current was further than limits.current_error_A from its command",
-        "limits.current_error_A", 0, _INVERTER, "limits.current_error_s",
+        "limits.current_error_A", Source.INVERTER, "limits.current_error_s",
     ),
     Interlock(
         Trip.TORQUE_IMPLAUSIBLE,
         "the measured torque was further than limits.torque_error_Nm from the set-point",
-        "limits.torque_error_Nm", 0, _BRIDGE, "limits.torque_error_s",
+        "limits.torque_error_Nm", Source.BRIDGE, "limits.torque_error_s",
     ),
     Interlock(
         Trip.BRAKE_TEMPERATURE,
         "the brake's disc is more than 10 K hotter than brake.temperature_max_C",
-        "brake.temperature_max_C", 20,
+        "brake.temperature_max_C", Source.LOOP, 0.02,
+    ),
+    Interlock(
+        Trip.ENABLE_LINE, "the bridge reports the enable line open while the drive is enabled",
+        "", Source.BRIDGE, 0.005,
     ),
 )  # fmt: skip
 """In the order of their bits: the first of several causes of one tick is the earliest here."""
+
+INTERLOCK = {row.trip: row for row in INTERLOCKS}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from motord.config import Config
+from motord.control.interlock_table import INTERLOCKS
 from motord.control.learned import VALUES
 from motord.control.rotating import Axes
 from motord.control.tracks import watched_tracks
@@ -69,6 +70,7 @@ def _fill_limits(p: np.record, config: Config) -> None:
     limits = config.limits
     p.torque_limit_Nm = limits.torque_Nm
     p.torque_rate_Nm_per_s = limits.torque_rate_Nm_per_s
+    p.ramp_down_Nm_per_s = limits.ramp_down_Nm_per_s
     p.current_limit_A = limits.current_A
     p.trip_current_A = limits.trip_current_A
     p.i2t_current_A, p.i2t_time_s = limits.i2t_current_A, limits.i2t_time_s
@@ -80,8 +82,8 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.link_errors_per_s = limits.link_errors_per_s
     p.current_error_A = limits.current_error_A or CURRENT_ERROR * limits.current_A
     p.torque_error_Nm = limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm
-    p.current_error_samples = round(limits.current_error_s / p.period_s)
-    p.torque_error_samples = round(limits.torque_error_s / p.period_s)
+    for index, interlock in enumerate(INTERLOCKS):
+        p.lasts_ns[index] = round(interlock.lasts_s(config) * 1e9)
     tau_s = config.torque_sensor.highpass_time_constant_s
     p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
     p.brake_trip_C = config.brake.temperature_max_C + BRAKE_MARGIN_K

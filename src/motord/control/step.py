@@ -11,7 +11,7 @@ from motord.control.learned import learned_torque
 from motord.control.plausible import remember_command
 from motord.control.types import MEMORY
 from motord.jit import jit
-from motord.schema import Flag, State
+from motord.schema import BridgeStatus, Flag, InverterStatus, State
 
 _CURRENT_LIMITED = int(Flag.CURRENT_LIMITED)
 _TORQUE_LIMITED = int(Flag.TORQUE_LIMITED)
@@ -23,14 +23,17 @@ _NEW_ENCODER = int(Flag.NEW_ENCODER)
 _NEW_INVERTER = int(Flag.NEW_INVERTER)
 _SIMULATED = int(Flag.SIMULATED)
 _SUPERVISOR_ABSENT = int(Flag.SUPERVISOR_ABSENT)
+_POSITION_AGED = int(Flag.POSITION_AGED)
+_LINE_CLOSED = int(BridgeStatus.ENABLE_LINE)
+_INVERTER_READY = int(InverterStatus.READY)
 _COMPENSATE_CURRENTS = int(reference.Compensate.CURRENTS)
 _COMPENSATE_COGGING = int(reference.Compensate.COGGING)
 _COMPENSATE_LEARNED = int(reference.Compensate.LEARNED)
 _ENABLED = int(State.ENABLED)
 _INT32_MAX = 2**31 - 1
 
-AHEAD_MAX_S = 0.02
-"""Furthest that the angle is predicted: beyond it nobody knows where the rotor is."""
+ELAPSED_MAX_S = 1.0
+"""Most time that a tick counts for, however long the loop was kept from running before it."""
 
 
 def new_memory() -> np.ndarray:
@@ -44,14 +47,21 @@ def _i32(value: int) -> int:
 
 
 @jit
-def _set_torque(p: np.record, m: np.record, s: np.record, supervisor_late: bool) -> int:
-    """Ramp the torque set-point; to zero unless enabled, asked for and supervised. Flags."""
+def _set_torque(
+    p: np.record, m: np.record, s: np.record, supervisor_late: bool, elapsed_s: float
+) -> int:
+    """Ramp the torque set-point; to zero unless enabled, asked for and supervised. Flags.
+
+    A ramp down to zero goes on through missed ticks and ends within RAMP_DOWN_MAX_S.
+    """
     if m.state != _ENABLED:
         m.torque_set_Nm = 0.0
         return 0
     wanted_Nm = 0.0 if m.stopping or supervisor_late else float(s.torque_Nm)
     target_Nm = reference.clamp(wanted_Nm, p.torque_limit_Nm)
     step_Nm = p.torque_rate_Nm_per_s * p.period_s
+    if target_Nm == 0.0:
+        step_Nm = p.ramp_down_Nm_per_s * elapsed_s
     m.torque_set_Nm = reference.ramp(m.torque_set_Nm, target_Nm, step_Nm)
     flags = _RAMPING if m.torque_set_Nm != target_Nm else 0
     return flags | (_TORQUE_LIMITED if wanted_Nm != target_Nm else 0)
@@ -119,27 +129,30 @@ def _decide(
     missed: int,
     new: int,
     supervisor_late: bool,
+    elapsed_s: float,
 ) -> int:
     """Evaluate interlocks and the supervisor's request, move the state; returns what holds."""
     request = 0
     if m.started and s.request_seq != m.request_seq:
         request = s.request
     m.request_seq = s.request_seq
-    bits = interlocks.causes(p, m, f, missed, new, supervisor_late, s.brake_temperature_C)
+    conditions = interlocks.conditions(p, m, f, missed, supervisor_late, s.brake_temperature_C)
+    bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)
+    powered = f.inverter_status & _INVERTER_READY and f.bridge_status & _LINE_CLOSED
     state, arming, stopping = states.transition(
         m.state,
         m.arming != 0,
         m.stopping != 0,
         request,
         bits,
-        (f.inverter_status & 1) != 0,
+        powered != 0,
         m.torque_set_Nm == 0.0,
     )
     if m.state == states.TRIPPED and state == states.READY:
         m.trip_bits = 0
         m.first_trip = 0
-    m.arming_s = m.arming_s + p.period_s if arming else 0.0
+    m.arming_s = m.arming_s + elapsed_s if arming else 0.0
     m.state, m.arming, m.stopping = state, arming, stopping
     return bits
 
@@ -206,14 +219,20 @@ def step(
     if count >= 0:
         m.encoder_count = count
     observer.observe(p, m, f.t_ns, count)
-    interlocks.heat_up(p, m, f)
-    interlocks.count_link_errors(p, m, f.link_errors)
+    elapsed_s = p.period_s
+    if m.started:
+        elapsed_s = min(max((f.now_ns - m.now_ns) * 1e-9, 0.0), ELAPSED_MAX_S)
+    m.now_ns = f.now_ns
+    interlocks.update_i2t(p, m, f, elapsed_s)
+    interlocks.count_link_errors(m, f.link_errors, elapsed_s)
     supervisor_late = (f.now_ns - s.heartbeat_ns) * 1e-9 > p.supervisor_timeout_s
     flags |= _SUPERVISOR_ABSENT if supervisor_late else 0
-    causes = _decide(p, m, s, f, t.missed, flags, supervisor_late)
+    causes = _decide(p, m, s, f, t.missed, flags, supervisor_late, elapsed_s)
     t.trip_bits = causes if m.state == states.OFF else m.trip_bits
-    flags |= _set_torque(p, m, s, supervisor_late)
-    ahead_s = min((f.now_ns - m.t_ns) * 1e-9 + p.actuation_delay_s, AHEAD_MAX_S)
+    flags |= _set_torque(p, m, s, supervisor_late, elapsed_s)
+    age_s = (f.now_ns - m.t_ns) * 1e-9
+    aged = age_s > observer.POSITION_AGE_MAX_S
+    ahead_s = min(age_s, observer.POSITION_AGE_MAX_S) + p.actuation_delay_s
     angle_rad = observer.wrap_angle(m.angle_rad + m.speed_rad_s * ahead_s)
     t.angle_predicted_rad = angle_rad
     c.angle_rad, c.speed_rad_s = angle_rad, m.speed_rad_s
@@ -221,8 +240,11 @@ def step(
     t.cogging_comp_Nm = 0.0
     c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0
     if m.state == _ENABLED:
-        flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
-    remember_command(m, s, c.i_A, flags & _CURRENT_LIMITED != 0)
+        if aged:
+            flags |= _POSITION_AGED
+        else:
+            flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
+    remember_command(m, s, c.i_A, flags & (_CURRENT_LIMITED | _POSITION_AGED) != 0)
     c.enable = 1 if m.state == _ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s

@@ -6,7 +6,7 @@ times as much is stuck, even where the jumps that it causes are small enough to 
 
 import numpy as np
 
-from motord.control.observer import STEADY_S, TWO_PI, wrap_difference
+from motord.control.observer import POSITION_AGE_MAX_S, TWO_PI, wrap_difference
 from motord.jit import jit
 
 FAR = 2.5
@@ -36,7 +36,7 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     m.gray = gray
     counts_per_rad = p.counts / TWO_PI
     step_counts = abs(m.speed_rad_s) * dt_s * counts_per_rad
-    if not 0.0 < dt_s <= STEADY_S or abs(moved_rad) > p.encoder_jump_rad:
+    if not 0.0 < dt_s <= POSITION_AGE_MAX_S:
         changed = np.int64(ALL)
     far = False
     for track in range(p.tracks):

@@ -79,6 +79,7 @@ PARAMETERS = record_dtype(
         ("learned_speed_rad_s", "f8", (MAX_NODES,)),
         ("torque_limit_Nm", "f8"),
         ("torque_rate_Nm_per_s", "f8"),
+        ("ramp_down_Nm_per_s", "f8"),  # to zero, on disable and without a supervisor
         ("current_limit_A", "f8"),
         ("trip_current_A", "f8"),
         ("i2t_current_A", "f8"),
@@ -92,8 +93,7 @@ PARAMETERS = record_dtype(
         ("link_errors_per_s", "f8"),
         ("current_error_A", "f8"),
         ("torque_error_Nm", "f8"),
-        ("current_error_samples", "i8"),
-        ("torque_error_samples", "i8"),
+        ("lasts_ns", "i8", (32,)),  # for how long each trip's condition may hold
         ("torque_decay", "f8"),  # of the torque sensor's high-pass over a period
         ("brake_trip_C", "f8"),
         ("tracks", "i8"),  # of the encoder, watched for being stuck
@@ -113,6 +113,7 @@ PARAMETERS = record_dtype(
 
 MEMORY = record_dtype(
     [
+        ("now_ns", "i8"),  # when the tick before began
         ("t_ns", "i8"),  # time of the newest encoder sample used
         ("t_bridge_ns", "i8"),  # times of the newest samples seen, used or not
         ("t_inverter_ns", "i8"),
@@ -141,7 +142,9 @@ MEMORY = record_dtype(
         ("trip_bits", "u4"),
         ("first_trip", "u4"),
         ("request_seq", "u4"),
-        ("debounce", "u4", (32,)),  # ticks that each trip's condition has lasted
+        ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
+        ("holding", "u4"),  # conditions that hold by the newest evidence of each
+        ("causes", "u4"),  # those that have held for longer than they may
         ("implausible", "u4"),  # encoder samples in a row that the speed cannot explain
         ("encoder_count", "i4"),
         ("limited", "u1"),  # the newest command makes less torque than asked for

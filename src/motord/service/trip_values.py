@@ -1,7 +1,7 @@
 """What was measured at a trip, beside the limit that it went beyond: one row for each cause.
 
-Where the condition is a bit of a status word, the value counts for how many ticks or samples it
-has held, and the limit is how many it may.
+Where the condition is a bit of a status word, the value is for how long it has held, in s, and the
+limit for how long it may.
 """
 
 from collections.abc import Callable
@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import Config
-from motord.control.interlock_table import INTERLOCKS
+from motord.control.interlock_table import INTERLOCK
 from motord.control.parameters import BRAKE_MARGIN_K, CURRENT_ERROR, TORQUE_ERROR
 from motord.control.plausible import TORQUE_SHARE
-from motord.schema import BridgeStatus, Flag, InverterStatus, State, Trip
+from motord.schema import BridgeStatus, InverterStatus, State, Trip
 
 PHASES = "abc"
 JUMP_TICKS = 10
@@ -34,11 +34,14 @@ class Seen:
         last: np.void = self.ticks[-1]
         return last
 
-    def on_end(self, holds: np.ndarray, of: Flag | None = None) -> float:
-        """Return for how many ticks on end, or only those with the flag `of`, `holds` is true."""
-        rows = holds if of is None else holds[(self.ticks["flags"] & of) != 0]
-        ended = np.flatnonzero(~rows)
-        return float(len(rows) - (ended[-1] + 1 if len(ended) else 0))
+    def held_s(self, holds: np.ndarray) -> float:
+        """Return for how long `holds`, shape (n,), has been true up to the last tick, included."""
+        ended = np.flatnonzero(~holds)
+        first = ended[-1] + 1 if len(ended) else 0
+        if first == len(holds):
+            return 0.0
+        numbers = self.ticks["tick"][first:].astype(np.int64)
+        return float(numbers[-1] - numbers[0] + 1) / self.config.loop.rate_Hz
 
 
 Number = Callable[[Seen], float]
@@ -57,8 +60,7 @@ def _largest_A(seen: Seen) -> float:
 
 
 def _allowed(trip: Trip) -> Number:
-    lasts = next(float(row.lasts) for row in INTERLOCKS if row.trip is trip)
-    return lambda seen: lasts
+    return lambda seen: INTERLOCK[trip].lasts_s(seen.config)
 
 
 def _inverter_age_s(seen: Seen) -> float:
@@ -77,7 +79,7 @@ def _faulty(seen: Seen) -> float:
     unpowered = (status & InverterStatus.READY == 0) & (state == State.ENABLED)
     holds = (status & InverterStatus.FAULT != 0) | unpowered
     holds[-1] = True  # the state is that after the trip
-    return seen.on_end(holds)
+    return seen.held_s(holds)
 
 
 def _missed(seen: Seen) -> float:
@@ -86,7 +88,7 @@ def _missed(seen: Seen) -> float:
 
 def _silent_s(seen: Seen) -> float:
     seq = seen.ticks["setpoint_seq"]
-    return seen.on_end(seq == seq[-1]) / seen.config.loop.rate_Hz
+    return seen.held_s(seq == seq[-1])
 
 
 def _errors(seen: Seen) -> float:
@@ -100,7 +102,9 @@ def _bus_limit_V(seen: Seen) -> float:
 
 
 def _arming_s(seen: Seen) -> float:
-    return seen.on_end(seen.ticks["state"][:-1] == State.READY) / seen.config.loop.rate_Hz
+    ready = seen.ticks["state"] == State.READY
+    ready[-1] = True  # the state is that after the trip
+    return seen.held_s(ready)
 
 
 def _not_numbers(seen: Seen) -> float:
@@ -152,10 +156,8 @@ _VALUES: dict[Trip, tuple[str, Number, Number]] = {
         lambda seen: seen.config.limits.encoder_jump_rad,
     ),
     Trip.TORQUE_STALE: (
-        "samples on end whose torque is not valid",
-        lambda seen: seen.on_end(
-            seen.ticks["bridge_status"] & BridgeStatus.TORQUE_INVALID != 0, Flag.NEW_ENCODER
-        ),
+        "torque not valid, for s",
+        lambda seen: seen.held_s(seen.ticks["bridge_status"] & BridgeStatus.TORQUE_INVALID != 0),
         _allowed(Trip.TORQUE_STALE),
     ),
     Trip.INVERTER_STALE: (
@@ -164,13 +166,13 @@ _VALUES: dict[Trip, tuple[str, Number, Number]] = {
         lambda seen: seen.config.inverter.stale_after_s,
     ),
     Trip.INVERTER_FAULT: (
-        "ticks on end with a fault or without power",
+        "fault or no power, for s",
         _faulty,
         _allowed(Trip.INVERTER_FAULT),
     ),
     Trip.BUS_OFF: (
-        "ticks on end off the bus",
-        lambda seen: seen.on_end(seen.ticks["inverter_status"] & InverterStatus.BUS_OFF != 0),
+        "off the bus, for s",
+        lambda seen: seen.held_s(seen.ticks["inverter_status"] & InverterStatus.BUS_OFF != 0),
         _allowed(Trip.BUS_OFF),
     ),
     Trip.LOOP_OVERRUN: (
@@ -198,8 +200,8 @@ _VALUES: dict[Trip, tuple[str, Number, Number]] = {
         lambda seen: seen.config.loop.enable_timeout_s,
     ),
     Trip.BRIDGE_FAULT: (
-        "ticks on end with a fault of the bridge or an encoder not to be trusted",
-        lambda seen: seen.on_end(
+        "fault of the bridge or an encoder not to be trusted, for s",
+        lambda seen: seen.held_s(
             seen.ticks["bridge_status"] & (BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID) != 0
         ),
         _allowed(Trip.BRIDGE_FAULT),
@@ -222,6 +224,11 @@ _VALUES: dict[Trip, tuple[str, Number, Number]] = {
         "brake temperature, degC",
         _field("brake_temperature_C"),
         lambda seen: seen.config.brake.temperature_max_C + BRAKE_MARGIN_K,
+    ),
+    Trip.ENABLE_LINE: (
+        "enable line open, for s",
+        lambda seen: seen.held_s(seen.ticks["bridge_status"] & BridgeStatus.ENABLE_LINE == 0),
+        _allowed(Trip.ENABLE_LINE),
     ),
 }  # fmt: skip
 

@@ -51,6 +51,8 @@ TRIP_ACTION: dict[Trip, str] = {
     "sensor's amplifier; a torque that goes with the angle to the encoder (frozen, slipped, wrong "
     "offset) or a phase without current",
     Trip.BRAKE_TEMPERATURE: "let the brake's disc cool; rest between operating points",
+    Trip.ENABLE_LINE: "bridge_status in the ticks says why the board opened it: heartbeat lost "
+    "(its cable, or a loop that was late: see `motord check --rt`) or a reset (its supply)",
 }
 """What to do after each cause of a trip, before the reset."""
 

@@ -8,7 +8,7 @@ from motord.config import Config
 from motord.control import parameters
 from motord.control.step import new_memory, step
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
-from motord.schema import TICK_DTYPE, InverterStatus, Request, State
+from motord.schema import TICK_DTYPE, BridgeStatus, InverterStatus, Request, State
 
 EPOCH_NS = 1_700_000_000_000_000_000
 
@@ -50,6 +50,7 @@ class Bench:
         self.speed_rad_s = 5.0
         self.feedback["u_bus_V"] = 24.0
         self.feedback["inverter_status"] = InverterStatus.READY
+        self.feedback["bridge_status"] = BridgeStatus.ENABLE_LINE
         self.number = 0
 
     def count_at(self, angle_rad: float) -> int:

@@ -8,7 +8,15 @@ import pytest
 from motord.config import Config
 from motord.control import interlocks, parameters
 from motord.control.interlock_table import INTERLOCKS
-from motord.control.interlocks import LINK_MEMORY_S, causes, count_link_errors, heat_up, latch
+from motord.control.interlocks import (
+    AHEAD_S,
+    LINK_MEMORY_S,
+    conditions,
+    count_link_errors,
+    debounced,
+    latch,
+    update_i2t,
+)
 from motord.control.step import new_memory
 from motord.control.types import FEEDBACK
 from motord.schema import BridgeStatus, Flag, InverterStatus, State, Trip
@@ -17,6 +25,7 @@ from tests.unit.control.bench import EPOCH_NS, make_config
 NEW_BRIDGE, NEW_INVERTER = int(Flag.NEW_ENCODER), int(Flag.NEW_INVERTER)
 PERIOD_NS = 1_000_000
 SAMPLES = 7
+LINE = int(BridgeStatus.ENABLE_LINE)
 LIMITS = {
     "trip_current_A": 35.0, "current_A": 25.0, "i2t_current_A": 20.0, "i2t_time_s": 0.5,
     "trip_speed_rad_s": 20.0, "trip_torque_Nm": 12.0, "trip_temperature_C": 100.0,
@@ -24,14 +33,12 @@ LIMITS = {
     "current_error_A": 4.0, "current_error_s": SAMPLES * 1e-3, "torque_error_Nm": 1.5,
     "torque_error_s": SAMPLES * 1e-3,
 }  # fmt: skip
-LASTS = {row.trip: row.lasts for row in INTERLOCKS} | {
-    Trip.CURRENT_IMPLAUSIBLE: SAMPLES,
-    Trip.TORQUE_IMPLAUSIBLE: SAMPLES,
-    # as many samples in a row as the observer has not believed
-    Trip.ENCODER_IMPLAUSIBLE: 0,
-}
-LASTING = (1, 2, 5, 0, 0, 2, 5, 0, 2, 0, 0, 0, 20, 0, 20, 0, 0, 0, 0, 0, 20)
-"""Ticks or samples that each condition may last, in the order of the bits of their trips."""
+CONFIGURED_S = SAMPLES * 1e-3
+LASTING_S = (
+    0.001, 0.002, 0.005, 0, 0, 0, 0.005, 0, 0.002, 0, 0, 0, 0.02, 0, 0.02, 0, 0, 0, CONFIGURED_S,
+    CONFIGURED_S, 0.02, 0.005,
+)  # fmt: skip
+"""For how long each condition may hold, in the order of the bits of their trips."""
 
 
 def bench_config(**sections: object) -> Config:
@@ -46,9 +53,10 @@ class Watched:
         self.p = parameters.build(self.config)[0][0]
         self.memory, self.feedback = new_memory(), np.zeros(1, FEEDBACK)
         self.m, self.f = self.memory[0], self.feedback[0]
-        self.m.state, self.m.started = int(state), 1
+        self.m.state, self.m.started, self.m.tracking = int(state), 1, 1
         self.f.now_ns = self.f.t_ns = self.f.t_inverter_ns = EPOCH_NS
         self.f.inverter_status = int(InverterStatus.READY)
+        self.f.bridge_status = LINE
         self.f.u_bus_V, self.f.temperature_C = 24.0, 30.0
         self.new = NEW_BRIDGE | NEW_INVERTER
         self.missed = 0
@@ -56,12 +64,11 @@ class Watched:
         self.brake_C = 40.0
 
     def look(self) -> int:
-        """Return the causes that hold now."""
-        return int(
-            causes(
-                self.p, self.m, self.f, self.missed, self.new, self.late, self.brake_C
-            )
-        )  # fmt: skip
+        """Return the causes that hold now; a period passes, ages stay as they are."""
+        for name in ("now_ns", "t_ns", "t_inverter_ns"):
+            self.feedback[name] += PERIOD_NS
+        bits = conditions(self.p, self.m, self.f, self.missed, self.late, self.brake_C)
+        return int(debounced(self.p, self.m, bits, self.new, self.f.now_ns))
 
 
 def currents(value: float):
@@ -137,6 +144,8 @@ READY, FAULT, BUS_OFF = (
     int(s) for s in (InverterStatus.READY, InverterStatus.FAULT, InverterStatus.BUS_OFF)
 )
 STALE_NS = 20_000_000
+AHEAD_NS = round(AHEAD_S * 1e9)
+TORQUE_INVALID = int(BridgeStatus.TORQUE_INVALID)
 
 BEYOND = [
     (Trip.OVER_CURRENT, phase(0, 35.01)),
@@ -153,7 +162,7 @@ BEYOND = [
     (Trip.I2T, hot(2, 0.501)),
     (Trip.ENCODER_STALE, old("t_ns", STALE_NS + 1000)),
     (Trip.ENCODER_IMPLAUSIBLE, of_memory("implausible", 3)),
-    (Trip.TORQUE_STALE, of_feedback("bridge_status", int(BridgeStatus.TORQUE_INVALID))),
+    (Trip.TORQUE_STALE, of_feedback("bridge_status", LINE | TORQUE_INVALID)),
     (Trip.INVERTER_STALE, old("t_inverter_ns", STALE_NS + 1000)),
     (Trip.INVERTER_FAULT, of_feedback("inverter_status", READY | FAULT)),
     (Trip.INVERTER_FAULT, of_feedback("inverter_status", 0)),
@@ -166,8 +175,13 @@ BEYOND = [
     (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", 32.01)),
     (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", math.nan)),
     (Trip.ENABLE_TIMEOUT, of_memory("arming_s", 1.0001)),
-    (Trip.BRIDGE_FAULT, of_feedback("bridge_status", int(BridgeStatus.FAULT))),
-    (Trip.BRIDGE_FAULT, of_feedback("bridge_status", int(BridgeStatus.ENCODER_INVALID))),
+    (Trip.BRIDGE_FAULT, of_feedback("bridge_status", LINE | int(BridgeStatus.FAULT))),
+    (Trip.BRIDGE_FAULT, of_feedback("bridge_status", LINE | int(BridgeStatus.ENCODER_INVALID))),
+    (Trip.ENABLE_LINE, of_feedback("bridge_status", 0)),
+    (Trip.ENABLE_LINE, of_feedback("bridge_status", int(BridgeStatus.HEARTBEAT_LOST))),
+    (Trip.ENCODER_IMPLAUSIBLE, of_memory("tracking", 0)),
+    (Trip.ENCODER_STALE, old("t_ns", -AHEAD_NS - 1000)),
+    (Trip.INVERTER_STALE, old("t_inverter_ns", -AHEAD_NS - 1000)),
     (Trip.FEEDBACK_INVALID, of_feedback("torque_Nm", math.inf)),
     (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (4.01, 0.0, 0.0))),
     (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (0.0, 0.0, -4.01))),
@@ -188,6 +202,8 @@ WITHIN = [
     hot(1, 0.5),
     old("t_ns", STALE_NS - 1000),
     old("t_inverter_ns", STALE_NS - 1000),
+    old("t_ns", -AHEAD_NS + 1000),
+    old("t_inverter_ns", -AHEAD_NS + 1000),
     of_memory("implausible", 2),
     missed(56, 7),
     late(0.5),
@@ -206,11 +222,18 @@ WITHIN = [
 
 
 def lasting(trip: Trip) -> int:
-    return LASTS[trip]
+    """Return for how many looks a condition may hold."""
+    return round(LASTING_S[list(Trip).index(trip)] * 1e9 / PERIOD_NS)
 
 
 def test_how_long_each_condition_may_last() -> None:
-    assert tuple(row.lasts for row in INTERLOCKS) == LASTING
+    assert tuple(row.lasts_s(bench_config()) for row in INTERLOCKS) == LASTING_S
+
+
+@pytest.mark.parametrize("row", INTERLOCKS, ids=lambda row: row.trip.name)
+def test_the_kernel_takes_the_times_of_the_table(row) -> None:
+    index = list(Trip).index(row.trip)
+    assert Watched().p.lasts_ns[index] == round(row.lasts_s(bench_config()) * 1e9)
 
 
 @pytest.mark.kernel
@@ -239,20 +262,22 @@ def test_a_condition_that_is_interrupted_starts_over(trip, depart) -> None:
         depart(watched)
         for _ in range(lasting(trip)):
             assert watched.look() == 0
-        healthy = Watched()
-        watched.f, watched.late = healthy.f, False
+        healthy, now_ns = Watched(), int(watched.f.now_ns)
+        watched.feedback[:], watched.late = healthy.feedback, False
+        watched.f.now_ns = watched.f.t_ns = watched.f.t_inverter_ns = now_ns
         watched.missed, watched.brake_C = 0, 40.0
-        kept = watched.memory["debounce"].copy()
+        kept = {name: watched.memory[name].copy() for name in ("since_ns", "holding", "causes")}
         watched.memory[:] = healthy.memory
-        watched.memory["debounce"] = kept
+        for name, value in kept.items():
+            watched.memory[name] = value
         assert watched.look() == 0
 
 
 COUNTED = {
     Trip.OVER_CURRENT: NEW_INVERTER, Trip.TEMPERATURE: NEW_INVERTER,
     Trip.BUS_VOLTAGE: NEW_INVERTER, Trip.CURRENT_IMPLAUSIBLE: NEW_INVERTER,
-    Trip.OVER_TORQUE: NEW_BRIDGE, Trip.TORQUE_STALE: NEW_BRIDGE,
-    Trip.TORQUE_IMPLAUSIBLE: NEW_BRIDGE,
+    Trip.OVER_SPEED: NEW_BRIDGE, Trip.OVER_TORQUE: NEW_BRIDGE, Trip.TORQUE_STALE: NEW_BRIDGE,
+    Trip.TORQUE_IMPLAUSIBLE: NEW_BRIDGE, Trip.ENABLE_LINE: NEW_BRIDGE,
 }  # fmt: skip
 """The flag that says of each condition of a sample whether the sample is new."""
 
@@ -263,18 +288,21 @@ def test_a_sample_that_is_seen_again_is_no_further_evidence(trip, depart) -> Non
     depart(watched)
     flag = COUNTED[trip]
     other = (NEW_BRIDGE | NEW_INVERTER) ^ flag
-    for _ in range(lasting(trip)):
-        watched.new = flag
-        assert watched.look() == 0
-        watched.new = other
-        assert watched.look() == 0
+    watched.new = flag
+    assert watched.look() == 0
+    watched.new = other
+    for _ in range(2 * lasting(trip)):
+        assert watched.look() == 0  # however much time passes
     watched.new = flag
     assert watched.look() == int(trip)
     watched.new = other
     assert watched.look() == int(trip)  # until a new sample says otherwise
     watched.new = 0
     assert watched.look() == int(trip)
-    watched.memory["debounce"] = 0
+    watched.m.implausible, watched.feedback[:], watched.new = 0, Watched().feedback, flag
+    watched.m.speed_rad_s = watched.m.torque_expected_Nm = 0.0
+    watched.m.i_last_A[:] = watched.m.i_before_A[:] = 0.0
+    watched.m.torque_asked_Nm = watched.m.torque_before_Nm = 0.0
     assert watched.look() == 0
 
 
@@ -320,7 +348,6 @@ def test_tracks_that_are_stuck_trip() -> None:
     watched.p.tracks = 10
     trips = []
     for number in range(1, 400):
-        watched.f.now_ns = watched.f.t_ns = watched.f.t_inverter_ns = EPOCH_NS + number * PERIOD_NS
         watched.m.angle_rad = 0.01 * number % (2 * math.pi)
         watched.m.speed_rad_s = 10.0
         trips.append(watched.look())
@@ -336,10 +363,10 @@ def test_heat_rises_and_falls_with_the_square_of_the_current(number) -> None:
     watched = Watched()
     watched.m.heat_s[number] = 0.1
     watched.f.i_A[number] = -30.0
-    heat_up(watched.p, watched.m, watched.f)
+    update_i2t(watched.p, watched.m, watched.f, 1e-3)
     assert watched.m.heat_s[number] == pytest.approx(0.1 + (1.5**2 - 1) * 1e-3, rel=1e-6)
     watched.f.i_A[number] = 10.0
-    heat_up(watched.p, watched.m, watched.f)
+    update_i2t(watched.p, watched.m, watched.f, 1e-3)
     expected = 0.1 + (1.5**2 - 1) * 1e-3 - 0.75e-3
     assert watched.m.heat_s[number] == pytest.approx(expected, rel=1e-6)
     others = [watched.m.heat_s[other] for other in range(3) if other != number]
@@ -350,11 +377,11 @@ def test_heat_is_bounded_and_a_reading_that_is_none_changes_nothing() -> None:
     watched = Watched()
     watched.f.i_A[:] = (1e4, math.nan, math.inf)
     watched.m.heat_s[:] = (0.9, 0.2, 0.3)
-    heat_up(watched.p, watched.m, watched.f)
+    update_i2t(watched.p, watched.m, watched.f, 1e-3)
     assert watched.m.heat_s.tolist() == [1.0, 0.2, 0.3]  # twice i2t_time_s
     watched.f.i_A[:] = 0.0
     for _ in range(1100):
-        heat_up(watched.p, watched.m, watched.f)
+        update_i2t(watched.p, watched.m, watched.f, 1e-3)
     assert watched.m.heat_s.tolist() == [0.0, 0.0, 0.0]
 
 
@@ -362,15 +389,15 @@ def test_heat_is_bounded_and_a_reading_that_is_none_changes_nothing() -> None:
 def test_link_errors_add_up_and_fade_within_a_second() -> None:
     watched = Watched()
     watched.m.link_errors = 5
-    count_link_errors(watched.p, watched.m, 8)
+    count_link_errors(watched.m, 8, 1e-3)
     assert (watched.m.link_level, watched.m.link_errors) == (3.0, 8)
-    count_link_errors(watched.p, watched.m, 9)
+    count_link_errors(watched.m, 9, 1e-3)
     assert watched.m.link_level == pytest.approx(3.0 * (1 - 1e-3 / LINK_MEMORY_S) + 1.0)
-    count_link_errors(watched.p, watched.m, 2)  # a driver that began anew
+    count_link_errors(watched.m, 2, 1e-3)  # a driver that began anew
     assert watched.m.link_level == pytest.approx((3.0 * 0.999 + 1.0) * 0.999)
     assert watched.m.link_errors == 2
     for _ in range(3000):
-        count_link_errors(watched.p, watched.m, 2)
+        count_link_errors(watched.m, 2, 1e-3)
     assert 0.0 < watched.m.link_level < 0.21
     assert LINK_MEMORY_S == 1.0
 
@@ -378,11 +405,10 @@ def test_link_errors_add_up_and_fade_within_a_second() -> None:
 def test_link_errors_before_the_start_are_not_ours_and_slow_loops_forget_at_once() -> None:
     watched = Watched()
     watched.m.started = 0
-    count_link_errors(watched.p, watched.m, 8)
+    count_link_errors(watched.m, 8, 1e-3)
     assert (watched.m.link_level, watched.m.link_errors) == (0.0, 8)
     watched.m.link_level, watched.m.started = 4.0, 1
-    watched.p.period_s = 2.0
-    count_link_errors(watched.p, watched.m, 8)
+    count_link_errors(watched.m, 8, 2.0)
     assert watched.m.link_level == 0.0
 
 

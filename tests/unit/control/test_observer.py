@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.control import observer
+from motord.schema import Flag, Request, State, Trip
 from tests.unit.control.bench import Bench, make_config
 
 
@@ -112,3 +113,61 @@ def test_a_gap_explains_more_than_a_period_does() -> None:
     assert bench.memory["implausible"][0] == 0
     tick = bench.run(100)
     assert float(tick.speed_rad_s) == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.kernel
+def test_a_position_that_is_too_old_makes_no_torque() -> None:
+    """The sensor may be silent for up to a second by the bench file: no torque after 30 ms."""
+    bench = Bench(make_config(bridge={"stale_after_s": 1.0}))
+    bench.enable(torque_Nm=1.0)
+    bench.run(200)
+
+    def blind(ticks: int) -> np.record:
+        for _ in range(ticks):
+            bench.feedback["t_inverter_ns"] = bench.now_ns + bench.period_ns
+            bench.run(healthy=False)
+        return bench.tick[0]
+
+    tick = blind(round(observer.POSITION_AGE_MAX_S * 1e3) - 1)
+    assert bench.currents_A().any()
+    assert not tick["flags"] & Flag.POSITION_AGED
+    tick = blind(2)
+    assert tick.state == State.ENABLED
+    assert tick["flags"] & Flag.POSITION_AGED
+    assert not bench.currents_A().any()
+    tick = bench.run()  # a sample again
+    assert bench.currents_A().any()
+    assert not tick["flags"] & Flag.POSITION_AGED
+
+
+def test_a_bench_without_any_position_cannot_be_enabled() -> None:
+    """Codes beyond the encoder's counts from the start: nothing jumps, and nothing is known."""
+    bench = Bench(make_config(motor={"counts": 4000}))
+    bench.count_at = lambda angle_rad: 4050
+    tick = bench.run(50)
+    assert tick.trip_bits == Trip.ENCODER_IMPLAUSIBLE
+    bench.ask(Request.ENABLE)
+    assert bench.run(50).state == State.OFF
+
+
+def test_samples_that_go_back_in_time_trip() -> None:
+    bench = Bench()
+    bench.enable()
+    bench.run(50)
+    for number in range(3):
+        assert bench.tick["state"][0] == State.ENABLED
+        bench.feedback["t_ns"] = bench.now_ns - (5 + number) * bench.period_ns
+        bench.feedback["t_inverter_ns"] = bench.now_ns + bench.period_ns
+        bench.run(healthy=False)
+    assert bench.tick["first_trip"][0] == Trip.ENCODER_IMPLAUSIBLE
+
+
+@pytest.mark.parametrize("rate_Hz", [100, 150, 199, 1000])
+@pytest.mark.parametrize("speed_rad_s", [-15.0, 0.3, 18.0])
+def test_speed_comes_from_samples_of_any_spacing(rate_Hz: int, speed_rad_s: float) -> None:
+    bench = Bench(make_config(loop={"rate_Hz": rate_Hz}))
+    bench.speed_rad_s = speed_rad_s
+    bench.run(rate_Hz)
+    speeds_rad_s = [float(bench.run().speed_rad_s) for _ in range(rate_Hz)]
+    assert np.mean(speeds_rad_s) == pytest.approx(speed_rad_s, abs=0.02)
+    assert max(speeds_rad_s) - min(speeds_rad_s) < 0.2

@@ -139,6 +139,27 @@ def test_disable_ramps_down_first() -> None:
     assert bench.command["enable"][0] == 0
 
 
+@pytest.mark.parametrize("end", ["disable", "silence", "zero"])
+@pytest.mark.parametrize("missing", [0, 4])
+def test_down_to_zero_takes_a_second_at_most(end: str, missing: int) -> None:
+    """However gentle the way up is, and though the loop misses four of five ticks."""
+    bench = Bench(make_config(limits={"torque_rate_Nm_per_s": 0.5, "torque_Nm": 2.0}))
+    bench.enable(torque_Nm=2.0)
+    bench.run(4000)
+    assert float(bench.tick["torque_set_Nm"][0]) == pytest.approx(2.0)
+    if end == "disable":
+        bench.ask(Request.DISABLE)
+    elif end == "zero":
+        bench.setpoint["torque_Nm"] = 0.0
+    begun_ns, supervised = bench.now_ns, end != "silence"
+    while float(bench.run(supervised=supervised).torque_set_Nm) > 0.0:
+        bench.now_ns += missing * bench.period_ns
+        bench.angle_rad += bench.speed_rad_s * missing * bench.period_ns * 1e-9
+    took_s = (bench.now_ns - begun_ns) * 1e-9
+    took_s -= 0.0 if supervised else bench.config.loop.supervisor_timeout_s
+    assert 0.99 <= took_s <= 1.012
+
+
 def test_stop_is_at_once() -> None:
     bench = Bench()
     bench.enable(torque_Nm=3.0)
@@ -231,11 +252,15 @@ def _bus_off(b: Bench) -> None:
 
 
 def _bridge_fault(b: Bench) -> None:
-    b.feedback["bridge_status"] = BridgeStatus.FAULT
+    b.feedback["bridge_status"] |= int(BridgeStatus.FAULT)
 
 
 def _torque_invalid(b: Bench) -> None:
-    b.feedback["bridge_status"] = BridgeStatus.TORQUE_INVALID
+    b.feedback["bridge_status"] |= int(BridgeStatus.TORQUE_INVALID)
+
+
+def _line_open(b: Bench) -> None:
+    b.feedback["bridge_status"] = 0
 
 
 def _over_speed(b: Bench) -> None:
@@ -266,6 +291,7 @@ TRIPS = [
     (_over_speed, Trip.OVER_SPEED, 60),
     (_overrun, Trip.LOOP_OVERRUN, 1),
     (_link_errors, Trip.LINK_ERRORS, 1),
+    (_line_open, Trip.ENABLE_LINE, 6),
 ]
 
 
@@ -361,6 +387,16 @@ def test_an_inverter_that_never_gets_ready_times_out() -> None:
     bench.ask(Request.ENABLE)
     assert bench.run(900).state == State.READY
     assert bench.command["enable"][0] == 1
+    assert trip_after(bench, 200) == Trip.ENABLE_TIMEOUT
+
+
+def test_a_line_that_the_bridge_never_closes_times_out() -> None:
+    """The inverter may say that it is ready: without the line it will not be."""
+    bench = Bench()
+    bench.feedback["bridge_status"] = 0
+    bench.run(5)
+    bench.ask(Request.ENABLE)
+    assert bench.run(900).state == State.READY
     assert trip_after(bench, 200) == Trip.ENABLE_TIMEOUT
 
 

@@ -14,6 +14,7 @@ from motord.runtime.clock import Clock
 from motord.runtime.mailbox import MailboxWriter
 from motord.runtime.rundir import RunDir
 from motord.runtime.tables import TablesWriter
+from motord.schema import BridgeStatus
 
 BENCH = """
 [bench]
@@ -76,6 +77,7 @@ class ScriptedRig:
         self.reads += 1
         feedback["t_ns"] = feedback["t_inverter_ns"] = now_ns
         feedback["inverter_status"] = InverterStatus.READY | InverterStatus.ENABLE_LINE
+        feedback["bridge_status"] = BridgeStatus.ENABLE_LINE
         feedback["u_bus_V"] = 24.0
         feedback["temperature_C"] = 25.0
 

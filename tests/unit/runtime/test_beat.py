@@ -10,7 +10,7 @@ from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.runtime.beat import NO_WORK, Beat, beat
 from motord.runtime.tables import TableSet
 from motord.runtime.timing import Timing
-from motord.schema import TICK_DTYPE, InverterStatus, Request, State
+from motord.schema import TICK_DTYPE, BridgeStatus, InverterStatus, Request, State
 
 
 class Bench:
@@ -35,6 +35,7 @@ class Bench:
         f.now_ns = f.t_ns = f.t_inverter_ns = s.heartbeat_ns = 10**18 + n * 500_000
         f.encoder_gray = (n % 4096) ^ (n % 4096 >> 1)
         f.inverter_status = InverterStatus.READY | InverterStatus.ENABLE_LINE
+        f.bridge_status = BridgeStatus.ENABLE_LINE
         f.u_bus_V, f.temperature_C = 24.0, 25.0
         s.request_seq = 1 if n > 2 else 0
 

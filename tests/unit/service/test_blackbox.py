@@ -48,7 +48,7 @@ def test_at_a_trip_a_box_is_asked_for_even_if_nothing_is_recorded(played):
     assert (account["first"], account["causes"]) == (["OVER_SPEED"], ["OVER_SPEED", "BUS_OFF"])
     assert account["values"] == {
         "speed, rad/s": {"value": 99.0, "limit": 25.0},
-        "ticks on end off the bus": {"value": 0.0, "limit": 0.0},
+        "off the bus, for s": {"value": 0.0, "limit": 0.0},
     }
     assert "brake" in account["action"]
     assert asked["metadata"]["config"] == "the text"

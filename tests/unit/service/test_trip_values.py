@@ -93,8 +93,9 @@ def test_an_inverter_that_never_gets_ready():
 @pytest.mark.parametrize(
     ("trip", "fields", "value", "limit"),
     [
-        (Trip.TORQUE_STALE, {"bridge_status": [0, 4, 4, 4], "flags": [256, 256, 0, 256]}, 2, 5),
-        (Trip.BRIDGE_FAULT, {"bridge_status": [0, 0, 8, 16]}, 2, 0),
+        (Trip.TORQUE_STALE, {"bridge_status": [0, 4, 4, 4]}, 0.003, 0.005),
+        (Trip.BRIDGE_FAULT, {"bridge_status": [0, 0, 8, 16]}, 0.002, 0),
+        (Trip.ENABLE_LINE, {"bridge_status": [1, 2, 2, 2]}, 0.003, 0.005),
         (Trip.FEEDBACK_INVALID, {"torque_Nm": np.nan, "i_b_A": np.inf}, 2, 0),
         (Trip.I2T, {"i_c_A": -24.0}, 24, 22),
         (Trip.LOOP_OVERRUN, {"missed": [3, 3, 3, 90]}, 87, 50),
@@ -106,6 +107,7 @@ def test_an_inverter_that_never_gets_ready():
 )  # fmt: skip
 def test_values_that_are_read_off_several_ticks(trip, fields, value, limit):
     ticks = np.zeros(4, TICK_DTYPE)
+    ticks["tick"] = [7, 8, 9, 10]
     for name, given in fields.items():
         ticks[name] = given
     [told] = trip_values(int(trip), Seen(ticks, 0.0, load())).values()
