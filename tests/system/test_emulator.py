@@ -220,7 +220,7 @@ def test_silence_on_the_bus_zeroes_the_currents_at_the_timeout(start, host, tmp_
 
 
 def test_silence_of_heartbeats_opens_the_enable_line(start, host, tmp_path):
-    patient = {"\ntimeout_s = 1.0": "\ntimeout_s = 5.0"}
+    patient = {"heartbeat_timeout_s = 1.0": "heartbeat_timeout_s = 0.5"}
     bench, truth = write_bench(tmp_path, patient), tmp_path / "truth.mcap"
     emulator = start(bench, "--truth", str(truth))
     daemon = host(bench)

@@ -55,9 +55,9 @@ def open_run_truth(path):
 
 @pytest.fixture
 def wire(tmp_path, request):
-    """A bench whose inverter waits 5 s for commands, or as long as the test's parameter says."""
+    """A bench whose inverter waits 1 s for commands, or as long as the test's parameter says."""
     bench = write_bench(tmp_path)
-    text = patient(bench.read_text(), "wire", 500, getattr(request, "param", 5.0))
+    text = patient(bench.read_text(), "wire", 500, getattr(request, "param", 1.0))
     text = text.replace("[brake]\n", "[brake]\nstale_after_s = 5.0\n")
     bench.write_text(text)
     truth = tmp_path / "truth.mcap"
