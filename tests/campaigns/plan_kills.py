@@ -76,6 +76,8 @@ class Sweep:
     def __init__(self, folder: Path, kills: int, rng: random.Random) -> None:
         self.folder, self.rng, self.kills_left = folder, rng, kills
         self.bench = write_sim(folder)
+        always = '\n[recording]\nauto = "always"\n'  # so that no tick may be missing in between
+        self.bench.write_text(self.bench.read_text() + always)
         self.run_dir = RunDir(self.bench.stem, folder / "motord")
         self.outcome = Outcome()
         self.kills: list[Kill] = []
@@ -99,7 +101,9 @@ class Sweep:
                     state = client.state()
                     if state.fault or state.state == "TRIPPED":
                         _command(client, "reset")
-                wait_for(client, lambda s: not s.recording.recording, "the recording to end")
+                wait_for(
+                    client, lambda s: "calibrate" not in s.recording.path, "the next recording"
+                )
             assert daemon.end() == 0
             return True
         finally:

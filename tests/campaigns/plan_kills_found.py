@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.plans.executor import final
+from motord.record.container import PART
 from motord.record.errors import RecordError
 from motord.record.reader import open_run
 
@@ -65,14 +66,15 @@ def look(folder: Path, kills: Sequence[Kill]) -> Found:
                 found.unreadable.append(str(error))
             continue
         if len(ticks):
-            blocks[path.name] = ticks
+            blocks[path.name.removesuffix(PART)] = ticks  # the next daemon closes it
         found.points += Counter(int(p["index"]) for p in points if final(p) and _whole(ticks, p))
     every = np.concatenate(sorted(blocks.values(), key=lambda block: int(block["t_ns"][0])))
     _count(every, found)
     for kill in kills:
         found.missing_s.append((kill.victim, _missing_s(kill.newest_ns, every["t_ns"])))
         if kill.victim.startswith(("recorder", "everything")):
-            then = [blocks[name]["t_ns"] for name in kill.files if name in blocks]
+            names = {name.removesuffix(PART) for name in kill.files}
+            then = [blocks[name]["t_ns"] for name in names if name in blocks]
             if then:
                 late_s = _missing_s(kill.newest_ns, np.concatenate(then))
                 found.missing_then_s.append((kill.victim, late_s))
