@@ -2,7 +2,10 @@
 
 import os
 import select
+import tempfile
 import tty
+from contextlib import suppress
+from pathlib import Path
 
 import can
 
@@ -10,16 +13,23 @@ DLC_BYTES = can.util.CAN_FD_DLC
 
 
 class SlcanEnd:
-    """What `Drive` uses of a `can.BusABC`; the host opens `port`."""
+    """What `Drive` uses of a `can.BusABC`; the host opens `port`, which keeps its name."""
 
     def __init__(self) -> None:
-        self._fd, host_fd = os.openpty()
-        tty.setraw(host_fd)
-        self.port = os.ttyname(host_fd)
-        self._host_fd = host_fd  # or the first close by the host would end it
-        self._rest = b""
+        self.port = str(Path(tempfile.mkdtemp(prefix="motord-test-")) / "adapter")
         self.commands: list[bytes] = []
         """Lines that are no frames: opening, closing, bit rates."""
+        self.deaf_to = 0  # so many of them go unheard
+        self._fd = self._host_fd = -1
+        self.plug_in()
+
+    def plug_in(self) -> None:
+        """Let the port be there, and the adapter's channel closed."""
+        self._fd, self._host_fd = os.openpty()  # or the first close by the host would end it
+        tty.setraw(self._host_fd)
+        Path(self.port).symlink_to(os.ttyname(self._host_fd))
+        self._rest = b""
+        self._open = False
 
     def recv(self, timeout_s: float) -> can.Message | None:
         while True:
@@ -27,15 +37,21 @@ class SlcanEnd:
             if end:
                 self._rest = rest
                 if line[:1] in b"tTdDbB" and line:
-                    return _message(line.decode())
-                self.commands.append(line)
+                    if self._open:
+                        return _message(line.decode())
+                elif self.deaf_to:
+                    self.deaf_to -= 1
+                else:
+                    self.commands.append(line)
+                    self._open = line in (b"O", b"L") or (self._open and line != b"C")
             elif select.select([self._fd], [], [], timeout_s)[0]:
                 self._rest += os.read(self._fd, 65536)
             else:
                 return None
 
     def send(self, message: can.Message) -> None:
-        self.write(_line(message))
+        if self._open:
+            self.write(_line(message))
 
     def write(self, line: bytes) -> None:
         """Send these bytes as they are."""
@@ -43,12 +59,17 @@ class SlcanEnd:
 
     def unplug(self) -> None:
         """Let the port vanish under the host."""
+        Path(self.port).unlink(missing_ok=True)
         for fd in (self._fd, self._host_fd):
             if fd >= 0:
                 os.close(fd)
         self._fd = self._host_fd = -1
 
-    shutdown = unplug
+    def shutdown(self) -> None:
+        """Leave nothing."""
+        self.unplug()
+        with suppress(FileNotFoundError):
+            Path(self.port).parent.rmdir()
 
 
 def _message(line: str) -> can.Message:

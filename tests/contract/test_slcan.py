@@ -63,6 +63,35 @@ def test_an_adapter_that_is_unplugged_is_a_bus_that_is_off(
     bench.driver.safe_stop()
 
 
+@pytest.mark.parametrize("deaf_to", [0, 4], ids=["at once", "after a while"])
+def test_an_adapter_that_is_back_is_used_again(
+    adapter: tuple[Bench, Drive, SlcanEnd], deaf_to: int
+) -> None:
+    bench, drive, end = adapter
+    last_ns = until(lambda: read(bench).t_inverter_ns)
+    drive.stop()
+    end.unplug()
+
+    def tick() -> np.ndarray:
+        bench.driver.write(new_command((1.0, 0.0, 0.0), 1))
+        return read(bench)
+
+    until(lambda: tick().inverter_status & InverterStatus.BUS_OFF)
+    first, end.commands = list(end.commands), []
+    end.plug_in()
+    end.deaf_to = deaf_to
+    feedback = until(lambda: (drive.hear(), drive.speak(), f := tick()) and _back(f, last_ns))
+    assert feedback.i_A.tolist() == [1.0, -2.5, 1.5]
+    assert end.commands == first, "bit rate and opening, as at first"
+    commands = drive.commands
+    until(lambda: (tick(), drive.hear()) and drive.commands > commands)
+
+
+def _back(feedback: np.ndarray, last_ns: int) -> np.ndarray | None:
+    off = feedback.inverter_status & InverterStatus.BUS_OFF
+    return feedback if feedback.t_inverter_ns > last_ns and not off else None
+
+
 def test_a_port_serves_one_driver(adapter: tuple[Bench, Drive, SlcanEnd]) -> None:
     bench, _, end = adapter
     config = can_config("slcan", channel=end.port, options={"sleep_after_open": 0.0})

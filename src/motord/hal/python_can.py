@@ -131,7 +131,7 @@ def open_python_can(config: CanBusConfig) -> PythonCan:
         reason = getattr(cause, "strerror", None) or str(cause)
         raise OSError(getattr(cause, "errno", None) or 0, reason) from error
     try:
-        read_in_bulk(bus)
+        read_in_bulk(bus, settings)
     except OSError:
         with suppress(*FAILURES):
             bus.shutdown()

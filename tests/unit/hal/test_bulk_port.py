@@ -110,5 +110,5 @@ def test_what_has_arrived_can_be_forgotten(adapter: Adapter) -> None:
 def test_other_interfaces_are_left_alone() -> None:
     with can.Bus("left-alone", "virtual", ignore_config=True) as bus:
         before = dict(vars(bus))
-        read_in_bulk(bus)
+        read_in_bulk(bus, {})
         assert vars(bus) == before

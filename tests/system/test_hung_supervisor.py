@@ -1,0 +1,86 @@
+"""Whatever of the daemon hangs while the external drive turns the rotor: its true speed falls.
+
+Judged on the emulator's log of the truth, by the rig's time: the number of its rows.
+"""
+
+import os
+import signal
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from motord.config import load
+from motord.hal.modbus_link import connect as modbus_link
+from motord.record.reader import open_run
+from motord.wire.modbus_pdu import read
+from motord.wire.registers import layout
+from tests.system.daemons import daemon, emulator, patient, wait_for, wait_until
+from tests.unit.emulate.benches import write_bench
+
+pytestmark = [pytest.mark.system, pytest.mark.slow]
+
+DRIVE_HZ = 1.5
+FALLS_S = 0.5
+RATE_HZ = 500
+HANGS_AT_A_SIGNAL = """
+import runpy, signal, sys, time
+def hang(*_):
+    while True:
+        time.sleep(60)
+signal.signal(signal.SIGUSR1, hang)  # a handler runs in the main thread; the others live on
+sys.argv = sys.argv[3:]
+runpy.run_module("motord", run_name="__main__")
+"""
+
+
+def drive_speed_rad_s(config):
+    """Ask the drive itself, as any other client on its wire; a read feeds no watchdog."""
+    modbus = config.drive.modbus
+    value = layout(modbus).value
+    link = modbus_link(modbus.model_copy(update={"timeout_s": 5.0}))
+    try:
+        return value.decode(link.ask(modbus.unit, read("holding", value.address, value.words)))
+    finally:
+        link.close()
+
+
+def turning(client):
+    """Let the drive turn the rotor of a READY bench; the lease is renewed from then on."""
+    lease = client.lease("anna")
+    lease.acquire()
+    client.rpc("enable", token=lease.token)
+    client.rpc("disable", token=lease.token)
+    client.rpc("set", token=lease.token, drive_Hz=DRIVE_HZ)
+    wait_for(client, lambda s: s.tick and (s.tick.speed_Hz or 0) > 0.9 * DRIVE_HZ, "the speed")
+
+
+@pytest.mark.parametrize("what", ["supervisor stopped", "main thread hung", "loop stopped"])
+def test_the_driven_rotor_slows_down(tmp_path, what):
+    path, truth_path = write_bench(tmp_path), tmp_path / "truth.mcap"
+    path.write_text(patient(path.read_text(), "hung", RATE_HZ))
+    bench = load(path)
+    before = (sys.executable, "-c", HANGS_AT_A_SIGNAL)
+    with emulator(tmp_path, path, truth_path) as devices, daemon(tmp_path, path, before) as running:
+        client = running.connect()
+        turning(client)
+        if what == "loop stopped":
+            os.kill(client.state().processes["loop"].pid, signal.SIGSTOP)
+        else:
+            hangs = signal.SIGSTOP if what == "supervisor stopped" else signal.SIGUSR1
+            running.process.send_signal(hangs)
+        stopped_ns = time.time_ns()
+        wait_until(lambda: abs(drive_speed_rad_s(bench)) < 0.1, "the drive to stand")
+        running.close()
+        client.close()
+        assert devices.end() == 0
+    rows = open_run(truth_path).truth(("t_ns", "speed_rad_s"))
+    speed_Hz = rows["speed_rad_s"][rows["t_ns"] >= stopped_ns] / (2 * np.pi)
+    falls, standing = round(FALLS_S * RATE_HZ), int(np.argmax(np.abs(speed_Hz) < 0.1))
+    assert speed_Hz[:5].min() > 0.8 * DRIVE_HZ, "it turned when it happened"
+    assert standing > falls
+    late = speed_Hz[falls:standing]
+    assert late.max() < speed_Hz[:5].min() - 0.02
+    step = max(len(late) // 8, 1)
+    assert (np.diff(late[::step]) < 0).all(), "it goes on falling"
