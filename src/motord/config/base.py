@@ -20,6 +20,9 @@ def _ordered(band: tuple[float, float]) -> tuple[float, float]:
 TemperatureBand = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
 """From, to (degC)."""
 
+MAX_VALUES = 64
+"""Values of a list in a plan: anybody may ask for a plan, and the supervisor builds it."""
+
 
 class ConfigError(Exception):
     """A bench file that cannot be used; the message says where, what and what to do."""

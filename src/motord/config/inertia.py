@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from motord.config.base import Fraction, NonNegative, Positive, Section, TemperatureBand
+from motord.config.base import MAX_VALUES, Fraction, NonNegative, Positive, Section, TemperatureBand
 
 Tolerance = Annotated[float, Field(ge=0, lt=0.5)]
 """Half the width of a rectangular distribution, in parts of the value."""
@@ -40,8 +40,8 @@ class OscillationConfig(Section):
     swing_max_s: Positive = 1.6
     timeout_s: Positive = 120.0
     temperature_C: TemperatureBand | None = None
-    levers_m: tuple[Positive, ...] = ()
-    springs: tuple[SpringConfig, ...] = ()
+    levers_m: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
+    springs: Annotated[tuple[SpringConfig, ...], Field(max_length=MAX_VALUES)] = ()
     bar_inertia_kg_m2: NonNegative = 0.0
     effective_mass: EffectiveMass = "wave"
     stator: bool = False

@@ -4,14 +4,11 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field, field_validator
 
-from motord.config.base import Finite, NonNegative, Positive, Section, TemperatureBand
+from motord.config.base import MAX_VALUES, Finite, NonNegative, Positive, Section, TemperatureBand
 from motord.config.inertia import AccelerationConfig, OscillationConfig
 
 SMALLEST_GAIN_STEP = 0.05
 """Change of a phase's gain below which the common gain hardly shows."""
-
-MAX_VALUES = 64
-"""Values of a list that spans points: anybody may ask for a plan, and the bench waits for it."""
 
 
 class MeshConfig(Section):

@@ -11,7 +11,7 @@ import zenoh
 from motord import config
 from motord.calibration import Calibration
 from motord.learned import MAX_NODES, MAX_ORDERS, LearnedPoint, LearnedTorque, Verified
-from motord.service import intake, replies
+from motord.service import calibration_reader, intake, replies
 from motord.service.calibration_reader import read_elsewhere
 from motord.service.calls import CallQueue
 from motord.service.endpoints import ENVELOPE_BYTES, client_config
@@ -244,6 +244,25 @@ def test_longer_messages_are_dropped_by_zenoh_and_the_session_goes_on(tmp_path, 
     assert sizes == [longest + 1, 0]
 
 
+def test_memory_shared_with_a_client_is_not_read(tmp_path, monkeypatch):
+    """It could be changed, or cut off, in the midst of reading: by whoever shares it."""
+    shared, admit = [], Replies.admit
+
+    def spy(self, name, key, query, size, room=ROOM):
+        shared.append(query.payload.as_shm() is not None)
+        return admit(self, name, key, query, size, room)
+
+    monkeypatch.setattr(Replies, "admit", spy)
+    with live_service(tmp_path) as live:
+        sharing = client_config(live.listen)
+        sharing.insert_json5("transport/shared_memory/enabled", "true")
+        sharing.insert_json5("transport/shared_memory/mode", '"init"')
+        with zenoh.open(sharing) as session:
+            for _ in range(10):
+                list(session.get("motord/live/rpc/stop", payload=bytes(50_000), timeout=WAIT_S))
+    assert shared == [False] * 10
+
+
 def number(n):
     return -(1.1234567890123456 + n * 1e-9) * 1e-101
 
@@ -274,10 +293,11 @@ def test_the_longest_calibration_is_no_longer_than_allowed():
     assert 0.8 * max_calibration_bytes(4096) < size < max_calibration_bytes(4096)
 
 
-def test_a_calibration_is_read_in_another_process():
+def test_a_calibration_is_read_in_another_process(monkeypatch):
     made = calibration()
     motor = config.load().motor
     payload = json.dumps({"token": "t", "calibration": made.to_json()}).encode()
+    monkeypatch.setattr(calibration_reader, "parse", None)  # nothing is parsed here
     token, read = read_elsewhere(payload, motor)
     assert (token, read.id, read.motor) == ("t", made.id, made.motor)
     with pytest.raises(Refusal, match=r"Invalid JSON") as caught:

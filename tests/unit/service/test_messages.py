@@ -1,12 +1,15 @@
 """Requests: what is right comes through, whatever else is refused as invalid, nothing escapes."""
 
 import json
+import math
 import sys
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from motord.config.base import MAX_VALUES
+from motord.config.plans import PlansConfig
 from motord.service import messages
 from motord.service.messages import REQUESTS, parse
 from motord.service.refusal import Refusal
@@ -146,3 +149,22 @@ def test_replies_skip_what_they_do_not_know_and_lose_what_is_not_finite():
     text = Event(t_ns=1, kind="k", message="m", data={"x": float("nan")}).to_json()
     event = Event.model_validate({**json.loads(text), "new": 1})
     assert event.data == {"x": None}
+
+
+def lists(schema, definitions, where=""):
+    """Yield (where, most items) of every list that a JSON schema allows."""
+    if "$ref" in schema:
+        schema = definitions[schema["$ref"].rpartition("/")[2]]
+    if schema.get("type") == "array":
+        yield where, schema.get("maxItems", math.inf)
+    inner = [("", s) for s in schema.get("anyOf", ())] + list(schema.get("properties", {}).items())
+    for name, part in inner:
+        yield from lists(part, definitions, f"{where}.{name}" if name else where)
+
+
+def test_no_request_makes_a_plan_of_any_length():
+    """A dry run needs no lease, and the supervisor builds the plan."""
+    schema = PlansConfig.model_json_schema()
+    found = dict(lists(schema, schema["$defs"]))
+    assert ".calibrate.torques_Nm" in found
+    assert [where for where, most in found.items() if most > MAX_VALUES] == []
