@@ -177,6 +177,7 @@ def test_an_error_in_taking_on_is_answered(desk, monkeypatch):
 
 
 def test_room_is_kept_for_whoever_is_in_command_and_for_stop(desk):
+    assert ROOM < ROOM_IN_COMMAND < ROOM_OF_STOP <= CallQueue.CAPACITY
     taken = [desk.bring("lease/acquire", b"{}") for _ in range(ROOM)]
     assert desk.bring("lease/acquire", b"{}").dropped
     taken += [desk.bring("lease/renew", TOKEN) for _ in range(ROOM_IN_COMMAND - ROOM)]
