@@ -40,8 +40,8 @@ class Intruder:
         self.session = stack.enter_context(session(where, mode))
         for key in (*WIDE, *EXACT):
             self.session.declare_queryable(key, self._answer, complete=True)
-        for key in (f"{ROOT}/alive", "motord/evil/alive"):
-            self.session.liveliness().declare_token(key)
+        liveliness, alive = self.session.liveliness(), (f"{ROOT}/alive", "motord/evil/alive")
+        self._tokens = [liveliness.declare_token(key) for key in alive]  # gone with their objects
         self._publishers = [self.session.declare_publisher(f"{ROOT}/{n}") for n in SPOKEN]
 
     def _answer(self, query):
