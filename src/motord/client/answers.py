@@ -49,10 +49,37 @@ class InState(Answer):
     state: _Text
 
 
-class SetTo(Answer):
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class SetPoint(Answer):
+    """What is asked of the bench now; the torque is on its way to its target."""
+
+    torque_Nm: _Number
+    torque_target_Nm: _Number
+    speed_Hz: _Number | None
+    brake: _Number
+    drive_Hz: _Number
+    compensate: _Text
+
+
+class SetTo(InState):
     """`set`."""
 
-    setpoint: dict[str, Any]
+    setpoint: SetPoint
+    reached_in_s: Annotated[float, Field(ge=0, lt=1e6, allow_inf_nan=False)]
+
+
+class Steered(InState):
+    """`plan/pause`, `plan/resume`, `plan/abort`."""
+
+    plan: _Text
+
+
+class Discarded(Answer):
+    """`plan/discard`."""
+
+    plan: _Text
 
 
 class Outline(Answer):
@@ -108,6 +135,10 @@ ANSWERS: dict[str, type[Answer]] = {
     "reset": InState,
     "set": SetTo,
     "plan/start": Outline,
+    "plan/pause": Steered,
+    "plan/resume": Steered,
+    "plan/abort": Steered,
+    "plan/discard": Discarded,
     "plan/list": Offers,
     "config": Configured,
     "calibration/install": Installed,
