@@ -24,7 +24,8 @@ settings.register_profile(
     derandomize=True,
     database=None,
 )
-settings.register_profile("interpreted", parent=settings.get_profile("motord"), max_examples=8)
+FEW = 5
+settings.register_profile("interpreted", parent=settings.get_profile("motord"), max_examples=FEW)
 settings.register_profile("soak", parent=settings.get_profile("motord"), derandomize=False)
 settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=20)
 INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT") == "1"
@@ -37,6 +38,15 @@ if not SOAK:
     nothing = providers.Constants()
     assert callable(providers._get_local_constants)
     providers._get_local_constants = lambda: nothing
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Interpreted, a few examples reach the same lines, whatever a test asks for."""
+    for item in items if INTERPRETED else ():
+        test = getattr(item, "obj", None)
+        own = getattr(test, "_hypothesis_internal_use_settings", None)
+        if own is not None and own.max_examples > FEW:
+            test._hypothesis_internal_use_settings = settings(own, max_examples=FEW)
 
 
 _seconds: Counter[str] = Counter()

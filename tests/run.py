@@ -1,7 +1,7 @@
 """Run the test suite, `--quick` the part of it for daily work, or some of its files.
 
 Coverage cannot see inside compiled code, so tests marked `kernel` run a second time with the
-compiler off, beside the others; both count towards one figure, which must be at least
+compiler off; both count towards one figure, which must be at least
 `COVERAGE_PERCENT`. Tests marked `system` run last: they start processes of their own, in which
 nothing is measured. A file's tests run one after the other in one process, its fixtures once.
 """
@@ -14,8 +14,8 @@ from pathlib import Path
 
 COVERAGE_PERCENT = 90
 ROOT = Path(__file__).resolve().parent.parent
-SYSTEM_JOBS = 3
-"""Files of system tests at the same time, on 2 processors: they mostly wait."""
+NO_TESTS = 5
+"""What pytest ends with if there are none of a kind in what it was asked for."""
 SAME_EVERY_TIME = {
     "PYTHONHASHSEED": "0",
     "OMP_NUM_THREADS": "1",  # the order of sums, and no threads that wait for each other
@@ -34,49 +34,42 @@ NOT_QUICK = (
 )  # fmt: skip
 
 
-def begin(*arguments: str, **environment: str) -> subprocess.Popen[bytes]:
-    """Start `python -m arguments`; what it prints goes where this prints, or into `output`."""
-    return subprocess.Popen(
-        [sys.executable, "-m", *arguments],
-        cwd=ROOT,
-        env={**os.environ, **SAME_EVERY_TIME, **environment},
-    )
-
-
 def run(*arguments: str, **environment: str) -> int:
     """Run `python -m arguments` and return its exit code."""
-    return begin(*arguments, **environment).wait()
+    own = {**os.environ, **SAME_EVERY_TIME, **environment}
+    return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=own).returncode
 
 
-def pytest(jobs: str, *options: str) -> tuple[str, ...]:
-    """Return what runs pytest in so many processes."""
-    return ("pytest", "-q", "-n", jobs, "--dist", "loadfile", *options)
+def pytest(jobs: str, *options: str, **environment: str) -> int:
+    """Run tests in so many processes and return the exit code."""
+    return run("pytest", "-q", "-n", jobs, "--dist", "loadfile", *options, **environment)
 
 
 def everything(jobs: str, paths: list[str]) -> int:
     """Run all tests of `paths`, or of all folders, and return 0 if all is as it must be."""
     for old in ROOT.glob(".coverage*"):
         old.unlink()
-    kernels = ("coverage", "run", "--parallel-mode", "-m", "pytest", "-q", "-m", "kernel", *paths)
-    failed = run(*kernels, NUMBA_DISABLE_JIT="1")
-    failed |= run(*pytest(jobs, "--cov", "--cov-report=", "-m", "not system", *paths))
-    failed |= run(*pytest(str(SYSTEM_JOBS), "-m", "system", *paths))
+    measured = ("--cov", "--cov-append", "--cov-report=")
+    ended = [
+        pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1"),
+        pytest(jobs, *measured, "-m", "not system", *paths),
+        pytest(jobs, "-m", "system", *paths),
+    ]
     if paths:
-        return failed
-    run("coverage", "combine", "--append", "--quiet")
-    return failed | run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}")
+        return int(any(code not in (0, NO_TESTS) for code in ended))
+    return any(ended) | run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", default="2", help="unit tests that run at the same time")
+    parser.add_argument("--jobs", default="2", help="files of tests that run at the same time")
     parser.add_argument("--quick", action="store_true", help="the unit tests that matter daily")
     parser.add_argument("paths", nargs="*", help="folders or files of tests; default: all")
     options = parser.parse_args()
     if options.quick:
         left_out = (f"--ignore=tests/unit/service/test_{name}.py" for name in NOT_QUICK)
         few = {"MOTORD_HYPOTHESIS": "quick"}
-        return run(*pytest(options.jobs, "-m", "not system and not slow", *QUICK, *left_out), **few)
+        return pytest(options.jobs, "-m", "not system and not slow", *QUICK, *left_out, **few)
     return everything(options.jobs, options.paths)
 
 
