@@ -1,0 +1,82 @@
+"""What is forgiven to a computer that stalled, and what is not."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.support import stalls
+from tests.support.ports import free_port
+from tests.support.stalls import Stalls, forgive
+
+
+@pytest.fixture(autouse=True)
+def nothing_forgiven(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep what happens here out of the account of the whole run."""
+    monkeypatch.setattr(stalls, "FORGIVEN", [])
+
+
+def stalled(seconds: float, monkeypatch: pytest.MonkeyPatch) -> Stalls:
+    """Return stalls of a loop at 500 Hz, since which a thread has waited for `seconds`."""
+    monkeypatch.setattr(stalls, "stolen_s", lambda: 0.0)
+    monkeypatch.setattr(stalls, "waited_s", lambda: {"/proc/1/task/1/schedstat": 5.0})
+    kept = Stalls(100, 500.0, stalls.waited_s(), 0.0)
+    monkeypatch.setattr(stalls, "waited_s", lambda: {"/proc/1/task/1/schedstat": 5.0 + seconds})
+    return kept
+
+
+@pytest.mark.parametrize("cause", ["ENCODER_STALE", "INVERTER_STALE", "LOOP_OVERRUN", "timeout"])
+def test_staleness_is_forgiven_with_proof_and_counted(
+    cause: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = stalled(1.01, monkeypatch)
+    forgive("a test", cause, kept, limit_s=1.0, missed=100)
+    assert [f"a test: {cause}; kept from running for 1.01 s"] == stalls.FORGIVEN
+
+
+def test_missed_ticks_are_a_stall_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = stalled(0.0, monkeypatch)
+    forgive("a test", "ENCODER_STALE", kept, limit_s=1.0, missed=600)
+    with pytest.raises(AssertionError, match="no stall of 1 s explains it"):
+        forgive("a test", "ENCODER_STALE", kept, limit_s=1.0, missed=590)
+
+
+def test_staleness_without_proof_is_not_forgiven(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = stalled(0.99, monkeypatch)
+    with pytest.raises(AssertionError, match="no stall of 1 s explains it"):
+        forgive("a test", "ENCODER_STALE", kept, limit_s=1.0, missed=100)
+    assert stalls.FORGIVEN == []
+
+
+@pytest.mark.parametrize("cause", ["OVER_SPEED", "TORQUE_IMPLAUSIBLE", "SIGKILL", "refused", ""])
+def test_no_stall_excuses_anything_else(cause: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(AssertionError, match="no trip that a busy computer explains"):
+        forgive("a test", cause, stalled(100.0, monkeypatch), limit_s=1.0, missed=10_000)
+
+
+def test_an_open_line_is_forgiven_only_to_a_loop_that_missed_so_long(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kept = stalled(100.0, monkeypatch)
+    with pytest.raises(AssertionError, match="no stall of 1 s explains it"):
+        forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0, missed=590)
+    forgive("a test", "INVERTER_FAULT", kept, limit_s=1.0, missed=600)
+    assert len(stalls.FORGIVEN) == 1
+
+
+def test_this_computer_tells_how_long_a_process_waited() -> None:
+    assert max(stalls.waited_s().values()) > 0.0
+    assert stalls.runs(1) > 0
+
+
+def test_no_port_is_given_twice() -> None:
+    """Not even to a process that begins to look at the same place."""
+    mine = [free_port() for _ in range(50)]
+    script = "from tests.support.ports import free_port; print([free_port() for _ in range(50)])"
+    told = subprocess.run(
+        [sys.executable, "-c", f"import os; os.getpid = lambda: {os.getpid()}; {script}"],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    theirs = [int(port) for port in told.strip("[]\n").split(",")]
+    assert len({*mine, *theirs}) == 100
