@@ -160,6 +160,7 @@ def test_a_brake_on_the_drives_line_counts(tmp_path: Path) -> None:
     [
         ("loop", "supervisor_timeout_s = 1.01", "loop.supervisor_timeout_s"),
         ("loop", "enable_timeout_s = 10.1", "loop.enable_timeout_s"),
+        ("bench", "rig_patience_s = 0.0019", "the rig's time would stand still"),
         ("loop", "observer_bandwidth_Hz = 14.9", "loop.observer_bandwidth_Hz"),
         ("loop", "overrun_ticks = 1001", "stand still for 1.001 s"),
         ("inverter", "timeout_s = 1.01", "inverter.timeout_s"),

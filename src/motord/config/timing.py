@@ -60,6 +60,13 @@ def _silence(config: "Config") -> Iterator[str]:
                 f"{name} = {limit_s:g} is too short: {what} every {between_s:g} s, and one may be "
                 f"lost; make it at least {INTERVALS_MIN * between_s:g}, or raise the rates"
             )
+    patience_s = config.bench.rig_patience_s
+    if patience_s is not None and patience_s < (1.0 - 1e-9) * INTERVALS_MIN * period_s:
+        yield (
+            f"[bench] rig_patience_s = {patience_s:g} is too short: commands come every "
+            f"{period_s:g} s, and the rig's time would stand still between them; make it at least "
+            f"{INTERVALS_MIN * period_s:g}, or leave it out"
+        )
     overrun_s = config.loop.overrun_ticks / loop_Hz
     if overrun_s > SILENCE_MAX_S:
         yield (

@@ -16,23 +16,16 @@ from tests.unit.emulate.benches import write_bench
 from tests.vm.inner import interface
 
 RATE_HZ = 100
-PATIENCE_S = 20.0
-"""Of the bench, with a computer that takes a second for what others do in a twentieth."""
 
 
 def write(folder: Path) -> Path:
     """Write a bench without brake and drive, on the kernel's CAN."""
     path = write_bench(folder)
-    text = patient(path.read_text(), "kernel", RATE_HZ, PATIENCE_S)
+    text = patient(path.read_text(), "kernel", RATE_HZ)
     text = text.replace('driver = "modbus"', 'driver = "none"')
     text = text.replace('interface = "udp_multicast"', 'interface = "socketcan"')
     text = re.sub(r'channel = "239[^"]*"', f'channel = "{SOCKETCAN}"', text)
-    text = re.sub(r"^options = .*\n", "", text, flags=re.MULTILINE)
-    text = re.sub(r"^heartbeat_timeout_s = .*$", "heartbeat_timeout_s = 1.0", text, flags=re.M)
-    for key in ("stale_after_s", "supervisor_timeout_s"):
-        text = re.sub(rf"^{key} = .*$", f"{key} = {PATIENCE_S}", text, flags=re.MULTILINE)
-    text = text.replace("[loop]\n", f"[loop]\nenable_timeout_s = {PATIENCE_S}\n")
-    text = re.sub(r"^lease_s = .*$", f"lease_s = {3 * PATIENCE_S}", text, flags=re.MULTILINE)
+    text = re.sub(r"^(options|rig_patience_s) = .*\n", "", text, flags=re.MULTILINE)
     path.write_text(text)
     return path
 
