@@ -64,7 +64,12 @@ class Outcome:
             *([f"{found.double} ticks twice"] if found.double else []),
             *(
                 f"{late_s:.2f} s missing after {victim} was killed"
-                for victim, late_s in (*found.missing_s, *found.missing_then_s)
+                for victim, late_s in found.missing_s
+                if late_s > MISSING_LIMIT_S  # nobody recorded it, but the ring outlived them
+            ),
+            *(
+                f"{late_s:.2f} s missing when {victim} was killed"
+                for victim, late_s in found.missing_then_s
                 if late_s > MISSING_LIMIT_S and UNRECORDED not in victim
             ),
         ]

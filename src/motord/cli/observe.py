@@ -139,8 +139,11 @@ def _rows(state: "State") -> list[tuple[str, str]]:
         rows.append(("plan", f"{p.plan} {p.state}, {p.points_done}/{p.points} points{step}"))
     c = state.calibration
     rows.append(("calibration", f"{c.id}, {c.method}, {c.age} old" if c is not None else "none"))
-    path = state.recording.path
-    rows.append(("recording", path if state.recording.recording else "not recording"))
+    recording = state.recording
+    trouble = recording.error or recording.obstacle
+    idle = f"not recording: {trouble}" if trouble else "not recording"
+    rows.append(("recording", recording.path if recording.recording else idle))
+    rows += [("fault", said) for said in state.faults.values()]
     loop = state.loop
     rows.append(
         (

@@ -66,11 +66,14 @@ class Allowance:
         self._at_ns: int | None = None
 
     def spend(self, amount: float, now_ns: int) -> bool:
-        """Take `amount`; return False once more has come than may."""
+        """Take `amount` and return True, or leave it and return False if that is more than may."""
         passed_s = (now_ns - (self._at_ns if self._at_ns is not None else now_ns)) / 1e9
         self._at_ns = now_ns
-        self._left = min(self._burst, self._left + passed_s * self._rate_per_s) - amount
-        return self._left >= 0.0
+        self._left = min(self._burst, self._left + passed_s * self._rate_per_s)
+        if amount > self._left:
+            return False
+        self._left -= amount
+        return True
 
 
 class MessageReader(Generic[M]):

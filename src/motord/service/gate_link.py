@@ -9,13 +9,15 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from motord.record.protocol import Message, MessageReader
+from motord.record.protocol import Allowance, Message, MessageReader
 from motord.service.child_faults import ChildFaults
 from motord.service.events import EventLog
 from motord.service.processes import Children, ChildSpec
 
 GATE = "gate"
 STOP_S = 2.0
+EVENTS_PER_S, EVENTS_BURST = 5.0, 100.0
+"""The gateway itself passes on 50 different messages in 10 s."""
 MESSAGE_MAX = 2000
 DATA_MAX = 1000
 
@@ -66,6 +68,8 @@ class GateLink:
         self._children = children
         self._events = events
         self._faults = ChildFaults(GATE, children, events)
+        self._allowance = Allowance(EVENTS_PER_S, EVENTS_BURST)
+        self._left_out = 0
         self._process: Any = None
         self._received: MessageReader[AccessMessage] | None = None
 
@@ -82,12 +86,20 @@ class GateLink:
             self._process = process
             self._received = MessageReader(process.stdout.fileno(), AccessMessage)
         for message in self._received.read(now_ns):
-            self._events.emit(
-                "access", message.message, **message.data.model_dump(exclude_unset=True)
-            )
+            self._emit(message, now_ns)
         self._faults.step(self._received, now_ns)
         if self._received.ended:
             self._close()
+
+    def _emit(self, message: AccessMessage, now_ns: int) -> None:
+        """Make an event of a message, unless there are so many that they drown the others."""
+        if not self._allowance.spend(1.0, now_ns):
+            self._left_out += 1
+            return
+        words = f"{message.message} ({self._left_out} left out before)" * bool(self._left_out)
+        self._left_out = 0
+        data = message.data.model_dump(exclude_unset=True)
+        self._events.emit("access", words or message.message, **data)
 
     def stop(self, now_ns: int) -> None:
         """Let nobody in any more."""

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 import threading
+import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -212,6 +214,39 @@ def test_what_the_gate_says_becomes_an_event_whatever_it_is(tmp_path):
     hello, fault = spoken(f"print({chr(10).join([good, *bad])!r})", tmp_path)
     assert hello == "hello"
     assert fault.startswith("gate sent 3 lines that are no messages, the last of them")
+
+
+FLOODS = {
+    "random lines": "while True: o.write(r.randbytes(80) + b'\\n')",
+    "a line without end": "while True: o.write(b'x' * 65536)",
+    "good messages": 'while True: o.write(b\'{"message":"hello"}\\n\')',
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS)
+def test_a_gate_that_floods_is_ended_and_started_again(flood):
+    script = f"import random, sys; r = random.Random(5); o = sys.stdout.buffer\n{FLOODS[flood]}"
+    spec = gate_spec(Path("bench.toml"))
+    command = (sys.executable, "-c", script)
+    children = Children([type(spec)(**{**spec.__dict__, "command": command})])
+    events = EventLog(lambda: 0)
+    link = GateLink(children, events)
+    link.start(0)
+    first, ends, end_s = children.process(GATE), [], time.monotonic() + WAIT_S
+    while not ends and time.monotonic() < end_s:
+        link.step(0)  # no time passes: whatever comes is at once
+        ends += children.poll(0)
+    children.poll(10**9)
+    assert children.process(GATE) not in (None, first)
+    while link._process is first and time.monotonic() < end_s:  # read the rest, then the next one
+        link.step(10**9)
+    link.stop(10**9)
+    first.wait(WAIT_S)
+    assert [end.how for end in ends] == ["killed by SIGKILL"]
+    told = [e for e in events.recent() if e.kind == "process"]
+    assert 1 <= len(told) <= 3
+    assert any("more than can be meant" in e.message for e in told)
+    assert len(events.recent()) <= 110  # or it would drown all others
 
 
 def test_a_gate_that_cannot_open_says_why(tmp_path):
