@@ -150,9 +150,9 @@ def campaign(folder: Path, payloads: int, flood_s: float, seed: int) -> dict[str
             took_s = _attack(running.endpoint, "flooded", payloads, flood_s, seed, ask)
             peak.end()
             enabled = running.process.poll() is None and client.state().state == "ENABLED"
-            why = [] if enabled else [f"{e.kind}: {e.message}" for e in client.events()[-8:]]
             time.sleep(SETTLE_S)
             after_MB = _rss_MB(pid)
+            why = [] if enabled else [f"{e.kind}: {e.message}" for e in client.events()[-8:]]
         exit_code = running.end()
         return {
             "payloads": payloads, "flood_s": flood_s, "took_s": round(took_s, 1),

@@ -135,19 +135,15 @@ def test_a_viewer_cannot_speak_in_the_name_of_the_bench(bench, certificates):
         assert local.rpc("stop", by="a test")["state"] == "OFF"
 
 
-@pytest.mark.parametrize(("name", "heard"), [("ben", 0), ("anna", 1)])
-def test_wildcards_do_not_widen_a_role(bench, certificates, name, heard):
-    """The gate lets no viewer's wildcard through; the daemon does nothing for an operator's."""
+@pytest.mark.parametrize("name", ["ben", "anna"])
+def test_wildcards_do_not_widen_a_role(bench, certificates, name):
+    """The gate lets no viewer's wildcard through, and the daemon's router no operator's."""
     with bench.connect() as client, client.lease("a test") as lease:
         client.rpc("enable", token=lease.token)
-        refused = 0
         with zenoh.open(client_config(bench.remote, who(certificates, name))) as session:
             for wide in ("motord/gated/**", "**", "motord/*/rpc/stop", "motord/gated/rpc/*"):
-                replies = list(session.get(wide, timeout=2.0))
-                assert [reply for reply in replies if reply.ok is not None] == []
-                refused += any(b"no wildcard" in r.err.payload.to_bytes() for r in replies)
+                assert [r for r in session.get(wide, timeout=2.0) if r.ok is not None] == []
                 assert client.state().state == "ENABLED"
-            assert refused == heard
             [listed] = session.get("motord/gated/rpc/plan/list")
             assert listed.ok is not None
     with bench.connect() as client:
