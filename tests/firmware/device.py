@@ -58,8 +58,11 @@ class Device:
         return pieces
 
     def receive(self, data: bytes) -> None:
-        """Let the receive interrupt come with `data`."""
+        """Let the receive interrupt come with `data`; a rate that it sets begins its period now."""
+        starts = self.host.tick_starts
         self.lib.bridge_on_received(self.bridge, self.now_us % CLOCK, data, len(data))
+        if self.host.tick_starts != starts:
+            self._ticked_us = float(self.now_us)
 
     def send(self, frame: frames.Frame, sequence: int | None = None) -> None:
         for data in self.wire(frame, sequence):

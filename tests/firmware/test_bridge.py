@@ -114,6 +114,25 @@ def test_rates(library: Library, rate_Hz: int) -> None:
     assert len(got) == pytest.approx(rate_Hz * 0.1, abs=1.5)
 
 
+@pytest.mark.parametrize("rate_Hz", [100, 500, 1000, 2000, 5000, 10_000, 20_000])
+@given(before_us=st.integers(0, 20_000), start_after_us=st.integers(0, 30_000))
+@settings(max_examples=20, deadline=None)
+def test_samples_are_one_period_apart_from_configure_on(
+    library: Library, rate_Hz: int, before_us: int, start_after_us: int
+) -> None:
+    """The first interval as well, wherever Configure and Start fall into the old rate's period."""
+    device = Device(library)
+    device.pass_us(before_us)
+    configured_us, period_us = device.now_us, 1_000_000 // rate_Hz
+    device.send(frames.Configure(rate_Hz, 50_000))
+    device.pass_us(start_after_us)
+    device.send(frames.Start())
+    device.pass_us(8 * period_us)
+    t_us = [sample.t_us for sample in samples(device.answers())]
+    first = start_after_us // period_us + 1
+    assert t_us[:7] == [configured_us + (first + n) * period_us for n in range(7)]
+
+
 @pytest.mark.parametrize(
     ("rate_Hz", "timeout_us", "taken"),
     [

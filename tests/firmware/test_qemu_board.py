@@ -17,6 +17,10 @@ pytestmark = pytest.mark.system
 
 TIMEOUTS_US = (1000, 10_000, 50_000, 1_000_000)
 LATE_US = 1000
+RECEIVING_US = 30
+"""What the receive interrupt takes at most for a frame: a tick that is due meanwhile waits for it,
+since both have one priority, and is stamped when it comes. The first sample's often is, since QEMU
+lets bytes arrive and ticks come together; seen in 900 starts: up to 26 us."""
 CLOSE = (frames.Heartbeat(0), frames.Heartbeat(1))
 TICK_HZ = 4000
 """With FIRMWARE_TIME QEMU's clock jumps over every second tick: this makes 2000, the fewest that
@@ -79,7 +83,7 @@ def test_in_the_firmwares_time_no_sample_is_missing(rate_Hz):
         status = board.next(frames.Status, lambda s: s.t_us > samples[-1].t_us)
     first_us, *apart_us = np.diff([sample.t_us for sample in samples])
     assert (status.dropped, status.errors, board.errors) == (0, 0, 0)
-    assert 0.5e6 < first_us * rate_Hz < 1.5e6  # the rate changed just before
+    assert -RECEIVING_US < first_us - 1e6 / rate_Hz < 20
     assert np.abs(np.subtract(apart_us, 1e6 / rate_Hz)).max() < 20
 
 

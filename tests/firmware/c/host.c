@@ -13,6 +13,7 @@ static bool host_set_tick_rate(uint32_t tick_Hz)
         return false;
     }
     host.tick_Hz = tick_Hz;
+    host.tick_starts++;
     return true;
 }
 

@@ -23,6 +23,7 @@ struct host {
     bool line_closed;
     uint32_t line_calls;
     uint32_t tick_Hz;
+    uint32_t tick_starts; /* calls of set_tick_rate that were obeyed: the period began anew */
     uint32_t tick_max_Hz; /* set_tick_rate refuses more */
     uint32_t feeds;
     bool self_test_result;
