@@ -227,16 +227,16 @@ All of them, in the order in which the first of several causes of one tick is ch
 evaluated in every tick, in compiled code; a cause takes current and enable away in the same tick
 and stays until a reset. A condition that may last a while (debounce) trips with the first evidence
 that it has held for so long, so at every rate within this time and two intervals of its evidence;
-evidence that does not come has interlocks of its own. Speed is known up to LAG ms late under a
+evidence that does not come has interlocks of its own. Speed is known up to @LAG ms late under a
 constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest that is allowed).
-Where the newest position is older than AGE ms no torque is commanded (flag `POSITION_AGED`). Bench
+Where the newest position is older than @AGE ms no torque is commanded (flag `POSITION_AGED`). Bench
 files whose limits, ages, rates and timeouts would not leave every interlock its time are refused.
 Currents are compared with the two newest commands, the measured torque with the set-point as the
 sensor's high-pass shows it, besides a fifth of the set-point; this only where torque is applied and
 the currents are not limited. An encoder track is stuck if it has not changed over 2.5 times its
 pattern; tracks too fine for the speed are left out.
-""".replace("LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
-    "AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
+""".replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
+    "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )
 
 SOURCES = {

@@ -12,7 +12,7 @@ import importlib.abc
 import importlib.machinery
 import importlib.util
 import os
-import signal
+import resource
 import sys
 import tempfile
 import time
@@ -22,12 +22,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WANTED = 0.9
-TIMEOUT_S = 60
+CPU_S = 120
+"""Processor time, which other programs do not take: a mutant that runs on and on."""
 
 _CONTROL = ("tests/unit/control/test_states.py", "tests/unit/control/test_interlocks.py")
 TESTS: dict[str, tuple[str, ...]] = {
     "motord.control.states": _CONTROL,
-    "motord.control.interlocks": (*_CONTROL, "tests/unit/control/test_step.py"),
+    "motord.control.interlocks": _CONTROL,
     "motord.control.interlock_table": _CONTROL,
     "motord.control.observer": (
         "tests/unit/control/test_observer.py",
@@ -192,7 +193,7 @@ def _fork(mutant: Mutant) -> int:
     if pid == 0:
         code = 1
         try:
-            signal.alarm(TIMEOUT_S)
+            resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
             code = _test(mutant)
         finally:
             os._exit(code)

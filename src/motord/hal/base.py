@@ -74,7 +74,11 @@ class BridgeDriver(Protocol):
         """Open the link, check the board's identity, start the stream. Raises DeviceError."""
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
+        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors.
+
+        bridge_status has ENABLE_LINE while the line is closed: without it the bench is not enabled,
+        and one that is enabled trips.
+        """
 
     def write(self, command: np.ndarray) -> None:
         """Send heartbeat and enable-line request."""
