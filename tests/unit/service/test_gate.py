@@ -103,33 +103,37 @@ def gated(request, tmp_path, folder, monkeypatch):
         yield SimpleNamespace(remote=remote, opened=opened, config=service.config)
 
 
-def test_nobody_from_elsewhere_speaks_for_the_bench(gated, folder):
-    """An operator may command, and not answer, publish or be there in the name of the bench."""
-    captured, heard = [], []
+@pytest.mark.parametrize("where", ["by TLS, an operator", "on the daemon's machine"])
+def test_nobody_speaks_for_the_bench_to_either_side_of_the_gate(gated, folder, where):
+    """Who may command may not answer, publish or be there in the name of the bench."""
+    captured, here = [], gated.config.zenoh.local[0]
+    own = client_config(gated.remote, who(folder, "anna"))
     with (
-        zenoh.open(client_config(gated.remote, who(folder, "anna"))) as intruder,
+        zenoh.open(own if where.startswith("by TLS") else client_config(here)) as intruder,
         connect("live", gated.remote, folder / "clients" / "anna") as client,
-        connect("live", gated.config.zenoh.local[0]) as local,
+        connect("live", here) as local,
     ):
-        for wide in ("**", "motord/live/**", "motord/live/rpc/stop"):
+        for wide in ("**", "motord/live/**", "motord/live/rpc/stop", "motord/live/rpc/lease/*"):
             intruder.declare_queryable(
                 wide, lambda query: captured.append(query.key_expr), complete=True
             )
         _token = intruder.liveliness().declare_token("motord/evil/alive")
-        with client.subscribe_plan(heard.append), local.subscribe_plan(heard.append):
+        with client.subscribe_plan() as plans, local.subscribe_plan() as local_plans:
             for name in ("state", "plan", "event", "rpc/stop"):
                 intruder.put(f"motord/live/{name}", b"{}")
             remote = zenoh.Locality.REMOTE
             key = "motord/live/rpc/plan/list"
             assert list(intruder.get(key, timeout=WAIT_S, allowed_destination=remote))
             for there in (client, local):
+                with there.lease("anna") as lease:
+                    assert lease.token
                 assert there.rpc("stop")["state"] == "OFF"
                 assert there.state().bench == "live"
-        for endpoint_there, identity_there in (
-            (gated.remote, who(folder, "ben")), (gated.config.zenoh.local[0], None),
-        ):  # fmt: skip
+            for forged in (plans, local_plans):
+                assert (forged.malformed, forged.get(0.0)) == (0, None)
+        for endpoint_there, identity_there in ((gated.remote, who(folder, "ben")), (here, None)):
             connect(None, endpoint_there, identity_there).close()  # there is but one bench
-    assert (captured, heard) == ([], [])
+    assert captured == []
 
 
 def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
