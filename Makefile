@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 JOBS   ?= 2
 
-.PHONY: help demo test quick lint types layers unit unit-quick bench soak pictures lock clean
+.PHONY: help demo test quick lint types layers unit unit-quick bench soak oldest pictures lock clean
 .DEFAULT_GOAL := help
 
 help:           ## list the targets
@@ -69,6 +69,9 @@ soak: $(VENV)/dev.stamp   ## the long campaigns with random seeds; CAMPAIGNS="le
 	@for one in $(CAMPAIGNS); do name=$${one%%:*}; option=$${one#$$name}; echo "== $$one SEED=$(SEED)"; \
 	    SEED=$(SEED) $(BIN)/python -m tests.campaigns.$$name $$(echo "$${option#:}" | tr = ' ') \
 	    || { echo "again: make soak CAMPAIGNS='$$one' SEED=$(SEED)"; exit 1; }; done
+
+oldest:                   ## the unit tests with the oldest versions that pyproject.toml allows
+	@tools/oldest
 
 lock:                     ## pin the newest versions that fit pyproject.toml
 	@tools/lock

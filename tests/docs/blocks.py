@@ -106,7 +106,8 @@ def blocks() -> list[Block]:
         text = (ROOT / file).read_text()
         for match in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.M | re.S):
             line = text.count("\n", 0, match.start()) + 1
-            found.append(Block(file, line, match[1], match[2]))
+            prompts = not match[1] and match[2].startswith("$ ")
+            found.append(Block(file, line, "console" if prompts else match[1], match[2]))
     return found
 
 
