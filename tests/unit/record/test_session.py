@@ -20,7 +20,7 @@ from motord.record.files import file_name, next_file, numbers
 from motord.record.reader import open_run
 from motord.record.recording import Recording
 from motord.record.session import Session
-from motord.record.storage import free_bytes
+from motord.record.storage import free_bytes, obstacle
 from motord.record.writer import RunWriter
 from motord.runtime.ring import RingWriter
 from motord.schema import TICK_DTYPE
@@ -877,3 +877,14 @@ def test_ticks_before_the_first_that_the_ring_has_are_counted_as_lost(bench):
     recorded = bench.recorded()
     assert recorded[-1] == CAPACITY + 99
     assert bench.report()["lost"] == recorded[0] - 50 > 0
+
+
+def test_a_folder_that_is_there_but_takes_no_file_is_an_obstacle(tmp_path, monkeypatch):
+    settings = RecordingConfig(directory=tmp_path, free_min_MB=0.0)
+    assert obstacle(settings) == ""
+
+    def immutable(path, content):
+        raise PermissionError(errno.EPERM, "Operation not permitted", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", immutable)
+    assert obstacle(settings) == f"{tmp_path}: cannot write there: Operation not permitted"
