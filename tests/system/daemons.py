@@ -19,6 +19,8 @@ from tests.support import stalls
 from tests.support.ports import free_port
 
 PATIENCE_S = 120.0
+RING_S = 60.0
+"""A recorder that is started again by a busy computer takes longer than half of the usual ring."""
 START_S = 150.0
 """The first start after a change of the kernels compiles them."""
 
@@ -30,8 +32,11 @@ STALE_S = 1.0
 def patient(text, name, rate_Hz=500, inverter_timeout_s=1.0):
     """Make a bench patient with a computer that stalls, and give it a name and a port."""
     text = re.sub(r'^name = "\w+"', f'name = "{name}"', text, count=1, flags=re.MULTILINE)
-    text = re.sub(r"^(rate_Hz|overrun_ticks|supervisor_timeout_s) = .*\n", "", text, flags=re.M)
+    text = re.sub(
+        r"^(rate_Hz|ring_s|overrun_ticks|supervisor_timeout_s) = .*\n", "", text, flags=re.M
+    )
     loop = f"rate_Hz = {rate_Hz}\noverrun_ticks = {rate_Hz}\nsupervisor_timeout_s = {STALE_S}\n"
+    loop += f"ring_s = {RING_S}\n"
     loop += "spin = false\n"  # loops of several benches leave each other and the rest their time
     text = text.replace("[loop]\n", f"[loop]\n{loop}")
     text = text.replace("[limits]\n", "[limits]\nencoder_jump_rad = 1.5\n")

@@ -43,9 +43,8 @@ AFTER_S = 2.0
 EVENTS_BEFORE_S = 10.0
 """Events of this time before a recording go into it."""
 RING_PART = 0.5
-"""Part of `[loop] ring_s` for which the ring alone may hold the ticks of a plan."""
-SILENT_NS = 5_000_000_000
-"""A recorder reports twice a second; after this long it is not known whether it could record."""
+"""Part of `[loop] ring_s` for which the ring alone may hold the ticks of a plan, or the recorder,
+which reports twice a second, may be silent."""
 NO_REPORT = RecorderReport(recording=False)
 NO_TICKS = np.empty(0, TICK_DTYPE)
 
@@ -135,7 +134,7 @@ class Recording:
         if self._link is None or report is NO_REPORT:
             return "the recorder is not up; see its events"
         silent_s = (self._now_ns - self._reported_ns) / 1e9
-        if self._now_ns - self._reported_ns > SILENT_NS:
+        if silent_s > self._unrecorded_max_s:
             return f"the recorder has not reported for {silent_s:.0f} s: does the disk answer?"
         return report.obstacle if not report.recording else ""
 
@@ -240,6 +239,10 @@ class Recording:
         elif self._stem is not None and now_ns - self._powered_ns >= AFTER_S * 1e9:
             self.end("the bench is not powered any more")
 
+    @property
+    def _unrecorded_max_s(self) -> float:
+        return RING_PART * self._config.loop.ring_s
+
     def _ticks_before(self, tick: int, span_s: float) -> int:
         return max(0, tick - round(span_s * self._config.loop.rate_Hz))
 
@@ -251,15 +254,10 @@ class Recording:
         if not self._plan or not self._config.recording.required:
             return
         file = Path(self._report.file).name
-        if self._stem is None or (
-            self._report.recording
-            and file.startswith(self._stem.name)
-            and now_ns - self._reported_ns <= SILENT_NS
-        ):
-            self._recorded_ns = now_ns
-            return
+        if self._stem is not None and self._report.recording and file.startswith(self._stem.name):
+            self._recorded_ns = max(self._recorded_ns, self._reported_ns)
         unrecorded_s = (now_ns - self._recorded_ns) / 1e9
-        if unrecorded_s > RING_PART * self._config.loop.ring_s:
+        if unrecorded_s > self._unrecorded_max_s:
             self._recorded_ns = now_ns  # not to be said with every step
             why = self._error or "the recorder does not record"
             self.on_plan_unrecorded(f"not recorded for {unrecorded_s:.1f} s: {why}")

@@ -333,9 +333,9 @@ def test_a_plan_that_cannot_be_recorded_is_refused_before_anything_is_powered(pl
 
 def test_a_recorder_that_is_silent_is_not_relied_on(played):
     played.up()
-    played.step(600)
+    played.step(800)
     token = played.ask("lease/acquire", holder="anna")["token"]
-    with pytest.raises(Refusal, match="has not reported for 6 s"):
+    with pytest.raises(Refusal, match="has not reported for 8 s"):
         played.ask("plan/start", token=token, name="calibrate")
 
 
@@ -359,19 +359,18 @@ def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(pla
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.ask("plan/start", token=token, name="calibrate", detach=True)
     [start] = played.recorders[0].told("start")
-    limit_s = 0.5 * played.config.loop.ring_s
-    for _ in range(60):  # the recorder dies and comes back, again and again
+    for _ in range(5):  # the recorder ends and comes back, again and again
         played.recorders[0].report(file=f"{start['out']}-000.mcap")
-        played.step(50, State.ENABLED)
+        played.step(1, State.ENABLED)
         played.recorders[0].report(recording=False, error="")
-        played.step(round(0.5 * limit_s * 100), State.ENABLED)
-        if not reports:
-            break
-    assert played.supervisor.bench.plans.view.state in ("running", "paused")
-    for _ in range(round(2 * limit_s)):
-        if reports:
-            played.recorders[0].report(recording=False, error="/runs: gone")
-        played.step(50, State.ENABLED)
+        played.step(700, State.ENABLED)
+    played.recorders[0].report(file=f"{start['out']}-000.mcap")
+    played.step(1, State.ENABLED)
+    if reports:
+        played.recorders[0].report(recording=False, error="/runs: gone")
+    played.step(749, State.ENABLED)
+    assert played.supervisor.bench.plans.view.message == ""
+    played.step(4, State.ENABLED)
     view = played.supervisor.bench.plans.view
     assert "not recorded for 7.5 s" in view.message
     assert ("/runs: gone" in view.message) is reports
