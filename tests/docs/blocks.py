@@ -93,6 +93,8 @@ PROGRAMS = {
     "cp": "what is copied has to be there",
     "ls": "shows what is plugged in",
     ".": "activates the environment",
+    "usermod": "changes the computer",
+    "export": "sets a variable",
     "git": "needs a network",
     "cansend": "needs a CAN interface",
     "candump": "needs a CAN interface",
@@ -106,7 +108,7 @@ def blocks() -> list[Block]:
         text = (ROOT / file).read_text()
         for match in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.M | re.S):
             line = text.count("\n", 0, match.start()) + 1
-            prompts = not match[1] and match[2].startswith("$ ")
+            prompts = not match[1] and re.search(r"^\$ ", match[2], re.M)
             found.append(Block(file, line, "console" if prompts else match[1], match[2]))
     return found
 
@@ -123,6 +125,6 @@ def commands(block: Block) -> list[str]:
     """Return the single commands of a block: prompts, comments and what they print left out."""
     lines = block.text.replace("\\\n", " ").splitlines()
     if any(line.startswith("$ ") for line in lines):
-        lines = [line[2:] for line in lines if line.startswith("$ ")]
+        lines = [line[2:] for line in lines if line.startswith(("$ ", "# "))]
     whole = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
     return [part.strip() for line in whole for part in re.split(r"&&|\|", line) if part.strip()]
