@@ -405,6 +405,36 @@ def test_status_tells_of_the_line(library: Library) -> None:
     ]
 
 
+@pytest.mark.parametrize("rate_Hz", [100, 1000, 5000, 20_000])
+@pytest.mark.parametrize("ending", ["silence", "heartbeat 0", "stop", "configure"])
+def test_the_first_sample_after_the_line_opened_says_so(
+    library: Library, rate_Hz: int, ending: str
+) -> None:
+    """Not one sample later: a tick judges the line before it samples."""
+    device = streaming(library, rate_Hz)
+    device.close_line()
+    device.pass_us(30_000)
+    device.answers()
+    opened_us = device.now_us
+    if ending == "silence":
+        opened_us += 20_000  # of the timeout of 50 ms 30 are over
+    elif ending == "heartbeat 0":
+        device.beat(0)
+    else:
+        device.send(frames.Stop() if ending == "stop" else frames.Configure(rate_Hz, 50_000))
+        device.send(frames.Start())
+    told = []
+    for _ in range(20):
+        device.pass_us(2000)
+        told += samples(device.answers())
+    lost = BridgeStatus.HEARTBEAT_LOST if ending == "silence" else 0
+    line = BridgeStatus.ENABLE_LINE | BridgeStatus.HEARTBEAT_LOST
+    assert told[0].t_us <= opened_us + 1_000_000 // rate_Hz
+    for sample in told:
+        closed = sample.t_us < opened_us
+        assert sample.status & line == (BridgeStatus.ENABLE_LINE if closed else lost)
+
+
 def test_the_line_is_driven_at_every_tick(library: Library) -> None:
     """A pin that something else changed is put right."""
     device = Device(library)
