@@ -54,7 +54,7 @@ def turning(client):
     lease.acquire()
 
     def over(state):
-        """At speed, or stopped by a stall of the computer: a trip, or a supervisor away for long."""
+        """At speed, or stopped by a stall of the computer: a trip, or a supervisor away."""
         fast = state.tick and (state.tick.speed_Hz or 0) > 0.9 * DRIVE_HZ
         return fast or state.state == "TRIPPED" or state.setpoint.drive_Hz == 0.0
 
