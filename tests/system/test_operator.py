@@ -193,10 +193,13 @@ def test_a_brake_is_held_for_as_long_as_the_command_runs(motord, client):
 
 
 def test_the_drive_turns_for_as_long_as_the_command_runs(motord, client):
+    with client.lease("anna") as lease:
+        client.rpc("enable", token=lease.token)
+        client.rpc("disable", token=lease.token)
     command = motord.start("set", "--drive-Hz", "0.5")
     wait_for(client, lambda s: (s.tick.speed_Hz or 0.0) > 0.4, "the drive")
     state = client.state()
-    assert (state.state, state.setpoint.drive_Hz) == ("OFF", 0.5)
+    assert (state.state, state.setpoint.drive_Hz) == ("READY", 0.5)
     command.send_signal(signal.SIGINT)
     assert finish(command)[0] == 0
     assert wait_for(client, lambda s: s.lease.holder is None, "over").setpoint.drive_Hz == 0.0
