@@ -22,7 +22,8 @@ READ_S = 30.0
 """Reading takes a second or two, most of it to start the process."""
 MEMORY_BYTES = 1024**3
 """For the process and what it makes of the longest calibration, several times over."""
-NICE = 10
+NICE = 20
+"""Below what anybody else does, also when begun by a thread that was lifted."""
 
 Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
 """Returns token and calibration of a request to install one. Raises Refusal."""

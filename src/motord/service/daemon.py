@@ -125,6 +125,7 @@ def _run(
         supervisor.gate.start(time.monotonic_ns())
     supervisor.recording.start_recorder(time.monotonic_ns())
     supervisor.loop.start(time.monotonic_ns())
+    priority.lift_threads()
     _guarded(supervisor, stopping, on_ready)
 
 

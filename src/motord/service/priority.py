@@ -6,6 +6,7 @@ Threads and processes that are started later get normal priority again.
 
 import os
 from contextlib import suppress
+from pathlib import Path
 
 PRIORITY = 10
 NICE = -10
@@ -20,6 +21,17 @@ def rise(loop_priority: int) -> None:
     except PermissionError:
         with suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, NICE)
+
+
+def lift_threads() -> None:
+    """Give the threads that run now a better nice value, if that is allowed.
+
+    They share the interpreter's lock with the supervisor: one that holds it must not have to wait
+    for other programs, or the supervisor waits with it.
+    """
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # refused, or ended meanwhile
+            os.setpriority(os.PRIO_PROCESS, int(task.name), NICE)
 
 
 def fall() -> None:

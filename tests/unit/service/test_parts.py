@@ -254,3 +254,26 @@ def test_what_the_mailbox_holds():
     setpoint.write(1, 1)
     assert mailbox.written[-1]["torque_Nm"] == mailbox.written[-1]["drive_rad_s"] == 0.0
     assert mailbox.written[-1]["plan_point"] == -1
+
+
+def test_threads_that_share_the_interpreter_are_lifted(monkeypatch):
+    given = []
+    monkeypatch.setattr(os, "setpriority", lambda which, tid, nice: given.append((tid, nice)))
+    go_on = threading.Event()
+    thread = threading.Thread(target=go_on.wait)
+    thread.start()
+    priority.lift_threads()
+    monkeypatch.setattr(os, "setpriority", Refuses())
+    priority.lift_threads()  # without the right to: nothing happens
+    go_on.set()
+    thread.join()
+    assert {(threading.get_native_id(), priority.NICE), (thread.native_id, priority.NICE)} <= set(
+        given
+    )
+
+
+class Refuses:
+    """A system that allows nothing."""
+
+    def __call__(self, *arguments):
+        raise PermissionError
