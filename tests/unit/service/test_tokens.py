@@ -136,6 +136,14 @@ def test_each_signal_ends_the_block_once_and_the_lease_is_given_back(number):
     assert shared_token.tokens("b") == []
 
 
+def test_a_second_signal_does_not_disturb_the_clearing_up():
+    with interrupted_once():
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGHUP)
+        os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_signals_that_are_ignored_stay_ignored():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
