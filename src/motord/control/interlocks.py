@@ -53,9 +53,6 @@ _STATUS_BRIDGE_FAULT = int(BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID)
 
 IMPLAUSIBLE_SAMPLES = 3
 LINK_MEMORY_S = 1.0
-AHEAD_S = 0.005
-"""By so much the time of a sample may lie ahead of the loop's: clocks that are fitted to each other
-err by microseconds. A sample from further in the future has no age."""
 
 
 @jit
@@ -87,7 +84,11 @@ def conditions(
     supervisor_late: bool,
     brake_C: float,
 ) -> int:
-    """Return the bits of the conditions that are true of this tick, for however short a time."""
+    """Return the bits of the conditions that are true of this tick, for however short a time.
+
+    A sample may be newer than the tick, by as much as the loop was kept waiting after it woke; one
+    from further in the future than a stale one is old has no age that could be trusted.
+    """
     inverter_age_s = (f.now_ns - f.t_inverter_ns) * 1e-9
     bridge_age_s = (f.now_ns - f.t_ns) * 1e-9
     largest_A = max(abs(f.i_A[0]), abs(f.i_A[1]), abs(f.i_A[2]))
@@ -103,10 +104,10 @@ def conditions(
     bits |= _OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
     bits |= _OVER_TORQUE if abs(f.torque_Nm) > p.trip_torque_Nm else 0
     bits |= _I2T if max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s else 0
-    bits |= _ENCODER_STALE if not -AHEAD_S <= bridge_age_s <= p.bridge_stale_s else 0
+    bits |= _ENCODER_STALE if abs(bridge_age_s) > p.bridge_stale_s else 0
     bits |= _ENCODER_IMPLAUSIBLE if stuck or lost else 0
     bits |= _TORQUE_STALE if f.bridge_status & _STATUS_TORQUE_INVALID else 0
-    bits |= _INVERTER_STALE if not -AHEAD_S <= inverter_age_s <= p.inverter_stale_s else 0
+    bits |= _INVERTER_STALE if abs(inverter_age_s) > p.inverter_stale_s else 0
     bits |= _INVERTER_FAULT if status & _STATUS_FAULT or lost_power else 0
     bits |= _BUS_OFF if status & _STATUS_BUS_OFF else 0
     bits |= _LOOP_OVERRUN if missed - m.missed >= p.overrun_ticks and m.started else 0

@@ -9,7 +9,6 @@ from motord.config import Config
 from motord.control import interlocks, parameters
 from motord.control.interlock_table import INTERLOCKS
 from motord.control.interlocks import (
-    AHEAD_S,
     LINK_MEMORY_S,
     conditions,
     count_link_errors,
@@ -144,7 +143,6 @@ READY, FAULT, BUS_OFF = (
     int(s) for s in (InverterStatus.READY, InverterStatus.FAULT, InverterStatus.BUS_OFF)
 )
 STALE_NS = 20_000_000
-AHEAD_NS = round(AHEAD_S * 1e9)
 TORQUE_INVALID = int(BridgeStatus.TORQUE_INVALID)
 
 BEYOND = [
@@ -180,8 +178,8 @@ BEYOND = [
     (Trip.ENABLE_LINE, of_feedback("bridge_status", 0)),
     (Trip.ENABLE_LINE, of_feedback("bridge_status", int(BridgeStatus.HEARTBEAT_LOST))),
     (Trip.ENCODER_IMPLAUSIBLE, of_memory("tracking", 0)),
-    (Trip.ENCODER_STALE, old("t_ns", -AHEAD_NS - 1000)),
-    (Trip.INVERTER_STALE, old("t_inverter_ns", -AHEAD_NS - 1000)),
+    (Trip.ENCODER_STALE, old("t_ns", -STALE_NS - 1000)),
+    (Trip.INVERTER_STALE, old("t_inverter_ns", -STALE_NS - 1000)),
     (Trip.FEEDBACK_INVALID, of_feedback("torque_Nm", math.inf)),
     (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (4.01, 0.0, 0.0))),
     (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (0.0, 0.0, -4.01))),
@@ -202,8 +200,8 @@ WITHIN = [
     hot(1, 0.5),
     old("t_ns", STALE_NS - 1000),
     old("t_inverter_ns", STALE_NS - 1000),
-    old("t_ns", -AHEAD_NS + 1000),
-    old("t_inverter_ns", -AHEAD_NS + 1000),
+    old("t_ns", -STALE_NS + 1000),
+    old("t_inverter_ns", -STALE_NS + 1000),
     of_memory("implausible", 2),
     missed(56, 7),
     late(0.5),
