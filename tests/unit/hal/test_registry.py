@@ -61,7 +61,7 @@ def test_a_driver_of_another_package() -> None:
 
 @pytest.mark.parametrize("kind", ["brake", "drive"])
 def test_slow_devices(kind: str) -> None:
-    modbus = {"driver": "modbus", "modbus": ModbusConfig(watchdog_s=0.5)}
+    modbus = {"driver": "modbus", "modbus": ModbusConfig(watchdog_s=0.2)}
     setup = Config(motor=MOTOR, **{kind: modbus})
     device = registry.make_setpoint_device(kind, setup)  # type: ignore[arg-type]
     assert isinstance(device, ModbusDevice)
