@@ -8,6 +8,7 @@ nothing is measured. A file's tests run one after the other in one process, its 
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -66,6 +67,8 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="the unit tests that matter daily")
     parser.add_argument("paths", nargs="*", help="folders or files of tests; default: all")
     options = parser.parse_args()
+    for number in (signal.SIGINT, signal.SIGHUP):  # ignored in what is started in the background
+        signal.signal(number, signal.SIG_DFL)
     if options.quick:
         left_out = (f"--ignore=tests/unit/service/test_{name}.py" for name in NOT_QUICK)
         few = {"MOTORD_HYPOTHESIS": "quick"}

@@ -233,6 +233,8 @@ class Drive(Peer):
             self.lose -= 1
             return
         spoil = self.corrupt > 0
+        if spoil:  # before it is sent: a test that has seen it may ask for the next one
+            self.corrupt -= 1
         for codec, payload in self.codec.encode_feedback(self.values, self._counter):
             data = bytearray(payload)
             if spoil:
@@ -245,8 +247,6 @@ class Drive(Peer):
                     data=data,
                 )
             )
-        if spoil:  # not otherwise: a test may be setting it
-            self.corrupt -= 1
 
 
 @dataclass

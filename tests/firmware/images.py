@@ -58,9 +58,9 @@ def with_other_layout(folder):
     shutil.copytree(FIRMWARE, copy, ignore=shutil.ignore_patterns("build"))
     header = copy / "protocol" / "bridge_frames.h"
     text = header.read_text()
-    assert "FIELD(B, enable)" in text
-    header.write_text(text.replace("FIELD(B, enable)", "FIELD(B, enabled)"))
+    assert "FIELD(B, turns_enable)" in text
+    header.write_text(text.replace("FIELD(B, turns_enable)", "FIELD(B, turns_enabled)"))
     core = copy / "core" / "bridge.c"
-    core.write_text(core.read_text().replace("Heartbeat.enable", "Heartbeat.enabled"))
+    core.write_text(core.read_text().replace("->turns_enable", "->turns_enabled"))
     build = folder / "build"
     return make(copy, build, f"{build}/boards/qemu.elf") / "qemu.elf"

@@ -123,7 +123,11 @@ def noise(board, chance):
 
 
 def questions(board, chance):
-    board.send(frames.HelloRequest(frames.PROTOCOL), frames.Configure(TICK_HZ, 50_000))
+    board.send(frames.HelloRequest(frames.PROTOCOL))
+
+
+def configures(board, chance):
+    board.send(frames.Configure(TICK_HZ, 50_000))
 
 
 def corrupt_heartbeats(board, chance):
@@ -144,6 +148,10 @@ def test_silence_opens_the_line_within_a_millisecond_of_the_timeout(timeout_us):
 def test_a_host_that_is_not_alive_opens_the_line_as_silence_does(host):
     opened_us = opening_us(50_000, host)
     assert 50_000 <= opened_us <= 50_000 + LATE_US
+
+
+def test_a_host_that_configures_starts_and_the_line_opens_at_once():
+    assert opening_us(50_000, configures) < 50_000
 
 
 def opening_us(timeout_us, host):

@@ -103,6 +103,7 @@ def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
             tripped = wait_for(client, lambda state: state.trips, "a trip")
             # the line opened and the power stage went off, or the first samples came sooner
             assert tripped.first_trip in ("INVERTER_FAULT", "BRIDGE_FAULT"), tripped.trips
+            wait_for(client, lambda state: "BRIDGE_FAULT" in str(state.trips), "the new board")
             hold(client, lease, 2.0, 0.7, states_in_a_row=5, limit_s=HEARTBEAT_TIMEOUT_S)
         assert running.end() == 0, running.said()
     assert "trip: ENABLED -> TRIPPED" in running.said()

@@ -143,6 +143,19 @@ def test_without_the_loop_inverter_and_board_switch_off_at_their_limits(bench: B
     assert largest_A(truth[since_ns > off_ns + 10 * MS]) < 1e-3
 
 
+def test_a_loop_held_up_between_waking_and_reading_goes_on(bench: Bench) -> None:
+    """What came meanwhile is newer than the tick's begin; that is no sample from the future."""
+    rig, read, held = bench.loop.rig, bench.loop.rig.read, [20 * MS]
+
+    def late(now_ns: int, feedback: np.ndarray) -> None:
+        bench.world.advance(bench.world.now_ns + (held.pop() if held else 0))
+        read(now_ns, feedback)
+
+    rig.read = late  # type: ignore[method-assign]
+    bench.service.run_s(0.3, bench.token)
+    assert bench.service.bench.state is State.ENABLED, bench.service.messages()[-2:]
+
+
 def test_a_loop_that_was_kept_waiting_too_long_trips(bench: Bench) -> None:
     ticks = bench.config.loop.overrun_ticks
     bench.world.advance(bench.world.now_ns + (ticks + 2) * bench.period_ns())

@@ -35,8 +35,9 @@ def command() -> list[str]:
     """Return what becomes root in new namespaces; skips where that cannot be."""
     if not SYSTEMD.exists():
         pytest.skip("needs systemd: apt install systemd")
-    sudo = ["sudo", "-n"] if os.environ.get("MOTORD_TEST_SUDO") == "1" else []
-    if os.geteuid() != 0 and not sudo:
+    root = os.geteuid() == 0
+    sudo = ["sudo", "-n"] if os.environ.get("MOTORD_TEST_SUDO") == "1" and not root else []
+    if not root and not sudo:
         pytest.skip("mounting takes root; MOTORD_TEST_SUDO=1 does it by sudo")
     tried = subprocess.run(
         [*sudo, *UNSHARE, "sh", "-c", "mount --make-rprivate / && mount -t cgroup2 none /mnt"],

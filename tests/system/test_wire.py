@@ -150,7 +150,7 @@ def test_kill_9_of_the_loop_leaves_the_inverter_without_current(wire):
         os.kill(state.processes["loop"].pid, signal.SIGKILL)
         killed_ns = time.time_ns()
         assert wait_for(client, lambda s: s.fault, "the fault").state == "OFF"
-        go_on(wire.devices, wakes=round(2000 * INVERTER_TIMEOUT_S))
+        go_on(wire.devices, wakes=round(8000 * INVERTER_TIMEOUT_S))
     truth = wire.truth()
     assert currents(truth, state.tick.t_ns - 200_000_000).max() > 1.0
     assert currents(truth, killed_ns, INVERTER_TIMEOUT_S + DECAYED_S).max() < ZERO_A
