@@ -228,7 +228,10 @@ class Client:
         return list(replies)
 
     def _alive(self) -> bool:
-        tokens = self._session.liveliness().get(key(self.bench, "alive"), timeout=LOOK_S)
+        try:
+            tokens = self._session.liveliness().get(key(self.bench, "alive"), timeout=LOOK_S)
+        except zenoh.ZError:  # closed meanwhile
+            return False
         return any(token.ok is not None for token in tokens)
 
 
