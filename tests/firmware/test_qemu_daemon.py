@@ -15,7 +15,7 @@ from motord.record.reader import open_run
 from tests.firmware.images import emulated, with_other_layout
 from tests.system.daemons import Program, daemon, patient, wait_for, wait_until
 from tests.system.test_wire import currents, hold
-from tests.unit.emulate.benches import write_bench
+from tests.unit.emulate.benches import DRAG_NM_S_PER_RAD, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -33,7 +33,7 @@ class Bench:
     def __init__(self, folder):
         self.folder = folder
         self.truth_path = folder / "truth.mcap"
-        self.path = write_bench(folder)
+        self.path = write_bench(folder, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
         text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S)
         text = text.replace(
             "heartbeat_timeout_s = 1.0", f"heartbeat_timeout_s = {HEARTBEAT_TIMEOUT_S}", 1

@@ -5,7 +5,7 @@ import pytest
 
 from tests.system.daemons import daemon, emulator, patient
 from tests.system.test_wire import Wire, hold
-from tests.unit.emulate.benches import EMULATED, write_bench
+from tests.unit.emulate.benches import DRAG_NM_S_PER_RAD, EMULATED, write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -16,7 +16,7 @@ OWN_AXES = 'direction = -1\nd_axis_rad = 0.6\nscale = 1.2247\nangle = "turning"\
 
 def write_dq_bench(folder, axes):
     """Write config/dq.toml with ports of its own and a drive with axes of its own."""
-    path = write_bench(folder, source=DQ)
+    path = write_bench(folder, source=DQ, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
     text = patient(path.read_text(), "dqwire")
     start = text.index("\n", text.index("[inverter.dq]")) + 1
     end = text.index("\n[", start)

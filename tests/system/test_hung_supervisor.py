@@ -100,5 +100,6 @@ def test_the_driven_rotor_slows_down(tmp_path, what):
     assert standing > falls
     late = speed_Hz[falls:standing]
     assert late.max() < speed_Hz[:5].min() - 0.02
-    step = max(len(late) // 8, 1)
-    assert (np.diff(late[::step]) < 0).all(), "it goes on falling"
+    # means, as cogging lets the speed swing about them, the wider the slower the rotor turns
+    means_Hz = [part.mean() for part in np.array_split(late, 4)]
+    assert (np.diff(means_Hz) < 0).all(), f"it goes on falling: {means_Hz}"

@@ -1,8 +1,10 @@
 """Benches for the tests of the emulator: the one in config/, on ports of their own."""
 
 import itertools
+import re
 from pathlib import Path
 
+from motord.config import packaged
 from motord.wire import frames
 from tests.support.ports import free_port
 
@@ -24,11 +26,31 @@ PLACES = {
 """Bridge port, port of the CAN frames and Modbus ports in the files of config/."""
 
 
+DRAG_NM_S_PER_RAD = 0.13
+"""3 Nm turn a rotor with such bearings at 23 rad/s, below `trip_speed_rad_s`, without a brake."""
+
+
 def write_bench(
-    folder: Path, changes: dict[str, str] | None = None, source: Path = EMULATED
+    folder: Path,
+    changes: dict[str, str] | None = None,
+    source: Path = EMULATED,
+    drag_Nm_s_per_rad: float | None = None,
 ) -> Path:
-    """Write a file of config/ with ports of its own into `folder`; `changes` replaces text."""
+    """Write a file of config/ with ports of its own into `folder`; `changes` replaces text.
+
+    `drag_Nm_s_per_rad` gives the rig other bearings, in a file of its own beside the bench's.
+    """
     text = source.read_text()
+    if drag_Nm_s_per_rad is not None:
+        rig, found = re.subn(
+            r"^(viscous_Nm_s_per_rad) = .*$",
+            rf"\1 = {drag_Nm_s_per_rad}",
+            packaged("report.rig.toml").read_text(),
+            flags=re.MULTILINE,
+        )
+        assert found == 1
+        (folder / "rig.toml").write_text(rig)
+        text = text.replace('"package:report.rig.toml"', '"rig.toml"')
     bridge, can, brake, drive = PLACES[source.stem]
     ours = {
         f'"{bridge}"': f'"{folder / "bridge"}"',

@@ -74,13 +74,17 @@ def test_without_its_bus_the_driver_says_so_and_goes_on_with_it(
     drive.bus.shutdown()
     with can.Bus(SOCKETCAN, "socketcan", fd=True, ignore_config=True) as drive.bus:
         drive.speak()
-        again = until(lambda: (f := ticks(driver, 1)).t_inverter_ns > before.t_inverter_ns and f)
+
+        def tick() -> np.ndarray:
+            drive.hear()  # a frame that nobody took counts against what its sender may send
+            return ticks(driver, 1)
+
+        again = until(lambda: (f := tick()).t_inverter_ns > before.t_inverter_ns and f)
         assert not again.inverter_status & BUS_OFF
         errors = again.link_errors
         for number in range(5):
             drive.speak()
             driver.write(new_command((float(number), 0.0, 0.0), 1))
-            until(lambda: drive.hear() or drive.commands)
             until(lambda number=number: drive.hear() or drive.i_A[0] == number)
             assert read(driver).link_errors == errors
 
