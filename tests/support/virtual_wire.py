@@ -7,7 +7,7 @@ and every run is the same to the bit.
 
 import select
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -132,10 +132,12 @@ class WireLoop:
 
 
 @contextmanager
-def on_the_wire(config: Config, folder: Path) -> Iterator[tuple[VirtualService, WireLoop]]:
+def on_the_wire(
+    config: Config, folder: Path, equip: Callable[[Emulator], object] | None = None
+) -> Iterator[tuple[VirtualService, WireLoop]]:
     """Run a bench with a serial bridge, on the CAN bus `virtual` of python-can or on the kernel's.
 
-    Brake and drive must be "none".
+    Brake and drive must be "none". `equip` may change the emulator once its ports are open.
     """
     with pytest.MonkeyPatch.context() as patch, ExitStack() as opened:
         world = World(config)
@@ -164,6 +166,8 @@ def on_the_wire(config: Config, folder: Path) -> Iterator[tuple[VirtualService, 
         patch.setattr(select, "select", waiting)
         patch.setattr(can_drive, "open_bus", open_bus)
         opened.enter_context(world.emulator)
+        if equip is not None:
+            equip(world.emulator)
         world.emulator._start(world.now_ns)
         loop = WireLoop(config, world, RunDir("wire", folder / "run"))
         opened.callback(loop.rig.close)
