@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 JOBS   ?= 2
 
-.PHONY: help demo test quick lint types layers unit unit-quick bench soak oldest pictures lock clean
+.PHONY: help demo test long quick lint types layers unit unit-quick bench soak oldest pictures lock clean
 .DEFAULT_GOAL := help
 
 help:           ## list the targets
@@ -31,7 +31,10 @@ $(VENV)/dev.stamp: requirements-dev.lock $(VENV)/demo.stamp
 demo: $(VENV)/demo.stamp  ## calibrate the simulated rig and show the ripple before and after
 	@$(BIN)/motord demo
 
-test: lint types layers unit  ## every check: lint, types, layers, tests with coverage
+test: lint types layers unit  ## every check but `long`: lint, types, layers, tests (COVERAGE=1 to measure them)
+
+long: $(VENV)/dev.stamp   ## the tests that take minutes each: the bring-up guide, whole plans, the emulated machine
+	@$(BIN)/python tests/run.py --long --jobs $(JOBS)
 
 quick: $(VENV)/dev.stamp  ## for daily work: lint, types, layers and the unit tests that matter, under a minute
 	@$(MAKE) --no-print-directory --jobs $(JOBS) --output-sync=target lint types layers unit-quick
@@ -46,8 +49,8 @@ types: $(VENV)/dev.stamp  ## mypy --strict
 layers: $(VENV)/dev.stamp ## import-linter
 	@$(BIN)/lint-imports
 
-unit: $(VENV)/dev.stamp   ## tests with coverage
-	@$(BIN)/python tests/run.py --jobs $(JOBS)
+unit: $(VENV)/dev.stamp   ## tests
+	@$(BIN)/python tests/run.py --jobs $(JOBS) $(if $(COVERAGE),--coverage)
 
 unit-quick: $(VENV)/dev.stamp
 	@$(BIN)/python tests/run.py --quick --jobs $(JOBS)

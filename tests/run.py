@@ -1,9 +1,12 @@
 """Run the test suite, `--quick` the part of it for daily work, or some of its files.
 
-Coverage cannot see inside compiled code, so tests marked `kernel` run a second time with the
-compiler off; both count towards one figure, which must be at least
-`COVERAGE_PERCENT`. Tests marked `system` run last: they start processes of their own, in which
-nothing is measured. A file's tests run one after the other in one process, its fixtures once.
+Tests marked `system` run last: they start processes of their own, and wait more than they compute.
+Those marked `long` take minutes and run with `--long` only. A file's tests run one after the other
+in one process, its fixtures once.
+
+`--coverage` measures; the figure must be at least `COVERAGE_PERCENT`. It cannot see inside compiled
+code, so tests marked `kernel` run a second time with the compiler off; both count. In the processes
+of `system` tests nothing is measured.
 """
 
 import argparse
@@ -41,30 +44,38 @@ def run(*arguments: str, **environment: str) -> int:
     return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=own).returncode
 
 
-def pytest(jobs: str, *options: str, **environment: str) -> int:
+def pytest(jobs: int, *options: str, **environment: str) -> int:
     """Run tests in so many processes and return the exit code."""
-    return run("pytest", "-q", "-n", jobs, "--dist", "loadfile", *options, **environment)
+    return run("pytest", "-q", "-n", str(jobs), "--dist", "loadfile", *options, **environment)
 
 
-def everything(jobs: str, paths: list[str]) -> int:
-    """Run all tests of `paths`, or of all folders, and return 0 if all is as it must be."""
-    for old in ROOT.glob(".coverage*"):
-        old.unlink()
-    measured = ("--cov", "--cov-append", "--cov-report=")
-    ended = [
-        pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1"),
-        pytest(jobs, *measured, "-m", "not system", *paths),
-        pytest(jobs, "-m", "system", *paths),
+def everything(jobs: int, paths: list[str], coverage: bool) -> int:
+    """Run all tests of `paths`, or of all folders, but the long ones; 0 if all is as it must be."""
+    measured: tuple[str, ...] = ()
+    ended = []
+    if coverage:
+        for old in ROOT.glob(".coverage*"):
+            old.unlink()
+        measured = ("--cov", "--cov-append", "--cov-report=")
+        ended = [pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1")]
+    ended += [
+        pytest(jobs, *measured, "-m", "not system and not long", *paths),
+        pytest(jobs + 1, "-m", "system and not long", *paths),
     ]
     if paths:
         return int(any(code not in (0, NO_TESTS) for code in ended))
-    return any(ended) | run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}")
+    if coverage:
+        ended.append(run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}"))
+    return int(any(ended))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", default="2", help="files of tests that run at the same time")
-    parser.add_argument("--quick", action="store_true", help="the unit tests that matter daily")
+    parser.add_argument("--jobs", type=int, default=2, help="files that run at the same time")
+    parser.add_argument("--coverage", action="store_true", help="measure what the tests reach")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--quick", action="store_true", help="the unit tests that matter daily")
+    which.add_argument("--long", action="store_true", help="those that take minutes, alone")
     parser.add_argument("paths", nargs="*", help="folders or files of tests; default: all")
     options = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):  # ignored in what is started in the background
@@ -72,8 +83,11 @@ def main() -> int:
     if options.quick:
         left_out = (f"--ignore=tests/unit/service/test_{name}.py" for name in NOT_QUICK)
         few = {"MOTORD_HYPOTHESIS": "quick"}
-        return pytest(options.jobs, "-m", "not system and not slow", *QUICK, *left_out, **few)
-    return everything(options.jobs, options.paths)
+        chosen = ("-m", "not system and not slow and not long", *QUICK, *left_out)
+        return pytest(options.jobs, *chosen, **few)
+    if options.long:
+        return pytest(options.jobs, "-m", "long", *options.paths)
+    return everything(options.jobs, options.paths, options.coverage)
 
 
 if __name__ == "__main__":

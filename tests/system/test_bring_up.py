@@ -185,7 +185,7 @@ class Reader:
 
 
 @pytest.mark.system
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_guide_brings_up_the_emulated_bench(tmp_path: Path) -> None:
     steps = steps_of(GUIDE.read_text())
     assert sum(step.what.startswith("run") for step in steps) >= 9

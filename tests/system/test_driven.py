@@ -14,7 +14,7 @@ from tests.support import stalls
 from tests.system.daemons import daemon, emulator, forgive, patient, wait_until
 from tests.unit.emulate.benches import write_bench
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.long]
 
 
 def run_plan(client, name, **settings):

@@ -65,6 +65,7 @@ def points_of(runs):
     return found
 
 
+@pytest.mark.long
 def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path):
     path = write_sim(tmp_path)
     with daemon(tmp_path, path) as first, first.connect() as client:
@@ -102,6 +103,7 @@ def test_after_kill_9_of_everything_the_plan_takes_only_what_is_missing(tmp_path
     assert (np.diff(numbers) > 0).all()
 
 
+@pytest.mark.long
 def test_what_a_recorder_that_died_has_lost_of_a_plan_is_taken_again(tmp_path):
     with daemon(tmp_path, write_sim(tmp_path)) as running:
         with running.connect() as client, client.lease("anna") as lease:

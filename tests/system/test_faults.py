@@ -15,6 +15,7 @@ from tests.unit.emulate.benches import write_bench
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
 
+@pytest.mark.long
 def test_a_few_faults_under_torque(tmp_path):
     rows = tuple(row for row in WIRE_TABLE if row.fault.kind in FEW)
     outcomes = session(tmp_path, rows, ("torque",))

@@ -14,7 +14,7 @@ import pytest
 
 from tests.vm import kernels, machine
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.xdist_group("vm")]
+pytestmark = [pytest.mark.system, pytest.mark.long]
 
 TIMEOUT_S = 900.0
 """On a computer that has much else to do; alone it takes a tenth."""
