@@ -7,6 +7,7 @@ after a digest of every kernel source file, so any edit starts a fresh one.
 
 import ctypes
 import hashlib
+import itertools
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -17,20 +18,27 @@ import numpy as np
 from numba.extending import intrinsic
 
 KERNEL_PACKAGES = ("control", "rig", "identify")
+"""Folders of kernels and of what they import, sub-folders included."""
+KERNEL_MODULES = (
+    "config/timing.py", "hal/sim.py", "jit.py", "learned.py", "runtime/beat.py",
+    "runtime/histogram.py", "runtime/tables.py", "runtime/timing.py", "schema.py",
+    "virtual/bench.py", "virtual/drive.py", "virtual/faults.py",
+)  # fmt: skip
+"""Other modules with kernels, or whose constants kernels have compiled in; a test finds them."""
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., object])
 
 
+def kernel_sources(package: Path) -> list[Path]:
+    """Return the files of which the compiled kernels are made, in a fixed order."""
+    folders = [sorted((package / name).rglob("*.py")) for name in KERNEL_PACKAGES]
+    return [*(package / name for name in KERNEL_MODULES), *itertools.chain(*folders)]
+
+
 def _kernel_digest(package: Path) -> str:
     digest = hashlib.sha256(numba.__version__.encode())
-    virtual = ("virtual/bench.py", "virtual/drive.py", "virtual/faults.py")
-    single = ("jit.py", "schema.py", "runtime/histogram.py", *virtual)
-    sources = [package / name for name in single]
-    for name in KERNEL_PACKAGES:
-        sources += sorted((package / name).glob("*.py"))
-    for source in sources:
-        if source.exists():
-            digest.update(source.name.encode() + source.read_bytes())
+    for source in kernel_sources(package):
+        digest.update(str(source.relative_to(package)).encode() + source.read_bytes())
     return digest.hexdigest()[:16]
 
 

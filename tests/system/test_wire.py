@@ -68,15 +68,17 @@ def wire(tmp_path, request):
 def hold(client, lease, torque_Nm, speed_Hz, states_in_a_row, limit_s=STALE_S):
     """Bring the bench to torque and speed until the speed has stayed there for some states.
 
-    Returns the first and the last of them. A trip that a computer too busy explains, and no other,
-    costs another try (`tests.support.stalls`); `limit_s` is the bench's shortest limit.
+    Without a speed the torque is enough. Returns the first and the last of the states. A trip that
+    a computer too busy explains, and no other, costs another try (`tests.support.stalls`);
+    `limit_s` is the bench's shortest limit.
     """
     while True:
         kept, seen = stalls.of_bench(client.state()), []
         try:
             client.rpc("reset", token=lease.token)
             client.rpc("enable", token=lease.token)
-            client.rpc("set", token=lease.token, torque_Nm=torque_Nm, speed_Hz=speed_Hz)
+            speed = {} if speed_Hz is None else {"speed_Hz": speed_Hz}
+            client.rpc("set", token=lease.token, torque_Nm=torque_Nm, **speed)
             wait_for(client, partial(_held, seen, speed_Hz, states_in_a_row), f"{speed_Hz} Hz")
             if seen:
                 return seen[0], seen[-1]
@@ -97,6 +99,8 @@ def _held(seen, speed_Hz, states_in_a_row, state):
         return False
     seen.append(state)
     del seen[:-states_in_a_row]
+    if speed_Hz is None:
+        return len(seen) == states_in_a_row
     mean_Hz = np.mean([s.tick.speed_Hz for s in seen])
     return len(seen) == states_in_a_row and abs(mean_Hz / speed_Hz - 1.0) < 0.1
 

@@ -1,11 +1,18 @@
-"""Arguments that a compiled function finds by their address."""
+"""Arguments that a compiled function finds by their address; the cache of compiled functions."""
 
+import ast
+import enum
 import gc
+import importlib
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from motord.jit import Frame, jit_holding_gil, records_at
+import motord
+from motord.jit import Frame, _kernel_digest, jit_holding_gil, kernel_sources, records_at
 from motord.schema import record_dtype
 
 PAIR = record_dtype([("x", "f8"), ("n", "i4")])
@@ -49,3 +56,47 @@ def test_what_would_be_read_wrongly_is_refused() -> None:
         frame.replace(1, np.zeros(1))
     with pytest.raises(ValueError, match="contiguous"):
         Frame(np.arange(10.0)[::2])
+
+
+PACKAGE = Path(motord.__file__).parent
+
+
+def modules_with_kernels() -> list[Path]:
+    return [path for path in PACKAGE.rglob("*.py") if "from motord.jit import" in path.read_text()]
+
+
+def compiled_in(source: Path) -> Iterator[str]:
+    """Yield the modules of motord whose constants or kernels those of `source` may use."""
+    for node in ast.walk(ast.parse(source.read_text())):
+        if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith("motord."):
+            continue
+        module = importlib.import_module(node.module)
+        for name in (alias.name for alias in node.names):
+            value = getattr(module, name, None)  # None: a module of this package
+            is_enum = isinstance(value, type) and issubclass(value, enum.Enum)
+            if hasattr(value, "py_func") or is_enum:
+                yield value.__module__
+            elif isinstance(value, int | float | complex | str | bytes | tuple | np.dtype):
+                yield node.module
+
+
+def test_the_cache_knows_every_source_of_a_kernel() -> None:
+    known = set(kernel_sources(PACKAGE))
+    assert len(modules_with_kernels()) > 30
+    for source in modules_with_kernels():
+        assert source in known
+        for name in compiled_in(source):
+            path = Path(importlib.import_module(name).__file__ or "")
+            assert path in known, f"{source.name} has something of {path.name} compiled in"
+
+
+def test_an_edit_anywhere_below_a_folder_of_kernels_starts_a_new_cache(tmp_path: Path) -> None:
+    copy = tmp_path / "motord"
+    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    before = _kernel_digest(copy)
+    below = copy / "identify" / "room"
+    below.mkdir()
+    (below / "kernel.py").write_text("GAIN = 1.0\n")
+    made = _kernel_digest(copy)
+    (below / "kernel.py").write_text("GAIN = 1.5\n")
+    assert len({before, made, _kernel_digest(copy)}) == 3
