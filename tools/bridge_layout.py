@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Make src/motord/wire/bridge_layout.py from the header that defines the bridge's frames.
+"""Make src/motord/wire/bridge/layout.py from the header that defines the bridge's frames.
 
 Run it after a change of firmware_bridge/protocol/bridge_frames.h. `--check` only says whether the
 module is up to date.
@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 HEADER = ROOT / "firmware_bridge/protocol/bridge_frames.h"
-MODULE = ROOT / "src/motord/wire/bridge_layout.py"
+MODULE = ROOT / "src/motord/wire/bridge/layout.py"
 
 _PREAMBLE = '''"""Layouts of the frames between host and bridge board.
 

@@ -2,7 +2,7 @@
  *
  * From these lists the preprocessor makes the C structures, their encoding and the text whose
  * CRC-32 a board names in Hello (frame_layout_hash). `tools/bridge_layout` makes
- * src/motord/wire/bridge_layout.py of them. docs/protocols.md says what the fields mean and who
+ * src/motord/wire/bridge/layout.py of them. docs/protocols.md says what the fields mean and who
  * sends what when.
  *
  * FRAME(code, Name): the type byte and the name. Codes are decimal because they are part of the

@@ -1,7 +1,7 @@
 """The tick record, defined once.
 
-From `TICK` come the ring's numpy dtype, the MCAP schema, the Zenoh payload (`motord.wire.blocks`)
-and the table in `docs/protocols.md`. A field number is a promise: never renumber, only append.
+From `TICK` come the ring's numpy dtype, the MCAP schema and the Zenoh payload
+(`motord.wire.ticks.blocks`). A field number is a promise: never renumber, only append.
 """
 
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ from mcap.writer import Writer
 from motord.record.reader import open_run
 from motord.record.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 from tests.benchmarks.figure import Figure
 from tests.system.recorded import cpu_s, recorded_loop
 

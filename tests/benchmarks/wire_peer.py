@@ -33,8 +33,8 @@ from motord.runtime import realtime
 from motord.runtime.pacer import Pacer
 from motord.runtime.waker import Waker
 from motord.schema import InverterStatus
-from motord.wire import dbc
-from motord.wire.can_codec import FEEDBACK_SLOTS, MessageCodec
+from motord.wire.can import dbc
+from motord.wire.can.codec import FEEDBACK_SLOTS, MessageCodec
 
 PRIORITY = 70
 LISTEN_HZ, SLOW_HZ, BOARD_STATUS_HZ = 250, 100, 20

@@ -13,9 +13,16 @@ import can
 
 from motord.config import BridgeCanConfig, CanConfig, Config, MotorConfig, packaged
 from motord.schema import BridgeStatus, InverterStatus
-from motord.wire import dbc, frames
-from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.segmentation import (
+    CLASSIC_BYTES,
+    FD_BYTES,
+    PIECE_NUMBERS,
+    PieceDecoder,
+    split,
+)
+from motord.wire.bridge.stream import StreamDecoder
+from motord.wire.can import dbc
 from tests.support.ports import free_port
 
 PERIOD_S = 0.001

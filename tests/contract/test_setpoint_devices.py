@@ -21,7 +21,7 @@ from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
 from motord.hal.registry import make_setpoint_device
-from motord.wire.registers import DeviceStatus, layout
+from motord.wire.modbus.registers import DeviceStatus, layout
 from tests.contract.peers import MOTOR, until
 from tests.modbus.peers import BAUD, Peer, SerialLine
 

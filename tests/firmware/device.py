@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any
 
-from motord.wire import frames
-from motord.wire.can_pieces import PIECE_NUMBERS, PieceDecoder, split
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
+from motord.wire.bridge.stream import StreamDecoder
 from tests.firmware.library import Library
 
 CLOCK = 1 << 32

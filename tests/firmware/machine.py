@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 from motord.emulate.feed import FeedDecoder, values
 from motord.emulate.qemu import Qemu, receive, send
-from motord.wire import frames
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.stream import StreamDecoder
 
 PATIENCE_S = 20.0
 FIRMWARE_TIME = ("-icount", "shift=4,sleep=off")

@@ -9,7 +9,7 @@ import sys
 import time
 from typing import NamedTuple
 
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.images import emulated
 from tests.firmware.machine import machine
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.device import CLOCK, Device
 from tests.firmware.library import Library
 

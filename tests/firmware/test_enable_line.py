@@ -4,7 +4,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware import line_model
 from tests.firmware.device import CLOCK, Device
 from tests.firmware.library import Library

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tools import bridge_layout
 
-from motord.wire import cobs, frames
-from motord.wire.bridge_layout import LAYOUTS, PROTOCOL
-from motord.wire.can_pieces import PieceDecoder, split
-from motord.wire.crc import crc16
-from motord.wire.sequence import SequenceCheck
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import cobs, frames
+from motord.wire.bridge.crc import crc16
+from motord.wire.bridge.layout import LAYOUTS, PROTOCOL
+from motord.wire.bridge.segmentation import PieceDecoder, split
+from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.bridge.stream import StreamDecoder
 from tests.firmware.library import Library
 from tests.unit.wire.test_frames import FRAMES, KINDS, U16
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.device import CLOCK, Device
 from tests.firmware.library import Library
 

@@ -16,7 +16,7 @@ from motord.emulate.bench import Reading
 from motord.emulate.board import Board
 from motord.emulate.process import Emulator
 from motord.schema import State, Trip
-from motord.wire.frames import Frame, Numbered
+from motord.wire.bridge.frames import Frame, Numbered
 from tests.firmware.device import CLOCK, Device
 from tests.firmware.library import Library
 from tests.support.virtual_wire import START_NS, on_the_wire

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from motord.config import load
 from motord.emulate.board import Board
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.device import Device
 from tests.firmware.library import Library
 from tests.unit.emulate.benches import EMULATED

@@ -10,7 +10,7 @@ of longer errors, one in 65536 passes the CRC, and then length and type must be 
 
 import pytest
 
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.library import Library
 
 EXAMPLES = [

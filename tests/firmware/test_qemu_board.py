@@ -8,7 +8,7 @@ import pytest
 
 from motord.emulate.qemu import receive
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.debugger import Debugger, arguments, hang
 from tests.firmware.images import emulated
 from tests.firmware.machine import FIRMWARE_TIME, PATIENCE_S, machine, mutated

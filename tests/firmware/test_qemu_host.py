@@ -9,7 +9,7 @@ import pytest
 
 from motord.emulate.pty import Pty
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.firmware.images import emulated
 from tests.firmware.machine import PATIENCE_S, machine
 from tests.unit.emulate.benches import write_bench

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from motord.wire import can_pieces, frames
+from motord.wire.bridge import frames, segmentation
 from tests.firmware.debugger import Debugger, arguments, pend
 from tests.firmware.images import emulated
 from tests.firmware.machine import PATIENCE_S, machine
@@ -142,7 +142,7 @@ def receive(connected, data):
 
 def last_pieces(hello, sequence, number):
     """Return the last three pieces of a Hello, as the mailboxes hold them in the end."""
-    return sorted(can_pieces.split(frames.pack(hello, sequence), number)[-3:])
+    return sorted(segmentation.split(frames.pack(hello, sequence), number)[-3:])
 
 
 def wait_for_pieces(debugger, pieces):
@@ -162,11 +162,11 @@ def test_frames_over_can(tmp_path):
     )
     with chip(tmp_path, "stm32f405_can_in_qemu") as (_, debugger):
         wait_for_pieces(debugger, last_pieces(hello, 0, 0))
-        [request] = can_pieces.split(frames.pack(frames.HelloRequest(frames.PROTOCOL), 0), 0)
+        [request] = segmentation.split(frames.pack(frames.HelloRequest(frames.PROTOCOL), 0), 0)
         with debugger() as connected:
             receive(connected, request)
         pend(tmp_path / "gdb", IRQ_CAN1_RX0)
-        pieces = len(can_pieces.split(frames.pack(hello, 0), 0))
+        pieces = len(segmentation.split(frames.pack(hello, 0), 0))
         wait_for_pieces(debugger, last_pieces(hello, 1, pieces))
 
 

@@ -10,7 +10,7 @@ import pytest
 from motord.config import ModbusConfig
 from motord.hal.base import DeviceError
 from motord.hal.modbus import ModbusDevice
-from motord.wire.registers import DeviceStatus, layout
+from motord.wire.modbus.registers import DeviceStatus, layout
 from tests.modbus.peers import BAUD, Peer, SerialLine
 from tests.support.ports import free_port
 

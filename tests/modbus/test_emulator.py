@@ -9,8 +9,8 @@ import pytest
 from motord.config import ModbusConfig
 from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
-from motord.wire.modbus_pdu import crc16_modbus
-from motord.wire.registers import DeviceStatus
+from motord.wire.modbus.pdu import crc16_modbus
+from motord.wire.modbus.registers import DeviceStatus
 from tests.modbus.peers import BAUD, Peer
 from tests.support.ports import free_port
 

@@ -15,8 +15,8 @@ from motord.client import ClientError
 from motord.config import load
 from motord.hal.modbus_link import connect as modbus_link
 from motord.record.reader import open_run
-from motord.wire.modbus_pdu import read
-from motord.wire.registers import layout
+from motord.wire.modbus.pdu import read
+from motord.wire.modbus.registers import layout
 from tests.support import stalls
 from tests.system.daemons import daemon, emulator, forgive, patient, wait_for, wait_until
 from tests.unit.emulate.benches import write_bench

@@ -16,7 +16,7 @@ from motord.record.writer import RunWriter
 from motord.schema import TICK
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 
 NODE = Path(__file__).resolve().parents[1] / "node"
 

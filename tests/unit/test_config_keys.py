@@ -22,7 +22,7 @@ from motord.plans import build
 from motord.schema import InverterStatus, Request, Trip
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
-from motord.wire import dbc
+from motord.wire.can import dbc
 from tests.contract.benches import dq_config
 from tests.contract.peers import SIGNALS, can_config
 from tests.unit.control.bench import Bench, make_config

@@ -16,7 +16,7 @@ from motord.client.error import ClientError
 from motord.schema import TICK
 from motord.service.endpoints import MAX_ANSWER_BYTES
 from motord.service.views import Event, PlanView, State
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 
 _Text = Annotated[str, Field(max_length=4096)]
 _Seconds = Annotated[float, Field(gt=0, lt=1e6, allow_inf_nan=False)]

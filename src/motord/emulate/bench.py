@@ -21,8 +21,8 @@ from motord.rig.rotating import LATCHED
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_OUTPUT, new_input, new_output
 from motord.schema import TRUTH_DTYPE, InverterStatus
-from motord.wire.frames import Frame, Numbered
-from motord.wire.registers import DeviceStatus
+from motord.wire.bridge.frames import Frame, Numbered
+from motord.wire.modbus.registers import DeviceStatus
 
 ADVANCE_MAX_NS = 500_000_000
 """Most time that passes in one call; a longer stall of the host stops the rig's time meanwhile."""

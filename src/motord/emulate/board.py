@@ -6,8 +6,8 @@ All times are monotonic nanoseconds, handed in; nothing here reads a clock.
 from motord.config import Config
 from motord.emulate.devices import NEVER_NS
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus
-from motord.wire import frames
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge import frames
+from motord.wire.bridge.sequence import SequenceCheck
 
 BOARD_NAME = b"motord-emulate"
 FIRMWARE = frames.firmware(1, 1, 0)

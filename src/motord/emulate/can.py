@@ -12,8 +12,8 @@ from motord.emulate import EmulatorError
 from motord.emulate.bench import Command
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
-from motord.wire.can_codec import EXTENDED, InverterCodec, MessageCodec
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.can.codec import EXTENDED, InverterCodec, MessageCodec
 
 # python-can tells its log of errors that it also raises
 logging.getLogger("can").addHandler(logging.NullHandler())

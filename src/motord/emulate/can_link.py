@@ -10,9 +10,15 @@ from motord.emulate.clock import HostClock
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.emulate.link import BoardEnd
-from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
-from motord.wire.frames import SEQUENCE_MODULUS, Frame, Numbered, pack
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge.frames import SEQUENCE_MODULUS, Frame, Numbered, pack
+from motord.wire.bridge.segmentation import (
+    CLASSIC_BYTES,
+    FD_BYTES,
+    PIECE_NUMBERS,
+    PieceDecoder,
+    split,
+)
+from motord.wire.bridge.sequence import SequenceCheck
 
 
 class BoardCanLink(BoardEnd):

@@ -6,7 +6,7 @@ All times are nanoseconds, handed in; nothing here reads a clock.
 import math
 
 from motord.config import ModbusConfig
-from motord.wire.registers import DeviceStatus, Register, layout
+from motord.wire.modbus.registers import DeviceStatus, Register, layout
 
 Currents = tuple[float, float, float]
 ZERO_A: Currents = (0.0, 0.0, 0.0)

@@ -18,7 +18,7 @@ from motord.emulate.disturbance import Disturbance
 from motord.emulate.feed import FeedDecoder, values
 from motord.emulate.pty import Pty
 from motord.emulate.qemu import Qemu, receive, send
-from motord.wire.frames import DELIMITER, Frame, Numbered
+from motord.wire.bridge.frames import DELIMITER, Frame, Numbered
 
 FEED_HZ = 2000
 """How often the rig's encoder and torque are fed, and what the firmware has sent is handed on."""

@@ -37,8 +37,8 @@ from motord.emulate.selection import (
 from motord.emulate.truth_log import TruthLog, TruthSink
 from motord.rig.truth import RigTruth
 from motord.schema import InverterStatus
-from motord.wire import dbc
-from motord.wire.can_codec import MessageCodec
+from motord.wire.can import dbc
+from motord.wire.can.codec import MessageCodec
 
 CATCH_UP_NS = 200_000_000
 BOARD_STATUS_HZ = 20

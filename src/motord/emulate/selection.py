@@ -4,7 +4,7 @@ from motord.config import Config, ModbusConfig
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench, Reading
 from motord.emulate.devices import RegisterDevice
-from motord.wire.can_codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, MessageCodec
+from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, MessageCodec
 
 _SLOTS = FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS
 _FAST = {*FEEDBACK_SLOTS[:6], *DQ_FEEDBACK_SLOTS}

@@ -17,7 +17,7 @@ from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.clock import BoardClock, LoopClock
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 
 _ASK_AGAIN_S = 0.1
 SILENCE_NS = 500_000_000

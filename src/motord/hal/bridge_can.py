@@ -5,8 +5,14 @@ from motord.hal.base import DeviceError
 from motord.hal.bridge import Bridge
 from motord.hal.can_base import Frame
 from motord.hal.can_bus import open_bus
-from motord.wire import frames
-from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PIECE_NUMBERS, PieceDecoder, split
+from motord.wire.bridge import frames
+from motord.wire.bridge.segmentation import (
+    CLASSIC_BYTES,
+    FD_BYTES,
+    PIECE_NUMBERS,
+    PieceDecoder,
+    split,
+)
 
 
 class CanLink:

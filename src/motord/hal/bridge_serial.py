@@ -3,8 +3,8 @@
 from motord.config import BridgeConfig, Config
 from motord.hal.bridge import Bridge
 from motord.hal.serial_port import SerialPort
-from motord.wire import frames
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.stream import StreamDecoder
 
 
 class SerialLink:

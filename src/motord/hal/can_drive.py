@@ -12,7 +12,7 @@ from motord.hal.base import DeviceError
 from motord.hal.can_base import BusState, CanBus
 from motord.hal.can_bus import open_bus
 from motord.hal.clock import LoopClock
-from motord.wire.can_codec import EXTENDED, MessageCodec
+from motord.wire.can.codec import EXTENDED, MessageCodec
 
 _OPEN_ASK_S = 0.02
 

@@ -5,8 +5,8 @@ from collections.abc import Collection
 
 import numpy as np
 
-from motord.wire.can_codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCodec, MessageCodec
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, InverterCodec, MessageCodec
 
 SILENT_AFTER_NS = 500_000_000
 """A slow message (status, temperature) missing for so long makes all feedback stale."""

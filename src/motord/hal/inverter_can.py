@@ -12,7 +12,7 @@ from motord.hal.base import DeviceError
 from motord.hal.can_drive import CanDrive
 from motord.hal.can_feedback import CanFeedback
 from motord.schema import InverterStatus
-from motord.wire import dbc
+from motord.wire.can import dbc
 
 
 class CanInverter:

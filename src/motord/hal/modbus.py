@@ -14,8 +14,8 @@ from contextlib import suppress
 from motord.config import Config, ModbusConfig
 from motord.hal.base import DeviceError, DeviceReading
 from motord.hal.modbus_link import ModbusLink, connect
-from motord.wire.modbus_pdu import Question, Refusal, read, write
-from motord.wire.registers import Register, layout
+from motord.wire.modbus.pdu import Question, Refusal, read, write
+from motord.wire.modbus.registers import Register, layout
 
 EXCEPTION_NAMES = {
     1: "illegal function",

@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol
 import serial
 
 from motord.config import ModbusConfig
-from motord.wire.modbus_pdu import TCP_HEAD, Answer, Question, rtu_answer, rtu_frame, tcp_frame
+from motord.wire.modbus.pdu import TCP_HEAD, Answer, Question, rtu_answer, rtu_frame, tcp_frame
 
 CHUNK_BYTES = 4096
 TRANSACTIONS = 1 << 16

@@ -15,7 +15,7 @@ import can
 from motord.config import CanBusConfig
 from motord.hal.bulk_port import read_in_bulk
 from motord.hal.can_base import FRAMES_AT_ONCE, BusState, Frame
-from motord.wire.can_codec import EXTENDED
+from motord.wire.can.codec import EXTENDED
 
 # python-can tells its own log of errors that it also raises
 logging.getLogger("can").addHandler(logging.NullHandler())

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from motord.schema import TICK, TRUTH
-from motord.wire.proto_text import file_name, proto_text
+from motord.wire.ticks.proto_text import file_name, proto_text
 
 FOLDER = Path(__file__).parent
 

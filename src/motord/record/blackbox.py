@@ -20,7 +20,7 @@ from motord.record.writer import RunWriter
 from motord.runtime.ring import RingReader
 from motord.runtime.shared import SharedFileError
 from motord.schema import State, Trip
-from motord.wire.blocks import Block
+from motord.wire.ticks.blocks import Block
 
 BEFORE_S = 10.0
 """Ticks before the trip that a box holds, as far as the ring reaches (`[loop] ring_s`)."""

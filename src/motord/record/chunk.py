@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from motord.record.compression import Compress
 from motord.record.rows import HEAD, RECORD_HEAD, MessageRows
-from motord.wire.blocks import Block
-from motord.wire.pattern import Bytes
+from motord.wire.ticks.blocks import Block
+from motord.wire.ticks.pattern import Bytes
 
 CAPACITY_BYTES = 4 << 20
 """A chunk is closed before it holds more, whatever time it spans; one message may be larger."""

@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from motord.record.chunk import CHUNK_HEAD, Index
 from motord.record.compression import decompress
 from motord.record.rows import HEAD, RECORD_HEAD, MessageRows
-from motord.wire.pattern import Bytes
+from motord.wire.ticks.pattern import Bytes
 
 _LABEL_MAX_BYTES = 16  # of the name of a compression
 

@@ -13,7 +13,7 @@ from motord.record.errors import RecordError
 from motord.record.plain import to_json
 from motord.record.reader import Run
 from motord.schema import TICK, TRUTH, Record
-from motord.wire.blocks import Block
+from motord.wire.ticks.blocks import Block
 
 ROW_GROUP_ROWS = 1 << 17
 """Rows of a row group of a Parquet file."""

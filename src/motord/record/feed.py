@@ -14,7 +14,7 @@ from motord.record.reader import open_run
 from motord.runtime.ring import RingReader
 from motord.runtime.shared import SharedFileError
 from motord.schema import TICK_DTYPE
-from motord.wire.blocks import Block
+from motord.wire.ticks.blocks import Block
 
 NEIGHBOURS = 4
 """Other recordings that are looked at for where a recording begins."""

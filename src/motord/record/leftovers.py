@@ -31,7 +31,7 @@ from motord.runtime.ring import RingReader
 from motord.runtime.rundir import RunDir
 from motord.runtime.shared import SharedFileError
 from motord.schema import State
-from motord.wire.blocks import Block
+from motord.wire.ticks.blocks import Block
 
 LIMIT_S = 60.0
 """Time for all of it; what is not done then stays as it is, and can be read all the same."""

@@ -8,8 +8,8 @@ from mcap.records import Channel, Schema
 from motord.record import topics
 from motord.record.structure import Structure
 from motord.record.topics import Topic
-from motord.wire.blocks import BlockCodec
-from motord.wire.proto_text import read_record
+from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.proto_text import read_record
 
 
 def mend(structure: Structure) -> None:

@@ -14,7 +14,7 @@ from motord.record.table import Table
 from motord.record.topics import Topic
 from motord.record.writer import FORMAT, METADATA, METADATA_END
 from motord.schema import TICK, TRUTH, Record
-from motord.wire.blocks import Block
+from motord.wire.ticks.blocks import Block
 
 
 def open_run(path: Path) -> "Run":

@@ -10,7 +10,7 @@ from motord.record.errors import RecordError
 from motord.record.files import next_file
 from motord.record.storage import MB, free_bytes, too_little_space
 from motord.record.writer import RunWriter
-from motord.wire.blocks import Block
+from motord.wire.ticks.blocks import Block
 
 
 @dataclass

@@ -7,8 +7,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from motord.wire.blocks import Block, BlockCodec
-from motord.wire.pattern import Bytes, Pattern
+from motord.wire.ticks.blocks import Block, BlockCodec
+from motord.wire.ticks.pattern import Bytes, Pattern
 
 HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows, channel, sequence, log time and publish time of a message."""

@@ -21,8 +21,8 @@ from motord.record.rows import MessageRows
 from motord.record.structure import ChunkEntry, Structure
 from motord.record.summary import read_summary
 from motord.record.walk import Walk
-from motord.wire.blocks import BlockCodec
-from motord.wire.proto_text import read_record
+from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.proto_text import read_record
 
 _READ_AT_ONCE_BYTES = 1 << 20
 

@@ -11,9 +11,9 @@ from motord.record.rows import MessageRows
 from motord.record.source import ALWAYS, Source, Span
 from motord.record.structure import ChunkEntry
 from motord.schema import Record
-from motord.wire.blocks import Block, BlockCodec
-from motord.wire.lanes import Lanes
-from motord.wire.pattern import Bytes
+from motord.wire.ticks.blocks import Block, BlockCodec
+from motord.wire.ticks.lanes import Lanes
+from motord.wire.ticks.pattern import Bytes
 
 
 class Table:

@@ -7,7 +7,7 @@ from typing import Any
 from mcap.records import Channel, Schema
 
 from motord.schema import TICK, TRUTH, Record
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 
 PROTOBUF = "protobuf"
 JSON = "json"

@@ -15,7 +15,7 @@ from motord.record.plain import to_json, to_strings
 from motord.record.rows import MessageRows
 from motord.record.topics import Topic
 from motord.schema import TICK, TRUTH
-from motord.wire.blocks import Block, BlockCodec
+from motord.wire.ticks.blocks import Block, BlockCodec
 
 FORMAT = "1"
 """Version of what the metadata records and topics mean; readers refuse one they do not know."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from motord.schema import TICK
 from motord.service.log import log_error
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 
 CAPACITY = 512
 STOP_S = 2.0

@@ -8,9 +8,10 @@ import numpy as np
 from motord.config import load, packaged
 from motord.control.types import FEEDBACK
 from motord.hal.can_feedback import CanFeedback
-from motord.wire import dbc, frames
-from motord.wire.can_codec import EXTENDED
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.stream import StreamDecoder
+from motord.wire.can import dbc
+from motord.wire.can.codec import EXTENDED
 from tests.campaigns.fuzzing.mutate import mutate_bytes, some_bytes
 
 LAST = frames.Sample(1, 2, -3, 4)

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 from motord.config import packaged
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.support.ports import free_port
 
 EMULATED = Path(__file__).parents[3] / "config" / "emulated.toml"

@@ -7,8 +7,8 @@ from motord.config import load
 from motord.emulate.bench import ADVANCE_MAX_NS, Command, EmulatedBench
 from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
-from motord.wire import frames
-from motord.wire.registers import DeviceStatus
+from motord.wire.bridge import frames
+from motord.wire.modbus.registers import DeviceStatus
 from tests.unit.emulate.benches import EMULATED, beat
 
 MS = 1_000_000

@@ -2,7 +2,7 @@ import pytest
 
 from motord.config import load
 from motord.rig import truth
-from motord.wire import dbc
+from motord.wire.can import dbc
 from tests.unit.emulate.benches import EMULATED
 
 

@@ -6,7 +6,7 @@ from motord.config import load
 from motord.emulate.board import CLOCK_DRIFT, CLOCK_OFFSET_US, Board
 from motord.emulate.devices import NEVER_NS
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.unit.emulate.benches import EMULATED, beat
 
 MS = 1_000_000

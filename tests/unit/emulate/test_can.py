@@ -5,7 +5,7 @@ from motord.config import load
 from motord.emulate import EmulatorError
 from motord.emulate.bench import Command
 from motord.emulate.can import CanPort
-from motord.wire import dbc
+from motord.wire.can import dbc
 from tests.unit.emulate.benches import EMULATED
 
 CONFIG = load(EMULATED).inverter.can

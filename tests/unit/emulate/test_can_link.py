@@ -13,9 +13,9 @@ from motord.emulate.clock import HostClock
 from motord.emulate.control import control_path
 from motord.emulate.process import Emulator
 from motord.rig import truth as rig_truth
-from motord.wire import frames
-from motord.wire.can_pieces import CLASSIC_BYTES, FD_BYTES, PieceDecoder, split
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge import frames
+from motord.wire.bridge.segmentation import CLASSIC_BYTES, FD_BYTES, PieceDecoder, split
+from motord.wire.bridge.sequence import SequenceCheck
 from tests.unit.emulate.benches import EMULATED
 
 CHANNEL = "test-can-link"

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from motord.config import ModbusConfig
 from motord.emulate.devices import NEVER_NS, ZERO_A, Inverter, RegisterDevice
-from motord.wire.registers import DeviceStatus
+from motord.wire.modbus.registers import DeviceStatus
 
 MS = 1_000_000
 CURRENTS = (1.0, -0.5, -0.5)

@@ -16,7 +16,7 @@ from motord.rig import truth as rig_truth
 from motord.rig.drive import with_drive
 from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
-from motord.wire import dbc
+from motord.wire.can import dbc
 from tests.unit.emulate.benches import EMULATED, beat
 
 DQ = EMULATED.with_name("dq.toml")

@@ -20,7 +20,7 @@ from motord.emulate.disturbance import Disturbance
 from motord.emulate.faults import Injector, check_timeline
 from motord.rig.truth import RigTruth
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.unit.emulate.benches import EMULATED
 
 MS = 1_000_000

@@ -15,8 +15,8 @@ from motord.emulate.bench import Reading
 from motord.emulate.feed import values
 from motord.emulate.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
 from motord.emulate.qemu import Qemu, receive, send
-from motord.wire import frames
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.stream import StreamDecoder
 from tests.unit.emulate.benches import EMULATED
 from tests.unit.emulate.test_feed import Told, told_frame
 

@@ -6,9 +6,9 @@ import serial
 from motord import config
 from motord.emulate.board import Board
 from motord.emulate.link import BoardLink
-from motord.wire import frames
-from motord.wire.sequence import SequenceCheck
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.bridge.stream import StreamDecoder
 from tests.unit.emulate.benches import EMULATED
 
 

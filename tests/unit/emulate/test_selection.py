@@ -5,7 +5,7 @@ from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
 from motord.emulate.selection import check_drivers, is_fast, register_devices
 from motord.rig.truth import RigTruth
-from motord.wire import dbc
+from motord.wire.can import dbc
 from tests.unit.emulate.benches import EMULATED
 
 CONFIG = load(EMULATED)

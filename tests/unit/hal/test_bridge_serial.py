@@ -11,7 +11,7 @@ import pytest
 from motord.hal.base import DeviceError
 from motord.hal.bridge_serial import SerialBridge
 from motord.schema import BridgeStatus
-from motord.wire import frames
+from motord.wire.bridge import frames
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Board, Identity, bench, until
 

@@ -13,7 +13,7 @@ from motord.hal.can_feedback import SILENT_AFTER_NS, CanFeedback
 from motord.hal.inverter_can import CanInverter
 from motord.hal.python_can import PythonCan
 from motord.schema import InverterStatus
-from motord.wire import dbc
+from motord.wire.can import dbc
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import SIGNALS, Drive, bench, can_config, until
 

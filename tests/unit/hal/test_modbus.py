@@ -16,7 +16,7 @@ from motord.emulate.modbus import ModbusServers
 from motord.hal import modbus
 from motord.hal.base import DeviceError
 from motord.hal.modbus import ModbusDevice
-from motord.wire.registers import DeviceStatus
+from motord.wire.modbus.registers import DeviceStatus
 from tests.support.ports import free_port
 
 MOTOR = {

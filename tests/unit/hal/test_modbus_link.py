@@ -12,7 +12,7 @@ import pytest
 from motord.config import ModbusConfig
 from motord.hal import modbus_link
 from motord.hal.modbus_link import RtuLink, TcpLink, connect
-from motord.wire.modbus_pdu import Question, read, rtu_frame, write
+from motord.wire.modbus.pdu import Question, read, rtu_frame, write
 
 PATIENCE_S = 10.0
 

@@ -13,7 +13,7 @@ from motord.hal import python_can
 from motord.hal.can_base import CanBus
 from motord.hal.can_bus import open_bus
 from motord.hal.python_can import PythonCan, open_python_can
-from motord.wire.can_codec import EXTENDED
+from motord.wire.can.codec import EXTENDED
 from tests.contract.peers import can_config
 
 ROUNDING_NS = 1000

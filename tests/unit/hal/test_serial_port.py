@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from motord.hal.serial_port import SerialPort
-from motord.wire import frames
-from motord.wire.stream import StreamDecoder
+from motord.wire.bridge import frames
+from motord.wire.bridge.stream import StreamDecoder
 from tests.contract.peers import until
 
 Ends = tuple[SerialPort, int]

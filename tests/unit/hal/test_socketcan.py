@@ -17,7 +17,7 @@ from motord.hal.base import DeviceError
 from motord.hal.can_base import FRAMES_AT_ONCE, REFUSED_MAX
 from motord.hal.can_bus import open_bus
 from motord.hal.socketcan import BATCH, SocketCan
-from motord.wire.can_codec import EXTENDED
+from motord.wire.can.codec import EXTENDED
 from tests.contract.peers import can_config
 
 Pair = tuple[SocketCan, socket.socket]

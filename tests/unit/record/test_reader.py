@@ -24,7 +24,7 @@ from motord.record.structure import ChunkEntry
 from motord.record.summary import chunk_entry
 from motord.record.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 from tests.unit.record.runs import PERIOD_NS, START_NS, same, tick_block, truth_block, write_run
 
 COUNT = 700

@@ -7,7 +7,7 @@ import numpy as np
 from motord.schema import TICK, TICK_DTYPE
 from motord.service import telemetry
 from motord.service.telemetry import Telemetry
-from motord.wire.blocks import BlockCodec
+from motord.wire.ticks.blocks import BlockCodec
 
 CODEC = BlockCodec(TICK)
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from motord import proto
 from motord.schema import TICK, TICK_DTYPE, TRUTH, Field, Record
-from motord.wire.blocks import BlockCodec, varint
-from motord.wire.pattern import ROWS_AT_ONCE
-from motord.wire.proto_text import descriptor_set, read_record
+from motord.wire.ticks.blocks import BlockCodec, varint
+from motord.wire.ticks.pattern import ROWS_AT_ONCE
+from motord.wire.ticks.proto_text import descriptor_set, read_record
 
 WIDE_NUMBERS = Record(
     "Wide",

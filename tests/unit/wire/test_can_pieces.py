@@ -2,8 +2,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.wire import frames
-from motord.wire.can_pieces import (
+from motord.wire.bridge import frames
+from motord.wire.bridge.segmentation import (
     CLASSIC_BYTES,
     FD_BYTES,
     FIRST,

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from motord.wire import cobs
+from motord.wire.bridge import cobs
 
 # few values, so that zeros and long runs without zero both are common
 BYTES = st.one_of(

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from motord.config import CanConfig, ConfigError, packaged
-from motord.wire import dbc
-from motord.wire.can_codec import EXTENDED, InverterCodec
+from motord.wire.can import dbc
+from motord.wire.can.codec import EXTENDED, InverterCodec
 from tests.contract.peers import SIGNALS
 
 HEADER = 'VERSION ""\nNS_ :\nBS_:\nBU_: Host Drive\n'

@@ -10,8 +10,8 @@ import pytest
 
 from motord.config import CanConfig, InverterConfig, packaged
 from motord.schema import InverterStatus
-from motord.wire import dbc
-from motord.wire.can_codec import InverterCodec
+from motord.wire.can import dbc
+from motord.wire.can.codec import InverterCodec
 from tests.contract.peers import DQ_SIGNALS
 
 DOCS = Path(__file__).parents[3] / "docs" / "drives.md"

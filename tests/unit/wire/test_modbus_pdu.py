@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.wire.modbus_pdu import (
+from motord.wire.modbus.pdu import (
     Refusal,
     crc16_modbus,
     read,

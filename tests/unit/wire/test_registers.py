@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.config import ConfigError, ModbusConfig, validate
-from motord.wire.registers import DeviceStatus, Register, layout
+from motord.wire.modbus.registers import DeviceStatus, Register, layout
 
 KINDS = ("u16", "i16", "u32", "i32")
 RANGES = {

@@ -12,7 +12,7 @@ import pytest
 from motord.hal.base import DeviceError
 from motord.hal.can_bus import open_bus
 from motord.hal.socketcan import SocketCan, open_socketcan
-from motord.wire.can_codec import EXTENDED
+from motord.wire.can.codec import EXTENDED
 from tests.contract.peers import SOCKETCAN, can_config
 from tests.vm.inner import interface
 

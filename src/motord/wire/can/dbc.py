@@ -14,14 +14,14 @@ from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as DatabaseError
 
 from motord.config import CanConfig, CanSignalMap, ConfigError
-from motord.wire.can_codec import (
+from motord.wire.can.codec import (
     EXTENDED,
     Checks,
     InverterCodec,
     MessageCodec,
 )
-from motord.wire.can_names import command_names, feedback_names
-from motord.wire.can_signal import SignalCodec
+from motord.wire.can.signal import SignalCodec
+from motord.wire.can.signal_map import command_names, feedback_names
 
 CLASSIC_BYTES = 8
 

@@ -9,8 +9,8 @@ the next length that CAN FD has. The receiver knows the length of a body from it
 The board's side is `firmware_bridge/protocol/can_pieces.c`.
 """
 
-from motord.wire.frames import BODY_BYTES, SEQUENCE_MODULUS, Hello, Numbered, unpack
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge.frames import BODY_BYTES, SEQUENCE_MODULUS, Hello, Numbered, unpack
+from motord.wire.bridge.sequence import SequenceCheck
 
 FIRST = 0x80
 LAST = 0x40

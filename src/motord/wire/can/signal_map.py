@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from motord.config import CanSignalMap
-from motord.wire.can_codec import (
+from motord.wire.can.codec import (
     COMMAND_SLOTS,
     DQ_COMMAND_SLOTS,
     DQ_FEEDBACK_SLOTS,

@@ -4,7 +4,7 @@ Whatever happens to the bytes, the decoder is back in step at the next delimiter
 accepted only if its CRC is right.
 """
 
-from motord.wire.frames import (
+from motord.wire.bridge.frames import (
     DELIMITER,
     MAX_STUFFED_BYTES,
     SEQUENCE_MODULUS,
@@ -12,7 +12,7 @@ from motord.wire.frames import (
     Numbered,
     decode,
 )
-from motord.wire.sequence import SequenceCheck
+from motord.wire.bridge.sequence import SequenceCheck
 
 
 class StreamDecoder:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from motord.wire.pattern import Bytes
+from motord.wire.ticks.pattern import Bytes
 
 _ROWS_AT_ONCE = 2048
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motord.schema import PROTO_KINDS, Field, Record, record_dtype
-from motord.wire import proto_text
-from motord.wire.lanes import Lanes, Place
-from motord.wire.pattern import Bytes, Pattern
+from motord.wire.ticks import proto_text
+from motord.wire.ticks.lanes import Lanes, Place
+from motord.wire.ticks.pattern import Bytes, Pattern
 
 Block = NDArray[Any]
 """Structured array, one element a record, with fields of `Record.dtype`."""

@@ -14,10 +14,10 @@ import struct
 from binascii import crc32
 from typing import NamedTuple
 
-from motord.wire import cobs
-from motord.wire.bridge_layout import LAYOUTS
-from motord.wire.bridge_layout import PROTOCOL as PROTOCOL
-from motord.wire.crc import crc16
+from motord.wire.bridge import cobs
+from motord.wire.bridge.crc import crc16
+from motord.wire.bridge.layout import LAYOUTS
+from motord.wire.bridge.layout import PROTOCOL as PROTOCOL
 
 DELIMITER = b"\0"
 SEQUENCE_MODULUS = 1 << 16

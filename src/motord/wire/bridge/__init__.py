@@ -1,0 +1,1 @@
+"""Frames between host and bridge board, their framing, numbering and checksums."""

@@ -1,0 +1,1 @@
+"""A drive's CAN messages, from its DBC."""

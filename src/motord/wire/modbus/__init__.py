@@ -1,0 +1,1 @@
+"""Modbus requests and responses, and what the registers mean."""

@@ -1,0 +1,1 @@
+"""Blocks of ticks as protobuf messages."""
