@@ -30,8 +30,8 @@ import numpy as np
 from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
-from motord.hal.bridge_serial import SerialBridge
-from motord.hal.inverter_can import CanInverter
+from motord.hal.bridge.serial import SerialBridge
+from motord.hal.inverter.phase_currents import CanInverter
 from motord.runtime.clock import Clock
 from motord.runtime.latency import Slices, median_of_slices_us
 from motord.runtime.launch import start_loop

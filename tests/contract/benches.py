@@ -12,10 +12,10 @@ from motord import config
 from motord.config import BridgeCanConfig, CanConfig, packaged
 from motord.control.rotating import Axes
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.bridge_can import CanBridge
-from motord.hal.bridge_serial import SerialBridge
-from motord.hal.inverter_can import CanInverter
-from motord.hal.inverter_dq import DqInverter
+from motord.hal.bridge.can import CanBridge
+from motord.hal.bridge.serial import SerialBridge
+from motord.hal.inverter.dq_currents import DqInverter
+from motord.hal.inverter.phase_currents import CanInverter
 from motord.hal.registry import make_rig
 from motord.schema import BridgeStatus, InverterStatus
 from tests.contract.peers import (

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from motord.hal.base import DeviceError
-from motord.hal.can_base import REFUSED_MAX
-from motord.hal.can_bus import open_bus
+from motord.hal.can.base import REFUSED_MAX
+from motord.hal.can.bus import open_bus
 from motord.schema import InverterStatus
 from tests.contract.benches import Bench, can_slcan, new_command, new_feedback
 from tests.contract.peers import Drive, can_config, until

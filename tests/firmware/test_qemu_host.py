@@ -24,7 +24,7 @@ import numpy as np
 from pathlib import Path
 from motord import config
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.bridge_serial import SerialBridge
+from motord.hal.bridge.serial import SerialBridge
 
 bridge = SerialBridge(config.load(Path(sys.argv[1])))
 bridge.open()

@@ -9,7 +9,7 @@ import pytest
 
 from motord.config import ModbusConfig
 from motord.hal.base import DeviceError
-from motord.hal.modbus import ModbusDevice
+from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus, layout
 from tests.modbus.peers import BAUD, Peer, SerialLine
 from tests.support.ports import free_port

@@ -19,7 +19,7 @@ from motord.config import Config
 from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.emulate.process import Emulator
-from motord.hal import can_drive
+from motord.hal.inverter import can_drive
 from motord.hal.registry import make_rig
 from motord.rig.truth import load as load_truth
 from motord.runtime.clock import Clock

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from motord.hal.clock_lines import DRIFT_MAX
+from motord.hal.bridge.drift_estimator import DRIFT_MAX
 from tests.system.daemons import daemon, emulator, patient
 from tests.system.test_daemon import check_ticks
 from tests.system.test_wire import hold, open_run_truth

@@ -9,11 +9,11 @@ import time
 from collections.abc import Callable
 
 from motord.config import CanBusConfig
-from motord.hal import can_drive
-from motord.hal.can_base import CanBus
-from motord.hal.can_bus import open_bus
-from motord.hal.inverter_can import CanInverter
-from motord.hal.python_can import open_python_can
+from motord.hal.can.base import CanBus
+from motord.hal.can.bus import open_bus
+from motord.hal.can.python_can import open_python_can
+from motord.hal.inverter import can_drive
+from motord.hal.inverter.phase_currents import CanInverter
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Drive, bench, can_config
 

@@ -18,18 +18,18 @@ from motord.hal.wire_rig import WireRig
 GROUP = "motord.drivers"
 
 BUILT_IN = {
-    "inverter.can": "motord.hal.inverter_can:CanInverter",
-    "inverter.can-dq": "motord.hal.inverter_dq:DqInverter",
-    "bridge.can": "motord.hal.bridge_can:CanBridge",
-    "bridge.serial": "motord.hal.bridge_serial:SerialBridge",
-    "brake.modbus": "motord.hal.modbus:brake",
-    "drive.modbus": "motord.hal.modbus:drive",
+    "inverter.can": "motord.hal.inverter.phase_currents:CanInverter",
+    "inverter.can-dq": "motord.hal.inverter.dq_currents:DqInverter",
+    "bridge.can": "motord.hal.bridge.can:CanBridge",
+    "bridge.serial": "motord.hal.bridge.serial:SerialBridge",
+    "brake.modbus": "motord.hal.modbus.devices:brake",
+    "drive.modbus": "motord.hal.modbus.devices:drive",
 }
 
 WITHOUT_WIRE = ("inverter.sim", "bridge.sim", "brake.sim", "drive.sim", "brake.none", "drive.none")
 """Names that need no driver: the simulated rig has its own brake and drive."""
 
-SIMULATED_RIG = "motord.hal.sim:SimRig"
+SIMULATED_RIG = "motord.hal.sim.rig:SimRig"
 
 
 def make_rig(config: Config) -> Rig:

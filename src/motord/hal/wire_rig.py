@@ -3,7 +3,7 @@
 import numpy as np
 
 from motord.hal.base import BridgeDriver, InverterDriver
-from motord.hal.clock import BoardClock
+from motord.hal.bridge.clock import BoardClock
 
 
 class WireRig:

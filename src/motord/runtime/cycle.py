@@ -12,7 +12,7 @@ import numpy as np
 from motord.control.step import new_memory
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
-from motord.hal.clock import BoardClock
+from motord.hal.bridge.clock import BoardClock
 from motord.runtime.beat import NO_WORK, Beat, beat
 from motord.runtime.mailbox import MailboxReader
 from motord.runtime.pacer import INT32_MAX, Pacer

@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.config import load, packaged
 from motord.control.types import FEEDBACK
-from motord.hal.can_feedback import CanFeedback
+from motord.hal.inverter.feedback import CanFeedback
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc

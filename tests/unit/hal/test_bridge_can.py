@@ -8,7 +8,7 @@ import pytest
 from motord.config import Config
 from motord.config.can_load import HEARTBEAT_BYTES, SAMPLE_BYTES, classic_bits
 from motord.hal.base import DeviceError
-from motord.hal.bridge_can import CanBridge
+from motord.hal.bridge.can import CanBridge
 from motord.hal.registry import make_rig
 from motord.wire.bridge import frames
 from tests.contract.benches import new_command, new_feedback

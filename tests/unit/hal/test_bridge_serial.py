@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motord.hal.base import DeviceError
-from motord.hal.bridge_serial import SerialBridge
+from motord.hal.bridge.serial import SerialBridge
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.contract.benches import new_command, new_feedback
@@ -120,7 +120,7 @@ def test_a_board_that_fell_silent_is_asked_and_set_up_again(
     pair: tuple[SerialBridge, Board], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     driver, board = pair
-    monkeypatch.setattr("motord.hal.bridge.SILENCE_NS", 20_000_000)
+    monkeypatch.setattr("motord.hal.bridge.board.SILENCE_NS", 20_000_000)
     board.configured = None
     board.streaming = False  # as after a reset whose Hello was lost
     until(lambda: read(driver) is not None and driver.restarts >= 1)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import can
 import pytest
 
-from motord.hal.bulk_port import BulkPort, read_in_bulk
-from motord.hal.python_can import open_python_can
+from motord.hal.can.python_can import open_python_can
+from motord.hal.can.slcan_port import BulkPort, read_in_bulk
 from tests.contract.peers import can_config, until
 
 LINE = b"b18081112131415161718\r"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.hal.can_base import REFUSED_MAX, BusState
+from motord.hal.can.base import REFUSED_MAX, BusState
 
 BUS_OFF, RESTARTED, CONTROLLER, ACKNOWLEDGE = 0x40, 0x100, 0x04, 0x20
 RX_PASSIVE, TX_PASSIVE, TX_WARNING, ACTIVE = 0x10, 0x20, 0x08, 0x40

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.hal.clock import HEARTBEAT_LATENCY_NS, BoardClock, LoopClock
-from motord.hal.clock_lines import SampleBound
+from motord.hal.bridge.clock import HEARTBEAT_LATENCY_NS, BoardClock, LoopClock
+from motord.hal.bridge.drift_estimator import SampleBound
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from motord.hal.clock import BoardClock
-from motord.hal.clock_lines import HeartbeatLine
+from motord.hal.bridge.clock import BoardClock
+from motord.hal.bridge.drift_estimator import HeartbeatLine
 
 START_NS = 1_800_000_000_000_000_000
 MS = 1_000_000

@@ -8,10 +8,10 @@ import pytest
 
 from motord.config import ConfigError, packaged
 from motord.hal.base import DeviceError
-from motord.hal.can_base import REFUSED_MAX
-from motord.hal.can_feedback import SILENT_AFTER_NS, CanFeedback
-from motord.hal.inverter_can import CanInverter
-from motord.hal.python_can import PythonCan
+from motord.hal.can.base import REFUSED_MAX
+from motord.hal.can.python_can import PythonCan
+from motord.hal.inverter.feedback import SILENT_AFTER_NS, CanFeedback
+from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from tests.contract.benches import new_command, new_feedback
@@ -128,7 +128,7 @@ def test_a_drive_with_another_layout() -> None:
 def test_a_bus_that_fails_while_opening(monkeypatch: pytest.MonkeyPatch) -> None:
     broken = SilentBus()
     broken.broken = True
-    monkeypatch.setattr("motord.hal.can_drive.open_bus", lambda *_: wrapped(broken))
+    monkeypatch.setattr("motord.hal.inverter.can_drive.open_bus", lambda *_: wrapped(broken))
     assert "the bus failed: network is down" in error_of(CanInverter(bench()))
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from motord.config import Config
 from motord.control.rotating import Axes
-from motord.hal.inverter_dq import DqInverter
+from motord.hal.inverter.dq_currents import DqInverter
 from motord.hal.registry import make_rig
 from motord.hal.wire_rig import WireRig
 from motord.schema import InverterStatus

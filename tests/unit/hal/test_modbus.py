@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from motord.config import Config, ModbusConfig
 from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
-from motord.hal import modbus
 from motord.hal.base import DeviceError
-from motord.hal.modbus import ModbusDevice
+from motord.hal.modbus.devices import ModbusDevice, devices
 from motord.wire.modbus.registers import DeviceStatus
 from tests.support.ports import free_port
 
@@ -302,11 +301,11 @@ def test_brake_and_drive_take_limits_from_the_bench():
             },
         }
     )
-    brake, drive = modbus.brake(config), modbus.drive(config)
+    brake, drive = devices.brake(config), devices.drive(config)
     assert (brake._low, brake._high) == (0.0, 1.0)
     assert (drive._low, drive._high) == (-12.0, 12.0)
 
 
 def test_a_bench_without_a_table_is_told():
     with pytest.raises(DeviceError, match=r"\[brake\]: .* needs a table \[brake\.modbus\]"):
-        modbus.brake(Config.model_validate({"motor": MOTOR}))
+        devices.brake(Config.model_validate({"motor": MOTOR}))

@@ -9,10 +9,10 @@ from pathlib import Path
 import can
 import pytest
 
-from motord.hal import python_can
-from motord.hal.can_base import CanBus
-from motord.hal.can_bus import open_bus
-from motord.hal.python_can import PythonCan, open_python_can
+from motord.hal.can import python_can
+from motord.hal.can.base import CanBus
+from motord.hal.can.bus import open_bus
+from motord.hal.can.python_can import PythonCan, open_python_can
 from motord.wire.can.codec import EXTENDED
 from tests.contract.peers import can_config
 

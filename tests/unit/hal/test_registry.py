@@ -6,10 +6,10 @@ from motord import config
 from motord.config import BrakeConfig, Config, InverterConfig, ModbusConfig
 from motord.hal import registry
 from motord.hal.base import DeviceError
-from motord.hal.bridge_serial import SerialBridge
-from motord.hal.inverter_can import CanInverter
-from motord.hal.modbus import ModbusDevice
-from motord.hal.sim import SimRig
+from motord.hal.bridge.serial import SerialBridge
+from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.modbus.devices import ModbusDevice
+from motord.hal.sim.rig import SimRig
 from motord.hal.wire_rig import WireRig
 from tests.contract.peers import MOTOR, bench
 

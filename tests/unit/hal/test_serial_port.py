@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.hal.serial_port import SerialPort
+from motord.hal.bridge.serial_port import SerialPort
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 from tests.contract.peers import until
@@ -92,8 +92,8 @@ def test_a_port_that_fails_counts(monkeypatch: pytest.MonkeyPatch, ends: Ends) -
         raise OSError(5, "Input/output error")
 
     with monkeypatch.context() as patched:
-        patched.setattr("motord.hal.serial_port.os.read", fail)
-        patched.setattr("motord.hal.serial_port.os.write", fail)
+        patched.setattr("motord.hal.bridge.serial_port.os.read", fail)
+        patched.setattr("motord.hal.bridge.serial_port.os.write", fail)
         assert port.read() == b""
         assert not port.write(b"x\0")
     assert port.failures == 2

@@ -10,8 +10,8 @@ from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.base import InverterStatus
-from motord.hal.sim import SimRig
-from motord.hal.sim_faults import NEVER_NS, SimFaults
+from motord.hal.sim.faults import NEVER_NS, SimFaults
+from motord.hal.sim.rig import SimRig
 from motord.rig.types import new_input
 from motord.schema import FAULT_COUNT_SHIFT
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-from motord.hal import socketcan
 from motord.hal.base import DeviceError
-from motord.hal.can_base import FRAMES_AT_ONCE, REFUSED_MAX
-from motord.hal.can_bus import open_bus
-from motord.hal.socketcan import BATCH, SocketCan
+from motord.hal.can import socketcan
+from motord.hal.can.base import FRAMES_AT_ONCE, REFUSED_MAX
+from motord.hal.can.bus import open_bus
+from motord.hal.can.socketcan import BATCH, SocketCan
 from motord.wire.can.codec import EXTENDED
 from tests.contract.peers import can_config
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.config import load
-from motord.hal.can_base import REFUSED_MAX
+from motord.hal.can.base import REFUSED_MAX
 from motord.schema import InverterStatus, State, Trip
 from tests.contract.peers import SOCKETCAN
 from tests.support.virtual_wire import on_the_wire

@@ -10,8 +10,8 @@ import can
 import pytest
 
 from motord.hal.base import DeviceError
-from motord.hal.can_bus import open_bus
-from motord.hal.socketcan import SocketCan, open_socketcan
+from motord.hal.can.bus import open_bus
+from motord.hal.can.socketcan import SocketCan, open_socketcan
 from motord.wire.can.codec import EXTENDED
 from tests.contract.peers import SOCKETCAN, can_config
 from tests.vm.inner import interface

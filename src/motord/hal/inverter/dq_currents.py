@@ -12,7 +12,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.rotating import Axes
-from motord.hal.inverter_can import CanInverter
+from motord.hal.inverter.phase_currents import CanInverter
 
 
 class DqInverter(CanInverter):

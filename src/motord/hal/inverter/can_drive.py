@@ -9,9 +9,9 @@ from typing import Protocol
 
 from motord.config import CanConfig
 from motord.hal.base import DeviceError
-from motord.hal.can_base import BusState, CanBus
-from motord.hal.can_bus import open_bus
-from motord.hal.clock import LoopClock
+from motord.hal.bridge.clock import LoopClock
+from motord.hal.can.base import BusState, CanBus
+from motord.hal.can.bus import open_bus
 from motord.wire.can.codec import EXTENDED, MessageCodec
 
 _OPEN_ASK_S = 0.02

@@ -16,7 +16,7 @@ import struct
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 
-from motord.hal.can_base import FRAMES_AT_ONCE, BusState, Frame
+from motord.hal.can.base import FRAMES_AT_ONCE, BusState, Frame
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 """Asked of the kernel, so that a loop that was kept waiting loses no frames; it grants at most

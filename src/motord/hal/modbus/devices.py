@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from motord.config import Config, ModbusConfig
 from motord.hal.base import DeviceError, DeviceReading
-from motord.hal.modbus_link import ModbusLink, connect
+from motord.hal.modbus.link import ModbusLink, connect
 from motord.wire.modbus.pdu import Question, Refusal, read, write
 from motord.wire.modbus.registers import Register, layout
 

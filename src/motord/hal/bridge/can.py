@@ -2,9 +2,9 @@
 
 from motord.config import BridgeCanConfig, Config
 from motord.hal.base import DeviceError
-from motord.hal.bridge import Bridge
-from motord.hal.can_base import Frame
-from motord.hal.can_bus import open_bus
+from motord.hal.bridge.board import Bridge
+from motord.hal.can.base import Frame
+from motord.hal.can.bus import open_bus
 from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import (
     CLASSIC_BYTES,

@@ -1,6 +1,6 @@
 """What a driver asks of a CAN bus: whole frames in and out, never waited for, errors counted.
 
-`motord.hal.can_bus.open_bus` returns one. Several drivers may open the same channel, each with the
+`motord.hal.can.bus.open_bus` returns one. Several drivers may open the same channel, each with the
 identifiers that it listens to.
 """
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 import can
 
 from motord.config import CanBusConfig
-from motord.hal.bulk_port import read_in_bulk
-from motord.hal.can_base import FRAMES_AT_ONCE, BusState, Frame
+from motord.hal.can.base import FRAMES_AT_ONCE, BusState, Frame
+from motord.hal.can.slcan_port import read_in_bulk
 from motord.wire.can.codec import EXTENDED
 
 # python-can tells its own log of errors that it also raises

@@ -9,7 +9,7 @@ the drift comes from the heartbeats alone.
 
 import time
 
-from motord.hal.clock_lines import HeartbeatLine, SampleBound
+from motord.hal.bridge.drift_estimator import HeartbeatLine, SampleBound
 
 HEARTBEAT_LATENCY_NS = 100_000
 """Half the round trip is taken for the heartbeat's way, but never more than this: what else is in

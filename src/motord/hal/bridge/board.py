@@ -15,7 +15,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.hal.base import DeviceError
-from motord.hal.clock import BoardClock, LoopClock
+from motord.hal.bridge.clock import BoardClock, LoopClock
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 

@@ -1,8 +1,8 @@
 """The bridge board over a serial port (USB CDC or UART)."""
 
 from motord.config import BridgeConfig, Config
-from motord.hal.bridge import Bridge
-from motord.hal.serial_port import SerialPort
+from motord.hal.bridge.board import Bridge
+from motord.hal.bridge.serial_port import SerialPort
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 

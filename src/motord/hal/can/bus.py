@@ -2,9 +2,9 @@
 
 from motord.config import CanBusConfig
 from motord.hal.base import DeviceError
-from motord.hal.can_base import CanBus
-from motord.hal.python_can import open_python_can
-from motord.hal.socketcan import open_socketcan
+from motord.hal.can.base import CanBus
+from motord.hal.can.python_can import open_python_can
+from motord.hal.can.socketcan import open_socketcan
 
 
 def open_bus(config: CanBusConfig, device: str) -> CanBus:

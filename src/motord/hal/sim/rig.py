@@ -6,7 +6,7 @@ from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.base import InverterStatus
-from motord.hal.sim_faults import SimFaults
+from motord.hal.sim.faults import SimFaults
 from motord.jit import Frame, jit_holding_gil, records_at
 from motord.rig.build import build
 from motord.rig.feedback import apply_command, fill_feedback

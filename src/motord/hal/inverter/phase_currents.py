@@ -1,6 +1,6 @@
 """The inverter over CAN: current references out, currents, voltages and status in.
 
-The messages come from the bench's DBC, the bus is any that `motord.hal.can_bus` opens.
+The messages come from the bench's DBC, the bus is any that `motord.hal.can.bus` opens.
 """
 
 import math
@@ -9,8 +9,8 @@ import numpy as np
 
 from motord.config import Config
 from motord.hal.base import DeviceError
-from motord.hal.can_drive import CanDrive
-from motord.hal.can_feedback import CanFeedback
+from motord.hal.inverter.can_drive import CanDrive
+from motord.hal.inverter.feedback import CanFeedback
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 

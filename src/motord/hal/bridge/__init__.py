@@ -1,0 +1,1 @@
+"""The bridge board, over a serial port or CAN, and its clock."""

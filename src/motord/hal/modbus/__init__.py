@@ -1,0 +1,1 @@
+"""Brake and external drive over Modbus."""

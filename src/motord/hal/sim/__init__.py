@@ -1,0 +1,1 @@
+"""The simulated rig in the loop."""
