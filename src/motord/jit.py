@@ -20,8 +20,8 @@ from numba.extending import intrinsic
 KERNEL_PACKAGES = ("control", "rig", "identify")
 """Folders of kernels and of what they import, sub-folders included."""
 KERNEL_MODULES = (
-    "config/timing.py", "hal/sim/rig.py", "jit.py", "learned.py", "runtime/beat.py",
-    "runtime/histogram.py", "runtime/tables.py", "runtime/timing.py", "schema.py",
+    "config/timing.py", "hal/sim/rig.py", "jit.py", "learned.py", "loop/tick_kernel.py",
+    "shm/histogram.py", "shm/tables.py", "shm/timing.py", "schema.py",
     "virtual/bench.py", "virtual/drive.py", "virtual/faults.py",
 )  # fmt: skip
 """Other modules with kernels, or whose constants kernels have compiled in; a test finds them."""

@@ -25,12 +25,12 @@ import numpy as np
 
 from motord import config
 from motord.control.types import SETPOINT
-from motord.runtime.histogram import TimeHistogram
-from motord.runtime.latency import Slices, choose_cpu, median_of_slices_us
-from motord.runtime.mailbox import MailboxReader
-from motord.runtime.rundir import RunDir
-from motord.runtime.steal import stolen_ticks
-from motord.runtime.timing import Timing
+from motord.loop.latency.measurement import Slices, choose_cpu, median_of_slices_us
+from motord.loop.steal_time import stolen_ticks
+from motord.shm.histogram import TimeHistogram
+from motord.shm.mailbox import MailboxReader
+from motord.shm.run_directory import RunDir
+from motord.shm.timing import Timing
 from tests.benchmarks.figure import Figure, number
 from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
 from tests.system.disturbances import (

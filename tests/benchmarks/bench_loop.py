@@ -17,19 +17,19 @@ from motord import config
 from motord.control import parameters
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.registry import make_rig
-from motord.runtime import realtime
-from motord.runtime.beat import NO_WORK, beat
-from motord.runtime.clock import Clock
-from motord.runtime.cycle import Cycle, StopRequest
-from motord.runtime.latency import choose_cpu
-from motord.runtime.launch import start_loop
-from motord.runtime.mailbox import MailboxReader, MailboxWriter
-from motord.runtime.pacer import Pacer
-from motord.runtime.ring import RingReader, RingWriter
-from motord.runtime.rundir import RunDir
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.tables import TablesReader, TablesWriter
-from motord.runtime.waker import Waker
+from motord.loop import rt_setup
+from motord.loop.control_loop import Cycle, StopRequest
+from motord.loop.hybrid_sleep import Waker
+from motord.loop.latency.measurement import choose_cpu
+from motord.loop.launch import start_loop
+from motord.loop.pacer import Pacer
+from motord.loop.status import LoopStatus, Phase
+from motord.loop.tick_kernel import NO_WORK, beat
+from motord.shm.mailbox import MailboxReader, MailboxWriter
+from motord.shm.ring import RingReader, RingWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesReader, TablesWriter
+from motord.shm.unix_clock import Clock
 from tests.benchmarks.figure import Figure
 
 KERNEL_LIMIT_us = 3.0
@@ -70,7 +70,7 @@ def part_costs_us(ticks: int) -> np.ndarray:
     """
     with tempfile.TemporaryDirectory() as name:
         cycle, _writer = make_cycle(config.load(), Path(name))
-        realtime.apply(choose_cpu(config.load().loop))
+        rt_setup.apply(choose_cpu(config.load().loop))
         costs_us = timed_ticks_us(cycle, ticks)
         cycle.rig.close()
     return costs_us

@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from motord import config
-from motord.runtime.latency import Measured, Plan, Slices, measure, median_of_slices_us
-from motord.runtime.latency_report import ratio_of_medians, report
+from motord.loop.latency.measurement import Measured, Plan, Slices, measure, median_of_slices_us
+from motord.loop.latency.report import ratio_of_medians, report
 from tests.benchmarks.figure import Figure, number
 
 COMPARED_Hz = (1000, 4000)

@@ -32,15 +32,15 @@ from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.hal.bridge.serial import SerialBridge
 from motord.hal.inverter.phase_currents import CanInverter
-from motord.runtime.clock import Clock
-from motord.runtime.latency import Slices, median_of_slices_us
-from motord.runtime.launch import start_loop
-from motord.runtime.mailbox import MailboxWriter
-from motord.runtime.rundir import RunDir
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.steal import stolen_ticks
-from motord.runtime.tables import TablesWriter
-from motord.runtime.timing import Timing
+from motord.loop.latency.measurement import Slices, median_of_slices_us
+from motord.loop.launch import start_loop
+from motord.loop.status import LoopStatus, Phase
+from motord.loop.steal_time import stolen_ticks
+from motord.shm.mailbox import MailboxWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesWriter
+from motord.shm.timing import Timing
+from motord.shm.unix_clock import Clock
 from tests.benchmarks.figure import Figure, number
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Board, Drive, bench, can_config

@@ -29,9 +29,9 @@ from motord.config import CanConfig, LoopConfig
 from motord.emulate.board import Board
 from motord.emulate.link import BoardLink
 from motord.emulate.selection import is_fast
-from motord.runtime import realtime
-from motord.runtime.pacer import Pacer
-from motord.runtime.waker import Waker
+from motord.loop import rt_setup
+from motord.loop.hybrid_sleep import Waker
+from motord.loop.pacer import Pacer
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from motord.wire.can.codec import FEEDBACK_SLOTS, MessageCodec
@@ -165,7 +165,7 @@ def main() -> int:
     peer = FixedPeer(bench)
     period_ns = round(1e9 / bench.loop.rate_Hz)
     pacer = Pacer(period_ns, Waker(period_ns, spin=False))
-    realtime.apply(LoopConfig(cpu=cpu, priority=PRIORITY))
+    rt_setup.apply(LoopConfig(cpu=cpu, priority=PRIORITY))
     sys.stdout.write("up\n")
     sys.stdout.flush()
     begun_s, ticks = time.process_time(), 0

@@ -29,8 +29,8 @@ from typing import Any
 import numpy as np
 
 from motord.client import Client
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
 from tests.campaigns import seeds
 from tests.support.nonsense import random_line
 from tests.system.daemons import Daemon, daemon, wait_for, write_sim

@@ -24,9 +24,9 @@ from pathlib import Path
 from threading import Lock
 
 from motord.client import ClientError
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
 from motord.service.journal import read
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
 from tests.campaigns import seeds
 from tests.campaigns.plan_kills_found import MISSING_LIMIT_S, UNRECORDED, Found, Kill, look
 from tests.system.daemons import Daemon, wait_for, wait_until, write_sim

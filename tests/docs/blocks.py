@@ -49,8 +49,8 @@ RUN = {
         "with connect() as": 'with connect("sim", "{endpoint}") as'
     },
     ("docs/api.md", "import json, time, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
-    ("docs/realtime.md", "from motord.runtime.ring import RingReader"): {},
-    ("docs/realtime.md", "from motord.runtime.rundir import RunDir"): {},
+    ("docs/realtime.md", "from motord.shm.ring import RingReader"): {},
+    ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): {},
     ("docs/recording.md", "from pathlib import Path"): {
         "runs/bench-20250101T120000000Z-000.mcap": "{recording}"
     },
@@ -61,8 +61,8 @@ PRINTED = {
     ("README.md", "import json, time, zenoh"): ("'state': '", " bytes of motord.Tick"),
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
     ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state": "OFF"'),
-    ("docs/realtime.md", "from motord.runtime.ring import RingReader"): (),
-    ("docs/realtime.md", "from motord.runtime.rundir import RunDir"): (),
+    ("docs/realtime.md", "from motord.shm.ring import RingReader"): (),
+    ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): (),
     ("docs/recording.md", "from pathlib import Path"): (),
 }
 

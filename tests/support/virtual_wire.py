@@ -21,15 +21,15 @@ from motord.control.types import SETPOINT
 from motord.emulate.process import Emulator
 from motord.hal.inverter import can_drive
 from motord.hal.registry import make_rig
+from motord.loop.control_loop import Cycle, StopRequest, run
+from motord.loop.pacer import Pacer
 from motord.rig.truth import load as load_truth
-from motord.runtime.clock import Clock
-from motord.runtime.cycle import Cycle, StopRequest, run
-from motord.runtime.mailbox import MailboxReader, MailboxWriter
-from motord.runtime.pacer import Pacer
-from motord.runtime.ring import RingReader, RingWriter
-from motord.runtime.rundir import RunDir
-from motord.runtime.tables import TablesReader, TablesWriter
 from motord.schema import TRUTH_DTYPE
+from motord.shm.mailbox import MailboxReader, MailboxWriter
+from motord.shm.ring import RingReader, RingWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesReader, TablesWriter
+from motord.shm.unix_clock import Clock
 from tests.unit.service import virtual_service
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 

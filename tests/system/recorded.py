@@ -12,15 +12,15 @@ import numpy as np
 from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
+from motord.loop.launch import start_loop
+from motord.loop.status import LoopStatus, Phase
 from motord.record.launch import RecorderLink, recorder_command, spawn_recorder
 from motord.record.protocol import RecorderReport
-from motord.runtime.clock import Clock
-from motord.runtime.launch import start_loop
-from motord.runtime.mailbox import MailboxWriter
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.tables import TablesWriter
+from motord.shm.mailbox import MailboxWriter
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesWriter
+from motord.shm.unix_clock import Clock
 from tests.system.daemons import patient
 
 PATIENCE_S = 120.0

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from motord.record.reader import open_run
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
 from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 from tests.system.disturbances import (
     hogs,

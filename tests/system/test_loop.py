@@ -15,15 +15,15 @@ from motord import config
 from motord.control import parameters
 from motord.control.states import Request
 from motord.control.types import SETPOINT
-from motord.runtime.clock import Clock
-from motord.runtime.launch import start_loop
-from motord.runtime.mailbox import MailboxWriter
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.tables import TablesWriter
-from motord.runtime.timing import Timing
+from motord.loop.launch import start_loop
+from motord.loop.status import LoopStatus, Phase
 from motord.schema import Flag, State, Trip
+from motord.shm.mailbox import MailboxWriter
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesWriter
+from motord.shm.timing import Timing
+from motord.shm.unix_clock import Clock
 
 pytestmark = pytest.mark.system
 

@@ -2,7 +2,7 @@
 
 import math
 
-from motord.runtime.timing import Timing
+from motord.shm.timing import Timing
 from tests.benchmarks.bench_wire import Step, highest
 from tests.benchmarks.figure import Figure
 

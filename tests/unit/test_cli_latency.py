@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 
 from motord import config
 from motord.cli import app
-from motord.runtime import latency
-from motord.runtime.latency import Measured, Plan, Slices
-from motord.runtime.latency_error import LatencyError
+from motord.loop.latency import measurement
+from motord.loop.latency.error import LatencyError
+from motord.loop.latency.measurement import Measured, Plan, Slices
 from tests.unit.runtime.test_latency import READY, timing
 
 
@@ -31,7 +31,7 @@ def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
             progress(measured)
         return measured
 
-    monkeypatch.setattr(latency, "measure", measure)
+    monkeypatch.setattr(measurement, "measure", measure)
     return asked
 
 
@@ -98,6 +98,6 @@ def test_what_cannot_be_measured_is_one_line(monkeypatch: pytest.MonkeyPatch) ->
     def refuse(_plan: Plan, _progress: object) -> Measured:
         raise LatencyError("cyclictest is not installed")
 
-    monkeypatch.setattr(latency, "measure", refuse)
+    monkeypatch.setattr(measurement, "measure", refuse)
     code, _, err = run("--compare", "--json")
     assert (code, err) == (1, "motord: cyclictest is not installed\n")

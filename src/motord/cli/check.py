@@ -60,7 +60,7 @@ def check(
 
 def probe_devices(bench: "Config") -> list[Finding]:
     """Open each device, read it once, close it. A bench that is in use is left alone."""
-    from motord.runtime.rundir import RunDir, RunDirError
+    from motord.shm.run_directory import RunDir, RunDirError
 
     try:
         with RunDir(bench.bench.name).hold():
@@ -141,13 +141,13 @@ def _probe_slow(kind: Any, bench: "Config") -> str:
 
 
 def _host(bench: "Config") -> list[dict[str, Any]]:
-    from motord.runtime.host import findings
+    from motord.loop.rt_diagnostics import findings
 
     return [{**found.model_dump(), "line": found.line()} for found in findings(bench.loop.cpu)]
 
 
 def _rights(bench: "Config") -> list[dict[str, Any]]:
-    from motord.runtime.realtime import probe
+    from motord.loop.rt_setup import probe
 
     status = probe(bench.loop)
     return [{**item.model_dump(), "line": item.line()} for item in status.items]

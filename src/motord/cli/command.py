@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from motord.cli.console import fail, remark
 from motord.cli.interruption import interrupted_once
 from motord.cli.shared_token import shared, tokens
-from motord.runtime.rundir import RunDirError
+from motord.shm.run_directory import RunDirError
 
 if TYPE_CHECKING:
     from motord.client import Client, Lease

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from motord.config import LoopConfig
-    from motord.runtime.latency import Measured, Plan
-    from motord.runtime.latency_report import Condition, Figures, LatencyReport
+    from motord.loop.latency.measurement import Measured, Plan
+    from motord.loop.latency.report import Condition, Figures, LatencyReport
 
 DEFAULT_S, DEFAULT_COMPARE_S = 10.0, 60.0
 
@@ -46,9 +46,9 @@ def latency(
     quarter of a second in which the processor's steal counter did not move, and over the others.
     """
     from motord.config import ConfigError
-    from motord.runtime.latency import Plan
-    from motord.runtime.latency_error import LatencyError
-    from motord.runtime.latency_report import report
+    from motord.loop.latency.error import LatencyError
+    from motord.loop.latency.measurement import Plan
+    from motord.loop.latency.report import report
 
     if plot is not None and not plot.absolute().parent.is_dir():
         fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
@@ -81,7 +81,7 @@ def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
 def _measure(plan: "Plan", silent: bool) -> "Measured":
     from rich.progress import BarColumn, Progress
 
-    from motord.runtime.latency import measure
+    from motord.loop.latency.measurement import measure
 
     console = plain_console(stderr=True)
     quiet = silent or not console.is_terminal
@@ -141,8 +141,8 @@ def _number(value: float | None) -> str:
 
 
 def _draw(measured: "Measured", path: Path) -> None:
+    from motord.loop.latency.picture import picture
     from motord.report.style import PAPER
-    from motord.runtime.latency_picture import picture
 
     try:
         picture(measured).savefig(path, dpi=150, facecolor=PAPER)

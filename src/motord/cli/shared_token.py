@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from motord.runtime.rundir import RunDir
+from motord.shm.run_directory import RunDir
 
 _STATE, _START_TIME = 0, 19
 """Fields of /proc/PID/stat behind the name: state, and start time in clock ticks since boot."""

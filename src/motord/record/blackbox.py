@@ -17,9 +17,9 @@ from motord.config import Config, RecordingConfig
 from motord.record.container import PART, part_of
 from motord.record.errors import RecordError
 from motord.record.writer import RunWriter
-from motord.runtime.ring import RingReader
-from motord.runtime.shared import SharedFileError
 from motord.schema import State, Trip
+from motord.shm.ring import RingReader
+from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
 
 BEFORE_S = 10.0

@@ -11,9 +11,9 @@ from motord.record.container import part_of
 from motord.record.errors import RecordError
 from motord.record.files import file_name, newest_others, numbers
 from motord.record.reader import open_run
-from motord.runtime.ring import RingReader
-from motord.runtime.shared import SharedFileError
 from motord.schema import TICK_DTYPE
+from motord.shm.ring import RingReader
+from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
 
 NEIGHBOURS = 4

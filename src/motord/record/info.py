@@ -6,7 +6,7 @@ from motord.record import topics
 from motord.record.damage import utc
 from motord.record.reader import Run
 from motord.record.recover import METADATA_RECOVERED
-from motord.runtime.timing import KIND, TimingSummary, total
+from motord.shm.timing import KIND, TimingSummary, total
 
 _FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes", "blackbox")
 

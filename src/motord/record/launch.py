@@ -11,7 +11,7 @@ from motord.record.blackbox import Wanted
 from motord.record.lines import LineWriter
 from motord.record.plain import to_line
 from motord.record.protocol import MessageReader, RecorderReport
-from motord.runtime.rundir import RunDir
+from motord.shm.run_directory import RunDir
 
 BACKLOG_MAX_BYTES = 4 << 20
 

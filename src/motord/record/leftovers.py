@@ -27,10 +27,10 @@ from motord.record.reader import open_run
 from motord.record.recover import METADATA_RECOVERED, recover
 from motord.record.storage import MB
 from motord.record.writer import RunWriter
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
-from motord.runtime.shared import SharedFileError
 from motord.schema import State
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.shared_records import SharedFileError
 from motord.wire.ticks.blocks import Block
 
 LIMIT_S = 60.0

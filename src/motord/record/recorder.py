@@ -25,7 +25,7 @@ from motord.record.lines import LINE_MAX_BYTES, LineReader, LineWriter
 from motord.record.metadata import describe
 from motord.record.plain import to_line
 from motord.record.session import Session
-from motord.runtime.rundir import RunDir
+from motord.shm.run_directory import RunDir
 
 DRAIN_S = 0.05
 """Time between two looks at the ring."""

@@ -10,12 +10,8 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
+from motord.loop.launch import loop_command
 from motord.record.launch import recorder_command, spawn_recorder
-from motord.runtime.clock import Clock
-from motord.runtime.launch import loop_command
-from motord.runtime.mailbox import MailboxWriter
-from motord.runtime.rundir import RunDir
-from motord.runtime.tables import TablesWriter
 from motord.service import priority
 from motord.service.api import Api
 from motord.service.bench import Bench
@@ -42,6 +38,10 @@ from motord.service.resumption import Resumption
 from motord.service.state_view import StateView
 from motord.service.supervisor import Supervisor
 from motord.service.telemetry import Telemetry
+from motord.shm.mailbox import MailboxWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesWriter
+from motord.shm.unix_clock import Clock
 
 LOOP_STOP_S = 3.0
 RECORDER_STOP_S = 10.0

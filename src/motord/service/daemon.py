@@ -12,9 +12,6 @@ from types import FrameType
 from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
-from motord.runtime.clock import Clock
-from motord.runtime.rundir import RunDir, RunDirError
-from motord.runtime.shared import SharedFileError
 from motord.security.error import SecurityError
 from motord.service import descriptors, gate, priority
 from motord.service.api import ApiError
@@ -23,6 +20,9 @@ from motord.service.calibrations import state_directory
 from motord.service.log import log_to_stderr
 from motord.service.notify import Notifier
 from motord.service.supervisor import Supervisor
+from motord.shm.run_directory import RunDir, RunDirError
+from motord.shm.shared_records import SharedFileError
+from motord.shm.unix_clock import Clock
 
 
 class LoopFailedError(Exception):

@@ -13,7 +13,6 @@ import numpy as np
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
-from motord.runtime.tables import TablesBusyError
 from motord.service.bench import Bench
 from motord.service.calibration_reader import Read, read_elsewhere
 from motord.service.calibrations import CalibrationStore
@@ -21,6 +20,7 @@ from motord.service.calls import Answer, Call
 from motord.service.desk import Handler, Wait, expect, need_no_plan, need_zero_torque
 from motord.service.messages import WithToken
 from motord.service.refusal import Refusal
+from motord.shm.tables import TablesBusyError
 
 SWAP_S = 1.0
 

@@ -6,14 +6,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
-from motord.runtime.shared import SharedFileError
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.timing import Timing
+from motord.loop.status import LoopStatus, Phase
 from motord.schema import TICK_DTYPE
 from motord.service.processes import Children, Ended
 from motord.service.views import ClockView
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.shared_records import SharedFileError
+from motord.shm.timing import Timing
 
 LOOP = "loop"
 

@@ -8,9 +8,9 @@ all but the last.
 from collections.abc import Callable
 from pathlib import Path
 
-from motord.runtime.shared import SharedFileError
-from motord.runtime.timing import KIND, TimingPart
 from motord.service.views import Event
+from motord.shm.shared_records import SharedFileError
+from motord.shm.timing import KIND, TimingPart
 
 EVERY_NS = 60_000_000_000
 

@@ -55,7 +55,7 @@ def processes() -> dict[int, str]:
 
 
 def loop_of(found: dict[int, str]) -> int:
-    [pid] = [pid for pid, command in found.items() if " motord.runtime.loop " in command]
+    [pid] = [pid for pid, command in found.items() if " motord.loop.main " in command]
     return pid
 
 

@@ -14,7 +14,8 @@ from motord.config import Config, ModbusConfig
 from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.hal.base import DeviceError
-from motord.hal.modbus.devices import ModbusDevice, devices
+from motord.hal.modbus import devices
+from motord.hal.modbus.devices import ModbusDevice
 from motord.wire.modbus.registers import DeviceStatus
 from tests.support.ports import free_port
 

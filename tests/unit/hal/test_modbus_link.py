@@ -10,6 +10,7 @@ from itertools import count
 import pytest
 
 from motord.config import ModbusConfig
+from motord.hal.modbus import link as modbus_link
 from motord.hal.modbus.link import RtuLink, TcpLink, connect
 from motord.wire.modbus.pdu import Question, read, rtu_frame, write
 

@@ -21,8 +21,8 @@ from motord.record.info import describe
 from motord.record.protocol import OUTCOMES_MAX
 from motord.record.reader import open_run
 from motord.record.session import Session
-from motord.runtime.ring import RingWriter
 from motord.schema import State, Trip
+from motord.shm.ring import RingWriter
 from tests.unit.record.runs import METADATA, PERIOD_NS, START_NS, tick_block
 
 CAPACITY = 512

@@ -12,9 +12,9 @@ from motord.record.errors import RecordError
 from motord.record.leftovers import Leftovers
 from motord.record.reader import open_run
 from motord.record.writer import RunWriter
-from motord.runtime.ring import RingWriter
-from motord.runtime.rundir import LEFT_MAX, RunDir
 from motord.schema import State
+from motord.shm.ring import RingWriter
+from motord.shm.run_directory import LEFT_MAX, RunDir
 from tests.unit.record.runs import METADATA, tick_block
 
 STAMP = "20250101T120000000Z"

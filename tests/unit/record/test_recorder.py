@@ -21,8 +21,8 @@ from motord.record.protocol import MessageReader, RecorderReport
 from motord.record.reader import open_run
 from motord.record.recorder import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.record.session import Session
-from motord.runtime.ring import RingWriter
-from motord.runtime.rundir import RunDir
+from motord.shm.ring import RingWriter
+from motord.shm.run_directory import RunDir
 from tests.unit.record.runs import METADATA, tick_block
 
 CONFIG = packaged("sim.toml")

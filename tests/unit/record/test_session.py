@@ -22,8 +22,8 @@ from motord.record.recording import Recording
 from motord.record.session import Session
 from motord.record.storage import free_bytes, obstacle
 from motord.record.writer import RunWriter
-from motord.runtime.ring import RingWriter
 from motord.schema import TICK_DTYPE
+from motord.shm.ring import RingWriter
 from tests.unit.record.runs import METADATA, PERIOD_NS, START_NS, same, tick_block
 
 CAPACITY = 256

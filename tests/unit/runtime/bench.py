@@ -10,11 +10,11 @@ from motord.control import parameters
 from motord.control.states import Request
 from motord.control.types import COMMAND, SETPOINT
 from motord.hal.base import InverterStatus
-from motord.runtime.clock import Clock
-from motord.runtime.mailbox import MailboxWriter
-from motord.runtime.rundir import RunDir
-from motord.runtime.tables import TablesWriter
 from motord.schema import BridgeStatus
+from motord.shm.mailbox import MailboxWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesWriter
+from motord.shm.unix_clock import Clock
 
 BENCH = """
 [bench]

@@ -7,10 +7,10 @@ from motord import config
 from motord.control import parameters
 from motord.control import step as kernel
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
-from motord.runtime.beat import NO_WORK, Beat, beat
-from motord.runtime.tables import TableSet
-from motord.runtime.timing import Timing
+from motord.loop.tick_kernel import NO_WORK, Beat, beat
 from motord.schema import TICK_DTYPE, BridgeStatus, InverterStatus, Request, State
+from motord.shm.tables import TableSet
+from motord.shm.timing import Timing
 
 
 class Bench:

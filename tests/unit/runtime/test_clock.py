@@ -4,8 +4,8 @@ import time
 
 import pytest
 
-from motord.runtime.clock import Clock
-from motord.runtime.fence import fence_for
+from motord.shm.memory_barrier import fence_for
+from motord.shm.unix_clock import Clock
 
 
 def test_clock_agrees_with_the_system_now() -> None:

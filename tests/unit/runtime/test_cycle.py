@@ -10,13 +10,13 @@ import pytest
 from motord import config
 from motord.control import parameters
 from motord.control.states import Request
-from motord.runtime.cycle import SUPERVISOR_GONE_S, Cycle, StopRequest, run
-from motord.runtime.mailbox import MailboxReader
-from motord.runtime.pacer import Pacer
-from motord.runtime.ring import RingReader, RingWriter
-from motord.runtime.rundir import RunDir
-from motord.runtime.tables import TablesReader
+from motord.loop.control_loop import SUPERVISOR_GONE_S, Cycle, StopRequest, run
+from motord.loop.pacer import Pacer
 from motord.schema import Flag, State
+from motord.shm.mailbox import MailboxReader
+from motord.shm.ring import RingReader, RingWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesReader
 from tests.unit.runtime.bench import ScriptedRig, Supervisor, write_bench
 
 PERIOD_NS = 1_000_000

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.runtime.histogram import BINS, EDGES_ns, TimeHistogram
+from motord.shm.histogram import BINS, EDGES_ns, TimeHistogram
 
 
 def test_bins_have_no_gap_and_are_fine() -> None:

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.runtime.host import Finding, Host, findings
+from motord.loop.rt_diagnostics import Finding, Host, findings
 
 CPU = "sys/devices/system/cpu"
 

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 from motord.config import LoopConfig
-from motord.runtime import cyclictest, latency, latency_loop, realtime
-from motord.runtime.latency import LoopOnDemand, Measured, Plan, Slices, measure, timing_of
-from motord.runtime.latency_error import LatencyError
-from motord.runtime.latency_loop import Ready, Setup
-from motord.runtime.latency_picture import picture
-from motord.runtime.latency_report import report
-from motord.runtime.realtime import RealtimeStatus
-from motord.runtime.steal import stolen_ticks
-from motord.runtime.timing import TIMING, Timing
+from motord.loop import rt_setup
+from motord.loop.latency import cyclictest, measured_loop, measurement
+from motord.loop.latency.error import LatencyError
+from motord.loop.latency.measured_loop import Ready, Setup
+from motord.loop.latency.measurement import LoopOnDemand, Measured, Plan, Slices, measure, timing_of
+from motord.loop.latency.picture import picture
+from motord.loop.latency.report import report
+from motord.loop.rt_setup import RealtimeStatus
+from motord.loop.steal_time import stolen_ticks
+from motord.shm.timing import TIMING, Timing
 
 PERIOD_NS = 1_000_000
 RIGHTS = RealtimeStatus(
@@ -129,9 +130,9 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Measuring without loop, cyclictest and time; the list says where the counter moves."""
     moves: list[int] = []
     looks = iter(range(10**6))
-    monkeypatch.setattr(latency, "LoopOnDemand", FakeLoop)
-    monkeypatch.setattr(latency, "SETTLE_S", 0.002)
-    monkeypatch.setattr(latency, "_ACCOUNT_S", 0.0)
+    monkeypatch.setattr(measurement, "LoopOnDemand", FakeLoop)
+    monkeypatch.setattr(measurement, "SETTLE_S", 0.002)
+    monkeypatch.setattr(measurement, "_ACCOUNT_S", 0.0)
     monkeypatch.setattr(cyclictest, "find", lambda: "/cyclictest")
     monkeypatch.setattr(cyclictest, "run", lambda _path, **_k: [9_000_000] * 2 + [8_000] * 20)
 
@@ -139,7 +140,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         n = next(looks)
         return sum(n > move for move in moves)
 
-    monkeypatch.setattr(latency, "stolen_ticks", look)
+    monkeypatch.setattr(measurement, "stolen_ticks", look)
     return moves
 
 
@@ -221,11 +222,11 @@ def test_picture_has_both_histograms() -> None:
 def test_the_loop_runs_slices_on_demand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
-    monkeypatch.setattr(realtime, "apply", lambda _loop: RIGHTS)
+    monkeypatch.setattr(rt_setup, "apply", lambda _loop: RIGHTS)
     setup = Setup(loop=LoopConfig(rate_Hz=1000), period_ns=PERIOD_NS)
     words = f"{setup.model_dump_json()}\n2 10\n1 20\n".encode()
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(words)))
-    assert latency_loop.main() == 0
+    assert measured_loop.main() == 0
     sys.stdout.flush()
     line, _, rest = capfdbinary.readouterr().out.partition(b"\n")
     assert Ready.model_validate_json(line).realtime == RIGHTS

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.control.types import SETPOINT
-from motord.runtime.clock import Clock
-from motord.runtime.mailbox import MailboxReader, MailboxWriter
-from motord.runtime.shared import SharedFileError, as_bytes
+from motord.shm.mailbox import MailboxReader, MailboxWriter
+from motord.shm.shared_records import SharedFileError, as_bytes
+from motord.shm.unix_clock import Clock
 
 
 def setpoint(value: int) -> np.ndarray:
@@ -111,8 +111,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from motord.control.types import SETPOINT
-from motord.runtime.clock import Clock
-from motord.runtime.mailbox import MailboxWriter
+from motord.shm.unix_clock import Clock
+from motord.shm.mailbox import MailboxWriter
 writer = MailboxWriter(Path(sys.argv[1]), Clock(0))
 fields = [n for n in SETPOINT.names if n != "heartbeat_ns"]
 setpoints = []

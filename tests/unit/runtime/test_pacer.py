@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.runtime.pacer import INT32_MAX, Pacer
+from motord.loop.pacer import INT32_MAX, Pacer
 from motord.schema import Flag
 
 PERIOD_NS = 1_000_000

@@ -10,15 +10,15 @@ import pytest
 
 from motord.hal import registry
 from motord.hal.base import DeviceError
-from motord.runtime import loop as entry
-from motord.runtime import process, realtime
-from motord.runtime.launch import loop_command, start_loop
-from motord.runtime.realtime import RealtimeStatus
-from motord.runtime.ring import RingReader
-from motord.runtime.rundir import RunDir
-from motord.runtime.shared import SharedFileError
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.tables import TablesWriter
+from motord.loop import main as entry
+from motord.loop import process, rt_setup
+from motord.loop.launch import loop_command, start_loop
+from motord.loop.rt_setup import RealtimeStatus
+from motord.loop.status import LoopStatus, Phase
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.shared_records import SharedFileError
+from motord.shm.tables import TablesWriter
 from tests.unit.runtime.bench import ScriptedRig, Supervisor, write_bench
 
 WARM_UP_READS = 3
@@ -52,7 +52,7 @@ class LoopBench:
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[LoopBench]:
     bench = LoopBench(tmp_path)
     monkeypatch.setattr(registry, "make_rig", lambda _config: bench.rig)
-    monkeypatch.setattr(realtime, "apply", lambda _loop: NO_RIGHTS)
+    monkeypatch.setattr(rt_setup, "apply", lambda _loop: NO_RIGHTS)
     monkeypatch.setattr(os, "environ", dict(os.environ))
     before = {s: signal.getsignal(s) for s in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
     yield bench

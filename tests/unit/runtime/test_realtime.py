@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from motord.config import LoopConfig
-from motord.runtime import realtime, rights
-from motord.runtime.rights import RealtimeItem
+from motord.loop import rt_rights, rt_setup
+from motord.loop.rt_rights import RealtimeItem
 
 NAMES = ["garbage collector", "timer slack", "memory lock", "CPU sleep", "CPU", "scheduler"]
 
@@ -26,7 +26,7 @@ def scheduling() -> tuple[int, set[int], bool, str]:
 
 def test_probe_answers_for_this_machine_and_changes_nothing_here() -> None:
     before = scheduling()
-    status = realtime.probe(LoopConfig(cpu=min(os.sched_getaffinity(0))))
+    status = rt_setup.probe(LoopConfig(cpu=min(os.sched_getaffinity(0))))
     assert [item.name for item in status.items] == NAMES
     assert scheduling() == before
     for item in status.items:
@@ -37,7 +37,7 @@ def test_probe_answers_for_this_machine_and_changes_nothing_here() -> None:
 
 
 def test_absent_cpu_is_said_with_those_there_are() -> None:
-    cpu = realtime.probe(LoopConfig(cpu=100_000)).items[NAMES.index("CPU")]
+    cpu = rt_setup.probe(LoopConfig(cpu=100_000)).items[NAMES.index("CPU")]
     assert not cpu.granted
     assert f"{min(os.sched_getaffinity(0))}" in cpu.how
 
@@ -61,7 +61,7 @@ def test_user_without_rights_is_told_what_is_missing() -> None:
     command = [sys.executable, "-c", UNPRIVILEGED]
     answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     told, policy = answer.splitlines()
-    status = realtime.RealtimeStatus.model_validate_json(told)
+    status = rt_setup.RealtimeStatus.model_validate_json(told)
     items = {item.name: item for item in status.items}
     assert not status.granted
     assert items["scheduler"].got == "normal priority"
@@ -97,29 +97,29 @@ def limits(monkeypatch: pytest.MonkeyPatch) -> dict[int, int]:
     hard = {resource.RLIMIT_MEMLOCK: 2**20, resource.RLIMIT_RTPRIO: 0}
     monkeypatch.setattr(resource, "getrlimit", lambda which: (0, hard[which]))
     monkeypatch.setattr(resource, "setrlimit", lambda _which, _limits: None)
-    monkeypatch.setattr(rights, "has_capability", lambda _number: False)
+    monkeypatch.setattr(rt_rights, "has_capability", lambda _number: False)
     return hard
 
 
 def test_memory_lock(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> None:
     libc = FakeLibc()
-    monkeypatch.setattr(rights, "_libc", libc)
-    partly = rights.lock_memory()
+    monkeypatch.setattr(rt_rights, "_libc", libc)
+    partly = rt_rights.lock_memory()
     assert (partly.granted, partly.why, libc.lock_flags) == (False, "limit 1024 KiB", 1)
     limits[resource.RLIMIT_MEMLOCK] = resource.RLIM_INFINITY
-    assert rights.lock_memory().granted
+    assert rt_rights.lock_memory().granted
     assert libc.lock_flags == 3
     libc.lock_error = 12
-    refused = rights.lock_memory()
+    refused = rt_rights.lock_memory()
     assert (refused.granted, refused.got) == (False, "nothing")
     assert "memory" in refused.why
 
 
 def test_timer_slack(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rights, "_libc", FakeLibc())
-    assert rights.set_timer_slack().granted
-    monkeypatch.setattr(rights, "_libc", FakeLibc(slack_ns=50_000))
-    assert rights.set_timer_slack().got == "50000 ns"
+    monkeypatch.setattr(rt_rights, "_libc", FakeLibc())
+    assert rt_rights.set_timer_slack().granted
+    monkeypatch.setattr(rt_rights, "_libc", FakeLibc(slack_ns=50_000))
+    assert rt_rights.set_timer_slack().got == "50000 ns"
 
 
 def test_scheduler(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> None:
@@ -132,32 +132,32 @@ def test_scheduler(monkeypatch: pytest.MonkeyPatch, limits: dict[int, int]) -> N
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
     highest = 98
-    assert rights.schedule(80).granted
+    assert rt_rights.schedule(80).granted
     highest = 0
-    assert rights.schedule(80).got == "normal priority"
+    assert rt_rights.schedule(80).got == "normal priority"
     limits[resource.RLIMIT_RTPRIO] = highest = 20
-    lower = rights.schedule(80)
+    lower = rt_rights.schedule(80)
     assert (lower.got, lower.granted) == ("SCHED_FIFO 20", False)
     assert asked == [80, 80, 80, 20]
 
 
 def test_pinning(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _process: {2, 0})
-    assert "0, 2" in rights.pin(None).got
+    assert "0, 2" in rt_rights.pin(None).got
 
     def refuse(_process: int, _cpus: set[int]) -> None:
         raise OSError(22, "Invalid argument")
 
     monkeypatch.setattr(os, "sched_setaffinity", refuse)
-    refused = rights.pin(1)
+    refused = rt_rights.pin(1)
     assert (refused.granted, refused.why) == (False, "Invalid argument")
     monkeypatch.setattr(os, "sched_setaffinity", lambda _process, _cpus: None)
-    assert rights.pin(1).got == "CPU 1"
+    assert rt_rights.pin(1).got == "CPU 1"
 
 
 def test_cpu_sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = tmp_path / "cpu_dma_latency"
-    assert rights.keep_cpu_awake(device).got == "not managed by this kernel"
+    assert rt_rights.keep_cpu_awake(device).got == "not managed by this kernel"
     device.write_bytes(b"????")
     opened: list[int] = []
     real_open = os.open
@@ -167,17 +167,17 @@ def test_cpu_sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         return opened[-1]
 
     monkeypatch.setattr(os, "open", remember)
-    assert rights.keep_cpu_awake(device).granted
+    assert rt_rights.keep_cpu_awake(device).granted
     assert device.read_bytes() == bytes(4)
     os.close(opened[0])  # still open until here
-    refused = rights.keep_cpu_awake(tmp_path)
+    refused = rt_rights.keep_cpu_awake(tmp_path)
     assert not refused.granted
     assert str(tmp_path) in refused.why
 
 
 def test_garbage_collector() -> None:
     try:
-        assert rights.stop_garbage_collector().granted
+        assert rt_rights.stop_garbage_collector().granted
         assert not gc.isenabled()
     finally:
         gc.unfreeze()
@@ -187,10 +187,10 @@ def test_garbage_collector() -> None:
 def test_capabilities(tmp_path: Path) -> None:
     status = tmp_path / "status"
     status.write_text("CapPrm:\t0000000000004000\nCapEff:\t0000000000000400\n")
-    assert rights.has_capability(10, status)
-    assert not rights.has_capability(14, status)
+    assert rt_rights.has_capability(10, status)
+    assert not rt_rights.has_capability(14, status)
     status.write_text("Name: x\n")
-    assert not rights.has_capability(10, status)
+    assert not rt_rights.has_capability(10, status)
 
 
 def test_a_refused_right_is_one_line() -> None:
@@ -209,15 +209,15 @@ def test_a_refused_right_is_one_line() -> None:
     ],
 )
 def test_preemption(flag: str, version: str, model: str) -> None:
-    assert realtime.preemption(flag, version) == model
+    assert rt_setup.preemption(flag, version) == model
 
 
 def test_system_files(tmp_path: Path) -> None:
     (tmp_path / "n").write_text("-1\n")
     (tmp_path / "t").write_text("text\n")
-    assert realtime.read_number(str(tmp_path / "n")) == -1
-    assert realtime.read_number(str(tmp_path / "t")) is None
-    assert realtime.read_text(str(tmp_path / "none")) == ""
+    assert rt_setup.read_number(str(tmp_path / "n")) == -1
+    assert rt_setup.read_number(str(tmp_path / "t")) is None
+    assert rt_setup.read_text(str(tmp_path / "none")) == ""
 
 
 def test_apply_asks_for_everything_the_scheduler_last(
@@ -237,10 +237,10 @@ def test_apply_asks_for_everything_the_scheduler_last(
             asked.append(name)
             return RealtimeItem(name=name, wanted="", got="", granted=name != "pin")
 
-        monkeypatch.setattr(rights, name, ask)
+        monkeypatch.setattr(rt_rights, name, ask)
     monkeypatch.setattr(sys, "stdin", io.StringIO(LoopConfig().model_dump_json()))
-    realtime.main()
-    status = realtime.RealtimeStatus.model_validate_json(capsys.readouterr().out)
+    rt_setup.main()
+    status = rt_setup.RealtimeStatus.model_validate_json(capsys.readouterr().out)
     assert asked[-1] == "schedule"
     assert [item.name for item in status.items] == asked
     assert not status.granted

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from motord.config import LoopConfig
-from motord.runtime.ring import RingReader, RingWriter, capacity_for
-from motord.runtime.shared import SharedFileError
+from motord.shm.ring import RingReader, RingWriter, capacity_for
+from motord.shm.shared_records import SharedFileError
 
 
 def publish(writer: RingWriter, count: int) -> None:
@@ -156,7 +156,7 @@ def test_ring_against_model(tmp_path: Path) -> None:
 FAST_WRITER = """
 import sys
 from pathlib import Path
-from motord.runtime.ring import RingWriter
+from motord.shm.ring import RingWriter
 writer = RingWriter(Path(sys.argv[1]), 256)
 print("ready", flush=True)
 sys.stdin.readline()

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from motord.runtime import rundir
-from motord.runtime.rundir import RunDir, RunDirError, base_directory
+from motord.shm import run_directory
+from motord.shm.run_directory import RunDir, RunDirError, base_directory
 
 HOLD = """
 import sys
 from pathlib import Path
-from motord.runtime.rundir import RunDir
+from motord.shm.run_directory import RunDir
 with RunDir("bench", Path(sys.argv[1])).hold() as held:
     held.ring.write_bytes(b"ring of " + sys.argv[2].encode())
     print("held", flush=True)
@@ -73,7 +73,7 @@ def test_folder_of_another_user_or_kind_is_refused(
     (tmp_path / "file").touch()
     with pytest.raises(RunDirError, match="cannot make it"):
         RunDir("file", tmp_path).create()
-    monkeypatch.setattr(rundir.os, "getuid", lambda: 12345)
+    monkeypatch.setattr(run_directory.os, "getuid", lambda: 12345)
     with pytest.raises(RunDirError, match="another user"):
         RunDir("real", tmp_path).create()
 
@@ -113,7 +113,7 @@ def test_lock_waits_for_its_holder(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     run_dir.create()
     first = run_dir.lock("loop", 0.0)
     first.__enter__()
-    monkeypatch.setattr(rundir.time, "sleep", lambda _s: first.__exit__(None, None, None))
+    monkeypatch.setattr(run_directory.time, "sleep", lambda _s: first.__exit__(None, None, None))
     with run_dir.lock("loop", 60.0):
         assert (run_dir.path / "loop.lock").read_text() == str(os.getpid())
 
@@ -125,7 +125,7 @@ def test_lock_is_not_fooled_by_a_removed_file(
     run_dir = RunDir("b", tmp_path)
     run_dir.create()
     path = run_dir.path / "daemon.lock"
-    real_flock, calls = rundir.fcntl.flock, []
+    real_flock, calls = run_directory.fcntl.flock, []
 
     def flock(descriptor: int, operation: int) -> None:
         if not calls:
@@ -133,7 +133,7 @@ def test_lock_is_not_fooled_by_a_removed_file(
         calls.append(descriptor)
         real_flock(descriptor, operation)
 
-    monkeypatch.setattr(rundir.fcntl, "flock", flock)
+    monkeypatch.setattr(run_directory.fcntl, "flock", flock)
     with run_dir.lock("daemon", 0.0):
         assert len(calls) == 2
         assert path.read_text() == str(os.getpid())
@@ -148,4 +148,4 @@ def test_holder_without_a_name_is_a_question_mark(
         (run_dir.path / "loop.lock").write_text("")
         with pytest.raises(RunDirError, match=r"process \? holds"), run_dir.lock("loop", 0.0):
             pass
-    assert rundir._holder(tmp_path / "none") == "?"
+    assert run_directory._holder(tmp_path / "none") == "?"

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.runtime.shared import HEADER_BYTES, SharedFile, SharedFileError, layout_digest
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE
+from motord.shm.shared_records import HEADER_BYTES, SharedFile, SharedFileError, layout_digest
 
 LAYOUT = layout_digest([TICK_DTYPE])
 

@@ -7,7 +7,7 @@ import pytest
 
 from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
-from motord.runtime.tables import TablesBusyError, TablesReader, TablesWriter
+from motord.shm.tables import TablesBusyError, TablesReader, TablesWriter
 
 COUNTS = 37
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.runtime.shared import SharedFileError
-from motord.runtime.timing import ClockTold, Timing, TimingPart, total
+from motord.shm.shared_records import SharedFileError
+from motord.shm.timing import ClockTold, Timing, TimingPart, total
 
 TIMES = st.lists(st.integers(0, 10**7), max_size=50)
 

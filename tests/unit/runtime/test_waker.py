@@ -7,8 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from motord.runtime.pacer import Pacer
-from motord.runtime.waker import (
+from motord.loop.hybrid_sleep import (
     Bandwidth,
     Margin,
     MARGIN_MAX_ns,
@@ -16,6 +15,7 @@ from motord.runtime.waker import (
     MARGIN_START_ns,
     Waker,
 )
+from motord.loop.pacer import Pacer
 
 PERIOD_NS = 1_000_000
 DEFAULT = Bandwidth(0.95, 1_000_000_000)

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.runtime.shared import SharedFileError
 from motord.schema import Request, State
 from motord.service import assembly, guard
 from motord.service.descriptors import DescriptorReserve
 from motord.service.processes import Children, ChildSpec, spawn
+from motord.shm.shared_records import SharedFileError
 from tests.support.nonsense import random_line
 from tests.unit.service.test_supervisor import PlayedDaemon
 

@@ -9,12 +9,12 @@ import pytest
 from motord import config
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.plans.settings import COMPENSATE
-from motord.runtime.tables import TablesBusyError
 from motord.service.calibration_reader import read
 from motord.service.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.calls import Call
 from motord.service.installation import Installation
 from motord.service.refusal import Refusal
+from motord.shm.tables import TablesBusyError
 from tests.unit.service.virtual_service import VirtualService
 
 

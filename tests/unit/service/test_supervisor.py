@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from motord import config
+from motord.loop.rt_setup import RealtimeStatus
+from motord.loop.status import LoopStatus, Phase
 from motord.plans.settings import COMPENSATE
-from motord.runtime.clock import Clock
-from motord.runtime.mailbox import MailboxReader
-from motord.runtime.realtime import RealtimeStatus
-from motord.runtime.ring import RingWriter, capacity_for
-from motord.runtime.rundir import RunDir
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.tables import TablesReader
 from motord.schema import State
 from motord.service import assembly
 from motord.service.calls import Call
 from motord.service.messages import REQUESTS, parse
 from motord.service.refusal import Refusal
+from motord.shm.mailbox import MailboxReader
+from motord.shm.ring import RingWriter, capacity_for
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesReader
+from motord.shm.unix_clock import Clock
 from tests.unit.service.test_installation import calibration
 
 

@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 from motord import config
 from motord.cli.record import app
 from motord.record.writer import RunWriter
-from motord.runtime.timing import Timing, TimingSummary, total
 from motord.schema import TICK_DTYPE, State
 from motord.service.events import EventLog
 from motord.service.recording import Recording
 from motord.service.timing_log import EVERY_NS
+from motord.shm.timing import Timing, TimingSummary, total
 
 START_NS = 1_700_000_000_000_000_000
 

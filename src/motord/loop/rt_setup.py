@@ -12,8 +12,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from motord.config import LoopConfig
-from motord.runtime import rights
-from motord.runtime.rights import RealtimeItem
+from motord.loop import rt_rights
+from motord.loop.rt_rights import RealtimeItem
 
 
 class RealtimeStatus(BaseModel):
@@ -45,12 +45,12 @@ def apply(loop: LoopConfig) -> RealtimeStatus:
     memory. The scheduler comes last, so that nothing before it runs with real-time priority.
     """
     items = [
-        rights.stop_garbage_collector(),
-        rights.set_timer_slack(),
-        rights.lock_memory(),
-        rights.keep_cpu_awake(),
-        rights.pin(loop.cpu),
-        rights.schedule(loop.priority),
+        rt_rights.stop_garbage_collector(),
+        rt_rights.set_timer_slack(),
+        rt_rights.lock_memory(),
+        rt_rights.keep_cpu_awake(),
+        rt_rights.pin(loop.cpu),
+        rt_rights.schedule(loop.priority),
     ]
     return RealtimeStatus(
         items=items,
@@ -65,7 +65,7 @@ def apply(loop: LoopConfig) -> RealtimeStatus:
 def probe(loop: LoopConfig) -> RealtimeStatus:
     """Return what `apply` would be granted, asked in a short-lived process of its own."""
     answer = subprocess.run(
-        [sys.executable, "-m", "motord.runtime.realtime"],
+        [sys.executable, "-m", "motord.loop.rt_setup"],
         input=loop.model_dump_json(),
         capture_output=True,
         text=True,

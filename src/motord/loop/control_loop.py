@@ -13,13 +13,13 @@ from motord.control.step import new_memory
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
 from motord.hal.bridge.clock import BoardClock
-from motord.runtime.beat import NO_WORK, Beat, beat
-from motord.runtime.mailbox import MailboxReader
-from motord.runtime.pacer import INT32_MAX, Pacer
-from motord.runtime.ring import RingWriter
-from motord.runtime.tables import TablesReader
-from motord.runtime.timing import ClockTold, Timing
+from motord.loop.pacer import INT32_MAX, Pacer
+from motord.loop.tick_kernel import NO_WORK, Beat, beat
 from motord.schema import State
+from motord.shm.mailbox import MailboxReader
+from motord.shm.ring import RingWriter
+from motord.shm.tables import TablesReader
+from motord.shm.timing import ClockTold, Timing
 
 SUPERVISOR_GONE_S = 5.0
 """Without a heartbeat for so long, and without torque, the loop ends by itself."""

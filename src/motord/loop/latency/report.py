@@ -4,9 +4,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from motord.runtime.histogram import TimeHistogram
-from motord.runtime.latency import Measured, Slices, median_of_slices_us
-from motord.runtime.timing import Timing
+from motord.loop.latency.measurement import Measured, Slices, median_of_slices_us
+from motord.shm.histogram import TimeHistogram
+from motord.shm.timing import Timing
 
 
 class Figures(BaseModel):

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from motord.runtime.histogram import CELLS, TimeHistogram, TimeSummary
-from motord.runtime.shared import SharedFile, layout_digest
 from motord.schema import record_dtype
+from motord.shm.histogram import CELLS, TimeHistogram, TimeSummary
+from motord.shm.shared_records import SharedFile, layout_digest
 
 KIND = "timing"
 TIMING = record_dtype(

@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from motord.loop.latency.measurement import Measured
 from motord.report.plots.latency import Times, latency
-from motord.runtime.histogram import EDGES_ns, TimeHistogram
-from motord.runtime.latency import Measured
+from motord.shm.histogram import EDGES_ns, TimeHistogram
 
 _CENTRES_us = (EDGES_ns[:-1] + np.diff(EDGES_ns) / 2) / 1e3
 

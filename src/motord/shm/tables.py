@@ -12,8 +12,8 @@ import numpy as np
 
 from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
-from motord.runtime.fence import fence
-from motord.runtime.shared import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
+from motord.shm.memory_barrier import fence
+from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 
 KIND = "tables"
 _COUNTS = FIRST_WORD

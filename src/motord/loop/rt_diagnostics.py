@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from motord.runtime.realtime import preemption
+from motord.loop.rt_setup import preemption
 
 SLEEP_LATENCY_MAX_US = 20
 """Longest wake-up of a sleep state that a loop of some kHz hardly notices."""

@@ -1,6 +1,6 @@
 """The loop for `motord latency`: the simulated rig, run for so many ticks whenever it is told to.
 
-    python -m motord.runtime.latency_loop
+    python -m motord.loop.latency.measured_loop
 
 Its standard input has a `Setup` as a line of JSON, then a line with two numbers for each slice:
 how many ticks to run unmeasured, then how many measured. It answers with a `Ready` as a line of
@@ -20,15 +20,15 @@ from motord.config import LoopConfig
 from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.hal import registry
-from motord.runtime import cycle, realtime
-from motord.runtime.clock import Clock
-from motord.runtime.mailbox import MailboxReader, MailboxWriter
-from motord.runtime.pacer import Pacer
-from motord.runtime.realtime import RealtimeStatus
-from motord.runtime.ring import RingWriter
-from motord.runtime.tables import TablesReader, TablesWriter
-from motord.runtime.timing import Timing
-from motord.runtime.waker import Waker
+from motord.loop import control_loop, rt_setup
+from motord.loop.hybrid_sleep import Waker
+from motord.loop.pacer import Pacer
+from motord.loop.rt_setup import RealtimeStatus
+from motord.shm.mailbox import MailboxReader, MailboxWriter
+from motord.shm.ring import RingWriter
+from motord.shm.tables import TablesReader, TablesWriter
+from motord.shm.timing import Timing
+from motord.shm.unix_clock import Clock
 
 RING_TICKS = 16384
 
@@ -58,12 +58,12 @@ class SlicedLoop:
         bench = config.load().model_copy(update={"loop": setup.loop})
         TablesWriter(folder / "tables", bench.motor.counts).write(*parameters.build(bench))
         self._mailbox = MailboxWriter(folder / "setpoint", Clock.measure())
-        self._cycle = cycle.Cycle(
+        self._cycle = control_loop.Cycle(
             registry.make_rig(bench),
             RingWriter(folder / "ring", RING_TICKS),
             MailboxReader(folder / "setpoint"),
             TablesReader(folder / "tables"),
-            cycle.StopRequest(),
+            control_loop.StopRequest(),
         )
         self._pacer = Pacer(setup.period_ns, Waker(setup.period_ns, spin=setup.loop.spin))
         self._setpoint = np.zeros(1, SETPOINT)
@@ -77,11 +77,11 @@ class SlicedLoop:
         self._cycle.stop.reason = ""
         self._mailbox.write(self._setpoint)
         self._cycle.warm_up_rig()  # it catches up with the time since the slice before
-        cycle.run(self._cycle, self._pacer, settle_ticks)
+        control_loop.run(self._cycle, self._pacer, settle_ticks)
         before = timing.copy()
         timing.wake_late.cells[-1] = timing.work.cells[-1] = 0  # the largest of this slice alone
         before.record["missed"] = 0  # the pacer counts anew with each start
-        cycle.run(self._cycle, self._pacer, ticks)
+        control_loop.run(self._cycle, self._pacer, ticks)
         return timing.since(before)
 
 
@@ -91,7 +91,7 @@ def main() -> int:
     memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
     with tempfile.TemporaryDirectory(prefix="motord-latency-", dir=memory) as folder:
         loop = SlicedLoop(setup, Path(folder))
-        rights = realtime.apply(setup.loop)
+        rights = rt_setup.apply(setup.loop)
         priority = os.sched_getparam(0).sched_priority
         ready = Ready(realtime=rights, priority=priority)
         answer = sys.stdout.buffer

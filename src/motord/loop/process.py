@@ -14,16 +14,16 @@ from motord import config
 from motord.hal import registry
 from motord.hal.base import DeviceError, Rig
 from motord.hal.wire_rig import WireRig
-from motord.runtime import cycle, realtime
-from motord.runtime.mailbox import MailboxReader
-from motord.runtime.pacer import Pacer
-from motord.runtime.ring import RingWriter, capacity_for
-from motord.runtime.rundir import RunDir, RunDirError
-from motord.runtime.shared import SharedFileError
-from motord.runtime.status import LoopStatus, Phase
-from motord.runtime.tables import TablesReader
-from motord.runtime.timing import Timing
-from motord.runtime.waker import Waker
+from motord.loop import control_loop, rt_setup
+from motord.loop.hybrid_sleep import Waker
+from motord.loop.pacer import Pacer
+from motord.loop.status import LoopStatus, Phase
+from motord.shm.mailbox import MailboxReader
+from motord.shm.ring import RingWriter, capacity_for
+from motord.shm.run_directory import RunDir, RunDirError
+from motord.shm.shared_records import SharedFileError
+from motord.shm.tables import TablesReader
+from motord.shm.timing import Timing
 
 PREDECESSOR_WAIT_S = 10.0
 """How long to wait for an orphaned loop of this bench to let go of the devices."""
@@ -37,7 +37,7 @@ class LoopProcess:
     def __init__(self, config_path: Path, run_dir: RunDir) -> None:
         self._config_path = config_path
         self._run_dir = run_dir
-        self._stop = cycle.StopRequest()
+        self._stop = control_loop.StopRequest()
         self._status = LoopStatus(phase=Phase.STARTING, pid=os.getpid())
 
     def run(self) -> int:
@@ -72,7 +72,7 @@ class LoopProcess:
         ring = RingWriter(self._run_dir.ring, capacity_for(bench.loop))
         rig = registry.make_rig(bench)
         timing = Timing.create(self._run_dir.timing)
-        work = cycle.Cycle(rig, ring, mailbox, tables, self._stop, timing)
+        work = control_loop.Cycle(rig, ring, mailbox, tables, self._stop, timing)
         work.clock = rig.clock if isinstance(rig, WireRig) else None
         period_ns = round(1e9 / bench.loop.rate_Hz)
         pacer = Pacer(period_ns, Waker(period_ns, spin=bench.loop.spin))
@@ -84,10 +84,10 @@ class LoopProcess:
                 Phase.READY,
                 rate_Hz=bench.loop.rate_Hz,
                 offset_ns=mailbox.clock.offset_ns,
-                realtime=realtime.apply(bench.loop),
+                realtime=rt_setup.apply(bench.loop),
                 foreign_threads=foreign_threads(),
             )
-            cycle.run(work, pacer)
+            control_loop.run(work, pacer)
         finally:
             _stop_safely(rig)
             ring.close()

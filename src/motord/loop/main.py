@@ -1,4 +1,4 @@
-"""Entry of the loop process: `python -m motord.runtime.loop --config FILE --dir RUNDIR`.
+"""Entry of the loop process: `python -m motord.loop.main --config FILE --dir RUNDIR`.
 
 Numerical libraries start their thread pools when they are loaded, so this module tells them not
 to before it loads any.
@@ -19,13 +19,13 @@ ONE_THREAD = {
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the loop process; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="motord.runtime.loop", description="the real-time loop")
+    parser = argparse.ArgumentParser(prog="motord.loop.main", description="the real-time loop")
     parser.add_argument("--config", type=Path, required=True, help="bench file")
     parser.add_argument("--dir", type=Path, required=True, help="run folder made by the daemon")
     options = parser.parse_args(arguments)
     os.environ.update(ONE_THREAD)
-    from motord.runtime.process import LoopProcess
-    from motord.runtime.rundir import RunDir
+    from motord.loop.process import LoopProcess
+    from motord.shm.run_directory import RunDir
 
     return LoopProcess(options.config, RunDir.at(options.dir)).run()
 

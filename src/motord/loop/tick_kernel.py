@@ -10,10 +10,10 @@ from motord.control import step as kernel
 from motord.control.learned import VALUES
 from motord.control.types import COMMAND, FEEDBACK, MEMORY, PARAMETERS, SETPOINT
 from motord.jit import Frame, jit_holding_gil, records_at
-from motord.runtime.histogram import count
-from motord.runtime.tables import TableSet
-from motord.runtime.timing import TIMING
 from motord.schema import TICK_DTYPE
+from motord.shm.histogram import count
+from motord.shm.tables import TableSet
+from motord.shm.timing import TIMING
 
 _PARAMETERS, _BACK_EMF, _COGGING, _LEARNED = range(4)
 _MEMORY, _FEEDBACK, _SETPOINT, _COMMAND, _RING, _TIMING = range(4, 10)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from motord.runtime.histogram import TimeSummary
-from motord.runtime.realtime import RealtimeStatus
+from motord.loop.rt_setup import RealtimeStatus
+from motord.shm.histogram import TimeSummary
 
 SIZE_MAX_BYTES = 1 << 20
 

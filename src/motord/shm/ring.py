@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 
 from motord.config import LoopConfig
-from motord.runtime.fence import fence
-from motord.runtime.shared import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 from motord.schema import TICK_DTYPE
+from motord.shm.memory_barrier import fence
+from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 
 KIND = "ring"
 _SLOT: np.dtype[np.void] = np.dtype((np.void, TICK_DTYPE.itemsize))

@@ -17,13 +17,13 @@ from types import TracebackType
 import numpy as np
 
 from motord.config import LoopConfig
-from motord.runtime import cyclictest
-from motord.runtime.histogram import TimeHistogram
-from motord.runtime.latency_error import LatencyError
-from motord.runtime.latency_loop import Ready, Setup
-from motord.runtime.loop import ONE_THREAD
-from motord.runtime.steal import stolen_ticks
-from motord.runtime.timing import TIMING, Timing
+from motord.loop.latency import cyclictest
+from motord.loop.latency.error import LatencyError
+from motord.loop.latency.measured_loop import Ready, Setup
+from motord.loop.main import ONE_THREAD
+from motord.loop.steal_time import stolen_ticks
+from motord.shm.histogram import TimeHistogram
+from motord.shm.timing import TIMING, Timing
 
 SLICE_S = 0.25
 SETTLE_S = 0.02
@@ -107,7 +107,7 @@ class LoopOnDemand:
 
     def __init__(self, setup: Setup) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "motord.runtime.latency_loop"],
+            [sys.executable, "-m", "motord.loop.latency.measured_loop"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, **ONE_THREAD},

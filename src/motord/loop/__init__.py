@@ -1,0 +1,1 @@
+"""The real-time loop process: wake up on time, read, decide, write, publish."""

@@ -1,0 +1,1 @@
+"""Shared memory of the processes: tick ring, set-point mailbox, tables, run directory."""
