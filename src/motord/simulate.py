@@ -8,8 +8,8 @@ from pathlib import Path
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
 from motord.plans import Plan
-from motord.record.metadata import describe
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.writer import RunWriter
 from motord.virtual.mesh import Piece, run_points
 
 CHUNK_S = 1.0

@@ -31,10 +31,10 @@ from motord.identify.orders import allowed_orders
 from motord.identify.points import Samples, prepare
 from motord.identify.residual import ResidualEstimator, Trial
 from motord.identify.sensor import MountInverse
-from motord.record.captures import captures
-from motord.record.metadata import describe
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.captures import captures
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.virtual import processors, run_points
 from tests.benchmarks.bench_mesh import MESH_HZ, at_rate, the_mesh
 from tests.benchmarks.figure import Figure

@@ -17,10 +17,10 @@ from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.files import file_name, numbers
-from motord.record.reader import open_run
+from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, numbers
+from motord.recording.mcap_file import part_of
+from motord.recording.reader import open_run
 from tests.benchmarks.figure import Figure
 from tests.support.stalls import Stalls
 from tests.system.recorded import recorded_loop

@@ -34,8 +34,8 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
 from tests.benchmarks.figure import Figure

@@ -14,7 +14,7 @@ from motord.client import ClientError
 from motord.config import load
 from motord.config.faults import Fault
 from motord.emulate.control import inject
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.schema import FAULT_COUNT_SHIFT, Flag, State, Trip
 from tests.campaigns.fault_bench import STATES
 from tests.campaigns.fault_table import ENABLED, RUNNING

@@ -17,7 +17,7 @@ from motord.analysis.sensitivity import sensitivity
 from motord.analysis.sensitivity_result import Sensitivity
 from motord.identify.result import CalibrationResult
 from motord.plans import build
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.simulate import Source, record_plan
 from motord.virtual import processors
 from tests.campaigns import seeds

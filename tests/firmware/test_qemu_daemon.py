@@ -11,7 +11,7 @@ import pytest
 from motord import config
 from motord.emulate import EmulatorError
 from motord.emulate.control import inject
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from tests.firmware.images import emulated, with_other_layout
 from tests.support import stalls
 from tests.system.daemons import Program, daemon, forgive, patient, wait_for, wait_until

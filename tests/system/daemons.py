@@ -14,7 +14,7 @@ from pathlib import Path
 
 from motord import config
 from motord.client import connect
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from tests.support import stalls
 from tests.support.ports import free_port
 

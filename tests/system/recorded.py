@@ -14,8 +14,8 @@ from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.loop.launch import start_loop
 from motord.loop.status import LoopStatus, Phase
-from motord.record.launch import RecorderLink, recorder_command, spawn_recorder
-from motord.record.protocol import RecorderReport
+from motord.recorder.launch import RecorderLink, recorder_command, spawn_recorder
+from motord.recorder.protocol import RecorderReport
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.schema import State
 from tests.system.daemons import daemon, wait_for, wait_until, write_sim
 

@@ -9,7 +9,7 @@ import pytest
 
 from motord import calibration
 from motord.config import load
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 
 pytestmark = pytest.mark.system
 

@@ -9,7 +9,7 @@ from motord.analysis import Subject
 from motord.analysis.back_emf import measured_back_emf
 from motord.analysis.cogging import measured_cogging
 from motord.config import load
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from tests.support import stalls
 from tests.system.daemons import daemon, emulator, forgive, patient, wait_until
 from tests.unit.emulate.benches import write_bench

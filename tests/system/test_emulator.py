@@ -17,7 +17,7 @@ from motord.config import Config, load
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.base import BridgeStatus, InverterStatus
 from motord.hal.registry import make_rig, make_setpoint_device
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from tests.support.stalls import FORGIVEN
 from tests.unit.emulate.benches import write_bench
 

@@ -14,7 +14,7 @@ import pytest
 from motord.client import ClientError
 from motord.config import load
 from motord.hal.modbus.link import connect as modbus_link
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.wire.modbus.pdu import read
 from motord.wire.modbus.registers import layout
 from tests.support import stalls

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from tests.system.daemons import daemon, wait_for, wait_until, write_sim

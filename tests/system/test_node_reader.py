@@ -11,8 +11,8 @@ import pytest
 
 from motord.config import load
 from motord.plans import build
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.schema import TICK
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motord.client import ClientError
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.schema import State
 from tests.support import stalls
 from tests.system.daemons import (

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from motord.record import topics
+from motord.recording import topics
 from motord.schema import TICK, TRUTH
 
 LAYOUT = json.loads((Path(__file__).parents[2] / "config" / "foxglove" / "motord.json").read_text())

@@ -11,7 +11,7 @@ from motord.config import MotorConfig
 from motord.identify.alignment import Alignment, align
 from motord.identify.points import good_points
 from motord.identify.rests import REQUIRED
-from motord.record.reader import Run
+from motord.recording.reader import Run
 from motord.report.align import AlignReport
 
 SCHEMA = "motord.align/1"

@@ -11,7 +11,7 @@ from motord.analysis.subject import Subject
 from motord.config import SEQUENCE
 from motord.identify.back_emf import MeasuredBackEmf, measure
 from motord.identify.back_emf_fit import VOLTAGES
-from motord.record.reader import Run
+from motord.recording.reader import Run
 from motord.report.back_emf import BackEmfReport, BackEmfRow
 
 SCHEMA = "motord.back-emf/1"

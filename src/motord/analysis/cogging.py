@@ -12,7 +12,7 @@ from motord.calibration import Calibration
 from motord.identify.cogging import REQUIRED, SpeedCogging
 from motord.identify.cogging_average import Comparison, MeasuredCogging, compare, measure
 from motord.identify.orders import periods_per_slot_pitch
-from motord.record.reader import Run
+from motord.recording.reader import Run
 from motord.report.cogging_run import Beside, CoggingRunReport, HarmonicRow, SpeedRow
 
 SCHEMA = "motord.cogging/1"

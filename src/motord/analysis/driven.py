@@ -8,7 +8,7 @@ import numpy as np
 from motord.analysis.subject import AnalysisError, Subject
 from motord.identify.driven import stretches_of
 from motord.identify.points import CURRENTS, PointData, good_points
-from motord.record.reader import Run
+from motord.recording.reader import Run
 
 ANGLE = ("encoder_count", "angle_rad")
 """Either tells where the rotor is."""

@@ -29,7 +29,7 @@ from motord.identify.inertia_oscillation import (
 from motord.identify.inertia_push import Acceleration, PushData, accelerate
 from motord.identify.inertia_springs import Setup
 from motord.identify.points import good_points
-from motord.record.reader import Run
+from motord.recording.reader import Run
 
 Experiment = Literal["inertia-oscillation", "inertia-acceleration"]
 

@@ -25,8 +25,8 @@ from motord.identify.learn import (
 from motord.identify.points import PointData, Samples, prepare
 from motord.identify.staircase import Staircase
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
-from motord.record.captures import captures
-from motord.record.reader import Run
+from motord.recording.captures import captures
+from motord.recording.reader import Run
 from motord.report.learn import LearnReport
 from motord.schema import Compensate
 

@@ -8,8 +8,8 @@ from motord.identify.calibrate import Calibrator
 from motord.identify.points import prepare
 from motord.identify.reconstruct import Explained, explain
 from motord.identify.verify import PointRipple, point_ripple
-from motord.record.captures import captures
-from motord.record.reader import Run
+from motord.recording.captures import captures
+from motord.recording.reader import Run
 
 
 def calibrator(runs: Iterable[Run], subject: Subject) -> Calibrator:

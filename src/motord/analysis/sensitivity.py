@@ -25,8 +25,8 @@ from motord.identify.sensitivity_volume import (
     volume,
 )
 from motord.identify.verify import point_ripple
-from motord.record.captures import COLUMNS
-from motord.record.reader import Run
+from motord.recording.captures import COLUMNS
+from motord.recording.reader import Run
 
 DEFAULT_TORQUE_Nm = 3.0
 """Set-point of the theory where no recording says which, Poels 2008, Figure 4.3."""

@@ -14,7 +14,7 @@ from motord.config import (
     load_motor,
     read_toml,
 )
-from motord.record.reader import Run
+from motord.recording.reader import Run
 
 
 class AnalysisError(Exception):

@@ -8,7 +8,7 @@ from motord.analysis.content import estimate_of_truth
 from motord.analysis.subject import Subject
 from motord.identify.orders import allowed_orders
 from motord.identify.points import COMMANDS, CURRENTS, good_points
-from motord.record.reader import Run
+from motord.recording.reader import Run
 from motord.report.calibration import Estimate
 
 TRUE_CURRENTS = ("i_a_A", "i_b_A", "i_c_A")

@@ -77,7 +77,7 @@ def probe_recordings(bench: "Config") -> Finding:
     """Write to the folder of recordings as the recorder would, and look at its free space."""
     from contextlib import suppress
 
-    from motord.record.storage import free_bytes, obstacle
+    from motord.recording.storage import free_bytes, obstacle
 
     folder = bench.recording.directory.absolute()
     was_there = folder.exists()

@@ -21,7 +21,7 @@ def demo(
 ) -> None:
     """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
     from motord.identify import IdentifyError
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
     from motord.virtual.plan import PlanFailed
 
     try:

@@ -48,7 +48,7 @@ def emulate(
     from motord.config.faults import load_timeline
     from motord.emulate import EmulatorError
     from motord.emulate.process import Emulator
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
     from motord.rig.truth import load as load_rig
 
     try:
@@ -75,7 +75,7 @@ def emulate(
 @contextmanager
 def _sink(truth: Path | None, bench: str) -> "Iterator[TruthSink | None]":
     """Yield what takes blocks of truth, if a file for them is wanted. Raises RecordError."""
-    from motord.record.writer import RunWriter
+    from motord.recording.writer import RunWriter
 
     if truth is None:
         yield None

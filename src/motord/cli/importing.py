@@ -32,7 +32,7 @@ def import_recording(
     """Make a run of a recording from elsewhere; every `analyse` works on it."""
     from motord.config import ConfigError
     from motord.imports import import_run
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
 
     try:
         with _progress(silent=as_json) as progress:

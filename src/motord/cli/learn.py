@@ -110,7 +110,7 @@ def _pass(
 
     from motord.analysis import Subject
     from motord.analysis.learn import learn_from_runs
-    from motord.record.reader import open_run
+    from motord.recording.reader import open_run
 
     with client.subscribe_plan() as progress:
         client.rpc("plan/start", name="learn", settings=settings, token=token)

@@ -28,8 +28,8 @@ def info(
     as_json: AsJson = False,
 ) -> None:
     """Tell what a recording holds, and what is missing of it."""
-    from motord.record.info import describe
-    from motord.record.reader import open_run
+    from motord.recording.info import describe
+    from motord.recording.reader import open_run
 
     with _explained():
         facts = describe(open_run(run), check=check)
@@ -49,8 +49,8 @@ def recover(
     as_json: AsJson = False,
 ) -> None:
     """Write a clean recording from a damaged or unfinished one."""
-    from motord.record import recover as recovery
-    from motord.record.reader import open_run
+    from motord.recording import recovery as recovery
+    from motord.recording.reader import open_run
 
     with _explained():
         if open_run(run).check() is None:
@@ -88,8 +88,8 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write the ticks of a recording as a table: CSV, or Parquet."""
-    from motord.record.export import export as write
-    from motord.record.reader import open_run
+    from motord.recording.export import export as write
+    from motord.recording.reader import open_run
 
     path = output or run.with_suffix(".csv")
     wanted = None if columns is None else [name.strip() for name in columns.split(",")]
@@ -107,7 +107,7 @@ def export(
 
 @contextmanager
 def _explained() -> Iterator[None]:
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
 
     try:
         yield

@@ -23,7 +23,7 @@ def reproduce(
     from motord.analysis import AnalysisError
     from motord.identify import IdentifyError
     from motord.plans import PlanError
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
     from motord.reproduce import write_page
     from motord.virtual.plan import PlanFailed
 

@@ -49,7 +49,7 @@ def simulate(
     from motord.calibration import CalibrationError, load
     from motord.config import ConfigError
     from motord.plans import PlanError
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
     from motord.simulate import Source
     from motord.virtual.plan import PlanFailed
 

@@ -9,8 +9,8 @@ from motord.config import Config
 from motord.identify.points import prepare
 from motord.identify.ripple import rms_error_percent
 from motord.identify.verify import PointRipple, point_ripple
-from motord.record.captures import TrueTorque, captures, true_torque
-from motord.record.reader import open_run
+from motord.recording.captures import TrueTorque, captures, true_torque
+from motord.recording.reader import open_run
 
 Errors = dict[tuple[float, float], float]
 """RMS error in percent of rated torque by (torque_Nm, speed_Hz)."""

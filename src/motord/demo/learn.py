@@ -18,7 +18,7 @@ from motord.identify.learn import Learning
 from motord.identify.points import PointData, split
 from motord.identify.ripple import rms_error_percent
 from motord.plans import Plan, build
-from motord.record.captures import true_torque_of
+from motord.recording.captures import true_torque_of
 from motord.report.learn import LearnReport
 from motord.virtual.mesh import Piece, run_points
 

@@ -22,8 +22,8 @@ from motord.demo.judge import Errors, Verdict, judge
 from motord.identify.calibrate import Calibrator
 from motord.identify.result import CalibrationResult, rms_errors
 from motord.plans import Plan, build
-from motord.record.captures import captures
-from motord.record.reader import open_run
+from motord.recording.captures import captures
+from motord.recording.reader import open_run
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import Source, record_plan

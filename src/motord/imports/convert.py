@@ -20,9 +20,9 @@ from motord.imports.survey import Survey, survey
 from motord.imports.tdms_source import MAGIC, TdmsSource
 from motord.imports.ticks import TickMaker
 from motord.imports.wiring import Wiring
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.writer import RunWriter
+from motord.recording.errors import RecordError
+from motord.recording.mcap_file import part_of
+from motord.recording.writer import RunWriter
 
 UNIX_FROM_NS = 10**17
 """Times later than this (1973) count as Unix times."""

@@ -11,7 +11,7 @@ from motord.imports.dialect import Dialect, detect, is_date, is_row, number
 from motord.imports.mapping import CsvMap
 from motord.imports.problems import Problems
 from motord.imports.source import RawBlock, RowClock, Wanted
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 BLOCK_CHARACTERS = 1 << 21
 """Text that is read at once."""

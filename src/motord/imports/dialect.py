@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 
 from motord.imports.mapping import CsvMap
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 SAMPLE_BYTES = 1 << 18
 """Bytes at the beginning of a file that are looked at."""

@@ -4,7 +4,7 @@ import numpy as np
 
 from motord.imports.source import Source
 from motord.imports.wiring import Wiring
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 JUMPS = 4
 """Jumps through the range, all alike and in one direction, that tell that positions wrap."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from motord.imports.mapping import Column
 from motord.imports.problems import Problems
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 BLOCK_ROWS = 1 << 16
 """Rows that are read at once."""

@@ -12,7 +12,7 @@ from motord.imports.rows import usable_rows
 from motord.imports.source import Source
 from motord.imports.stretches import GAP_ROWS, GAP_S, Stretch, StretchFinder
 from motord.imports.wiring import Wiring
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 REGULAR_SHARE = 0.9
 """Share of spacings within half a period of the usual one, from which rows count as regular."""

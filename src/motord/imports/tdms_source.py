@@ -16,7 +16,7 @@ import numpy as np
 from motord.imports.mapping import TdmsMap
 from motord.imports.problems import Problems
 from motord.imports.source import BLOCK_ROWS, RawBlock, RowClock, Wanted
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 MAGIC = b"TDSm"
 

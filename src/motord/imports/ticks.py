@@ -10,7 +10,7 @@ from motord.imports.source import Source
 from motord.imports.speed import SpeedReader, span_s
 from motord.imports.survey import Survey
 from motord.imports.wiring import Wiring
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 from motord.schema import TICK_DTYPE, Flag
 
 FLOATS = tuple(n for n in TICK_DTYPE.names or () if TICK_DTYPE[n].kind == "f")

@@ -14,7 +14,7 @@ from motord.imports.mapping import (
     SplitMap,
 )
 from motord.imports.source import RowClock, Source, Wanted, find, locate, suggestion
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 LARGEST = 1e30
 """Value beyond which a number is none: single precision ends not far from there."""

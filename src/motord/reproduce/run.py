@@ -28,7 +28,7 @@ from motord.identify.inertia_push import Acceleration
 from motord.identify.reconstruct import Explained
 from motord.identify.result import CalibrationResult
 from motord.plans import build
-from motord.record.reader import Run, open_run
+from motord.recording.reader import Run, open_run
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import Source, record_plan

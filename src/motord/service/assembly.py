@@ -11,7 +11,7 @@ from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
 from motord.loop.launch import loop_command
-from motord.record.launch import recorder_command, spawn_recorder
+from motord.recorder.launch import recorder_command, spawn_recorder
 from motord.service import priority
 from motord.service.api import Api
 from motord.service.bench import Bench

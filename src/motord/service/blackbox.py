@@ -8,9 +8,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from motord.config import Config
-from motord.record.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
-from motord.record.launch import RecorderLink
-from motord.record.protocol import RecorderReport
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
+from motord.recorder.launch import RecorderLink
+from motord.recorder.protocol import RecorderReport
 from motord.schema import State
 from motord.service.events import EventLog
 from motord.service.views import Event

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from motord.record.protocol import MessageReader
+from motord.recorder.protocol import MessageReader
 from motord.service.events import EventLog
 from motord.service.processes import Children
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Any
 
 from motord.plans import Plan
-from motord.record.launch import RecorderLink
-from motord.record.protocol import RecorderReport
+from motord.recorder.launch import RecorderLink
+from motord.recorder.protocol import RecorderReport
 from motord.service.events import EventLog
 from motord.service.journal_file import Journal
 from motord.service.plan_runner import PlanSink

@@ -23,8 +23,8 @@ import zenoh
 from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.config.bench import TlsConfig
-from motord.record.lines import LineWriter
-from motord.record.plain import to_line
+from motord.recorder.pipe_lines import LineWriter
+from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file
 from motord.security.error import SecurityError
 from motord.security.identity import check_files

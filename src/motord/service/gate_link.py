@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from motord.record.protocol import Allowance, Message, MessageReader
+from motord.recorder.protocol import Allowance, Message, MessageReader
 from motord.service.child_faults import ChildFaults
 from motord.service.events import EventLog
 from motord.service.processes import Children, ChildSpec

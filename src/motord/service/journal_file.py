@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from motord.record.background import Background
-from motord.record.plain import to_json
+from motord.recorder.background import Background
+from motord.recording.json_encoding import to_json
 from motord.service.journal import PlanNote, Story, Stretch, read
 
 BACKLOG_BYTES = 1 << 20

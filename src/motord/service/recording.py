@@ -20,10 +20,10 @@ import numpy as np
 
 from motord.config import Config
 from motord.plans import Plan
-from motord.record.files import file_name
-from motord.record.launch import RecorderLink
-from motord.record.metadata import describe
-from motord.record.protocol import RecorderReport
+from motord.recorder.launch import RecorderLink
+from motord.recorder.protocol import RecorderReport
+from motord.recording.file_names import file_name
+from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
 from motord.service.child_faults import ChildFaults
 from motord.service.events import EventLog

@@ -18,10 +18,10 @@ from motord.config import Config
 from motord.plans import Plan, PlanError
 from motord.plans import build as build_plan
 from motord.plans.executor import final
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.files import file_name, numbers, stem_of
-from motord.record.reader import open_run
+from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, numbers, stem_of
+from motord.recording.mcap_file import part_of
+from motord.recording.reader import open_run
 from motord.service.journal import PlanNote, Story, Stretch
 from motord.service.journal_file import Journal
 from motord.service.refusal import Refusal

@@ -10,9 +10,9 @@ from motord.calibration import CalibrationError
 from motord.calibration import load as load_calibration
 from motord.config import ConfigError, load, packaged
 from motord.imports.mapping import load_map
-from motord.record.errors import RecordError
-from motord.record.reader import open_run
-from motord.record.recover import recover
+from motord.recording.errors import RecordError
+from motord.recording.reader import open_run
+from motord.recording.recovery import recover
 from motord.security import roles
 from motord.security.error import SecurityError
 from motord.security.roles import Role

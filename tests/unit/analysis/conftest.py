@@ -7,8 +7,8 @@ import pytest
 from motord.calibration import Calibration
 from motord.config import load, packaged
 from motord.plans.build import build
-from motord.record.metadata import describe
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 
@@ -44,7 +44,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     from datetime import UTC, datetime
 
     from motord.analysis import Subject, calibrator
-    from motord.record.reader import open_run
+    from motord.recording.reader import open_run
 
     folder = tmp_path_factory.mktemp("runs")
     files = Recorded(folder / "off.mcap", folder / "on.mcap", folder / "calibration.json")

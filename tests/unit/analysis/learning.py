@@ -7,8 +7,8 @@ import numpy as np
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
 from motord.plans import build
-from motord.record.metadata import describe
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 

@@ -17,9 +17,9 @@ from motord.control.types import SETPOINT
 from motord.identify.calibrate import calibrate
 from motord.identify.points import PointData
 from motord.plans import build
-from motord.record.metadata import describe
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 

@@ -8,7 +8,7 @@ from motord import analysis
 from motord.analysis import AnalysisError, Subject
 from motord.calibration import load as load_calibration
 from motord.config import load, packaged
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 from motord.report.calibration import page
 
 from .conftest import Recorded

@@ -8,7 +8,7 @@ from motord.calibration import load
 from motord.cli.analyse import app as analyse
 from motord.cli.calibration import app as calibration
 from motord.config import packaged
-from motord.record.writer import RunWriter
+from motord.recording.writer import RunWriter
 
 from .conftest import Recorded
 

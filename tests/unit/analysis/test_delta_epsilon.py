@@ -10,9 +10,9 @@ from motord.analysis import Subject, calibrator
 from motord.cli.analyse import app as analyse
 from motord.config import load, packaged
 from motord.plans import build
-from motord.record.metadata import describe
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, run_plan
 

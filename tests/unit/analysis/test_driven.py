@@ -17,9 +17,9 @@ from motord.config import BackEmfTable, Config, MotorConfig, load, packaged
 from motord.control import parameters
 from motord.identify import IdentifyError
 from motord.plans.build import build
-from motord.record.metadata import describe
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan

@@ -14,9 +14,9 @@ from motord.calibration import CalibratedMotor, Calibration
 from motord.cli import app
 from motord.config import load, packaged
 from motord.plans import build
-from motord.record.metadata import describe
-from motord.record.reader import Run, open_run
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.reader import Run, open_run
+from motord.recording.writer import RunWriter
 from motord.report.inertia import write
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan

@@ -21,9 +21,9 @@ from motord.calibration import Calibration, load
 from motord.cli.analyse.learn import learn as command
 from motord.config import InverterConfig
 from motord.identify.learn import Learning
-from motord.record.captures import true_torque
-from motord.record.reader import Run, open_run
-from motord.record.writer import RunWriter
+from motord.recording.captures import true_torque
+from motord.recording.reader import Run, open_run
+from motord.recording.writer import RunWriter
 from motord.report.learn import write
 from tests.unit.analysis.learning import nonlinear, record_pass, true_calibration
 from tests.unit.analysis.test_cli import run as invoke

@@ -7,7 +7,7 @@ from motord.analysis import Subject
 from motord.calibration import load as load_calibration
 from motord.cli.analyse import app as analyse
 from motord.config import load, packaged
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 
 from .conftest import Recorded
 from .test_cli import run

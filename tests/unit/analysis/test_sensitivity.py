@@ -16,9 +16,9 @@ from motord.config import load as load_bench
 from motord.config import packaged
 from motord.identify import IdentifyError
 from motord.plans import build
-from motord.record.metadata import describe
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.report.sensitivity import write
 from motord.virtual import VirtualBench, run_plan
 

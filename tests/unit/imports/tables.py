@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.imports import Imported, import_run
-from motord.record.reader import Run, open_run
+from motord.recording.reader import Run, open_run
 
 MOTOR = """\
 [motor]

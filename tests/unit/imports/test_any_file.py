@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from motord.config import ConfigError
 from motord.imports import import_run
-from motord.record.errors import RecordError
-from motord.record.reader import open_run
+from motord.recording.errors import RecordError
+from motord.recording.reader import open_run
 from tests.unit.imports.tables import MAP, turning, write_motor
 from tests.unit.imports.test_tdms import PROPERTIES, WAVEFORM, write_tdms
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import ConfigError
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 from motord.schema import Flag
 from tests.unit.imports.tables import (
     MAP,

@@ -10,7 +10,7 @@ import pytest
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
 from motord.imports import tdms_source
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 from tests.unit.imports.tables import MAP, START_NS, imported, turning
 
 WAVEFORM = """\

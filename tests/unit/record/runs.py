@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.record.writer import RunWriter
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE
 
 START_NS = 1_700_000_000_000_000_000

@@ -13,14 +13,14 @@ from typer.testing import CliRunner
 from motord import config
 from motord.cli.record import app
 from motord.config import RecordingConfig
-from motord.record import blackbox
-from motord.record.blackbox import AFTER_S, LATE_S, Wanted, path_of
-from motord.record.blackboxes import AT_ONCE
-from motord.record.container import Container, part_of
-from motord.record.info import describe
-from motord.record.protocol import OUTCOMES_MAX
-from motord.record.reader import open_run
-from motord.record.session import Session
+from motord.recorder import blackbox
+from motord.recorder.blackbox import AFTER_S, LATE_S, Wanted, path_of
+from motord.recorder.blackbox_writer import AT_ONCE
+from motord.recorder.protocol import OUTCOMES_MAX
+from motord.recorder.session import Session
+from motord.recording.info import describe
+from motord.recording.mcap_file import Container, part_of
+from motord.recording.reader import open_run
 from motord.schema import State, Trip
 from motord.shm.ring import RingWriter
 from tests.unit.record.runs import METADATA, PERIOD_NS, START_NS, tick_block

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from motord.identify.points import split
-from motord.record.captures import COLUMNS, captures
-from motord.record.reader import Run, open_run
-from motord.record.writer import RunWriter
+from motord.recording.captures import COLUMNS, captures
+from motord.recording.reader import Run, open_run
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 
 POINT_TICKS = 100

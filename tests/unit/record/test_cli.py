@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli.record import app
-from motord.record.container import part_of
-from motord.record.writer import RunWriter
+from motord.recording.mcap_file import part_of
+from motord.recording.writer import RunWriter
 from tests.unit.record.runs import METADATA, tick_block, write_run
 
 POINT = {"index": 0, "torque_Nm": 3.0, "speed_Hz": 0.7, "turns": 24.0, "quality": "ok"}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from motord.record import export as export_module
-from motord.record.errors import RecordError
-from motord.record.export import export
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording import export as export_module
+from motord.recording.errors import RecordError
+from motord.recording.export import export
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from tests.unit.record.runs import METADATA, tick_block, truth_block, write_run
 
 

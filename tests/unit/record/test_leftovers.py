@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.record.container import hold, part_of
-from motord.record.errors import RecordError
-from motord.record.leftovers import Leftovers
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recorder.leftovers import Leftovers
+from motord.recording.errors import RecordError
+from motord.recording.mcap_file import hold, part_of
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.schema import State
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import LEFT_MAX, RunDir
@@ -123,7 +123,7 @@ def test_a_bench_that_was_off_is_not_recorded_and_its_ring_removed(killed):
 
 
 def test_what_another_process_writes_is_left_to_it(killed, monkeypatch):
-    monkeypatch.setattr("motord.record.leftovers.WRITERS_S", 0.3)
+    monkeypatch.setattr("motord.recorder.leftovers.WRITERS_S", 0.3)
     part = part_of(killed.recording(300))
     descriptor = os.open(part, os.O_RDWR)
     assert hold(descriptor)
@@ -197,7 +197,7 @@ def test_too_little_space_is_told(killed):
 
 
 def test_it_is_bounded_in_time(killed, monkeypatch):
-    monkeypatch.setattr("motord.record.leftovers.LIMIT_S", 0.0)
+    monkeypatch.setattr("motord.recorder.leftovers.LIMIT_S", 0.0)
     part = part_of(killed.recording(300))
     killed.next_daemon()
     assert killed.names() == [part.name.replace(STAMP, "T")]

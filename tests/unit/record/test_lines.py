@@ -7,9 +7,9 @@ import random
 
 import pytest
 
-from motord.record import lines
-from motord.record.lines import LineReader, LineWriter
-from motord.record.protocol import Allowance, MessageReader, RecorderReport
+from motord.recorder import pipe_lines
+from motord.recorder.pipe_lines import LineReader, LineWriter
+from motord.recorder.protocol import Allowance, MessageReader, RecorderReport
 from tests.support.nonsense import random_line
 
 
@@ -81,7 +81,7 @@ def test_a_look_takes_a_bounded_part_of_what_has_come(pipe):
     while came := reader.read():
         looks.append(len(came))
     assert sum(looks) == 10_000
-    assert max(looks) == lines.LINES_AT_ONCE
+    assert max(looks) == pipe_lines.LINES_AT_ONCE
 
 
 def test_a_line_without_end_is_left_out_and_the_next_one_is_not(pipe):
@@ -89,7 +89,7 @@ def test_a_line_without_end_is_left_out_and_the_next_one_is_not(pipe):
     for _ in range(50):
         os.write(pipe[1], b"x" * 50_000)
         assert reader.read() == []
-        assert len(reader._rest) <= 100_000 + lines.READ_AT_ONCE_BYTES
+        assert len(reader._rest) <= 100_000 + pipe_lines.READ_AT_ONCE_BYTES
     os.write(pipe[1], b"end\ngood\n")
     assert reader.read() == [b"good"]
     assert reader.overlong == 1

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.record.plain import JSON_KEYS, from_strings, plain, to_json, to_strings
+from motord.recording.json_encoding import JSON_KEYS, from_strings, plain, to_json, to_strings
 
 keys = st.text("abcdefgh_", min_size=1)
 finite = st.floats(allow_nan=False, allow_infinity=False)

@@ -13,16 +13,16 @@ from mcap.records import Channel, ChunkIndex, DataEnd, Footer, Header, Message, 
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
-from motord.record import topics
-from motord.record.chunk import ChunkBuilder, chunk_record
-from motord.record.container import MAGIC, Container, part_of, serialise
-from motord.record.damage import Damage, Loss, damage_of, utc
-from motord.record.errors import RecordError
-from motord.record.reader import Run, open_run
-from motord.record.rows import MessageRows
-from motord.record.structure import ChunkEntry
-from motord.record.summary import chunk_entry
-from motord.record.writer import RunWriter
+from motord.recording import topics
+from motord.recording.chunk import ChunkBuilder, chunk_record
+from motord.recording.damage import Damage, Loss, damage_of, utc
+from motord.recording.errors import RecordError
+from motord.recording.mcap_file import MAGIC, Container, part_of, serialise
+from motord.recording.message_array import MessageRows
+from motord.recording.reader import Run, open_run
+from motord.recording.structure import ChunkEntry
+from motord.recording.summary import chunk_entry
+from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.ticks.blocks import BlockCodec
 from tests.unit.record.runs import PERIOD_NS, START_NS, same, tick_block, truth_block, write_run

@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 
 from motord.config import RecordingConfig, packaged
-from motord.record import launch, recorder
-from motord.record.container import part_of
-from motord.record.launch import RecorderLink, recorder_command, spawn_recorder
-from motord.record.lines import LineReader
-from motord.record.protocol import MessageReader, RecorderReport
-from motord.record.reader import open_run
-from motord.record.recorder import DRAIN_S, LAST_TICKS_S, Reporter
-from motord.record.session import Session
+from motord.recorder import launch, main
+from motord.recorder.launch import RecorderLink, recorder_command, spawn_recorder
+from motord.recorder.main import DRAIN_S, LAST_TICKS_S, Reporter
+from motord.recorder.pipe_lines import LineReader
+from motord.recorder.protocol import MessageReader, RecorderReport
+from motord.recorder.session import Session
+from motord.recording.mcap_file import part_of
+from motord.recording.reader import open_run
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
 from tests.unit.record.runs import METADATA, tick_block
@@ -121,7 +121,7 @@ class Scene:
 
     def run(self) -> None:
         read, write = os.pipe()
-        recorder.run(
+        main.run(
             self.session, LineReader(self.commands[0]), Reporter(write), lambda: self.stop,
             self.wait, lambda: self.now_s,
         )  # fmt: skip
@@ -212,7 +212,7 @@ def test_main_records_at_once_if_told_where(tmp_path, pipe):
     read, write = os.pipe()
     os.close(pipe[1])
     arguments = ["--config", str(CONFIG), "--dir", str(tmp_path), "--out", str(tmp_path / "day")]
-    assert recorder.main(arguments, pipe[0], write) == 0
+    assert main.main(arguments, pipe[0], write) == 0
     os.set_blocking(read, False)
     last = json.loads(LineReader(read).read()[-1])
     assert last["file"] == str(tmp_path / "day-000.mcap")
@@ -227,7 +227,7 @@ def test_mistakes_are_one_line_and_exit_code_1(tmp_path, capsys):
     for config, out in ((tmp_path / "absent.toml", "day"), (CONFIG, "file/day")):
         (tmp_path / "file").write_text("")
         arguments = ["--config", str(config), "--dir", str(tmp_path), "--out", str(tmp_path / out)]
-        assert recorder.main(arguments) == 1
+        assert main.main(arguments) == 1
         message = capsys.readouterr().err
         assert message.startswith("motord recorder: ")
         assert message.count("\n") == 1

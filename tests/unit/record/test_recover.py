@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from mcap.reader import SeekingReader
 from mcap.records import Message
 
-from motord.record import topics
-from motord.record.chunk import chunk_record
-from motord.record.container import Container, part_of, serialise
-from motord.record.errors import RecordError
-from motord.record.reader import open_run
-from motord.record.recover import default_output, recover
-from motord.record.writer import RunWriter
+from motord.recording import topics
+from motord.recording.chunk import chunk_record
+from motord.recording.errors import RecordError
+from motord.recording.mcap_file import Container, part_of, serialise
+from motord.recording.reader import open_run
+from motord.recording.recovery import default_output, recover
+from motord.recording.writer import RunWriter
 from tests.unit.record.runs import METADATA, same, tick_block, truth_block, write_run
 
 ROWS = 100

@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config import RecordingConfig
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.feed import Mark, last_mark
-from motord.record.files import file_name, next_file, numbers
-from motord.record.reader import open_run
-from motord.record.recording import Recording
-from motord.record.session import Session
-from motord.record.storage import free_bytes, obstacle
-from motord.record.writer import RunWriter
+from motord.recorder.ring_source import Mark, last_mark
+from motord.recorder.rolling_file import Recording
+from motord.recorder.session import Session
+from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, next_file, numbers
+from motord.recording.mcap_file import part_of
+from motord.recording.reader import open_run
+from motord.recording.storage import free_bytes, obstacle
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingWriter
 from tests.unit.record.runs import METADATA, PERIOD_NS, START_NS, same, tick_block
@@ -518,7 +518,7 @@ def test_a_next_file_that_cannot_be_made_leaves_the_last_one_whole(tmp_path, mon
     bench.start()
     bench.loop(100)
     bench.step()
-    monkeypatch.setattr("motord.record.recording.next_file", lambda stem: file_name(stem, 0))
+    monkeypatch.setattr("motord.recorder.rolling_file.next_file", lambda stem: file_name(stem, 0))
     bench.loop(100)
     bench.step()
     assert "day-000.mcap: exists already" in bench.report()["error"]
@@ -585,7 +585,7 @@ def test_the_ring_is_read_while_the_disk_stalls(bench, monkeypatch):
 
 def test_what_is_held_for_a_stalled_disk_is_bounded_and_the_rest_counted(tmp_path, monkeypatch):
     most = 3 * (CAPACITY // 2)
-    monkeypatch.setattr("motord.record.session.BACKLOG_BYTES", most * TICK_DTYPE.itemsize)
+    monkeypatch.setattr("motord.recorder.session.BACKLOG_BYTES", most * TICK_DTYPE.itemsize)
     bench = Bench(tmp_path)
     bench.start()
     disk = StallingDisk(monkeypatch)
@@ -800,7 +800,7 @@ def test_a_descriptor_that_is_missing_is_an_error_and_not_the_end(bench, monkeyp
         raise OSError(errno.EMFILE, "Too many open files")
 
     with monkeypatch.context() as patch:
-        patch.setattr("motord.record.session.last_mark", no_more)
+        patch.setattr("motord.recorder.session.last_mark", no_more)
         bench.start(resume=True)
     assert "Too many open files" in bench.report()["error"]
 

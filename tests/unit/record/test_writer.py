@@ -17,12 +17,12 @@ from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.records import Chunk, DataEnd, MessageIndex, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from motord.record import chunk as chunk_module
-from motord.record import container
-from motord.record.container import Container, part_of
-from motord.record.errors import RecordError
-from motord.record.reader import open_run
-from motord.record.writer import RunWriter
+from motord.recording import chunk as chunk_module
+from motord.recording import mcap_file
+from motord.recording.errors import RecordError
+from motord.recording.mcap_file import Container, part_of
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
 from tests.unit.record.runs import (
     METADATA,
@@ -371,7 +371,7 @@ def test_a_version_is_not_needed(monkeypatch, tmp_path):
     def missing(name: str) -> str:
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(container, "version", missing)
+    monkeypatch.setattr(mcap_file, "version", missing)
     Container(tmp_path / "run.mcap").finish()
     with (tmp_path / "run.mcap").open("rb") as file:
         assert SeekingReader(file).get_header().library == "motord"

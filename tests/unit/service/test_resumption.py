@@ -6,8 +6,8 @@ import pytest
 
 from motord.config import load
 from motord.plans import PLANS, build
-from motord.record.container import part_of
-from motord.record.writer import RunWriter
+from motord.recording.mcap_file import part_of
+from motord.recording.writer import RunWriter
 from motord.schema import Compensate
 from motord.service import assembly, resumption
 from motord.service.journal import Stretch

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from motord import config
 from motord.cli.record import app
-from motord.record.writer import RunWriter
+from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
 from motord.service.events import EventLog
 from motord.service.recording import Recording

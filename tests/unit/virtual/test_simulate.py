@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.record.reader import open_run
+from motord.recording.reader import open_run
 
 
 def run(*arguments: object) -> tuple[int, str, str]:

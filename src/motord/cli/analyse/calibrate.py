@@ -21,7 +21,7 @@ from motord.cli.console import plain_console, print_json
 if TYPE_CHECKING:
     from motord.analysis import Subject
     from motord.calibration import Calibration
-    from motord.record.reader import Run
+    from motord.recording.reader import Run
     from motord.report.calibration import Estimate
 
 

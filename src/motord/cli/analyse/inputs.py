@@ -11,7 +11,7 @@ from motord.cli.console import fail
 
 if TYPE_CHECKING:
     from motord.analysis import Subject
-    from motord.record.reader import Run
+    from motord.recording.reader import Run
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, .mcap.")]
 Output = Annotated[
@@ -37,7 +37,7 @@ def explained() -> Iterator[None]:
     from motord.calibration import CalibrationError
     from motord.config import ConfigError
     from motord.identify import IdentifyError
-    from motord.record.errors import RecordError
+    from motord.recording.errors import RecordError
 
     try:
         yield
@@ -50,7 +50,7 @@ def explained() -> Iterator[None]:
 def open_runs(paths: list[Path], config: Path | None) -> "tuple[list[Run], Subject]":
     """Open recordings; return them and what they are of."""
     from motord.analysis import Subject
-    from motord.record.reader import open_run
+    from motord.recording.reader import open_run
 
     runs = [open_run(path) for path in paths]
     return runs, Subject.of_file(config) if config else Subject.of_runs(runs)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from motord.calibration import Calibration, RmsErrors
     from motord.identify.reconstruct import Explained
     from motord.identify.verify import PointRipple
-    from motord.record.reader import Run
+    from motord.recording.reader import Run
 
 
 def verify(

@@ -1,6 +1,6 @@
 """The recorder process: drains the tick ring into MCAP files, apart from the loop.
 
-`python -m motord.record.recorder --config FILE --dir RUNDIR`: commands come as lines of JSON on
+`python -m motord.recorder.main --config FILE --dir RUNDIR`: commands come as lines of JSON on
 stdin (`Session.handle`), reports go as lines of JSON to stdout (`Session.report`). When SIGTERM
 comes, it takes what the loop still writes, closes the file and ends; when stdin ends, because the
 supervisor died, it follows the loop until that has ramped down and ended.
@@ -17,14 +17,14 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load
-from motord.record.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
-from motord.record.errors import RecordError
-from motord.record.launch import BACKLOG_MAX_BYTES
-from motord.record.leftovers import Leftovers
-from motord.record.lines import LINE_MAX_BYTES, LineReader, LineWriter
-from motord.record.metadata import describe
-from motord.record.plain import to_line
-from motord.record.session import Session
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
+from motord.recorder.launch import BACKLOG_MAX_BYTES
+from motord.recorder.leftovers import Leftovers
+from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
+from motord.recorder.session import Session
+from motord.recording.errors import RecordError
+from motord.recording.json_encoding import to_line
+from motord.recording.metadata import describe
 from motord.shm.run_directory import RunDir
 
 DRAIN_S = 0.05
@@ -146,7 +146,7 @@ def _allocate_from_one_heap() -> None:
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="python -m motord.record.recorder", description="Record the ticks of a running bench."
+        prog="python -m motord.recorder.main", description="Record the ticks of a running bench."
     )
     parser.add_argument("--config", type=Path, required=True, help="the bench")
     parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from motord.config import Config, RecordingConfig
-from motord.record.container import PART, part_of
-from motord.record.errors import RecordError
-from motord.record.writer import RunWriter
+from motord.recording.errors import RecordError
+from motord.recording.mcap_file import PART, part_of
+from motord.recording.writer import RunWriter
 from motord.schema import State, Trip
 from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motord.config import RecordingConfig
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.files import next_file
-from motord.record.storage import MB, free_bytes, too_little_space
-from motord.record.writer import RunWriter
+from motord.recording.errors import RecordError
+from motord.recording.file_names import next_file
+from motord.recording.mcap_file import part_of
+from motord.recording.storage import MB, free_bytes, too_little_space
+from motord.recording.writer import RunWriter
 from motord.wire.ticks.blocks import Block
 
 

@@ -12,12 +12,12 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import DataEnd
 
-from motord.record.container import MAGIC
-from motord.record.content import HEAD_MAX_BYTES, ChunkError, chunk_content, chunk_head
-from motord.record.damage import Loss
-from motord.record.rows import RECORD_HEAD
-from motord.record.structure import PARSED, ChunkEntry, Structure, parse
-from motord.record.summary import FOOTER
+from motord.recording.chunk_decoder import HEAD_MAX_BYTES, ChunkError, chunk_content, chunk_head
+from motord.recording.damage import Loss
+from motord.recording.mcap_file import MAGIC
+from motord.recording.message_array import RECORD_HEAD
+from motord.recording.structure import PARSED, ChunkEntry, Structure, parse
+from motord.recording.summary import FOOTER
 
 _KNOWN = tuple(Opcode)
 _INDEX = struct.Struct("<HI")  # channel and size of a message index

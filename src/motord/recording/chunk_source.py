@@ -10,17 +10,17 @@ import numpy as np
 from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
-from motord.record import topics
-from motord.record.container import MAGIC, part_of
-from motord.record.content import ChunkError, Rows, Single, chunk_content, messages
-from motord.record.damage import Damage, Loss
-from motord.record.errors import RecordError
-from motord.record.mend import mend
-from motord.record.plain import from_strings
-from motord.record.rows import MessageRows
-from motord.record.structure import ChunkEntry, Structure
-from motord.record.summary import read_summary
-from motord.record.walk import Walk
+from motord.recording import topics
+from motord.recording.chunk_decoder import ChunkError, Rows, Single, chunk_content, messages
+from motord.recording.damage import Damage, Loss
+from motord.recording.errors import RecordError
+from motord.recording.json_encoding import from_strings
+from motord.recording.mcap_file import MAGIC, part_of
+from motord.recording.message_array import MessageRows
+from motord.recording.salvage import Walk
+from motord.recording.schema_repair import mend
+from motord.recording.structure import ChunkEntry, Structure
+from motord.recording.summary import read_summary
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import read_record
 

@@ -5,14 +5,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from motord.record import topics
-from motord.record.content import Single
-from motord.record.damage import Damage
-from motord.record.errors import RecordError
-from motord.record.source import Source, Span
-from motord.record.table import Table
-from motord.record.topics import Topic
-from motord.record.writer import FORMAT, METADATA, METADATA_END
+from motord.recording import topics
+from motord.recording.chunk_decoder import Single
+from motord.recording.chunk_source import Source, Span
+from motord.recording.damage import Damage
+from motord.recording.errors import RecordError
+from motord.recording.table import Table
+from motord.recording.topics import Topic
+from motord.recording.writer import FORMAT, METADATA, METADATA_END
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import Block
 

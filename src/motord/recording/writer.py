@@ -6,14 +6,14 @@ from types import TracebackType
 
 import numpy as np
 
-from motord.record import topics
-from motord.record.chunk import ChunkBuilder
-from motord.record.compression import compressor
-from motord.record.container import Container
-from motord.record.errors import RecordError
-from motord.record.plain import to_json, to_strings
-from motord.record.rows import MessageRows
-from motord.record.topics import Topic
+from motord.recording import topics
+from motord.recording.chunk import ChunkBuilder
+from motord.recording.compression import compressor
+from motord.recording.errors import RecordError
+from motord.recording.json_encoding import to_json, to_strings
+from motord.recording.mcap_file import Container
+from motord.recording.message_array import MessageRows
+from motord.recording.topics import Topic
 from motord.schema import TICK, TRUTH
 from motord.wire.ticks.blocks import Block, BlockCodec
 

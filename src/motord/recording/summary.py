@@ -8,10 +8,10 @@ from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, McapRecord, MetadataIndex, Statistics
 
-from motord.record.container import MAGIC
-from motord.record.damage import Loss
-from motord.record.rows import RECORD_HEAD
-from motord.record.structure import PARSED, ChunkEntry, Structure, parse
+from motord.recording.damage import Loss
+from motord.recording.mcap_file import MAGIC
+from motord.recording.message_array import RECORD_HEAD
+from motord.recording.structure import PARSED, ChunkEntry, Structure, parse
 
 FOOTER = struct.Struct("<BQQQI")
 """Opcode, length, start of the summary, start of its offsets, checksum."""

@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from motord.config import Config
-from motord.record.container import PART, hold, sync_folder
-from motord.record.errors import RecordError
-from motord.record.feed import Mark, after, mark_of
-from motord.record.files import file_name, next_file, stem_of
-from motord.record.reader import open_run
-from motord.record.recover import METADATA_RECOVERED, recover
-from motord.record.storage import MB
-from motord.record.writer import RunWriter
+from motord.recorder.ring_source import Mark, after, mark_of
+from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, next_file, stem_of
+from motord.recording.mcap_file import PART, hold, sync_folder
+from motord.recording.reader import open_run
+from motord.recording.recovery import METADATA_RECOVERED, recover
+from motord.recording.storage import MB
+from motord.recording.writer import RunWriter
 from motord.schema import State
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir

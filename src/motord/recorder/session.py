@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import RecordingConfig
-from motord.record.background import Background
-from motord.record.blackbox import Wanted, checked_event
-from motord.record.blackboxes import BlackBoxes
-from motord.record.errors import RecordError
-from motord.record.feed import Feed, Mark, Piece, last_mark, neighbours
-from motord.record.protocol import OUTCOMES_MAX, TEXT_MAX
-from motord.record.recording import Recording
-from motord.record.storage import free_bytes, obstacle
+from motord.recorder.background import Background
+from motord.recorder.blackbox import Wanted, checked_event
+from motord.recorder.blackbox_writer import BlackBoxes
+from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX
+from motord.recorder.ring_source import Feed, Mark, Piece, last_mark, neighbours
+from motord.recorder.rolling_file import Recording
+from motord.recording.errors import RecordError
+from motord.recording.storage import free_bytes, obstacle
 
 TIME_MAX_NS = (1 << 63) - 1
 

@@ -7,7 +7,7 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from motord.record.lines import LineReader
+from motord.recorder.pipe_lines import LineReader
 
 TEXT_MAX = 16_384
 """Characters of a path or of an error; the recorder cuts off the rest."""

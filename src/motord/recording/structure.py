@@ -20,7 +20,7 @@ from mcap.records import (
     Statistics,
 )
 
-from motord.record.damage import Loss
+from motord.recording.damage import Loss
 
 PARSED: dict[int, Any] = {
     Opcode.HEADER: Header,

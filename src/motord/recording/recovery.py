@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.record import topics
-from motord.record.chunk import Index, chunk_record
-from motord.record.container import PART, Container
-from motord.record.content import ChunkError, chunk_head, messages
-from motord.record.damage import Damage
-from motord.record.errors import RecordError
-from motord.record.plain import mended, to_strings
-from motord.record.reader import Run, open_run
-from motord.record.source import Source
+from motord.recording import topics
+from motord.recording.chunk import Index, chunk_record
+from motord.recording.chunk_decoder import ChunkError, chunk_head, messages
+from motord.recording.chunk_source import Source
+from motord.recording.damage import Damage
+from motord.recording.errors import RecordError
+from motord.recording.json_encoding import mended, to_strings
+from motord.recording.mcap_file import PART, Container
+from motord.recording.reader import Run, open_run
 
 METADATA_RECOVERED = "motord.recovered"
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.plain import to_json
-from motord.record.reader import Run
+from motord.recording.errors import RecordError
+from motord.recording.json_encoding import to_json
+from motord.recording.mcap_file import part_of
+from motord.recording.reader import Run
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import Block
 

@@ -5,9 +5,9 @@ The numbers of motord's topics and of their fields are promises, so what is miss
 
 from mcap.records import Channel, Schema
 
-from motord.record import topics
-from motord.record.structure import Structure
-from motord.record.topics import Topic
+from motord.recording import topics
+from motord.recording.structure import Structure
+from motord.recording.topics import Topic
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import read_record
 

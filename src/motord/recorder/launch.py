@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from motord.record.blackbox import Wanted
-from motord.record.lines import LineWriter
-from motord.record.plain import to_line
-from motord.record.protocol import MessageReader, RecorderReport
+from motord.recorder.blackbox import Wanted
+from motord.recorder.pipe_lines import LineWriter
+from motord.recorder.protocol import MessageReader, RecorderReport
+from motord.recording.json_encoding import to_line
 from motord.shm.run_directory import RunDir
 
 BACKLOG_MAX_BYTES = 4 << 20
@@ -19,7 +19,7 @@ BACKLOG_MAX_BYTES = 4 << 20
 def recorder_command(config_path: Path, run_dir: RunDir) -> list[str]:
     """Return the command line of the recorder process."""
     return [
-        *(sys.executable, "-m", "motord.record.recorder"),
+        *(sys.executable, "-m", "motord.recorder.main"),
         *("--config", str(config_path)),
         *("--dir", str(run_dir.path)),
     ]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import zstandard
 from lz4 import frame as lz4_frame
 
-from motord.record.errors import RecordError
+from motord.recording.errors import RecordError
 
 CONTENT_MAX_BYTES = 1 << 30
 """A chunk that claims to hold more is taken for damaged."""

@@ -7,10 +7,10 @@ from typing import Literal
 
 import numpy as np
 
-from motord.record.container import part_of
-from motord.record.errors import RecordError
-from motord.record.files import file_name, newest_others, numbers
-from motord.record.reader import open_run
+from motord.recording.errors import RecordError
+from motord.recording.file_names import file_name, newest_others, numbers
+from motord.recording.mcap_file import part_of
+from motord.recording.reader import open_run
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError

@@ -30,8 +30,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from motord.record.chunk import Index, index_records
-from motord.record.errors import RecordError
+from motord.recording.chunk import Index, index_records
+from motord.recording.errors import RecordError
 
 MAGIC = b"\x89MCAP0\r\n"
 PART = ".part"

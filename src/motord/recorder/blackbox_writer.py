@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import RecordingConfig
-from motord.record.blackbox import BlackBox, Wanted
-from motord.record.errors import RecordError
-from motord.record.protocol import OUTCOMES_MAX, TEXT_MAX
+from motord.recorder.blackbox import BlackBox, Wanted
+from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX
+from motord.recording.errors import RecordError
 
 AT_ONCE = 3
 """Boxes in memory at a time, while the disk stalls: each may be some ten MB."""

@@ -4,7 +4,7 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
-from motord.record.container import PART
+from motord.recording.mcap_file import PART
 
 _SUFFIX = ".mcap"
 

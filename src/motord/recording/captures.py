@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from motord.identify.points import COMMANDS, REQUIRED, PointData, good_points, split
-from motord.record.reader import Run
+from motord.recording.reader import Run
 
 COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")
 """Columns of the tick that identification reads."""

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from motord.record import topics
-from motord.record.damage import utc
-from motord.record.reader import Run
-from motord.record.recover import METADATA_RECOVERED
+from motord.recording import topics
+from motord.recording.damage import utc
+from motord.recording.reader import Run
+from motord.recording.recovery import METADATA_RECOVERED
 from motord.shm.timing import KIND, TimingSummary, total
 
 _FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes", "blackbox")

@@ -8,8 +8,8 @@ from mcap.opcode import Opcode
 from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
-from motord.record.compression import Compress
-from motord.record.rows import HEAD, RECORD_HEAD, MessageRows
+from motord.recording.compression import Compress
+from motord.recording.message_array import HEAD, RECORD_HEAD, MessageRows
 from motord.wire.ticks.blocks import Block
 from motord.wire.ticks.pattern import Bytes
 

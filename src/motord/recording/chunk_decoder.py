@@ -8,9 +8,9 @@ import numpy as np
 from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 
-from motord.record.chunk import CHUNK_HEAD, Index
-from motord.record.compression import decompress
-from motord.record.rows import HEAD, RECORD_HEAD, MessageRows
+from motord.recording.chunk import CHUNK_HEAD, Index
+from motord.recording.compression import decompress
+from motord.recording.message_array import HEAD, RECORD_HEAD, MessageRows
 from motord.wire.ticks.pattern import Bytes
 
 _LABEL_MAX_BYTES = 16  # of the name of a compression

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from motord.record.compression import CONTENT_MAX_BYTES
-from motord.record.content import Rows
-from motord.record.errors import RecordError
-from motord.record.rows import MessageRows
-from motord.record.source import ALWAYS, Source, Span
-from motord.record.structure import ChunkEntry
+from motord.recording.chunk_decoder import Rows
+from motord.recording.chunk_source import ALWAYS, Source, Span
+from motord.recording.compression import CONTENT_MAX_BYTES
+from motord.recording.errors import RecordError
+from motord.recording.message_array import MessageRows
+from motord.recording.structure import ChunkEntry
 from motord.schema import Record
 from motord.wire.ticks.blocks import Block, BlockCodec
 from motord.wire.ticks.lanes import Lanes
