@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from motord.atomic_write import write_whole
 from motord.config import Finite, MotorConfig, NonNegative, Positive
 from motord.learned import LearnedTorque
-from motord.whole_file import write_whole
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
 

@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from motord.api.endpoints import client_config, key
+from motord.api.requests import REQUESTS
 from motord.client import Client, ClientError
-from motord.service.endpoints import client_config, key
-from motord.service.messages import REQUESTS
 from tests.system.daemons import daemon, write_sim
 
 GAP_LIMIT_S = 0.1

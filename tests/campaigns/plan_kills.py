@@ -24,7 +24,7 @@ from pathlib import Path
 from threading import Lock
 
 from motord.client import ClientError
-from motord.service.journal import read
+from motord.service.plans.journal import read
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from tests.campaigns import seeds

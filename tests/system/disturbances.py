@@ -13,7 +13,7 @@ _ESTABLISHED = "01"
 
 SUBSCRIBER = """
 import sys, threading, zenoh
-from motord.service.endpoints import client_config, key
+from motord.api.endpoints import client_config, key
 config = client_config(sys.argv[2])
 config.insert_json5("transport/link/tcp/so_rcvbuf", "16384")
 came = threading.Event()

@@ -11,10 +11,10 @@ import sys
 import pytest
 import zenoh
 
+from motord.api.endpoints import client_config
 from motord.client import ClientError, connect
 from motord.security import authority, identity, roles
 from motord.security.roles import Role
-from motord.service.endpoints import client_config
 from tests.support.ports import free_port
 from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
 

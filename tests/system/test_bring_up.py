@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from motord.api.messages import State
 from motord.calibration import load as load_calibration
 from motord.client import connect
 from motord.config import load, packaged
 from motord.config.editing import with_values
-from motord.service.views import State
 from tests.support import stalls
 from tests.system.daemons import PATIENCE_S, Program, emulator, patient
 from tests.unit.emulate.benches import write_bench

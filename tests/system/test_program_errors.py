@@ -12,9 +12,9 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 BUGS = """
 import sys
 if "run" in sys.orig_argv:
-    from motord.service.hand import Hand
-    from motord.service.publisher import Publisher
-    from motord.service.watch import TickWatch
+    from motord.service.bench.manual_control import Hand
+    from motord.service.publish.publisher import Publisher
+    from motord.service.bench.tick_monitor import TickWatch
 
     publish, update, set_by_hand = Publisher.step, TickWatch.update, Hand.set
 

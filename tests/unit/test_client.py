@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import zenoh
 
+from motord.api.endpoints import client_config, router_config
+from motord.api.requests import REQUESTS
 from motord.client import ClientError, Lease, connect, operator
 from motord.schema import TICK_DTYPE
-from motord.service.api import ApiError
-from motord.service.endpoints import client_config, router_config
-from motord.service.messages import REQUESTS
+from motord.service.publish.zenoh_api import ApiError
 from tests.unit.service.live_service import LiveService, endpoint, live_service
 
 WAIT_S = 20.0
@@ -255,7 +255,7 @@ def test_a_daemon_that_went_away_is_noticed(tmp_path):
 
 
 def test_a_supervisor_that_does_not_answer_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("motord.service.replies.ANSWER_S", 0.2)
+    monkeypatch.setattr("motord.service.rpc.replies.ANSWER_S", 0.2)
     with live_service(tmp_path, name="asleep") as service:
         service.paused.set()
         with connect("asleep", service.listen) as client:

@@ -10,6 +10,8 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motord.api.endpoints import MAX_ANSWER_BYTES, router_config
+from motord.api.requests import MAX_REQUEST_BYTES, REQUESTS
 from motord.client import Client, ClientError, connect
 from motord.client.answers import (
     ANSWERS,
@@ -21,8 +23,6 @@ from motord.client.answers import (
     decode_state,
     decode_ticks,
 )
-from motord.service.endpoints import MAX_ANSWER_BYTES, router_config
-from motord.service.messages import MAX_REQUEST_BYTES, REQUESTS
 from tests.unit.service.live_service import endpoint
 
 WAIT_S = 20.0

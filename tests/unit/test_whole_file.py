@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.whole_file import write_whole
+from motord.atomic_write import write_whole
 
 
 def test_it_is_there_whole_and_alone(tmp_path: Path) -> None:

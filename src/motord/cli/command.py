@@ -18,8 +18,8 @@ from motord.cli.shared_token import shared, tokens
 from motord.shm.run_directory import RunDirError
 
 if TYPE_CHECKING:
+    from motord.api.messages import State
     from motord.client import Client, Lease
-    from motord.service.views import State
 
 LOOK_S = 0.2
 _RANK = {"TRIPPED": -1, "OFF": 0, "READY": 1, "ENABLED": 2}

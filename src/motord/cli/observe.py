@@ -14,8 +14,8 @@ from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, daemon
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from motord.api.messages import Event, State
     from motord.client import Client
-    from motord.service.views import Event, State
 
 LOOK_S = 1.0
 

@@ -16,8 +16,8 @@ from motord.cli.settings import settings_of
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from motord.api.messages import PlanView
     from motord.client import Client, Subscription
-    from motord.service.views import PlanView
 
 LOOK_S = 0.5
 

@@ -8,8 +8,8 @@ import typer
 from motord.cli.observe import number, sensor_in_words
 
 if TYPE_CHECKING:
+    from motord.api.messages import State
     from motord.client import Client
-    from motord.service.views import State
 
 LATE_S = 1.0
 """So much longer than expected the ramp is waited for."""

@@ -12,10 +12,10 @@ import numpy as np
 import zenoh
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from motord.api.endpoints import MAX_ANSWER_BYTES
+from motord.api.messages import Event, PlanView, State
 from motord.client.error import ClientError
 from motord.schema import TICK
-from motord.service.endpoints import MAX_ANSWER_BYTES
-from motord.service.views import Event, PlanView, State
 from motord.wire.ticks.blocks import BlockCodec
 
 _Text = Annotated[str, Field(max_length=4096)]

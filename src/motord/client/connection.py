@@ -9,6 +9,10 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import zenoh
 
+from motord.api.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
+from motord.api.messages import Event, PlanView, State
+from motord.api.refusal import Refusal
+from motord.api.requests import REQUESTS, check_size
 from motord.client.answers import (
     decode_answer,
     decode_event,
@@ -27,10 +31,6 @@ from motord.client.subscription import Subscription
 from motord.security import identity as identity_folder
 from motord.security.error import SecurityError
 from motord.security.identity import Identity
-from motord.service.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
-from motord.service.messages import REQUESTS, check_size
-from motord.service.refusal import Refusal
-from motord.service.views import Event, PlanView, State
 
 ANSWER_S = 40.0
 """An answer that does not come in this time will not come: the daemon's own limit is shorter."""

@@ -8,7 +8,7 @@ import ssl
 from pathlib import Path
 
 from motord.security.identity import Identity
-from motord.service.unix_socket import SCHEME
+from motord.service.host.unix_socket import SCHEME
 
 PATIENCE_S = 3.0
 _ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from motord.atomic_write import write_whole
 from motord.calibration import Calibration
 from motord.config import Config
 from motord.demo.files import Files
@@ -28,7 +29,6 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import Source, record_plan
 from motord.virtual.mesh import processors
-from motord.whole_file import write_whole
 
 QUICK = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
 """The mesh of `--quick`: enough to see the effect, not to quote it."""

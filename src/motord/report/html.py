@@ -6,9 +6,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from motord.atomic_write import write_whole
 from motord.report.style import PALETTE
 from motord.report.svg import inline
-from motord.whole_file import write_whole
 
 _CSS = """
 *{box-sizing:border-box}

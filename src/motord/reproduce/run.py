@@ -18,6 +18,7 @@ from motord.analysis.back_emf import measured_back_emf
 from motord.analysis.cogging import compared, measured_cogging
 from motord.analysis.sensitivity import sensitivity
 from motord.analysis.sensitivity_result import Sensitivity
+from motord.atomic_write import write_whole
 from motord.calibration import Calibration
 from motord.config import packaged
 from motord.demo.learn import Learned, learn_virtual
@@ -33,7 +34,6 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import Source, record_plan
 from motord.virtual.mesh import processors
-from motord.whole_file import write_whole
 
 STAGES = (
     "moment of inertia",

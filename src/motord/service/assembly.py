@@ -6,38 +6,38 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from motord.api.requests import max_request_bytes
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
 from motord.loop.launch import loop_command
 from motord.recorder.launch import recorder_command, spawn_recorder
-from motord.service import priority
-from motord.service.api import Api
-from motord.service.bench import Bench
-from motord.service.blackbox import BlackBoxes
-from motord.service.calibrations import CalibrationStore
-from motord.service.calls import CallQueue
-from motord.service.descriptors import DescriptorReserve
-from motord.service.desk import Desk
-from motord.service.devices import DeviceThreads, SlowDevice
-from motord.service.durable import Durable
-from motord.service.events import EventLog
-from motord.service.experiments import Experiments
-from motord.service.gate_link import GateLink, gate_spec
-from motord.service.installation import Installation
-from motord.service.intake import Slow
-from motord.service.journal_file import Journal
-from motord.service.loop_link import LOOP, LoopLink
-from motord.service.messages import max_request_bytes
-from motord.service.operate import Operate
+from motord.service.bench.bench import Bench
+from motord.service.bench.blackbox import BlackBoxes
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.bench.loop_link import LOOP, LoopLink
+from motord.service.bench.recording import RECORDER, Recording
+from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
+from motord.service.gateway.link import GateLink, gate_spec
+from motord.service.host import scheduling
+from motord.service.host.descriptors import DescriptorReserve
+from motord.service.host.events import EventLog
+from motord.service.plans.journal_file import Journal
+from motord.service.plans.journal_sink import Durable
+from motord.service.plans.resume import Resumption
 from motord.service.processes import Children, ChildSpec, spawn
-from motord.service.publisher import Publisher
-from motord.service.recording import RECORDER, Recording
-from motord.service.resumption import Resumption
-from motord.service.state_view import StateView
+from motord.service.publish.publisher import Publisher
+from motord.service.publish.state import StateView
+from motord.service.publish.telemetry import Telemetry
+from motord.service.publish.zenoh_api import Api
+from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calls import CallQueue
+from motord.service.rpc.dispatcher import Desk
+from motord.service.rpc.intake import Slow
+from motord.service.rpc.operation import Operate
+from motord.service.rpc.plans import Experiments
 from motord.service.supervisor import Supervisor
-from motord.service.telemetry import Telemetry
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
@@ -162,7 +162,7 @@ def assemble(
         calibrations=store,
         processes=children.views,
         recording=recording.view,
-        realtime=lambda: {**loop.realtime(), "supervisor": priority.current()},
+        realtime=lambda: {**loop.realtime(), "supervisor": scheduling.current()},
         dropped=lambda: telemetry.dropped,
         started_ns=time.monotonic_ns(),
         unix_ns=clock.now_ns,

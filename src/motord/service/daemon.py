@@ -13,12 +13,13 @@ from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
 from motord.security.error import SecurityError
-from motord.service import descriptors, gate, priority
-from motord.service.api import ApiError
 from motord.service.assembly import Assembly, assemble
-from motord.service.calibrations import state_directory
-from motord.service.log import log_to_stderr
-from motord.service.notify import Notifier
+from motord.service.bench.calibrations import state_directory
+from motord.service.gateway import process
+from motord.service.host import descriptors, scheduling
+from motord.service.host.log import log_to_stderr
+from motord.service.host.systemd import Notifier
+from motord.service.publish.zenoh_api import ApiError
 from motord.service.supervisor import Supervisor
 from motord.shm.run_directory import RunDir, RunDirError
 from motord.shm.shared_records import SharedFileError
@@ -86,7 +87,7 @@ def run(
     config = config_file.load(config_path)
     text = config_path.read_text(encoding="utf-8")
     if config.zenoh.tls is not None:
-        gate.check(config.zenoh.tls)
+        process.check(config.zenoh.tls)
     descriptors.raise_limit()
     with ExitStack() as stack:
         stack.enter_context(log_to_stderr())
@@ -108,8 +109,8 @@ def _run(
     gc.collect()
     gc.freeze()  # modules and compiled kernels: to look through them takes longer than a step may
     supervisor, config = daemon.supervisor, daemon.supervisor.bench.config
-    stack.callback(priority.fall)
-    priority.rise(config.loop.priority)
+    stack.callback(scheduling.fall)
+    scheduling.rise(config.loop.priority)
     for device in daemon.devices.values():
         stack.callback(device.close)
         device.open(time.monotonic_ns())
@@ -125,7 +126,7 @@ def _run(
         supervisor.gate.start(time.monotonic_ns())
     supervisor.recording.start_recorder(time.monotonic_ns())
     supervisor.loop.start(time.monotonic_ns())
-    priority.lift_threads()
+    scheduling.lift_threads()
     _guarded(supervisor, stopping, on_ready)
 
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
-from motord.service.descriptors import DescriptorReserve
-from motord.service.views import ProcessView
+from motord.api.messages import ProcessView
+from motord.service.host.descriptors import DescriptorReserve
 
 BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5

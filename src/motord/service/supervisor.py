@@ -12,17 +12,17 @@ from dataclasses import dataclass, field
 
 from motord.schema import Request
 from motord.schema import State as DriveState
-from motord.service.bench import Bench
-from motord.service.calls import CallQueue
-from motord.service.desk import Desk
-from motord.service.gate_link import GateLink
-from motord.service.guard import Guard
-from motord.service.log import log_error
-from motord.service.loop_link import LOOP, LoopLink
-from motord.service.notify import Notifier
+from motord.service.bench.bench import Bench
+from motord.service.bench.guard import Guard
+from motord.service.bench.loop_link import LOOP, LoopLink
+from motord.service.bench.recording import Recording
+from motord.service.gateway.link import GateLink
+from motord.service.host.log import log_error
+from motord.service.host.systemd import Notifier
 from motord.service.processes import Children
-from motord.service.publisher import Publisher
-from motord.service.recording import Recording
+from motord.service.publish.publisher import Publisher
+from motord.service.rpc.calls import CallQueue
+from motord.service.rpc.dispatcher import Desk
 
 PERIOD_NS = 10_000_000
 RAMP_MARGIN_S = 1.0

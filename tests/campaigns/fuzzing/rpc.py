@@ -12,15 +12,15 @@ from typing import Any, get_args
 
 import numpy as np
 
+from motord.api.refusal import Code, Refusal
+from motord.api.requests import REQUESTS, parse
 from motord.plans import PLANS
 from motord.schema import Trip
-from motord.service.calibration_reader import read
-from motord.service.calibrations import CalibrationStore
-from motord.service.calls import Call
-from motord.service.desk import Desk
-from motord.service.installation import Installation
-from motord.service.messages import REQUESTS, parse
-from motord.service.refusal import Code, Refusal
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration_reader import read
+from motord.service.rpc.calls import Call
+from motord.service.rpc.dispatcher import Desk
 from tests.campaigns.fuzzing.mutate import (
     ODD_NUMBERS,
     mutate_bytes,

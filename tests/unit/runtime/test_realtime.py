@@ -45,13 +45,13 @@ def test_absent_cpu_is_said_with_those_there_are() -> None:
 UNPRIVILEGED = """
 import os, resource
 from motord.config import LoopConfig
-from motord.runtime import realtime
+from motord.loop import rt_setup
 resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
 os.setgroups([])
 os.setgid(65534)
 os.setuid(65534)
-print(realtime.apply(LoopConfig(priority=80)).model_dump_json())
+print(rt_setup.apply(LoopConfig(priority=80)).model_dump_json())
 print(os.sched_getscheduler(0))
 """
 

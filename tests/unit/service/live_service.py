@@ -3,20 +3,20 @@
 import threading
 from contextlib import contextmanager
 
-from motord.service.api import Api
-from motord.service.calibration_reader import read
-from motord.service.calibrations import CalibrationStore
-from motord.service.calls import CallQueue
-from motord.service.desk import Desk
-from motord.service.experiments import Experiments
-from motord.service.installation import Installation
-from motord.service.intake import Slow
-from motord.service.messages import max_request_bytes
-from motord.service.operate import Operate
-from motord.service.publisher import Publisher
-from motord.service.state_view import StateView
-from motord.service.telemetry import Telemetry
-from motord.service.views import RecordingView
+from motord.api.messages import RecordingView
+from motord.api.requests import max_request_bytes
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.publish.publisher import Publisher
+from motord.service.publish.state import StateView
+from motord.service.publish.telemetry import Telemetry
+from motord.service.publish.zenoh_api import Api
+from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration_reader import read
+from motord.service.rpc.calls import CallQueue
+from motord.service.rpc.dispatcher import Desk
+from motord.service.rpc.intake import Slow
+from motord.service.rpc.operation import Operate
+from motord.service.rpc.plans import Experiments
 from tests.support.ports import free_port
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from motord.schema import State, Trip
-from motord.service.blackbox import ASKED_MAX
+from motord.service.bench.blackbox import ASKED_MAX
 from tests.unit.service.test_supervisor import PlayedDaemon
 
 

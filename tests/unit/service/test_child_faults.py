@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from motord.schema import Request, State
-from motord.service import assembly, guard
-from motord.service.descriptors import DescriptorReserve
+from motord.service import assembly
+from motord.service.bench import guard
+from motord.service.host.descriptors import DescriptorReserve
 from motord.service.processes import Children, ChildSpec, spawn
 from motord.shm.shared_records import SharedFileError
 from tests.support.nonsense import random_line
@@ -110,7 +111,7 @@ def test_a_ring_that_cannot_be_opened_yet_is_tried_again(tmp_path, monkeypatch):
         def no_descriptors(path, start):
             raise SharedFileError(f"{path}: cannot open it: Too many open files")
 
-        patch.setattr("motord.service.loop_link.RingReader", no_descriptors)
+        patch.setattr("motord.service.bench.loop_link.RingReader", no_descriptors)
         played.step(2)
         assert "Too many open files" in played.state()["faults"]["loop link"]
     played.step(2)

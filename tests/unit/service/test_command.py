@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from motord.api.refusal import Refusal
 from motord.config.faults import Fault
 from motord.schema import State
-from motord.service.refusal import Refusal
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 
 QUICK = {"lease_s": 0.5}, {"torque_rate_Nm_per_s": 100.0}, {"supervisor_timeout_s": 0.1}

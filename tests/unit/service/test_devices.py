@@ -7,7 +7,7 @@ import time
 import pytest
 
 from motord.hal.base import DeviceError, DeviceReading
-from motord.service.devices import DeviceThreads, Order, SlowDevice
+from motord.service.bench.slow_devices import DeviceThreads, Order, SlowDevice
 
 MS = 1_000_000
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from motord.api.refusal import Refusal
 from motord.hal.base import DeviceReading
 from motord.schema import State
-from motord.service.devices import SlowDevice
-from motord.service.refusal import Refusal
+from motord.service.bench.slow_devices import SlowDevice
 from tests.unit.service.virtual_service import VirtualService
 
 SHORT = {"speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2}

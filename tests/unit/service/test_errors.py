@@ -6,13 +6,13 @@ import threading
 import numpy as np
 import pytest
 
+from motord.api.refusal import Refusal
 from motord.hal.base import DeviceReading
 from motord.schema import Request, State
 from motord.service import daemon
-from motord.service.desk import Wait
-from motord.service.devices import SlowDevice
-from motord.service.refusal import Refusal
-from motord.service.telemetry import Telemetry
+from motord.service.bench.slow_devices import SlowDevice
+from motord.service.publish.telemetry import Telemetry
+from motord.service.rpc.dispatcher import Wait
 from tests.unit.service.test_supervisor import PlayedDaemon
 from tests.unit.service.virtual_service import VirtualService
 

@@ -2,12 +2,12 @@
 
 import pytest
 
+from motord.api.refusal import Refusal
 from motord.hal.base import DeviceError, DeviceReading
 from motord.plans.settings import COMPENSATE
 from motord.plans.steps import NOTHING_INDUCED
 from motord.schema import Compensate, State
-from motord.service.devices import SlowDevice
-from motord.service.refusal import Refusal
+from motord.service.bench.slow_devices import SlowDevice
 from tests.unit.service.virtual_service import START_NS, VirtualService
 
 SHORT = {"torques_Nm": [2.0], "speeds_Hz": [0.8, 1.0], "turns": 2, "settle_s": 0.2}

@@ -12,16 +12,16 @@ from types import SimpleNamespace
 import pytest
 import zenoh
 
+from motord.api.endpoints import client_config, gate_config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
 from motord.security import authority, identity
 from motord.security.error import SecurityError
 from motord.security.roles import Role
-from motord.service import gate
-from motord.service.endpoints import client_config, gate_config
-from motord.service.events import EventLog
-from motord.service.gate_link import GATE, GateLink, gate_spec
-from motord.service.gate_log import GateLog
+from motord.service.gateway import process
+from motord.service.gateway.audit import GateLog
+from motord.service.gateway.link import GATE, GateLink, gate_spec
+from motord.service.host.events import EventLog
 from motord.service.processes import Children
 from tests.support.ports import free_port
 from tests.unit.service.live_service import endpoint, live_service
@@ -63,16 +63,16 @@ class Opened:
         def until(tls, before, meanwhile):
             self.up.set()
             assert self.end.wait(WAIT_S)
-            return gate.signature(tls) != before
+            return process.signature(tls) != before
 
-        monkeypatch.setattr(gate, "_until_told_or_changed", until)
+        monkeypatch.setattr(process, "_until_told_or_changed", until)
         self.tls, self.config = config.zenoh.tls, config
         self.changed = None
         self.thread = threading.Thread(target=self._keep)
 
     def _keep(self):
-        reads, speaker = GateLog({}), gate.Speaker(self.out)
-        self.changed = gate._keep_unchanged(self.config, self.tls, reads, speaker)
+        reads, speaker = GateLog({}), process.Speaker(self.out)
+        self.changed = process._keep_unchanged(self.config, self.tls, reads, speaker)
 
     def __enter__(self):
         self.thread.start()
@@ -181,9 +181,9 @@ def test_a_change_is_noticed(gated, folder):
     gated.opened.__exit__()
     assert gated.opened.changed is True
     (folder / "server.key").unlink()
-    assert gate.signature(gated.config.zenoh.tls)[2] == (0, 0, 0)
+    assert process.signature(gated.config.zenoh.tls)[2] == (0, 0, 0)
     with pytest.raises(SecurityError, match=r"server\.key: cannot read it"):
-        gate.check(gated.config.zenoh.tls)
+        process.check(gated.config.zenoh.tls)
 
 
 def test_the_gate_goes_by_what_zenoh_itself_checks(gated):
@@ -262,7 +262,7 @@ def test_a_gate_that_cannot_open_says_why(tmp_path):
 
 def test_zenohs_log_is_taken_over_from_stdout():
     script = (
-        "import os; from motord.service.gate import take_over_stdout as take\n"
+        "import os; from motord.service.gateway.process import take_over_stdout as take\n"
         "log, out = take(); os.write(1, b'inner\\n'); line = log.readline()\n"
         "out.write(b'outer ' + line.encode())\n"
         "out.flush()"
@@ -274,12 +274,12 @@ def test_zenohs_log_is_taken_over_from_stdout():
 def test_the_gate_ends_with_its_daemon(monkeypatch, folder):
     files = {"ca": "ca.pem", "certificate": "server.pem", "key": "server.key"}
     tls = SimpleNamespace(**{k: folder / n for k, n in files.items()}, roles=folder / "roles.toml")
-    before = gate.signature(tls)
-    monkeypatch.setattr(gate, "LOOK_S", 0.01)
+    before = process.signature(tls)
+    monkeypatch.setattr(process, "LOOK_S", 0.01)
     reader, writer = os.pipe()
-    monkeypatch.setattr("motord.service.gate.STDIN", reader)
+    monkeypatch.setattr("motord.service.gateway.process.STDIN", reader)
     authority.remove(folder, "ben")
-    assert gate._until_told_or_changed(tls, before, lambda: None) is True
+    assert process._until_told_or_changed(tls, before, lambda: None) is True
     os.close(writer)
-    assert gate._until_told_or_changed(tls, gate.signature(tls), lambda: None) is False
+    assert process._until_told_or_changed(tls, process.signature(tls), lambda: None) is False
     os.close(reader)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.service.gate_log import GateLog, Throttle
+from motord.service.gateway.audit import GateLog, Throttle
 
 ACCESS = "zenoh::net::routing::interceptor::access_control"
 ZID = "babe5e813b1ed6c2ad9d0447f6d553f5"

@@ -7,8 +7,8 @@ import numpy as np
 
 from motord.config import Config, load
 from motord.schema import FAULT_COUNT_SHIFT, TICK_DTYPE
-from motord.service.events import EventLog
-from motord.service.injected import InjectedFaults
+from motord.service.bench.injected_faults import InjectedFaults
+from motord.service.host.events import EventLog
 from tests.unit.emulate.benches import EMULATED
 
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from motord import config
+from motord.api.refusal import Refusal
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.plans.settings import COMPENSATE
-from motord.service.calibration_reader import read
-from motord.service.calibrations import MARK, CalibrationStore, state_directory
-from motord.service.calls import Call
-from motord.service.installation import Installation
-from motord.service.refusal import Refusal
+from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
+from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration_reader import read
+from motord.service.rpc.calls import Call
 from motord.shm.tables import TablesBusyError
 from tests.unit.service.virtual_service import VirtualService
 

@@ -9,14 +9,9 @@ import pytest
 import zenoh
 
 from motord import config
-from motord.calibration import Calibration
-from motord.learned import MAX_NODES, MAX_ORDERS, LearnedPoint, LearnedTorque, Verified
-from motord.service import calibration_reader, intake, replies
-from motord.service.calibration_reader import read_elsewhere
-from motord.service.calls import CallQueue
-from motord.service.endpoints import ENVELOPE_BYTES, client_config
-from motord.service.intake import Intake, Slow
-from motord.service.messages import (
+from motord.api.endpoints import ENVELOPE_BYTES, client_config
+from motord.api.refusal import Refusal
+from motord.api.requests import (
     MAX_REQUEST_BYTES,
     PASSES,
     REQUESTS,
@@ -26,8 +21,13 @@ from motord.service.messages import (
     max_request_bytes,
     needs_token,
 )
-from motord.service.refusal import Refusal
-from motord.service.replies import ROOM, ROOM_IN_COMMAND, ROOM_OF_STOP, Replies
+from motord.calibration import Calibration
+from motord.learned import MAX_NODES, MAX_ORDERS, LearnedPoint, LearnedTorque, Verified
+from motord.service.rpc import calibration_reader, intake, replies
+from motord.service.rpc.calibration_reader import read_elsewhere
+from motord.service.rpc.calls import CallQueue
+from motord.service.rpc.intake import Intake, Slow
+from motord.service.rpc.replies import ROOM, ROOM_IN_COMMAND, ROOM_OF_STOP, Replies
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
 

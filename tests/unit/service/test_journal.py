@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.service import journal_file
-from motord.service.journal import PlanNote, read
-from motord.service.journal_file import Journal
+from motord.service.plans import journal_file
+from motord.service.plans.journal import PlanNote, read
+from motord.service.plans.journal_file import Journal
 
 NOTE = PlanNote(
     run_id="r1", name="calibrate", settings={"turns": 2, "notes": "a\nb\u2028\r"}, points=4,

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
-from motord.service.lease import Lease
-from motord.service.refusal import Refusal
+from motord.api.refusal import Refusal
+from motord.service.bench.lease import Lease
 
 DURATION_NS = 2_000_000_000
 HOLDERS = st.sampled_from(["anna", "ben", "cli"])

@@ -8,8 +8,8 @@ from contextlib import ExitStack
 import pytest
 import zenoh
 
+from motord.api.endpoints import client_config, router_config
 from motord.client import connect
-from motord.service.endpoints import client_config, router_config
 from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0

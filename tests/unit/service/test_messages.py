@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from motord.api import requests
+from motord.api.messages import Event
+from motord.api.refusal import Refusal
+from motord.api.requests import REQUESTS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.plans import PlansConfig
-from motord.service import messages
-from motord.service.messages import REQUESTS, parse
-from motord.service.refusal import Refusal
-from motord.service.views import Event
 
 VALID = {
     "lease/acquire": {"holder": "anna@bench"},
@@ -137,7 +137,7 @@ def test_what_is_not_finite_is_refused(text):
 
 
 def test_a_request_that_is_too_long_is_refused():
-    body = json.dumps({"by": "x" * messages.MAX_REQUEST_BYTES}).encode()
+    body = json.dumps({"by": "x" * requests.MAX_REQUEST_BYTES}).encode()
     assert "bytes" in refusal_of("stop", body)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.service.notify import Notifier
+from motord.service.host.systemd import Notifier
 
 SECOND_NS = 1_000_000_000
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from motord.api.refusal import Refusal
 from motord.config.faults import Fault
 from motord.schema import Request, State, Trip
-from motord.service.refusal import Refusal
 from tests.unit.service.virtual_service import VirtualService
 
 

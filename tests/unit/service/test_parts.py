@@ -9,23 +9,23 @@ import threading
 import numpy as np
 import pytest
 
-from motord.control.types import SETPOINT
-from motord.schema import Compensate, Request, Trip
-from motord.service import priority
-from motord.service.calls import Call, CallQueue
-from motord.service.desk import Desk, Wait, expect
-from motord.service.events import KEPT, EventLog
-from motord.service.log import log_to_stderr
-from motord.service.messages import NoArguments, Set, Stop
-from motord.service.refusal import Refusal
-from motord.service.setpoint import UNSEEN_NS, Setpoint
-from motord.service.words import (
+from motord.api.descriptions import (
     TRIP_ACTION,
     TRIP_MEANING,
     trip_action,
     trip_names,
     trip_words,
 )
+from motord.api.refusal import Refusal
+from motord.api.requests import NoArguments, Set, Stop
+from motord.control.types import SETPOINT
+from motord.schema import Compensate, Request, Trip
+from motord.service.bench.setpoint import UNSEEN_NS, Setpoint
+from motord.service.host import scheduling
+from motord.service.host.events import KEPT, EventLog
+from motord.service.host.log import log_to_stderr
+from motord.service.rpc.calls import Call, CallQueue
+from motord.service.rpc.dispatcher import Desk, Wait, expect
 
 WAIT_S = 20.0
 
@@ -42,12 +42,12 @@ def test_every_trip_has_a_meaning():
 def test_priority_rises_as_far_as_allowed(monkeypatch):
     asked = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *a: asked.append((a[1], a[2])))
-    priority.rise(80)
-    priority.rise(5)
-    priority.rise(1)
+    scheduling.rise(80)
+    scheduling.rise(5)
+    scheduling.rise(1)
     assert [p.sched_priority for _, p in asked] == [10, 4, 1]
     assert all(policy & os.SCHED_RESET_ON_FORK for policy, _ in asked)
-    priority.fall()
+    scheduling.fall()
     assert asked[-1][0] == os.SCHED_OTHER
 
 
@@ -58,10 +58,10 @@ def test_without_the_right_it_is_nice_and_without_that_it_is_normal(monkeypatch)
     nice = []
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", lambda *arguments: nice.append(arguments[2]))
-    priority.rise(80)
-    assert nice == [priority.NICE]
+    scheduling.rise(80)
+    assert nice == [scheduling.NICE]
     monkeypatch.setattr(os, "setpriority", refuse)
-    priority.rise(80)
+    scheduling.rise(80)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_priority_in_words(monkeypatch, policy, nice, words):
     monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy)
     monkeypatch.setattr(os, "sched_getparam", lambda pid: os.sched_param(7))
     monkeypatch.setattr(os, "getpriority", lambda which, who: nice)
-    assert priority.current() == words
+    assert scheduling.current() == words
 
 
 def test_the_log_goes_to_stderr_and_is_put_back(monkeypatch):
@@ -107,8 +107,8 @@ def test_a_stuck_terminal_holds_up_nobody(monkeypatch, for_good):
     """One line is on its way to it, one is kept, the others are dropped; nobody waits."""
     terminal = StuckTerminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr("motord.service.log.CAPACITY", 1)
-    monkeypatch.setattr("motord.service.log.STOP_S", 0.01 if for_good else WAIT_S)
+    monkeypatch.setattr("motord.service.host.log.CAPACITY", 1)
+    monkeypatch.setattr("motord.service.host.log.STOP_S", 0.01 if for_good else WAIT_S)
 
     def warn():
         with log_to_stderr():
@@ -262,14 +262,15 @@ def test_threads_that_share_the_interpreter_are_lifted(monkeypatch):
     go_on = threading.Event()
     thread = threading.Thread(target=go_on.wait)
     thread.start()
-    priority.lift_threads()
+    scheduling.lift_threads()
     monkeypatch.setattr(os, "setpriority", Refuses())
-    priority.lift_threads()  # without the right to: nothing happens
+    scheduling.lift_threads()  # without the right to: nothing happens
     go_on.set()
     thread.join()
-    assert {(threading.get_native_id(), priority.NICE), (thread.native_id, priority.NICE)} <= set(
-        given
-    )
+    assert {
+        (threading.get_native_id(), scheduling.NICE),
+        (thread.native_id, scheduling.NICE),
+    } <= set(given)
 
 
 class Refuses:

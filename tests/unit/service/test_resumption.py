@@ -4,16 +4,17 @@ from pathlib import Path
 
 import pytest
 
+from motord.api.refusal import Refusal
 from motord.config import load
 from motord.plans import PLANS, build
 from motord.recording.mcap_file import part_of
 from motord.recording.writer import RunWriter
 from motord.schema import Compensate
-from motord.service import assembly, resumption
-from motord.service.journal import Stretch
-from motord.service.journal_file import Journal
-from motord.service.refusal import Refusal
-from motord.service.resumption import bench_parts, points_digest, recorded
+from motord.service import assembly
+from motord.service.plans import resume
+from motord.service.plans.journal import Stretch
+from motord.service.plans.journal_file import Journal
+from motord.service.plans.resume import bench_parts, points_digest, recorded
 from tests.unit.record.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService
 
@@ -371,7 +372,7 @@ def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypa
     until(service, token, lambda: service.sink.points)
     service.bench.plans._sink.recorder(None)
     run_to_end(service, token)
-    monkeypatch.setattr(resumption, "recorded", lambda stretch: {0, 2})
+    monkeypatch.setattr(resume, "recorded", lambda stretch: {0, 2})
     service.ask("plan/resume", token=token)
     assert run_to_end(service, token).state == "done"
     assert [p["index"] for p in service.sink.points] == [0, 1, 2, 1]

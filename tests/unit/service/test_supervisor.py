@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from motord import config
+from motord.api.refusal import Refusal
+from motord.api.requests import REQUESTS, parse
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopStatus, Phase
 from motord.plans.settings import COMPENSATE
 from motord.schema import State
 from motord.service import assembly
-from motord.service.calls import Call
-from motord.service.messages import REQUESTS, parse
-from motord.service.refusal import Refusal
+from motord.service.rpc.calls import Call
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir

@@ -5,8 +5,8 @@ import threading
 import numpy as np
 
 from motord.schema import TICK, TICK_DTYPE
-from motord.service import telemetry
-from motord.service.telemetry import Telemetry
+from motord.service.publish import telemetry
+from motord.service.publish.telemetry import Telemetry
 from motord.wire.ticks.blocks import BlockCodec
 
 CODEC = BlockCodec(TICK)

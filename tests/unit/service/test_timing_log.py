@@ -11,9 +11,9 @@ from motord import config
 from motord.cli.record import app
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
-from motord.service.events import EventLog
-from motord.service.recording import Recording
-from motord.service.timing_log import EVERY_NS
+from motord.service.bench.recording import Recording
+from motord.service.host.events import EventLog
+from motord.service.publish.timing_log import EVERY_NS
 from motord.shm.timing import Timing, TimingSummary, total
 
 START_NS = 1_700_000_000_000_000_000

@@ -12,11 +12,11 @@ import threading
 
 import pytest
 
+from motord.api.requests import LeaseAcquire
 from motord.cli import shared_token
 from motord.cli.command import in_command
 from motord.cli.interruption import interrupted_once
 from motord.client import ClientError, Lease, holder, operator
-from motord.service.messages import LeaseAcquire
 
 
 @pytest.fixture(autouse=True)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
 from motord.config import load
 from motord.config.faults import Fault
 from motord.schema import TICK_DTYPE, Request, State, Trip
-from motord.service.events import EventLog
-from motord.service.recent_ticks import RecentTicks
-from motord.service.trip_values import Seen, trip_values
-from motord.service.watch import TickWatch
-from motord.service.words import TRIP_ACTION, TRIP_MEANING
+from motord.service.bench.recent_ticks import RecentTicks
+from motord.service.bench.tick_monitor import TickWatch
+from motord.service.bench.trip_report import Seen, trip_values
+from motord.service.host.events import EventLog
 from tests.campaigns.fault_bench import TORQUE_NM, Driver
 
 BLOCK = 10

@@ -14,8 +14,8 @@ from motord import config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_no_socket
 from motord.config import ConfigError
-from motord.service.api import ApiError
-from motord.service.unix_socket import SCHEME
+from motord.service.host.unix_socket import SCHEME
+from motord.service.publish.zenoh_api import ApiError
 from tests.unit.service.live_service import LiveService, live_service
 
 NOBODY, GROUP, OTHER_GROUP = 65534, 54321, 54322

@@ -5,8 +5,8 @@ import pytest
 
 from motord.config import load
 from motord.schema import TICK_DTYPE, Flag, State, Trip
-from motord.service.events import EventLog
-from motord.service.watch import TickWatch
+from motord.service.bench.tick_monitor import TickWatch
+from motord.service.host.events import EventLog
 
 SECOND_NS = 1_000_000_000
 

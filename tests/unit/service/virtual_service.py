@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 
 from motord import config
+from motord.api.refusal import Refusal
+from motord.api.requests import parse
 from motord.control.types import SETPOINT
-from motord.service.bench import Bench
-from motord.service.calls import Call
-from motord.service.desk import Desk
-from motord.service.durable import Durable
-from motord.service.events import EventLog
-from motord.service.experiments import Experiments
-from motord.service.journal_file import Journal
-from motord.service.messages import parse
-from motord.service.operate import Operate
-from motord.service.refusal import Refusal
-from motord.service.resumption import Resumption
+from motord.service.bench.bench import Bench
+from motord.service.host.events import EventLog
+from motord.service.plans.journal_file import Journal
+from motord.service.plans.journal_sink import Durable
+from motord.service.plans.resume import Resumption
+from motord.service.rpc.calls import Call
+from motord.service.rpc.dispatcher import Desk
+from motord.service.rpc.operation import Operate
+from motord.service.rpc.plans import Experiments
 from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from motord.atomic_write import write_whole
 from motord.cli.analyse.inputs import (
     AsJson,
     BenchFile,
@@ -17,7 +18,6 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import print_json
-from motord.whole_file import write_whole
 
 
 def align(

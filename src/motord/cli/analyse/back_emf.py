@@ -3,6 +3,7 @@
 import json
 from typing import TYPE_CHECKING, Any
 
+from motord.atomic_write import write_whole
 from motord.cli.analyse.inputs import (
     AsJson,
     BenchFile,
@@ -14,7 +15,6 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import plain_console, print_json
-from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from motord.identify.back_emf import MeasuredBackEmf

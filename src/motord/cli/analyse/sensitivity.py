@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.atomic_write import write_whole
 from motord.cli.analyse.inputs import (
     AsJson,
     BenchFile,
@@ -16,7 +17,6 @@ from motord.cli.analyse.inputs import (
     say_files,
 )
 from motord.cli.console import fail, plain_console, print_json
-from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from rich.console import Console

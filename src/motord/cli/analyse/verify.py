@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.atomic_write import write_whole
 from motord.cli.analyse.inputs import (
     AsJson,
     BenchFile,
@@ -19,7 +20,6 @@ from motord.cli.analyse.inputs import (
 )
 from motord.cli.analyse.ripple_table import print_errors
 from motord.cli.console import fail, print_json
-from motord.whole_file import write_whole
 
 if TYPE_CHECKING:
     from motord.analysis import Subject

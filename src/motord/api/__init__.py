@@ -1,0 +1,1 @@
+"""What client and service share: keys and sessions, requests, messages, errors."""

@@ -1,0 +1,183 @@
+"""What the daemon is asked: the requests of the RPCs, JSON objects, checked before all else.
+
+They take nothing that they do not know, nothing of another type and no number that is not finite.
+"""
+
+import json
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from motord.api.refusal import Refusal
+from motord.learned import MAX_NODES, MAX_ORDERS
+from motord.plans.settings import Compensation
+
+Token = Annotated[str, Field(min_length=1, max_length=128)]
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class Request(BaseModel):
+    """The body of an RPC: JSON object, strict types, unknown fields refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class NoArguments(Request):
+    """`config`, `plan/list`: nothing."""
+
+
+class LeaseAcquire(Request):
+    """`lease/acquire`: who asks; `force` takes over from whoever is in command."""
+
+    holder: Name
+    force: bool = False
+
+
+class WithToken(Request):
+    """`lease/renew`, `lease/release`, `enable`, `disable`, `reset`, `plan/pause|abort|discard`."""
+
+    token: Token
+
+
+class Stop(Request):
+    """`stop`: from anyone, no token; `by` is for the log."""
+
+    by: Annotated[str, Field(max_length=64)] = ""
+
+
+class Set(Request):
+    """`set`: what is left out stays as it is.
+
+    With `speed_Hz` the brake is servoed until the rotor turns at that speed (turns per second);
+    `brake` sets the excitation itself, 0 to 1, and ends the servo. `drive_Hz` turns the rotor with
+    the external drive. `enable`: enable the bench first, if all of it can be done.
+    """
+
+    token: Token
+    enable: bool = False
+    torque_Nm: Finite | None = None
+    speed_Hz: Finite | None = None
+    brake: Annotated[float, Field(ge=0, le=1)] | None = None
+    drive_Hz: Finite | None = None
+    compensate: Compensation | None = None
+
+    @model_validator(mode="after")
+    def _something_to_set(self) -> "Set":
+        given = self.model_fields_set - {"token", "enable"}
+        if not given:
+            raise ValueError("nothing to set: torque_Nm, speed_Hz, brake, drive_Hz, compensate")
+        if self.speed_Hz is not None and self.brake is not None:
+            raise ValueError("speed_Hz servoes the brake and brake sets it: give one of them")
+        return self
+
+
+class PlanStart(Request):
+    """`plan/start`: a plan by name; a dry run moves nothing and needs no token."""
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    token: Annotated[str, Field(max_length=128)] = ""
+    settings: dict[str, Any] = {}
+    detach: bool = False
+    dry_run: bool = False
+    notes: Annotated[str, Field(max_length=4000)] = ""
+
+
+class PlanResume(WithToken):
+    """`plan/resume`: after a pause, or a plan that was interrupted; `detach` is for the latter."""
+
+    detach: bool = False
+
+
+class CalibrationInstall(Request):
+    """`calibration/install`: the file's content, or its path as the daemon's host sees it."""
+
+    token: Token
+    calibration: dict[str, Any] | None = None
+    path: Annotated[str, Field(max_length=4096)] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "CalibrationInstall":
+        if (self.calibration is None) == (self.path is None):
+            raise ValueError("give either calibration (its content) or path")
+        return self
+
+
+REQUESTS: dict[str, type[Request]] = {
+    "lease/acquire": LeaseAcquire,
+    "lease/renew": WithToken,
+    "lease/release": WithToken,
+    "enable": WithToken,
+    "disable": WithToken,
+    "stop": Stop,
+    "reset": WithToken,
+    "set": Set,
+    "plan/start": PlanStart,
+    "plan/pause": WithToken,
+    "plan/resume": PlanResume,
+    "plan/abort": WithToken,
+    "plan/discard": WithToken,
+    "plan/list": NoArguments,
+    "config": NoArguments,
+    "calibration/install": CalibrationInstall,
+}
+"""Every RPC and the model of its request."""
+
+MAX_REQUEST_BYTES = 64 * 1024
+"""Of every request but `calibration/install`."""
+UNPROVEN_BYTES = 4096
+"""A request that needs the lease and is longer is not even parsed without its token."""
+NUMBER_BYTES = 32
+"""A number in JSON with all its digits, sign, exponent, comma, line end and some indentation."""
+WORDS_BYTES = 256 * 1024
+"""All of a calibration that is not a table: harmonics, runs, errors by point, words."""
+PASSES = 64
+"""Passes of learning whose errors a calibration lists for each point."""
+LEARNED_NUMBERS = MAX_NODES**2 * (4 * MAX_ORDERS + PASSES)
+"""At most this many numbers have been learned: two by order, the best of them, the errors."""
+
+
+def max_calibration_bytes(counts: int) -> int:
+    """Return how long a calibration file may be for an encoder of `counts` counts."""
+    return WORDS_BYTES + NUMBER_BYTES * (counts + LEARNED_NUMBERS)
+
+
+def max_request_bytes(counts: int) -> int:
+    """Return how long the longest request may be, which is an installation."""
+    return MAX_REQUEST_BYTES + max_calibration_bytes(counts)
+
+
+def needs_token(name: str) -> bool:
+    """Return whether RPC `name` is refused without the token of the lease in force."""
+    field = REQUESTS[name].model_fields.get("token")
+    return field is not None and field.is_required()
+
+
+def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
+    """Raise Refusal "invalid" for a request of more than `limit` bytes."""
+    if size > limit:
+        raise Refusal("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
+
+
+def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> Request:
+    """Return the request of RPC `name`. Raises Refusal "invalid" that says which field is wrong."""
+    check_size(name, len(payload), limit)
+    try:
+        return REQUESTS[name].model_validate_json(payload or b"{}")
+    except ValidationError as error:
+        raise Refusal("invalid", f"{name}: {_in_words(error)}") from None
+
+
+def _in_words(error: ValidationError) -> str:
+    lines = []
+    for item in error.errors(include_url=False, include_input=False):
+        where = ".".join(str(part) for part in item["loc"])
+        what = item["msg"].removeprefix("Value error, ")
+        what = {"extra_forbidden": "unknown field", "missing": "missing"}.get(item["type"], what)
+        lines.append(f"{where}: {what}" if where else what)
+    return "; ".join(lines[:5])
+
+
+def error_json(code: str, message: str) -> bytes:
+    """Return the body of an error reply."""
+    return json.dumps({"code": code, "message": message}).encode()

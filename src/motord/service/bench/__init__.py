@@ -1,0 +1,1 @@
+"""The bench as the supervisor runs it."""

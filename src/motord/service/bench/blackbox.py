@@ -1,0 +1,113 @@
+"""Black boxes: at a trip the recorder is asked to keep what led to it, recorded or not.
+
+What was asked for is kept until the recorder says that it is written: a recorder that was started
+again is asked again, and the ring still has the ticks.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from motord.api.messages import Event
+from motord.config import Config
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
+from motord.recorder.launch import RecorderLink
+from motord.recorder.protocol import RecorderReport
+from motord.schema import State
+from motord.service.bench.tick_monitor import TickWatch
+from motord.service.host.events import EventLog
+
+OPEN_NS = round((AFTER_S + 1.0) * 1e9)
+"""Events of this time after a trip go into its box."""
+ASKED_MAX = 4
+
+
+class BlackBoxes:
+    """Asks for black boxes and tells what became of them. `about` gives a recording's metadata."""
+
+    def __init__(
+        self,
+        config: Config,
+        events: EventLog,
+        about: Callable[[], dict[str, Any]],
+        unix_ns: Callable[[], int],
+    ) -> None:
+        self._config = config
+        self._events = events
+        self._about = about
+        self._link: RecorderLink | None = None
+        self._asked: dict[str, Wanted] = {}
+        self._unix_ns = unix_ns
+
+    def trip(self, t_ns: int, tick: int, account: Mapping[str, Any]) -> str:
+        """Ask for the box of a trip in `tick` at `t_ns` (Unix ns); return the name of its file."""
+        cause = ", ".join(account["first"] or account["causes"])
+        return self._ask(t_ns, tick, AFTER_S, {"cause": cause, **account})
+
+    def loop_died(self, why: str, watch: TickWatch) -> None:
+        """Ask for the box of a loop that has ended, unless it was tripped or never ran."""
+        if watch.last is None or watch.state is State.TRIPPED:
+            return
+        account = {
+            "cause": "loop died",
+            "reason": why,
+            "state": watch.state.name,
+            "action": "see in the system's log what ended the loop process; `motord reset` starts "
+            "it again, OFF",
+        }
+        t_ns = self._unix_ns()
+        path = self._ask(t_ns, None, 0.0, account)
+        self._events.emit("blackbox", f"asked for a black box: {why}", t_ns, path=path)
+
+    def event(self, event: Event) -> None:
+        """Add an event to the boxes that are open."""
+        boxes = [
+            wanted
+            for wanted in self._asked.values()
+            if 0 <= event.t_ns - int(wanted.account["t_ns"]) <= OPEN_NS
+        ]
+        if not boxes:
+            return
+        content = event.model_dump(mode="json")
+        for wanted in boxes:
+            wanted.events.append(content)
+        if self._link is not None:
+            self._link.blackbox_event(content)
+
+    def recorder(self, link: RecorderLink | None) -> None:
+        """Ask a new recorder for what the one before has not written."""
+        self._link = link
+        if link is not None:
+            for wanted in self._asked.values():
+                link.blackbox(wanted)
+
+    def report(self, report: RecorderReport) -> None:
+        """Take in what became of the boxes."""
+        for path, outcome in report.blackboxes.items():
+            wanted = self._asked.pop(path, None)
+            if wanted is None:
+                continue
+            said = f"no black box of the trip: {outcome}" if outcome else f"black box: {path}"
+            self._events.emit("blackbox", said, path=path, cause=wanted.account["cause"])
+
+    def _ask(self, t_ns: int, tick: int | None, after_s: float, account: dict[str, Any]) -> str:
+        rate_Hz = self._config.loop.rate_Hz
+        earlier: list[Mapping[str, Any]] = [
+            event.model_dump(mode="json")
+            for event in self._events.recent()
+            if t_ns - round(BEFORE_S * 1e9) <= event.t_ns <= t_ns
+        ]
+        wanted = Wanted(
+            path=path_of(self._config, t_ns),
+            tick=tick,
+            ticks_before=round(BEFORE_S * rate_Hz),
+            ticks_after=round(after_s * rate_Hz),
+            metadata=self._about(),
+            account={**account, "t_ns": t_ns, "tick": tick},
+            events=earlier,
+        )
+        while len(self._asked) >= ASKED_MAX:
+            del self._asked[next(iter(self._asked))]
+        self._asked[str(wanted.path)] = wanted
+        if self._link is not None:
+            self._link.blackbox(wanted)
+        return str(wanted.path)

@@ -1,0 +1,120 @@
+"""The calibration in force: installed, kept over restarts, turned into the loop's tables.
+
+Installed calibrations lie in `<state folder>/calibrations/<bench>/`, each under its id; the file
+`installed` there names the one in force.
+"""
+
+import os
+import stat
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from motord import calibration
+from motord.api.messages import CalibrationView
+from motord.api.requests import max_calibration_bytes
+from motord.atomic_write import write_whole
+from motord.calibration import Calibration, CalibrationError
+from motord.config import Config, MotorConfig
+
+MARK = "installed"
+
+
+def state_directory() -> Path:
+    """Return where the daemon keeps what outlives it.
+
+    `$STATE_DIRECTORY` under systemd, else `$XDG_STATE_HOME/motord` or `~/.local/state/motord`.
+    """
+    given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    if given:
+        return Path(given)
+    home = os.environ.get("XDG_STATE_HOME", "")
+    return (Path(home) if home else Path.home() / ".local" / "state") / "motord"
+
+
+def check_given(
+    motor: MotorConfig, content: dict[str, Any] | None, path: str | None
+) -> Calibration:
+    """Return the calibration from a file's content or from a file, for `motor`.
+
+    Raises CalibrationError.
+    """
+    if path is None:
+        given = calibration.from_json(content, "calibration")
+    elif Path(path).is_absolute():
+        given = calibration.load(_readable(Path(path), max_calibration_bytes(motor.counts)))
+    else:
+        raise CalibrationError(f"{path}: give an absolute path on the daemon's machine")
+    given.check_motor(motor)
+    return given
+
+
+def _readable(path: Path, max_bytes: int) -> Path:
+    """Return `path` if it is a file of a size that a calibration has. Raises CalibrationError."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise CalibrationError(f"{path}: cannot read it: {why}") from None
+    if not stat.S_ISREG(status.st_mode) or status.st_size > max_bytes:
+        raise CalibrationError(
+            f"{path}: no file of a calibration: {status.st_size} bytes, at most {max_bytes}"
+        )
+    return path
+
+
+class CalibrationStore:
+    """The calibrations of one bench on disk. Every method raises CalibrationError."""
+
+    def __init__(self, config: Config, directory: Path) -> None:
+        self._motor = config.motor
+        self.directory = directory / "calibrations" / config.bench.name
+        self.path = Path()
+        self.current: Calibration | None = None
+
+    def load_installed(self) -> Calibration | None:
+        """Load the calibration that was in force when the daemon last ran, if there is one."""
+        try:
+            name = (self.directory / MARK).read_text(encoding="utf-8").strip()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise CalibrationError(f"{self.directory / MARK}: {error.strerror}") from error
+        path = self.directory / name
+        loaded = calibration.load(path)
+        loaded.check_motor(self._motor)
+        self.path, self.current = path, loaded
+        return loaded
+
+    def keep(self, checked: Calibration) -> Path:
+        """Write a checked calibration and mark it as the one in force."""
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise CalibrationError(f"{self.directory}: {error.strerror}") from error
+        path = self.directory / f"{checked.id}.json"
+        checked.save(path)
+        self._mark(path.name)
+        self.path, self.current = path, checked
+        return path
+
+    def _mark(self, name: str) -> None:
+        mark = self.directory / MARK
+        try:
+            write_whole(mark, name + "\n")
+        except OSError as error:
+            raise CalibrationError(f"{mark}: cannot write it: {error.strerror}") from error
+
+    def view(self) -> CalibrationView | None:
+        """Return the calibration in force as clients see it."""
+        if self.current is None:
+            return None
+        now = datetime.now(UTC)
+        return CalibrationView(
+            id=self.current.id,
+            created=self.current.created.isoformat(),
+            age_s=self.current.age_s(now),
+            age=self.current.age(now),
+            method=self.current.method,
+            path=str(self.path),
+        )

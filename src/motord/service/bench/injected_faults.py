@@ -1,0 +1,54 @@
+"""Faults injected on purpose, as the recording tells of them: an event for each."""
+
+import numpy as np
+
+from motord.config import Config
+from motord.config.faults import Timeline, load_timeline
+from motord.schema import FAULT_COUNT_SHIFT
+from motord.service.host.events import EventLog
+
+_MASK = 127
+
+
+class InjectedFaults:
+    """Follows the count in bridge_status; of a bench simulated in the loop it knows which."""
+
+    def __init__(self, config: Config, events: EventLog) -> None:
+        """Raises ConfigError for a timeline that cannot be read."""
+        known = config.simulated and config.bench.faults is not None
+        self._timeline = Timeline()
+        if known and config.bench.faults is not None:
+            self._timeline = load_timeline(config.bench.faults)
+        self._events = events
+        self._count = 0
+        self._told = 0
+        self._met = config.simulated  # an emulator may have been running before
+
+    def update(self, block: np.ndarray) -> None:
+        """Take in a block of ticks, shape (n,)."""
+        if not len(block):
+            return
+        counts = block["bridge_status"] >> FAULT_COUNT_SHIFT & _MASK
+        if not self._met:
+            self._met, self._count = True, int(counts[0])
+            self._told = self._count
+        if (counts == self._count).all():
+            return
+        for row in np.flatnonzero(np.diff(counts, prepend=self._count)):
+            self._tell(int(counts[row]), block[row])
+
+    def _tell(self, count: int, tick: np.void) -> None:
+        """Tell of the faults up to `count`; one that went back is of a bench that started anew."""
+        new = (count - self._count) & _MASK
+        if new > _MASK // 2:
+            self._told, new = 0, count
+        self._count = count
+        for _ in range(new):
+            fault = self._timeline.fault[self._told : self._told + 1]
+            self._told += 1
+            what = fault[0].words() if fault else f"number {self._told}"
+            known = fault[0].told() if fault else {}
+            self._events.emit(
+                "fault_injected", f"fault injected on purpose: {what}", int(tick["t_ns"]),
+                number=self._told, tick=int(tick["tick"]), fault=known,
+            )  # fmt: skip

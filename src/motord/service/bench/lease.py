@@ -1,0 +1,118 @@
+"""The command lease: one commander at a time, who must say again and again that they are there.
+
+Whoever holds the lease may move the bench. It runs out `duration_s` after it was last renewed, and
+is lost so long before that as the torque takes to come down, so that none is left when it runs out.
+Only an explicit takeover (`force`) ends the lease of somebody else, and its token is then worth
+nothing.
+Times are monotonic ns and come from the caller, so that nothing here reads a clock.
+"""
+
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from motord.api.refusal import Refusal
+
+
+@dataclass(frozen=True)
+class Grant:
+    """A lease that was given: its secret, to whom, and from whom it was taken over, if so."""
+
+    token: str
+    holder: str
+    took_over_from: str | None
+
+
+@dataclass
+class _Held:
+    token: str
+    holder: str
+    expires_ns: int
+
+
+class Lease:
+    """Who is in command. Every method takes `now_ns`, monotonic."""
+
+    def __init__(self, duration_s: float, new_token: Callable[[], str] | None = None) -> None:
+        """Leases last `duration_s`; `new_token` makes the secrets."""
+        self.duration_ns = round(duration_s * 1e9)
+        self._new_token = new_token or (lambda: secrets.token_hex(16))
+        self._notice_ns = 0
+        self._held: _Held | None = None
+        self._lost: tuple[str, str] = ("", "")  # the newest token that is worth nothing, and why
+
+    def holder(self, now_ns: int) -> str | None:
+        """Return who is in command, or None."""
+        held = self._current(now_ns)
+        return held.holder if held else None
+
+    def remaining_s(self, now_ns: int) -> float:
+        """Return for how long the lease is good without being renewed, 0 without one."""
+        held = self._current(now_ns)
+        return (self._lost_ns(held) - now_ns) / 1e9 if held else 0.0
+
+    def acquire(self, holder: str, now_ns: int, *, force: bool = False) -> Grant:
+        """Put `holder` in command. Raises Refusal if somebody is, unless `force`."""
+        held = self._current(now_ns)
+        if held is not None and not force:
+            raise Refusal(
+                "lease_held",
+                f"{held.holder} is in command, for another "
+                f"{self.remaining_s(now_ns):.1f} s unless renewed; "
+                "wait, or take over with force",
+            )
+        if held is not None:
+            self._lost = (held.token, f"{holder} took over command")
+        self._held = _Held(self._new_token(), holder, now_ns + self.duration_ns)
+        return Grant(self._held.token, holder, held.holder if held else None)
+
+    def renew(self, token: str, now_ns: int) -> None:
+        """Prolong the lease. Raises Refusal if `token` is not the one in force."""
+        self.require(token, now_ns).expires_ns = now_ns + self.duration_ns
+
+    def release(self, token: str, now_ns: int) -> str:
+        """End the lease and return who held it. Raises Refusal like `renew`."""
+        held = self.require(token, now_ns)
+        self._lost = (held.token, "it was given back")
+        self._held = None
+        return held.holder
+
+    def require(self, token: str, now_ns: int) -> _Held:
+        """Return the lease that `token` is for. Raises Refusal if it is not the one in force."""
+        held = self._current(now_ns)
+        if held is not None and secrets.compare_digest(held.token.encode(), token.encode()):
+            return held
+        lost_token, why = self._lost
+        if token == lost_token:
+            raise Refusal("no_lease", f"this lease is over: {why}")
+        who = f"{held.holder} is in command" if held else "nobody is in command"
+        raise Refusal("no_lease", f"this is not the token of the lease in force ({who})")
+
+    def is_in(self, payload: bytes, now_ns: int) -> bool:
+        """Return whether the token of the lease in force occurs in `payload`; for any thread.
+
+        Says that nobody else can have made the payload, before it is parsed; what it asks for still
+        has to `require` the token.
+        """
+        held = self._current(now_ns)
+        return held is not None and held.token.encode() in payload
+
+    def expire(self, now_ns: int, notice_ns: int) -> str | None:
+        """Return who has just lost command by not renewing, once; else None.
+
+        `notice_ns`: so long before its end the lease is lost from now on, until said otherwise.
+        """
+        self._notice_ns = notice_ns
+        held = self._held
+        if held is None or now_ns < self._lost_ns(held):
+            return None
+        self._lost = (held.token, "it ran out, because it was not renewed in time")
+        self._held = None
+        return held.holder
+
+    def _current(self, now_ns: int) -> _Held | None:
+        held = self._held
+        return held if held is not None and now_ns < self._lost_ns(held) else None
+
+    def _lost_ns(self, held: _Held) -> int:
+        return held.expires_ns - self._notice_ns

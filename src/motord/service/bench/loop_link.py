@@ -1,0 +1,114 @@
+"""The loop process as the supervisor sees it: started, ready, publishing ticks, gone."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Literal
+
+import numpy as np
+
+from motord.api.messages import ClockView
+from motord.loop.status import LoopStatus, Phase
+from motord.schema import TICK_DTYPE
+from motord.service.processes import Children, Ended
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.shared_records import SharedFileError
+from motord.shm.timing import Timing
+
+LOOP = "loop"
+
+
+class LoopLink:
+    """Follows the loop from start to ready to its end.
+
+    `phase` is "down", "starting" or "up"; `on_up` and `on_down` (with the reason in words) are
+    called when it comes up and when it is gone.
+    """
+
+    def __init__(
+        self,
+        children: Children,
+        run_dir: RunDir,
+        on_up: Callable[[], None],
+        on_down: Callable[[str], None],
+    ) -> None:
+        self._children = children
+        self._run_dir = run_dir
+        self._on_up = on_up
+        self._on_down = on_down
+        self._ring: RingReader | None = None
+        self._timing: Timing | None = None
+        self.phase: Literal["down", "starting", "up"] = "down"
+        self.status: LoopStatus | None = None
+
+    def start(self, now_ns: int) -> None:
+        """Start the loop, unless it runs. It comes up OFF."""
+        if self.phase != "down":
+            return
+        with suppress(OSError):  # then the loop's own status takes its place
+            self._run_dir.loop_status.unlink(missing_ok=True)
+        self._children.start(LOOP, now_ns)
+        self.phase = "starting"
+
+    def follow(self) -> None:
+        """Look whether a loop that is starting is ready.
+
+        Raises OSError if what it has made ready cannot be opened yet, or makes no sense.
+        """
+        if self.phase == "starting":
+            self._look_whether_ready()
+
+    def read(self) -> tuple[np.ndarray, int]:
+        """Return (block, lost), the ticks published since the last call."""
+        if self._ring is None:
+            return np.empty(0, TICK_DTYPE), 0
+        return self._ring.read()
+
+    def ended(self, end: Ended) -> None:
+        """Note that the loop process has ended by itself."""
+        why = f"the loop ended: {end.how}"
+        status = None
+        with suppress(OSError):  # what it has said of its end cannot be read; how it ended is known
+            status = LoopStatus.read(self._run_dir.loop_status)
+        if status is not None and status.error:
+            why = f"the loop ended: {status.error}"
+        elif status is not None and status.phase is Phase.STOPPED and status.reason:
+            why = f"the loop ended: {status.reason}"
+        self.phase, self._ring = "down", None
+        self._on_down(why)
+
+    def realtime(self) -> dict[str, Any]:
+        """Return which real-time rights the loop got, for clients and recordings."""
+        status = self.status
+        if status is None or status.realtime is None:
+            return {}
+        return {
+            "granted": status.realtime.granted,
+            "lines": status.realtime.lines(),
+            "kernel": status.realtime.kernel,
+            "preemption": status.realtime.preemption,
+            "foreign_threads": status.foreign_threads,
+        }
+
+    def bridge_clock(self) -> ClockView | None:
+        """Return what the loop knows of the bridge's clock; None for a loop without one."""
+        if self._timing is None or self.phase != "up":
+            return None
+        told = self._timing.clock
+        if not any(told):
+            return None
+        return ClockView(drift_ppm=round(told.drift_ppm, 2), jitter_us=round(told.jitter_us, 1))
+
+    def _look_whether_ready(self) -> None:
+        status = LoopStatus.read(self._run_dir.loop_status)
+        if status is None or status.phase is not Phase.READY:
+            return
+        try:
+            self._ring = RingReader(self._run_dir.ring, "oldest")
+        except SharedFileError as error:
+            raise OSError(f"the loop is ready, but its ring is not: {error}") from error
+        self.status = status
+        with suppress(SharedFileError):
+            self._timing = Timing.attach(self._run_dir.timing)
+        self.phase = "up"
+        self._on_up()

@@ -1,0 +1,103 @@
+"""The set-point that the supervisor holds in the mailbox, and the requests that travel with it.
+
+A request (enable, disable, stop, reset) is carried out once, when its number changes; the loop
+sees only what the mailbox holds when a tick begins. So one request at a time is put there, the
+next not before a tick says that it has seen the one before.
+"""
+
+from collections import deque
+from typing import Protocol
+
+import numpy as np
+
+from motord.api.messages import SetpointView
+from motord.control.types import SETPOINT
+from motord.plans.settings import COMPENSATE, Compensation
+from motord.plans.steps import NOTHING_INDUCED
+from motord.schema import Compensate, Request
+
+RAD_PER_TURN = 2 * np.pi
+UNSEEN_NS = 200_000_000
+"""A request that no tick confirms within this time makes room for the next."""
+
+
+def compensation_word(compensate: Compensate) -> Compensation:
+    """Return the word for a set of flags."""
+    return next(word for word, flags in COMPENSATE.items() if flags == compensate)
+
+
+class Mailbox(Protocol):
+    """Where the loop looks for its set-point."""
+
+    def write(self, setpoint: np.ndarray) -> None:
+        """Put `setpoint` (shape (1,), SETPOINT) in place of the one before."""
+
+
+class Setpoint:
+    """What is asked of the loop. Torque and drive speed are zero until somebody sets them."""
+
+    def __init__(self, mailbox: Mailbox) -> None:
+        self._mailbox = mailbox
+        self._record = np.zeros(1, SETPOINT)
+        self._requests: deque[Request] = deque()
+        self._requested_ns = 0
+        self._request_seq_at = 0  # number of the set-point that brought the newest request
+        self.torque_Nm = 0.0
+        self.speed_Hz: float | None = None
+        self.brake = 0.0
+        self.drive_Hz = 0.0
+        self.compensate = Compensate(0)
+        self.brake_temperature_C = float("nan")
+        self.plan_point = -1
+        self.induced = NOTHING_INDUCED
+
+    def request(self, request: Request) -> None:
+        """Ask for `request`. A stop goes before everything else, which is then forgotten."""
+        if request is Request.STOP:
+            self._requests.clear()
+            self._request_seq_at = 0
+        self._requests.append(request)
+
+    def rest(self) -> None:
+        """Ask for no torque, an open brake and a standing drive."""
+        self.torque_Nm, self.speed_Hz, self.brake, self.drive_Hz = 0.0, None, 0.0, 0.0
+        self.plan_point = -1
+        self.induced = NOTHING_INDUCED
+
+    def write(self, now_ns: int, seen_seq: int) -> None:
+        """Write the mailbox, which notes the time as the supervisor's heartbeat.
+
+        `now_ns`: monotonic; `seen_seq`: number of the set-point that the newest tick used.
+        """
+        s = self._record[0]
+        s.seq = (int(s.seq) + 1) & 0xFFFFFFFF
+        if self._requests and self._confirmed(now_ns, seen_seq):
+            s.request = int(self._requests.popleft())
+            s.request_seq = (int(s.request_seq) + 1) & 0xFFFFFFFF
+            self._requested_ns, self._request_seq_at = now_ns, int(s.seq)
+        s.torque_Nm = self.torque_Nm
+        s.speed_rad_s = (self.speed_Hz or 0.0) * RAD_PER_TURN
+        s.brake = self.brake
+        s.brake_temperature_C = self.brake_temperature_C
+        s.drive_rad_s = self.drive_Hz * RAD_PER_TURN
+        s.plan_point = self.plan_point
+        s.compensate = int(self.compensate)
+        s.induced_gain[:] = np.subtract(self.induced.gain, 1.0)
+        s.induced_offset_A[:] = self.induced.offset_A
+        s.induced_cogging = self.induced.cogging - 1.0
+        self._mailbox.write(self._record)
+
+    def _confirmed(self, now_ns: int, seen_seq: int) -> bool:
+        behind = (seen_seq - self._request_seq_at) & 0xFFFFFFFF
+        return behind < 0x80000000 or now_ns - self._requested_ns > UNSEEN_NS
+
+    def view(self, torque_target_Nm: float | None = None) -> SetpointView:
+        """Return the set-point as clients see it; the torque may be on its way to another one."""
+        return SetpointView(
+            torque_Nm=self.torque_Nm,
+            torque_target_Nm=self.torque_Nm if torque_target_Nm is None else torque_target_Nm,
+            speed_Hz=self.speed_Hz,
+            brake=self.brake,
+            drive_Hz=self.drive_Hz,
+            compensate=compensation_word(self.compensate),
+        )

@@ -1,0 +1,168 @@
+"""Brake and external drive: slow devices, each exchanged with in a thread of its own.
+
+The supervisor gives an `Order` at every step and reads `view()`; neither waits for a device. An
+order is worth nothing once its time is over, and the thread has nothing else to write: with a
+supervisor that hangs, the device is made safe once and then written no more, so that its own
+watchdog takes over if that write does not arrive.
+
+A device that stops answering is `failing` at once, and `stale` when nothing was heard for its
+`stale_after_s`.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from motord.api.messages import DeviceView, Health
+from motord.hal.base import DeviceError, DeviceReading, SetpointDevice
+from motord.service.host.log import log_error
+
+JOIN_S = 5.0
+UNORDERED = "not written: the supervisor has given no order in time"
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A set-point and the time (monotonic ns) until which it may be written."""
+
+    value: float
+    until_ns: int
+
+    def at(self, now_ns: int) -> float | None:
+        """Return the set-point to write now, None once the order is over."""
+        return self.value if now_ns < self.until_ns else None
+
+
+class SlowDevice:
+    """One device with its set-point. `exchange` is for its thread, the rest for the supervisor.
+
+    An order is good for `order_s`. `hold_s` after it is over the device is made safe, by a
+    set-point of zero; between the two it is left as it is.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        device: SetpointDevice,
+        poll_s: float,
+        stale_after_s: float,
+        order_s: float,
+        hold_s: float = 0.0,
+    ) -> None:
+        self.name = name
+        self._order = Order(0.0, 0)
+        self._device = device
+        self._poll_ns = round(poll_s * 1e9)
+        self._stale_ns = round(stale_after_s * 1e9)
+        self._order_ns = round(order_s * 1e9)
+        self._hold_ns = round(hold_s * 1e9)
+        self._safe = False
+        self._due_ns = 0
+        self._heard_ns = 0  # monotonic; at first, when it was opened
+        self._reading: DeviceReading | None = None
+        self._error = ""
+
+    def open(self, now_ns: int) -> None:
+        """Connect. Raises DeviceError."""
+        self._device.open()
+        self._due_ns = self._heard_ns = now_ns
+
+    def order(self, value: float, now_ns: int) -> None:
+        """Let `value` be the set-point for `order_s` from `now_ns` on."""
+        self._order = Order(value, now_ns + self._order_ns)
+
+    def withhold(self, now_ns: int) -> None:
+        """End the order now: the device is made safe and written no more until the next order."""
+        if self._order.at(now_ns) is not None:
+            self._order = Order(0.0, now_ns)
+
+    def due_in_s(self, now_ns: int) -> float:
+        """Return the time until the next exchange."""
+        return max(0.0, (self._due_ns - now_ns) / 1e9)
+
+    def exchange(self, clock_ns: Callable[[], int]) -> None:
+        """Write the set-point and read the device; blocks at most its timeouts."""
+        begun_ns = clock_ns()
+        self._due_ns = max(self._due_ns + self._poll_ns, begun_ns)
+        order = self._order
+        setpoint = order.at(begun_ns)
+        try:
+            if setpoint is None:
+                self._make_safe(begun_ns - order.until_ns)
+                return
+            self._safe = False
+            reading = self._device.exchange(setpoint)
+        except DeviceError as error:
+            self._error = str(error)
+            return
+        except Exception as error:  # of a driver: the other device must still be served
+            if not self._error:
+                log_error(f"in the driver of the {self.name}", error)
+            self._error = f"error in its driver: {type(error).__name__}: {error}"
+            return
+        self._reading, self._heard_ns, self._error = reading, clock_ns(), ""
+
+    def _make_safe(self, over_ns: int) -> None:
+        """Write a set-point of zero, once, `hold_s` after the order was over."""
+        self._error = UNORDERED
+        if self._safe or over_ns < self._hold_ns:
+            return
+        self._safe = True
+        self._device.safe_stop()
+
+    def close(self) -> None:
+        """Write a set-point of zero, if the device can be reached, and disconnect."""
+        self._device.safe_stop()
+        self._device.close()
+
+    def view(self, now_ns: int) -> DeviceView:
+        """Return the device as clients see it."""
+        reading, error = self._reading, self._error
+        age_ns = now_ns - self._heard_ns
+        health: Health = "stale" if age_ns > self._stale_ns else "failing" if error else "ok"
+        return DeviceView(
+            health=health,
+            status=reading.status if reading else None,
+            setpoint=reading.setpoint if reading else None,
+            value=reading.value if reading else None,
+            error=error,
+            age_s=round(age_ns / 1e9, 3),
+        )
+
+
+class DeviceThreads:
+    """Polls slow devices until stopped, each in a thread: none waits for another that is silent."""
+
+    def __init__(
+        self,
+        devices: Sequence[SlowDevice],
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self._devices = devices
+        self._clock_ns = clock_ns
+        self._stop = threading.Event()
+        self._threads = [
+            threading.Thread(
+                target=self._poll, args=(device,), name=f"motord-{device.name}", daemon=True
+            )
+            for device in devices
+        ]
+
+    def start(self) -> None:
+        """Start polling, if there is anything to poll."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End the polling; every device gets a set-point of zero and is closed."""
+        self._stop.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(JOIN_S)
+        for device in self._devices:
+            device.close()
+
+    def _poll(self, device: SlowDevice) -> None:
+        while not self._stop.wait(device.due_in_s(self._clock_ns())):
+            device.exchange(self._clock_ns)

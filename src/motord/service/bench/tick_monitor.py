@@ -1,0 +1,233 @@
+"""What the supervisor sees in the ticks: newest values, state changes, trips, ticks missed or lost.
+
+Pure: blocks of ticks go in, the view and events come out.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_words
+from motord.api.messages import LoopView, TickView, TripReport, TripView
+from motord.config import Config
+from motord.schema import State, Trip
+from motord.service.bench.recent_ticks import RecentTicks
+from motord.service.bench.trip_report import Seen, trip_values
+from motord.service.host.events import EventLog
+
+TIMING_S = 1.0
+"""Span over which the loop's lateness is summed up."""
+REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
+"""Missed ticks are reported with their number, after pauses that grow from the first to the last
+while there are new ones, so that they do not drown the other events."""
+
+OnTrip = Callable[[int, int, Mapping[str, Any]], str]
+"""Called with time (Unix ns), tick and account of a trip; returns the path of its black box."""
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _told(values: Mapping[str, Mapping[str, float]]) -> str:
+    return "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}" for what, v in values.items())
+
+
+class TickWatch:
+    """The newest tick and what has happened since the loop started."""
+
+    def __init__(self, config: Config, events: EventLog) -> None:
+        self._config = config
+        self._rate_Hz = config.loop.rate_Hz
+        self._recent = RecentTicks(config)
+        self._events = events
+        self.trip: TripReport | None = None
+        """What is known of the trip that the bench is in."""
+        self.on_trip: OnTrip = lambda t_ns, tick, account: ""
+        self._timing: deque[np.ndarray] = deque()  # (n, 3): late ns, work ns, measured torque Nm
+        self.last: np.void | None = None
+        self.seen_at_ns = 0  # monotonic, when the newest tick was read
+        self.ticks = 0
+        self.lost = 0
+        self._missed_reported = 0
+        self._missed_reported_ns = 0
+        self._missed_pause_ns = REPORT_FIRST_NS
+
+    @property
+    def state(self) -> State:
+        """State of the drive in the newest tick; OFF before the first."""
+        return State(int(self.last["state"])) if self.last is not None else State.OFF
+
+    @property
+    def trip_bits(self) -> int:
+        """Latched causes; in OFF, what now stands against enabling."""
+        return int(self.last["trip_bits"]) if self.last is not None else 0
+
+    @property
+    def setpoint_seq(self) -> int:
+        """Number of the set-point that the newest tick used."""
+        return int(self.last["setpoint_seq"]) if self.last is not None else 0
+
+    @property
+    def torque_set_Nm(self) -> float:
+        """Torque set-point in force after the ramp."""
+        return float(self.last["torque_set_Nm"]) if self.last is not None else 0.0
+
+    def update(self, block: np.ndarray, lost: int, now_ns: int) -> None:
+        """Take in a block of ticks (shape (n,)) read at `now_ns` (monotonic)."""
+        if lost:
+            self.lost += lost
+            self._events.emit(
+                "ring_loss", f"the supervisor fell behind and lost {lost} ticks", lost=lost
+            )
+        if len(block) == 0:
+            return
+        self._recent.add(block)
+        self._follow_states(block)
+        self.last = block[-1]
+        self.seen_at_ns = now_ns
+        self.ticks += len(block)
+        self._remember_timing(block)
+        self._report_missed(now_ns)
+
+    def forget(self) -> None:
+        """Start anew: the loop was restarted and its counters with it."""
+        self.last = self.trip = None
+        self._recent.forget()
+        self._timing.clear()
+        self._missed_reported = 0
+
+    def _follow_states(self, block: np.ndarray) -> None:
+        before = int(self.state)
+        first_bits = int(self.last["trip_bits"]) if self.last is not None else 0
+        states = block["state"]
+        bits = block["trip_bits"]
+        if (states == before).all() and (bits == first_bits).all():
+            return
+        for row, tick in enumerate(block):
+            state = int(tick["state"])
+            if state != before:
+                self._report_change(State(before), State(state), row, tick)
+            elif state == State.TRIPPED and int(tick["trip_bits"]) & ~first_bits:
+                added = int(tick["trip_bits"]) & ~first_bits
+                values = self._values(added, row)
+                if self.trip is not None:
+                    self.trip = self.trip.further(trip_names(added), values)
+                self._events.emit(
+                    "trip", f"further cause: {trip_words(added)}{_told(values)}",
+                    int(tick["t_ns"]), causes=trip_names(added), values=values,
+                    action=trip_action(added), tick=int(tick["tick"]),
+                )  # fmt: skip
+            before, first_bits = state, int(tick["trip_bits"])
+
+    def _values(self, bits: int, row: int) -> dict[str, dict[str, float]]:
+        """Return value and limit for each cause in `bits`, as of a row of the newest block."""
+        return trip_values(bits, Seen(*self._recent.until(row), self._config))
+
+    def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:
+        where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}
+        t_ns = int(tick["t_ns"])
+        if new is not State.TRIPPED:
+            self.trip = None
+            self._events.emit("state", f"{old.name} -> {new.name}", t_ns, **where)
+            return
+        bits, first = int(tick["trip_bits"]), int(tick["first_trip"])
+        values = self._values(bits, row)
+        account = {
+            "first": trip_names(first), "causes": trip_names(bits), "values": values,
+            "action": trip_action(first or bits),
+        }  # fmt: skip
+        reason = f"{old.name} -> TRIPPED: {trip_words(first or bits)}{_told(values)}"
+        box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **account})
+        self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **account)
+        self._events.emit("trip", reason, t_ns, **where, **account, blackbox=box)
+
+    def _remember_timing(self, block: np.ndarray) -> None:
+        timing = np.empty((len(block), 3))
+        timing[:, 0], timing[:, 1] = block["wake_late_ns"], block["work_ns"]
+        timing[:, 2] = block["torque_Nm"]
+        self._timing.append(timing)
+        kept = sum(len(part) for part in self._timing)
+        while len(self._timing) > 1 and kept - len(self._timing[0]) >= TIMING_S * self._rate_Hz:
+            kept -= len(self._timing.popleft())
+
+    def _report_missed(self, now_ns: int) -> None:
+        missed, since_ns = self.missed, now_ns - self._missed_reported_ns
+        if missed == self._missed_reported or since_ns < self._missed_pause_ns:
+            return
+        quiet = since_ns > 2 * REPORT_LAST_NS
+        self._missed_pause_ns = (
+            REPORT_FIRST_NS if quiet else min(2 * self._missed_pause_ns, REPORT_LAST_NS)
+        )
+        new = missed - self._missed_reported
+        self._missed_reported, self._missed_reported_ns = missed, now_ns
+        self._events.emit(
+            "missed", f"the loop skipped {new} ticks, {missed} since it started",
+            new=new, total=missed,
+        )  # fmt: skip
+
+    @property
+    def missed(self) -> int:
+        """Ticks that the loop skipped since it started."""
+        return int(self.last["missed"]) if self.last is not None else 0
+
+    def trip_in_words(self) -> str:
+        """Return in one line why the bench is tripped, what to do, and where the black box is."""
+        if self.trip is None:
+            return f"{trip_words(self.trip_bits)}; then `motord reset`"
+        return self.trip.in_words()
+
+    def trips(self) -> tuple[list[TripView], str]:
+        """Return the causes that are latched (or stand against enabling) and the first one."""
+        bits = self.trip_bits
+        first = int(self.last["first_trip"]) if self.last is not None else 0
+        causes = [Trip[name] for name in trip_names(bits)]
+        views = [TripView(name=str(t.name), meaning=TRIP_MEANING[t]) for t in causes]
+        return views, "".join(trip_names(first)[:1])
+
+    def tick_view(self) -> TickView | None:
+        """Return the newest tick in short."""
+        t: Any = self.last
+        if t is None:
+            return None
+        return TickView(
+            tick=int(t["tick"]),
+            t_ns=int(t["t_ns"]),
+            angle_rad=_finite(t["angle_rad"]),
+            speed_Hz=_finite(t["speed_rad_s"] / (2 * np.pi)),
+            torque_Nm=_finite(t["torque_Nm"]),
+            torque_set_Nm=_finite(t["torque_set_Nm"]),
+            torque_ripple_Nm=self._ripple_Nm(),
+            i_A=(_finite(t["i_a_A"]), _finite(t["i_b_A"]), _finite(t["i_c_A"])),
+            u_bus_V=_finite(t["u_bus_V"]),
+            temperature_C=_finite(t["temperature_C"]),
+            brake_temperature_C=_finite(t["brake_temperature_C"]),
+            flags=flag_names(int(t["flags"])),
+        )
+
+    def _ripple_Nm(self) -> float | None:
+        with np.errstate(invalid="ignore"):  # a sensor may say anything
+            return _finite(np.std(np.concatenate([part[:, 2] for part in self._timing])))
+
+    def loop_view(self, now_ns: int) -> LoopView:
+        """Return how the loop keeps time."""
+        late_us = p50 = p99 = worst = work = None
+        if self._timing:
+            timing_us = np.concatenate(self._timing)[:, :2] / 1e3
+            late_us, work_us = timing_us[:, 0], timing_us[:, 1]
+            p50, p99 = (round(float(q), 1) for q in np.percentile(late_us, (50, 99)))
+            worst = round(float(late_us.max()), 1)
+            work = round(float(np.percentile(work_us, 99)), 1)
+        return LoopView(
+            rate_Hz=self._rate_Hz,
+            ticks=self.ticks,
+            missed=self.missed,
+            lost_by_supervisor=self.lost,
+            wake_late_us_p50=p50,
+            wake_late_us_p99=p99,
+            wake_late_us_max=worst,
+            work_us_p99=work,
+            age_s=(now_ns - self.seen_at_ns) / 1e9 if self.last is not None else None,
+        )

@@ -1,0 +1,1 @@
+"""The gateway: the process that other computers reach by TLS, its audit and its link."""

@@ -1,0 +1,122 @@
+"""The supervisor's end of the gate: starts it, and makes events of what it reports."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from motord.recorder.protocol import Allowance, Message, MessageReader
+from motord.service.host.child_faults import ChildFaults
+from motord.service.host.events import EventLog
+from motord.service.processes import Children, ChildSpec
+
+PROCESS = "motord.service.gateway.process"
+GATE = "gate"
+STOP_S = 2.0
+EVENTS_PER_S, EVENTS_BURST = 5.0, 100.0
+"""The gateway itself passes on 50 different messages in 10 s."""
+MESSAGE_MAX = 2000
+DATA_MAX = 1000
+
+Datum = Annotated[str, Field(max_length=DATA_MAX)]
+
+
+class AccessData(Message):
+    """Who came, went or was refused, as far as it is known."""
+
+    who: Datum = ""
+    where: Datum = ""
+    role: Datum = ""
+    action: Datum = ""
+    key: Datum = ""
+    reason: Datum = ""
+
+
+class AccessMessage(Message):
+    """What the gate reports, in words and as data for the event."""
+
+    message: Annotated[str, Field(max_length=MESSAGE_MAX)]
+    data: AccessData = AccessData()
+
+
+def gate_spec(config_path: Path) -> ChildSpec:
+    """Return the gate as a child process."""
+    return ChildSpec(
+        name=GATE,
+        command=(
+            sys.executable,
+            "-m",
+            "motord.service.gateway.process",
+            "--config",
+            str(config_path),
+        ),
+        restart="always",
+        stop_timeout_s=STOP_S,
+        consequence="until it is back nobody gets in from other machines",
+        spawn=_spawn,
+    )
+
+
+def _spawn(command: Sequence[str]) -> "subprocess.Popen[bytes]":
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+    assert process.stdout is not None
+    os.set_blocking(process.stdout.fileno(), False)
+    return process
+
+
+class GateLink:
+    """Makes events of what the gate reports. No call waits."""
+
+    def __init__(self, children: Children, events: EventLog) -> None:
+        self._children = children
+        self._events = events
+        self._faults = ChildFaults(GATE, children, events)
+        self._allowance = Allowance(EVENTS_PER_S, EVENTS_BURST)
+        self._left_out = 0
+        self._process: Any = None
+        self._received: MessageReader[AccessMessage] | None = None
+
+    def start(self, now_ns: int) -> None:
+        """Let other machines in."""
+        self._children.start(GATE, now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """Pass on what has come since the last call. `now_ns` is monotonic."""
+        if self._received is None:
+            process = self._children.process(GATE)
+            if process is None or process is self._process:
+                return
+            self._process = process
+            self._received = MessageReader(process.stdout.fileno(), AccessMessage)
+        for message in self._received.read(now_ns):
+            self._emit(message, now_ns)
+        self._faults.step(self._received, now_ns)
+        if self._received.ended:
+            self._close()
+
+    def _emit(self, message: AccessMessage, now_ns: int) -> None:
+        """Make an event of a message, unless there are so many that they drown the others."""
+        if not self._allowance.spend(1.0, now_ns):
+            self._left_out += 1
+            return
+        words = f"{message.message} ({self._left_out} left out before)" * bool(self._left_out)
+        self._left_out = 0
+        data = message.data.model_dump(exclude_unset=True)
+        self._events.emit("access", words or message.message, **data)
+
+    def stop(self, now_ns: int) -> None:
+        """Let nobody in any more."""
+        self._children.stop(GATE)
+        self.step(now_ns)
+        self._close()
+
+    def _close(self) -> None:
+        if self._process is not None:
+            for pipe in (self._process.stdin, self._process.stdout):
+                if pipe is not None:
+                    pipe.close()
+        self._received = None  # the process is remembered: it may be gone before it is looked after

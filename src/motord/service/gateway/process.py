@@ -1,0 +1,192 @@
+"""The gate: the process that other machines reach, by TLS, and the only one.
+
+A Zenoh router of its own. It asks every client for a certificate, lets through what the role allows
+(`motord.security.access`) and passes it on to the daemon over the loopback interface. What comes
+from the network and is not allowed, or is too much, ends here and holds up nothing else. It says
+on its stdout, one JSON object a line, who comes, goes or is refused. When roles or certificates
+change, all connections end and come back under the new ones; when its stdin ends, it ends.
+"""
+
+import argparse
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO
+
+import zenoh
+
+from motord import config as config_file
+from motord.api.endpoints import gate_config
+from motord.config import Config, ConfigError
+from motord.config.bench import TlsConfig
+from motord.recorder.pipe_lines import LineWriter
+from motord.recording.json_encoding import to_line
+from motord.security import roles as roles_file
+from motord.security.error import SecurityError
+from motord.security.identity import check_files
+from motord.service.gateway.audit import LEVELS, GateLog, Throttle
+from motord.service.gateway.link import DATA_MAX, MESSAGE_MAX
+
+STDIN = 0
+BACKLOG_MAX_BYTES = 1 << 20
+LOOK_S = 1.0
+"""How often it looks whether roles or certificates have changed."""
+
+Signature = tuple[tuple[int, int, int], ...]
+
+
+class Speaker:
+    """Writes lines of JSON for the supervisor, from any thread; never waits for it."""
+
+    def __init__(self, out: LineWriter) -> None:
+        self._out = out
+        self._lock = threading.Lock()
+        self._throttle = Throttle()
+        self._lost = 0
+
+    def say(self, message: str, **data: str) -> None:
+        """Tell the supervisor what happened."""
+        with self._lock:
+            words = self._throttle.pass_on(message, time.monotonic_ns())
+            if words is not None:
+                self._write(words, data)
+            if self._out.dropped > self._lost:
+                lost, self._lost = self._out.dropped - self._lost, self._out.dropped
+                self._write(f"{lost} messages about access were lost: the daemon did not take them")
+
+    def flush(self) -> None:
+        """Write what the supervisor did not take before."""
+        with self._lock:
+            self._out.flush()
+
+    def _write(self, words: str, data: Mapping[str, str] | None = None) -> None:
+        told = {key: value[:DATA_MAX] for key, value in (data or {}).items()}
+        self._out.write(to_line({"message": words[:MESSAGE_MAX], "data": told}))
+
+
+def take_over_stdout() -> tuple[IO[str], IO[bytes]]:
+    """Let what Zenoh logs to stdout arrive here; return (Zenoh's log, the real stdout)."""
+    out = os.fdopen(os.dup(1), "wb", 0)
+    reader, writer = os.pipe()
+    os.dup2(writer, 1)
+    os.close(writer)
+    return os.fdopen(reader, errors="replace"), out
+
+
+def listen_to(log: IO[str], reads: GateLog, speaker: Speaker) -> None:
+    """Pass on what Zenoh's log says about refusals, until it ends."""
+    for line in log:
+        refused = reads.read(line)
+        if refused is not None:
+            speaker.say(refused.message, **refused.data)
+
+
+def greet(event: zenoh.LinkEvent, reads: GateLog, speaker: Speaker) -> None:
+    """Tell who comes and who goes."""
+    link = event.link
+    if not link.src.startswith("tls/"):
+        return
+    name, where = link.auth_identifier or "somebody", link.dst.removeprefix("tls/")
+    role = reads.roles.get(name, "")
+    if event.kind == zenoh.SampleKind.DELETE:
+        reads.names.pop(str(link.zid), None)
+        speaker.say(f"{name} at {where} has gone", who=name, where=where)
+        return
+    reads.names[str(link.zid)] = name
+    words = f"{name} ({role}) has come, from {where}"
+    if not role:
+        words = f"{name} has come, from {where}, but has no role here and may do nothing"
+    speaker.say(words, who=name, role=role, where=where)
+
+
+def signature(tls: TlsConfig) -> Signature:
+    """Return what changes when one of the files changes."""
+    found = []
+    for path in (tls.ca, tls.certificate, tls.key, tls.roles):
+        try:
+            status = path.stat()
+        except OSError:
+            found.append((0, 0, 0))
+        else:
+            found.append((status.st_mtime_ns, status.st_size, status.st_ino))
+    return tuple(found)
+
+
+def check(tls: TlsConfig) -> dict[str, roles_file.Role]:
+    """Return the roles if the files of access can be used. Raises SecurityError."""
+    check_files(tls.ca, tls.certificate, tls.key)
+    return roles_file.read(tls.roles)
+
+
+def _until_told_or_changed(
+    tls: TlsConfig, before: Signature, meanwhile: Callable[[], None]
+) -> bool:
+    """Wait until a file has changed (True) or stdin has ended (False)."""
+    while True:
+        meanwhile()
+        readable, _, _ = select.select([STDIN], [], [], LOOK_S)
+        if readable and not os.read(STDIN, 1024):
+            return False
+        if signature(tls) != before:
+            return True
+
+
+def keep(config: Config, speaker: Speaker, log: IO[str]) -> None:
+    """Let clients in until stdin ends. Raises SecurityError, zenoh.ZError."""
+    assert config.zenoh.tls is not None
+    reads = GateLog({})
+    threading.Thread(
+        target=listen_to, args=(log, reads, speaker), name="motord-gate-log", daemon=True
+    ).start()
+    zenoh.init_log_from_env_or(LEVELS)
+    while _keep_unchanged(config, config.zenoh.tls, reads, speaker):
+        speaker.say("roles or certificates have changed; all must come again")
+
+
+def _keep_unchanged(config: Config, tls: TlsConfig, reads: GateLog, speaker: Speaker) -> bool:
+    """Let clients in under the files as they are; return whether these have changed."""
+    before = signature(tls)
+    roles = check(tls)
+    reads.roles = {name: str(role) for name, role in roles.items()}
+    with zenoh.open(gate_config(config, roles)) as session:
+        listener = session.info.declare_link_events_listener(
+            lambda event: greet(event, reads, speaker), history=True
+        )
+        speaker.say(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
+        changed = _until_told_or_changed(tls, before, speaker.flush)
+        listener.undeclare()  # type: ignore[no-untyped-call]
+    return changed
+
+
+def _count(roles: dict[str, roles_file.Role]) -> str:
+    counts = [f"{list(roles.values()).count(role)} {role}s" for role in roles_file.Role]
+    return f"for {' and '.join(counts)}"
+
+
+def main() -> int:
+    """Run the gate of the bench file that `--config` names."""
+    parser = argparse.ArgumentParser(description="The gate for other machines.")
+    parser.add_argument("--config", type=Path, required=True)
+    path = parser.parse_args().config
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.environ.pop("RUST_LOG", None)
+    log, out = take_over_stdout()
+    os.set_blocking(out.fileno(), False)
+    speaker = Speaker(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
+    try:
+        keep(config_file.load(path), speaker, log)
+    except (ConfigError, SecurityError, zenoh.ZError) as error:
+        speaker.say(f"closed to other machines: {str(error).split(' at /')[0]}")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The computer that the daemon runs on: log, service manager, scheduling, descriptors."""

@@ -1,0 +1,63 @@
+"""The daemon's events: kept for those who ask later, and passed on to whoever listens."""
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from motord.api.messages import Event
+from motord.service.host.log import log_error
+
+KEPT = 500
+_LOG = logging.getLogger("motord")
+
+_LOG_LEVEL = {
+    "trip": logging.ERROR,
+    "fault": logging.ERROR,
+    "fault_injected": logging.WARNING,
+    "process": logging.WARNING,
+    "access": logging.WARNING,
+    "device": logging.WARNING,
+    "missed": logging.WARNING,
+    "ring_loss": logging.WARNING,
+}
+
+Listener = Callable[[Event], None]
+
+
+class EventLog:
+    """Events of this run, the newest `KEPT` in memory; each goes to the log and the listeners."""
+
+    def __init__(self, unix_ns: Callable[[], int]) -> None:
+        self._unix_ns = unix_ns
+        self._kept: deque[Event] = deque(maxlen=KEPT)
+        self.listeners: list[Listener] = []
+        self._erred: list[Listener] = []  # whose error has been logged
+
+    def emit(self, kind: str, message: str, t_ns: int | None = None, **data: Any) -> None:
+        """Note that something happened, now or at `t_ns` (Unix ns)."""
+        event = Event(
+            t_ns=self._unix_ns() if t_ns is None else t_ns, kind=kind, message=message, data=data
+        )
+        self._kept.append(event)
+        _LOG.log(_LOG_LEVEL.get(kind, logging.INFO), "%s: %s", kind, _one_line(message))
+        for listener in self.listeners:
+            self._tell(listener, event)
+
+    def _tell(self, listener: Listener, event: Event) -> None:
+        """Pass an event on; a listener that errs keeps it from nobody else."""
+        try:
+            listener(event)
+        except Exception as error:
+            if listener not in self._erred:
+                self._erred.append(listener)
+                log_error("in who listens to events", error)
+
+    def recent(self) -> list[Event]:
+        """Return the kept events, the oldest first. May be called from any thread."""
+        return list(self._kept)
+
+
+def _one_line(message: str) -> str:
+    """Return a message without what could pass for another line of the log, or move the cursor."""
+    return "".join(c if c.isprintable() else "?" for c in message)

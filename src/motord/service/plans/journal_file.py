@@ -1,0 +1,156 @@
+"""The journal's file, written by a thread: a disk that stalls holds nobody up."""
+
+import errno
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from motord.recorder.background import Background
+from motord.recording.json_encoding import to_json
+from motord.service.plans.journal import PlanNote, Story, Stretch, read
+
+BACKLOG_BYTES = 1 << 20
+
+
+class Journal:
+    """The journal at `path`, of the plan under way or of the last one.
+
+    `story` is None if there is no plan to tell of. `error` says why the newest line is not on the
+    disk; `settle` waits until it is, or cannot be.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._disk = _Disk(path)
+        self._writer = Background(BACKLOG_BYTES)
+        self.story: Story | None = None
+
+    @property
+    def error(self) -> str:
+        """Why the newest line is not on the disk, "" if it is or will be."""
+        return self._disk.error
+
+    def load(self) -> None:
+        """Take in what is on the disk; without a file, or one that makes no sense, nothing."""
+        text = read(self._disk.content())
+        self.story, self._disk.size = text.story, text.size
+
+    def begin(self, plan: PlanNote, recording: str) -> None:
+        """A plan begins; the one before is forgotten."""
+        self.story = Story(plan, (Stretch(recording),))
+        note = plan.model_dump(mode="json")
+        line = _line({"kind": "plan", "plan": note, "recording": recording})
+        self._writer.do(lambda: self._disk.begin(line), len(line))
+
+    def point(self, point: Mapping[str, Any]) -> None:
+        """An operating point was taken."""
+        self._tell({"kind": "point", "point": point})
+
+    def resumed(self, recording: str, by: str, t_ns: int) -> None:
+        """The plan goes on, in another recording."""
+        self._tell({"kind": "resumed", "recording": recording, "by": by, "t_ns": t_ns})
+
+    def recorder_died(self, t_ns: int) -> None:
+        """What was told to the recorder last may not be in the recording."""
+        self._tell({"kind": "recorder_died", "t_ns": t_ns})
+
+    def end(self, state: str, message: str, t_ns: int) -> None:
+        """The plan has ended: done, aborted or failed."""
+        self._tell({"kind": "end", "state": state, "message": message, "t_ns": t_ns})
+
+    def forget(self) -> None:
+        """There is no plan to be resumed any more."""
+        self.story = None
+        self._writer.do(self._disk.remove)
+
+    def settle(self) -> None:
+        """Wait until everything is on the disk, or cannot be."""
+        self._writer.settle()
+
+    def _tell(self, content: Mapping[str, Any]) -> None:
+        if self.story is None:
+            return
+        line = _line(content)
+        self.story = self.story.told(json.loads(line))
+        self._writer.do(lambda: self._disk.append(line), len(line))
+
+
+class _Disk:
+    """A file of lines, used by one thread at a time. `error`: why the last action failed.
+
+    `size` bytes of it are lines that were written whole, None if it is not this plan's file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.size: int | None = None
+        self.error = ""
+
+    def content(self) -> bytes:
+        """Return what is in the file."""
+        content = b""
+        with self._explained():
+            if self.path.exists():
+                content = self.path.read_bytes()
+        return content
+
+    def begin(self, line: bytes) -> None:
+        """Put a file with one line in the place of the one there is."""
+        self.size = None
+        temporary = self.path.with_suffix(".new")
+        with self._explained():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            _write(temporary, line, 0)
+            temporary.replace(self.path)
+            self._sync_folder()
+            self.size = len(line)
+
+    def append(self, line: bytes) -> None:
+        """Add a line after those that were written whole."""
+        if self.size is None:
+            return
+        with self._explained():
+            _write(self.path, line, self.size)
+            self.size += len(line)
+
+    def remove(self) -> None:
+        """Remove the file."""
+        self.size = None
+        with self._explained():
+            if self.path.exists():
+                self.path.unlink()
+                self._sync_folder()
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        self.error = ""
+        try:
+            yield
+        except OSError as error:
+            self.error = f"{self.path}: {error.strerror}"
+
+    def _sync_folder(self) -> None:
+        folder = os.open(self.path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def _write(path: Path, line: bytes, offset: int) -> None:
+    """Write a line at `offset`, cutting off what is there, and have the disk hold it."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        os.ftruncate(descriptor, offset)
+        if os.pwrite(descriptor, line, offset) < len(line):
+            os.ftruncate(descriptor, offset)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _line(content: Mapping[str, Any]) -> bytes:
+    return to_json(content).encode() + b"\n"

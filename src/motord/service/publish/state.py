@@ -1,0 +1,109 @@
+"""The full state of bench and daemon, as it is published."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+from motord.api.messages import (
+    ClockView,
+    DeviceView,
+    LeaseView,
+    ProcessView,
+    RecordingView,
+    State,
+    TorqueSensorView,
+)
+from motord.config import Config
+from motord.service.bench.bench import Bench
+from motord.service.bench.calibrations import CalibrationStore
+
+RecordingSource = Callable[[], RecordingView]
+ProcessSource = Callable[[], dict[str, ProcessView]]
+
+
+@dataclass
+class StateView:
+    """Where each part of the state comes from. Times are monotonic ns, but for `unix_ns`."""
+
+    bench: Bench
+    calibrations: CalibrationStore
+    processes: ProcessSource
+    recording: RecordingSource
+    realtime: Callable[[], dict[str, Any]]
+    dropped: Callable[[], int]
+    started_ns: int
+    unix_ns: Callable[[], int]
+    bridge_clock: Callable[[], ClockView | None] = lambda: None
+    faults: Callable[[], dict[str, str]] = dict
+
+    def build(self, now_ns: int) -> State:
+        """Return the state now."""
+        bench, config = self.bench, self.bench.config
+        trips, first = bench.watch.trips()
+        holder = bench.in_command(now_ns)
+        return State(
+            bench=config.bench.name,
+            motor=f"{config.motor.name} {config.motor.serial}".strip(),
+            simulated=config.simulated,
+            version=_version(),
+            t_ns=self.unix_ns(),
+            uptime_s=round((now_ns - self.started_ns) / 1e9, 1),
+            state=bench.state.name,
+            fault=bench.fault,
+            trips=trips,
+            first_trip=first,
+            trip=bench.watch.trip,
+            tick=bench.watch.tick_view(),
+            torque_sensor=TorqueSensorView(
+                highpass_time_constant_s=config.torque_sensor.highpass_time_constant_s
+            ),
+            setpoint=bench.setpoint_view(),
+            lease=LeaseView(
+                holder=holder,
+                remaining_s=round(bench.lease.remaining_s(now_ns), 2),
+                duration_s=config.zenoh.lease_s,
+            ),
+            plan=bench.plans.view,
+            loop=bench.watch.loop_view(now_ns),
+            realtime=self.realtime(),
+            recording=self.recording(),
+            calibration=self.calibrations.view(),
+            brake=device_view(bench, config, "brake", now_ns),
+            drive=device_view(bench, config, "drive", now_ns),
+            bridge_clock=self.bridge_clock(),
+            processes=self.processes(),
+            faults=self.faults(),
+            telemetry_dropped=self.dropped(),
+        )
+
+
+def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceView:
+    """Return a slow device, on a wire, in the simulated rig or not there."""
+    if name in bench.devices:
+        return bench.devices[name].view(now_ns)
+    return DeviceView(health="simulated" if bench.has(name) else "none")
+
+
+def essence(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
+    """Return what makes a state worth publishing at once when it changes; cheap to make."""
+    plan = bench.plans.view
+    return (
+        bench.state,
+        bench.fault,
+        bench.watch.trip_bits,
+        bench.in_command(now_ns),
+        bench.setpoint.torque_Nm,
+        bench.setpoint.speed_Hz,
+        bench.setpoint.drive_Hz,
+        bench.setpoint.compensate,
+        (plan.plan, plan.state, plan.points_done) if plan is not None else None,
+        bench.calibrated,
+        recording_path,
+    )
+
+
+@cache
+def _version() -> str:
+    return version("motord")

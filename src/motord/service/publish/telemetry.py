@@ -1,0 +1,108 @@
+"""What the daemon publishes, put by a thread of its own.
+
+The supervisor hands over and goes on: a bounded queue lies between, and a full one loses its oldest
+entry, counted. So neither a slow network nor a stopped subscriber reaches the supervisor.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from motord.schema import TICK
+from motord.service.host.log import log_error
+from motord.wire.ticks.blocks import BlockCodec
+
+CAPACITY = 512
+STOP_S = 2.0
+
+Put = Callable[[str, bytes], None]
+"""Publishes a payload under the name of a key; may block for a while."""
+
+
+class Telemetry:
+    """Blocks of ticks and JSON documents on their way out.
+
+    Each tick goes out once under `ticks`, in blocks of `block_s`, and every so many-th one under
+    `tick`, so that `tick_rate_Hz` come out of `rate_Hz`.
+    """
+
+    def __init__(self, put: Put, rate_Hz: float, tick_rate_Hz: float, block_s: float) -> None:
+        self._put = put
+        self._codec = BlockCodec(TICK)
+        self._every = max(1, round(rate_Hz / tick_rate_Hz))
+        self._block_ticks = max(1, round(rate_Hz * block_s))
+        self._queue: deque[np.ndarray | tuple[str, bytes]] = deque()
+        self._changed = threading.Condition()
+        self._stopping = False
+        self._failing = False
+        self._pending: list[np.ndarray] = []
+        self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name="motord-telemetry", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Publish what is waiting, as far as a moment suffices, and end the thread."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        self._thread.join(STOP_S)
+
+    def ticks(self, block: np.ndarray) -> None:
+        """Hand over a block of ticks (shape (n,)), which nobody may change any more."""
+        if len(block):
+            self._hand_over(block)
+
+    def json(self, name: str, document: bytes) -> None:
+        """Hand over a JSON document for key `name`."""
+        self._hand_over((name, document))
+
+    def _hand_over(self, item: np.ndarray | tuple[str, bytes]) -> None:
+        with self._changed:
+            if len(self._queue) >= CAPACITY:
+                self._queue.popleft()
+                self.dropped += 1
+            self._queue.append(item)
+            self._changed.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                while not self._queue and not self._stopping:
+                    self._changed.wait()
+                if not self._queue:
+                    break
+                item = self._queue.popleft()
+            self._publish(item)
+        self._flush()
+
+    def _publish(self, item: np.ndarray | tuple[str, bytes]) -> None:
+        try:
+            if isinstance(item, tuple):
+                self._put(*item)
+            else:
+                self._take_ticks(item)
+        except Exception as error:  # what cannot be published must not end all telemetry
+            if not self._failing:
+                log_error("in the telemetry", error)
+            self._failing = True
+            self._pending = []
+            self.dropped += 1
+        else:
+            self._failing = False
+
+    def _take_ticks(self, block: np.ndarray) -> None:
+        for tick in block[block["tick"] % self._every == 0]:
+            self._put("tick", self._codec.encode(np.array([tick], block.dtype)).tobytes())
+        self._pending.append(block)
+        if sum(len(part) for part in self._pending) >= self._block_ticks:
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._pending:
+            self._put("ticks", self._codec.encode_list(np.concatenate(self._pending)))
+            self._pending = []

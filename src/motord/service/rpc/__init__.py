@@ -1,0 +1,1 @@
+"""RPCs: taken in, dispatched, answered."""

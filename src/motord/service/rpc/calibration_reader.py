@@ -1,0 +1,81 @@
+"""Reads what is to be installed as a calibration in a process of its own.
+
+It may be megabytes of anything: to parse it in the supervisor would hold up its heartbeat. What
+goes to the process and what comes back is pickled, as between processes of one program: it comes
+from this module at the other end of a pipe that nobody else has.
+"""
+
+import os
+import pickle
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+
+from motord.api.refusal import Refusal
+from motord.api.requests import CalibrationInstall, max_request_bytes, parse
+from motord.calibration import Calibration, CalibrationError
+from motord.config import MotorConfig
+from motord.service.bench.calibrations import check_given
+
+READ_S = 30.0
+"""Reading takes a second or two, most of it to start the process."""
+MEMORY_BYTES = 1024**3
+"""For the process and what it makes of the longest calibration, several times over."""
+NICE = 20
+"""Below what anybody else does, also when begun by a thread that was lifted."""
+
+Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
+"""Returns token and calibration of a request to install one. Raises Refusal."""
+
+
+def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
+    """Read a request of the form `CalibrationInstall`, here and now."""
+    request = parse("calibration/install", payload, max_request_bytes(motor.counts))
+    assert isinstance(request, CalibrationInstall)
+    try:
+        return request.token, check_given(motor, request.calibration, request.path)
+    except CalibrationError as error:
+        raise Refusal("invalid", str(error)) from None
+
+
+def read_elsewhere(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
+    """Read a request in a process of its own, which ends with it; for a thread that may wait."""
+    command = (sys.executable, "-m", "motord.service.rpc.calibration_reader")
+    try:
+        done = subprocess.run(
+            command,
+            input=pickle.dumps((payload, motor)),
+            stdout=subprocess.PIPE,
+            timeout=READ_S,
+            check=True,
+        )
+        outcome = pickle.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        raise Refusal("timeout", f"the calibration was not read in {READ_S:g} s") from None
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise Refusal("failed", f"no process could read the calibration: {error}") from None
+    if isinstance(outcome, Refusal):
+        raise outcome
+    token, calibration = outcome
+    return token, calibration
+
+
+def main() -> int:
+    """Read what comes on stdin, write what it is to stdout, both pickled."""
+    os.nice(NICE)
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
+    payload, motor = pickle.load(sys.stdin.buffer)
+    outcome: Refusal | tuple[str, Calibration]
+    try:
+        outcome = read(payload, motor)
+    except Refusal as refusal:
+        outcome = refusal
+    except MemoryError:
+        outcome = Refusal("invalid", "calibration/install: takes too much memory to read")
+    pickle.dump(outcome, sys.stdout.buffer)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
