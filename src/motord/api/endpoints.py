@@ -12,6 +12,8 @@ from motord.security.identity import Identity
 from motord.security.roles import Role
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+UNIX_SOCKET = "unixsock-stream/"
+"""What the endpoint of a Unix socket begins with; its path follows."""
 KEY_ROOT = "motord"
 AGAIN = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 """When a client whose connection has ended tries again."""

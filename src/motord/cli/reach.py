@@ -23,7 +23,8 @@ Connect = Annotated[
         "--connect",
         envvar="MOTORD_CONNECT",
         metavar="ENDPOINT",
-        help="Where its daemon listens; tls/HOST:7448 from another machine.",
+        help="Where its daemon listens: tcp/127.0.0.1:7447, unixsock-stream//PATH of a socket, "
+        "or tls/HOST:7448 from another machine.",
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]

@@ -7,8 +7,8 @@ import socket
 import ssl
 from pathlib import Path
 
+from motord.api.endpoints import UNIX_SOCKET
 from motord.security.identity import Identity
-from motord.service.host.unix_socket import SCHEME
 
 PATIENCE_S = 3.0
 _ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")
@@ -24,9 +24,9 @@ _ALERTS = (
 
 def why_no_socket(endpoint: str) -> str:
     """Return why a Unix socket cannot be connected to by this user, "" if that is not why."""
-    if not endpoint.startswith(SCHEME):
+    if not endpoint.startswith(UNIX_SOCKET):
         return ""
-    path = Path(endpoint.removeprefix(SCHEME))
+    path = Path(endpoint.removeprefix(UNIX_SOCKET))
     nearest = next((p for p in (path, *path.parents) if _there(p)), path)
     if os.access(nearest, os.W_OK if nearest == path else os.X_OK):
         return ""

@@ -170,10 +170,14 @@ def torque_answer(sweeps: Sequence[np.ndarray], counts: int) -> TorqueAnswer:
 def _swings(ticks: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
     """Return acceleration and speed (n, 2), and torque (n,) of a sweep, less drift and mean.
 
-    All are means over the same triangle of +-HALF_S; samples are HALF_S apart.
+    All are means over the same triangle of +-HALF_S; samples are HALF_S apart. Ticks between two
+    samples of the encoder repeat the time of the first.
     """
+    ticks = ticks[np.diff(ticks["t_ns"], prepend=0) > 0]
+    if ticks.size < 2:
+        return np.zeros((0, 2)), np.zeros(0)
     t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
-    if t_s.size < 2 or t_s[-1] < 10 * HALF_S:
+    if t_s[-1] < 10 * HALF_S:
         return np.zeros((0, 2)), np.zeros(0)
     period_s = float(np.median(np.diff(t_s)))
     half = max(round(HALF_S / period_s), 1)

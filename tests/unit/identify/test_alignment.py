@@ -188,6 +188,14 @@ def test_stops_are_where_the_command_stays(sweeps: list) -> None:
     assert torque_answer([sweeps[0][:100]], 4096).way == 0
 
 
+def test_ticks_between_samples_of_the_encoder_change_nothing(sweeps: list) -> None:
+    """Two ticks of three came without a new sample: they repeat the newest, its time included."""
+    plain, repeated = (
+        torque_answer([np.repeat(t, often) for t in sweeps], 4096) for often in (1, 3)
+    )
+    assert (plain.way, plain.explained) == (repeated.way, repeated.explained)
+
+
 def test_a_fit_that_does_not_end_is_refused(sweeps: list, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(alignment, "ITERATIONS", 3)
     with pytest.raises(IdentifyError, match="no encoder offset fits the rests"):

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-SCHEME = "unixsock-stream/"
+from motord.api.endpoints import UNIX_SOCKET
+
 MODE = 0o660
 
 
@@ -21,7 +22,7 @@ class SocketError(Exception):
 
 def paths(endpoints: Sequence[str]) -> list[Path]:
     """Return the paths of the Unix sockets among Zenoh endpoints."""
-    return [Path(e.removeprefix(SCHEME)) for e in endpoints if e.startswith(SCHEME)]
+    return [Path(e.removeprefix(UNIX_SOCKET)) for e in endpoints if e.startswith(UNIX_SOCKET)]
 
 
 @contextmanager
