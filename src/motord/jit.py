@@ -74,7 +74,7 @@ def jit_holding_gil(function: _Kernel) -> _Kernel:
     return cast("_Kernel", numba.njit(cache=True, error_model="numpy")(function))
 
 
-class Frame:
+class ArgumentBlock:
     """Arguments of a compiled function that stay the same from call to call.
 
     To check and unwrap an array costs a call about 0.2 us, an integer 0.02 us. So a function that

@@ -10,7 +10,7 @@ from motord.config import Config, load, packaged
 from motord.plans import Plan
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
-from motord.virtual.mesh import Piece, run_points
+from motord.virtual.mesh import MeshPiece, run_points
 
 CHUNK_S = 1.0
 """Time that one chunk of a recording spans; nothing here dies, so chunks may be large."""
@@ -20,20 +20,20 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Source:
+class PlanSource:
     """A bench, and the text of the file that it was read from."""
 
     config: Config
     text: str
 
     @classmethod
-    def of(cls, path: Path | None = None) -> "Source":
+    def of(cls, path: Path | None = None) -> "PlanSource":
         """Return the bench of a file, or the packaged simulated bench. Raises ConfigError."""
         return cls(load(path), (path or packaged("sim.toml")).read_text(encoding="utf-8"))
 
 
 def record_plan(
-    source: Source,
+    source: PlanSource,
     plan: Plan,
     path: Path,
     seed: int,
@@ -63,7 +63,7 @@ def record_plan(
     return ticks / config.loop.rate_Hz
 
 
-def _write(writer: RunWriter, piece: Piece, rate_Hz: int) -> None:
+def _write(writer: RunWriter, piece: MeshPiece, rate_Hz: int) -> None:
     """Write a piece by the second, as a recorder would, so that no chunk is large."""
     for first in range(0, piece.ticks.size, rate_Hz):
         writer.ticks(piece.ticks[first : first + rate_Hz])

@@ -25,7 +25,7 @@ import numpy as np
 
 from motord import config
 from motord.control.types import SETPOINT
-from motord.loop.latency.measurement import Slices, choose_cpu, median_of_slices_us
+from motord.loop.latency.measurement import MeasuredSlices, choose_cpu, median_of_slices_us
 from motord.loop.steal_time import stolen_ticks
 from motord.shm.histogram import TimeHistogram
 from motord.shm.mailbox import MailboxReader
@@ -68,7 +68,7 @@ class Disturbance:
 class Seen:
     """Slices of the loop, and how old the heartbeat was at each look in the clean ones, ms."""
 
-    loop: Slices = field(default_factory=Slices)
+    loop: MeasuredSlices = field(default_factory=MeasuredSlices)
     heartbeat_ms: list[float] = field(default_factory=list)
 
 
@@ -236,8 +236,8 @@ def _p99(values: list[float]) -> float:
 
 def _ratio(
     what: str,
-    quiet: Slices,
-    disturbed: Slices,
+    quiet: MeasuredSlices,
+    disturbed: MeasuredSlices,
     of: Callable[[Timing], TimeHistogram],
     why: str,
 ) -> Figure:

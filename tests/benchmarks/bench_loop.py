@@ -23,7 +23,7 @@ from motord.loop.hybrid_sleep import Waker
 from motord.loop.latency.measurement import choose_cpu
 from motord.loop.launch import start_loop
 from motord.loop.pacer import Pacer
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.loop.tick_kernel import NO_WORK, beat
 from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.ring import RingReader, RingWriter
@@ -153,14 +153,14 @@ class Followed:
                     process.wait()
                 self._follow(run_dir)
                 status = LoopStatus.read(run_dir.loop_status)
-        if status is None or status.phase != Phase.STOPPED:
+        if status is None or status.phase != LoopPhase.STOPPED:
             raise RuntimeError(f"the loop failed: {status.error if status else 'no status'}")
         return status
 
     def _follow(self, run_dir: RunDir) -> None:
         if self._reader is None:
             status = LoopStatus.read(run_dir.loop_status)
-            if status is None or status.phase != Phase.READY:
+            if status is None or status.phase != LoopPhase.READY:
                 return
             self._reader = RingReader(run_dir.ring, "oldest")
         block, lost = self._reader.read()

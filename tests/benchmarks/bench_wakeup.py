@@ -11,7 +11,13 @@ import math
 import numpy as np
 
 from motord import config
-from motord.loop.latency.measurement import Measured, Plan, Slices, measure, median_of_slices_us
+from motord.loop.latency.measurement import (
+    Measured,
+    MeasuredSlices,
+    MeasurementPlan,
+    measure,
+    median_of_slices_us,
+)
 from motord.loop.latency.report import ratio_of_medians, report
 from tests.benchmarks.figure import Figure, number
 
@@ -30,7 +36,7 @@ def figures(quick: bool) -> list[Figure]:
         compare = rate_Hz in COMPARED_Hz
         seconds = QUICK_S if quick else COMPARED_S if compare else ALONE_S
         loop = config.load().loop.model_copy(update={"rate_Hz": rate_Hz})
-        measured = measure(Plan(loop, seconds, compare))
+        measured = measure(MeasurementPlan(loop, seconds, compare))
         if compare:
             found += compared(measured)
         found += alone(measured)
@@ -105,11 +111,11 @@ def alone(measured: Measured) -> list[Figure]:
     ]
 
 
-def _late_us(slices: Slices, fraction: float) -> float:
+def _late_us(slices: MeasuredSlices, fraction: float) -> float:
     return median_of_slices_us([part.wake_late for part in slices.clean], fraction)
 
 
-def _missed(slices: Slices) -> float:
+def _missed(slices: MeasuredSlices) -> float:
     return float(np.median([part.missed for part in slices.clean])) if slices.clean else math.nan
 
 

@@ -32,9 +32,9 @@ from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.hal.bridge.serial import SerialBridge
 from motord.hal.inverter.phase_currents import CanInverter
-from motord.loop.latency.measurement import Slices, median_of_slices_us
+from motord.loop.latency.measurement import MeasuredSlices, median_of_slices_us
 from motord.loop.launch import start_loop
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.loop.steal_time import stolen_ticks
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
@@ -67,7 +67,7 @@ class Step:
 
     rate_Hz: int
     emulated: bool = False
-    slices: Slices = field(default_factory=Slices)
+    slices: MeasuredSlices = field(default_factory=MeasuredSlices)
     peer: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -170,7 +170,7 @@ def await_loop(run_dir: RunDir, process: "subprocess.Popen[bytes]") -> None:
     end_s = time.monotonic() + START_S
     while process.poll() is None and time.monotonic() < end_s:
         status = LoopStatus.read(run_dir.loop_status)
-        if status is not None and status.phase is Phase.READY:
+        if status is not None and status.phase is LoopPhase.READY:
             return
         time.sleep(0.05)
     status = LoopStatus.read(run_dir.loop_status)

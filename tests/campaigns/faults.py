@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.config.faults import KINDS, Timeline, random_timeline
-from motord.control.interlock_table import INTERLOCKS, Source
+from motord.control.interlock_table import INTERLOCKS, EvidenceSource
 from motord.control.observer import POSITION_AGE_MAX_S
 from motord.schema import Request, State, Trip
 from tests.campaigns import fault_wire, seeds
@@ -240,9 +240,9 @@ pattern; tracks too fine for the speed are left out.
 )
 
 SOURCES = {
-    Source.LOOP: "ticks",
-    Source.BRIDGE: "samples of the bridge",
-    Source.INVERTER: "feedback of the inverter",
+    EvidenceSource.LOOP: "ticks",
+    EvidenceSource.BRIDGE: "samples of the bridge",
+    EvidenceSource.INVERTER: "feedback of the inverter",
 }
 
 _MATRIX = f"""## What each leads to

@@ -16,7 +16,7 @@ from motord.identify.inertia_decay import mean_frequency
 from motord.identify.inertia_oscillation import Oscillation, Release, combine, waves_of
 from motord.identify.inertia_push import accelerate
 from motord.identify.inertia_report import DIFFERENCE, explanations
-from motord.identify.inertia_springs import Setup
+from motord.identify.inertia_springs import SpringSetup
 from motord.identify.ripple import harmonics_table
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds
@@ -35,7 +35,7 @@ DRAWS = 200
 TRUTH_KG_M2 = 0.0105
 
 
-def wrongly_told(rng: np.random.Generator) -> Setup:
+def wrongly_told(rng: np.random.Generator) -> SpringSetup:
     """Return the packaged set-up as somebody may have measured it, within the tolerances."""
     true = told()
     t = true.tolerances

@@ -18,7 +18,7 @@ from motord.analysis.sensitivity_result import Sensitivity
 from motord.identify.result import CalibrationResult
 from motord.plans import build
 from motord.recording.reader import open_run
-from motord.simulate import Source, record_plan
+from motord.simulate import PlanSource, record_plan
 from motord.virtual import processors
 from tests.campaigns import seeds
 
@@ -34,7 +34,7 @@ DIFFERENCE_PERCENT = 0.2
 
 def experiment(seed: int, folder: Path) -> tuple[CalibrationResult, Sensitivity]:
     """Calibrate and induce errors on the packaged rig."""
-    source = Source.of()
+    source = PlanSource.of()
     subject = Subject.of_config(source.config)
     first, second = folder / f"calibrate-{seed}.mcap", folder / f"sensitivity-{seed}.mcap"
     with processors() as pool:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.emulate.bench import Reading
+from motord.emulate.bench import SensorReading
 from motord.emulate.board import Board
 from motord.emulate.process import Emulator
 from motord.schema import State, Trip
@@ -55,7 +55,7 @@ class CoreLink:
         self._pass_on()
         return ()
 
-    def sample(self, _board: Board, reading: Reading, now_ns: int) -> None:
+    def sample(self, _board: Board, reading: SensorReading, now_ns: int) -> None:
         """Let the tick interrupt come."""
         self.device.now_us = (now_ns - START_NS) // 1000 % CLOCK
         torque = min(max(reading.torque_counts + (1 << 15), 0), (1 << 16) - 1)

@@ -13,7 +13,7 @@ from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.loop.launch import start_loop
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.recorder.launch import RecorderLink, recorder_command, spawn_recorder
 from motord.recorder.protocol import RecorderReport
 from motord.shm.mailbox import MailboxWriter
@@ -53,7 +53,7 @@ class RecordedLoop:
         self._beat()
         self._loop = start_loop(config_path, run_dir)
         self._ring: RingReader | None = None
-        self.go_on(until=lambda: self._phase() in (Phase.READY, Phase.FAILED))
+        self.go_on(until=lambda: self._phase() in (LoopPhase.READY, LoopPhase.FAILED))
         self._ring = RingReader(run_dir.ring, "oldest")
 
     @property
@@ -116,9 +116,9 @@ class RecordedLoop:
             for report in self._link.reports(time.monotonic_ns()):
                 self.report = report
 
-    def _phase(self) -> Phase:
+    def _phase(self) -> LoopPhase:
         status = LoopStatus.read(self._run_dir.loop_status)
-        return status.phase if status and status.pid == self._loop.pid else Phase.STARTING
+        return status.phase if status and status.pid == self._loop.pid else LoopPhase.STARTING
 
 
 @contextmanager

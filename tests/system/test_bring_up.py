@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.api.messages import State
+from motord.api.messages import BenchState
 from motord.calibration import load as load_calibration
 from motord.client import connect
 from motord.config import load, packaged
@@ -167,7 +167,7 @@ class Reader:
             stalls.forgive(where, cause, kept, BENCH_STALE_S, state.loop.missed)
             assert self._shell("motord reset").returncode == 0
 
-    def _state(self) -> State:
+    def _state(self) -> BenchState:
         with connect(None, self._environment["MOTORD_CONNECT"]) as client:
             return client.state()
 

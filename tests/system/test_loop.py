@@ -16,7 +16,7 @@ from motord.control import parameters
 from motord.control.states import Request
 from motord.control.types import SETPOINT
 from motord.loop.launch import start_loop
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.schema import Flag, State, Trip
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
@@ -63,8 +63,10 @@ class Supervisor:
         self.mailbox.write(self.setpoint)
         with start_loop(self.config_path, self.run_dir) as process:
             try:
-                self.wait_for(lambda: self.status(process) in (Phase.READY, Phase.FAILED), process)
-                assert self.status(process) == Phase.READY, LoopStatus.read(
+                self.wait_for(
+                    lambda: self.status(process) in (LoopPhase.READY, LoopPhase.FAILED), process
+                )
+                assert self.status(process) == LoopPhase.READY, LoopStatus.read(
                     self.run_dir.loop_status
                 )
                 self.reader = RingReader(self.run_dir.ring, "oldest")
@@ -72,9 +74,9 @@ class Supervisor:
             finally:
                 process.kill()
 
-    def status(self, process: "subprocess.Popen[bytes]") -> Phase:
+    def status(self, process: "subprocess.Popen[bytes]") -> LoopPhase:
         status = LoopStatus.read(self.run_dir.loop_status)
-        return status.phase if status and status.pid == process.pid else Phase.STARTING
+        return status.phase if status and status.pid == process.pid else LoopPhase.STARTING
 
     def wait_for(
         self,
@@ -154,7 +156,7 @@ def test_three_seconds_of_loop(supervisor: Supervisor) -> None:
     assert abs(ticks["t_ns"][-1] - time.time_ns()) < PATIENCE_S * 1e9
     status = LoopStatus.read(supervisor.run_dir.loop_status)
     assert status is not None
-    assert (status.phase, status.reason) == (Phase.STOPPED, "SIGTERM")
+    assert (status.phase, status.reason) == (LoopPhase.STOPPED, "SIGTERM")
     assert (status.ticks, status.missed) == (len(ticks), ticks["missed"][-1])
     assert status.wake_late.samples == status.work.samples == len(ticks)
     kept = Timing.attach(supervisor.run_dir.timing).summary()
@@ -170,7 +172,7 @@ def test_killed_loop_leaves_files_that_the_next_one_replaces(supervisor: Supervi
         old = supervisor.reader
     left = LoopStatus.read(supervisor.run_dir.loop_status)
     assert left is not None
-    assert (left.phase, left.pid) == (Phase.READY, process.pid)
+    assert (left.phase, left.pid) == (LoopPhase.READY, process.pid)
     assert not old.superseded()
     assert not old.closed
     supervisor.tables.forget_loop()

@@ -10,21 +10,21 @@ from motord import config
 from motord.cli import app
 from motord.loop.latency import measurement
 from motord.loop.latency.error import LatencyError
-from motord.loop.latency.measurement import Measured, Plan, Slices
+from motord.loop.latency.measurement import Measured, MeasuredSlices, MeasurementPlan
 from tests.unit.runtime.test_latency import READY, timing
 
 
 @pytest.fixture
-def plans(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
+def plans(monkeypatch: pytest.MonkeyPatch) -> list[MeasurementPlan]:
     """What was asked to be measured; measuring takes no time, and one slice in three is stolen."""
-    asked: list[Plan] = []
+    asked: list[MeasurementPlan] = []
 
-    def measure(plan: Plan, progress: object) -> Measured:
+    def measure(plan: MeasurementPlan, progress: object) -> Measured:
         asked.append(plan)
         measured = Measured(plan, 1, READY, took_s=plan.seconds)
-        measured.loop = Slices([timing(50), timing(60)], [timing(70_000, missed=3)])
+        measured.loop = MeasuredSlices([timing(50), timing(60)], [timing(70_000, missed=3)])
         if plan.compare:
-            measured.cyclictest = Slices([timing(10_000)], [timing(90_000)])
+            measured.cyclictest = MeasuredSlices([timing(10_000)], [timing(90_000)])
         if plan.seconds < 1:
             measured.loop.clean.clear()
         if callable(progress):
@@ -40,7 +40,7 @@ def run(*arguments: object) -> tuple[int, str, str]:
     return result.exit_code, result.stdout, result.stderr
 
 
-def test_json_has_the_promised_fields(plans: list[Plan]) -> None:
+def test_json_has_the_promised_fields(plans: list[MeasurementPlan]) -> None:
     code, out, _ = run("--compare", "--rate-Hz", 4000, "--json")
     found = json.loads(out)
     assert code == 0
@@ -53,7 +53,7 @@ def test_json_has_the_promised_fields(plans: list[Plan]) -> None:
     assert (plan.loop.rate_Hz, plan.compare, plan.seconds) == (4000, True, 60.0)
 
 
-def test_table_for_people(plans: list[Plan]) -> None:
+def test_table_for_people(plans: list[MeasurementPlan]) -> None:
     code, out, _ = run("--compare")
     assert code == 0
     for words in ("SCHED_FIFO 80", "3 clean", "2 stolen", "cyclictest, wake-up", "ratio", "p99.9"):
@@ -65,14 +65,14 @@ def test_table_for_people(plans: list[Plan]) -> None:
     assert plans[1].seconds == 10.0
 
 
-def test_loop_section_of_a_bench(plans: list[Plan], tmp_path: Path) -> None:
+def test_loop_section_of_a_bench(plans: list[MeasurementPlan], tmp_path: Path) -> None:
     code, _, err = run("-c", tmp_path / "no.toml")
     assert (code, err.count("\n")) == (1, 1)
     run()
     assert plans[0].loop == config.load().loop
 
 
-def test_picture(plans: list[Plan], tmp_path: Path) -> None:
+def test_picture(plans: list[MeasurementPlan], tmp_path: Path) -> None:
     path = tmp_path / "latency.png"
     code, _, _ = run("--compare", "--plot", path)
     assert code == 0
@@ -86,7 +86,7 @@ def test_picture(plans: list[Plan], tmp_path: Path) -> None:
     assert "cannot write the picture" in err
 
 
-def test_no_clean_slice_is_a_failure_of_the_comparison(plans: list[Plan]) -> None:
+def test_no_clean_slice_is_a_failure_of_the_comparison(plans: list[MeasurementPlan]) -> None:
     code, out, err = run("--compare", "--seconds", 0.5, "--json")
     assert code == 1
     assert json.loads(out)["ratio"] == {"p50": None, "p99": None}
@@ -95,7 +95,7 @@ def test_no_clean_slice_is_a_failure_of_the_comparison(plans: list[Plan]) -> Non
 
 
 def test_what_cannot_be_measured_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_plan: Plan, _progress: object) -> Measured:
+    def refuse(_plan: MeasurementPlan, _progress: object) -> Measured:
         raise LatencyError("cyclictest is not installed")
 
     monkeypatch.setattr(measurement, "measure", refuse)

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from motord.config import AccelerationConfig, Config, OscillationConfig, load, packaged
 from motord.identify.inertia_push import accelerate
-from motord.identify.inertia_springs import Setup
+from motord.identify.inertia_springs import SpringSetup
 from motord.plans import build
 from motord.schema import InverterStatus, Request, Trip
 from motord.virtual import VirtualBench
@@ -247,7 +247,9 @@ def test_tolerances_of_the_springs(key: str) -> None:
     wider = OscillationConfig.model_validate(
         {**own.model_dump(), key: 3 * getattr(own, key) + 0.01}
     )
-    assert getattr(Setup.of(wider).tolerances, name) > getattr(Setup.of(own).tolerances, name)
+    assert getattr(SpringSetup.of(wider).tolerances, name) > getattr(
+        SpringSetup.of(own).tolerances, name
+    )
 
 
 @pytest.mark.parametrize(
@@ -268,7 +270,7 @@ def test_tolerances_of_the_torque_sensor(key: str, source: str) -> None:
 def test_effective_mass() -> None:
     own = load(packaged("inertia.toml")).plans.inertia_oscillation
     found = {
-        Setup.of(own.model_copy(update={"effective_mass": way})).effective_mass
+        SpringSetup.of(own.model_copy(update={"effective_mass": way})).effective_mass
         for way in ("wave", "heavy")
     }
     assert found == {"wave", "heavy"}

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import motord
-from motord.jit import Frame, _kernel_digest, jit_holding_gil, kernel_sources, records_at
+from motord.jit import ArgumentBlock, _kernel_digest, jit_holding_gil, kernel_sources, records_at
 from motord.schema import record_dtype
 
 PAIR = record_dtype([("x", "f8"), ("n", "i4")])
@@ -33,7 +33,7 @@ def add_up(frame: int, count: int) -> float:
 @pytest.mark.kernel
 def test_a_compiled_function_reads_and_writes_through_a_frame() -> None:
     values, pair = np.arange(5.0), np.zeros(1, PAIR)
-    frame = Frame(values, pair)
+    frame = ArgumentBlock(values, pair)
     assert add_up(frame.address, 5) == 10.0
     assert (pair[0].x, pair[0].n) == (10.0, 5)
     frame.replace(0, values + 1.0)  # nothing else refers to the sum of the two
@@ -42,20 +42,20 @@ def test_a_compiled_function_reads_and_writes_through_a_frame() -> None:
 
 
 def test_a_frame_keeps_its_arrays() -> None:
-    frame = Frame(np.full(1000, 2.0), np.zeros(1, PAIR))
+    frame = ArgumentBlock(np.full(1000, 2.0), np.zeros(1, PAIR))
     gc.collect()
     assert add_up(frame.address, 1000) == 2000.0
 
 
 def test_what_would_be_read_wrongly_is_refused() -> None:
     values, pair = np.arange(5.0), np.zeros(1, PAIR)
-    frame = Frame(values, pair)
+    frame = ArgumentBlock(values, pair)
     with pytest.raises(ValueError, match="argument 0 is float64"):
         frame.replace(0, np.arange(4.0))
     with pytest.raises(ValueError, match="argument 1"):
         frame.replace(1, np.zeros(1))
     with pytest.raises(ValueError, match="contiguous"):
-        Frame(np.arange(10.0)[::2])
+        ArgumentBlock(np.arange(10.0)[::2])
 
 
 PACKAGE = Path(motord.__file__).parent

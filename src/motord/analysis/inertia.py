@@ -27,7 +27,7 @@ from motord.identify.inertia_oscillation import (
     waves_of,
 )
 from motord.identify.inertia_push import Acceleration, PushData, accelerate
-from motord.identify.inertia_springs import Setup
+from motord.identify.inertia_springs import SpringSetup
 from motord.identify.points import good_points
 from motord.recording.reader import Run
 
@@ -87,7 +87,7 @@ def oscillation(
     known cogging torque, for a motor whose stator is in place. Raises IdentifyError, AnalysisError.
     """
     settings = settings or _recorded(runs[0], OscillationConfig)
-    setup = Setup.of(settings)
+    setup = SpringSetup.of(settings)
     counts = subject.motor.counts
     if settings.stator and cogging_Nm is None:
         raise AnalysisError(
@@ -107,7 +107,7 @@ def oscillation(
 
 
 def _searched(
-    run: Run, counts: int, setup: Setup, waves: np.ndarray | None, first: int
+    run: Run, counts: int, setup: SpringSetup, waves: np.ndarray | None, first: int
 ) -> list[Release]:
     """Return the releases of a recording that marks none; what is no swing is passed over."""
     ticks = run.ticks(("t_ns", "encoder_count"))

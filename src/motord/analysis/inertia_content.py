@@ -12,7 +12,7 @@ from motord.identify.inertia_budget import Curves, Share
 from motord.identify.inertia_oscillation import REPORTS_WAY, Oscillation, Release
 from motord.identify.inertia_push import Acceleration
 from motord.identify.inertia_report import DIFFERENCE, explanations
-from motord.identify.inertia_springs import Setup
+from motord.identify.inertia_springs import SpringSetup
 from motord.report.inertia import (
     AccelerationReport,
     InertiaReport,
@@ -20,7 +20,7 @@ from motord.report.inertia import (
     Value,
 )
 from motord.report.plots.inertia import Periods, Pushes, Swings, thinned
-from motord.report.plots.inertia_budget import Bar, Range, Sensitivity
+from motord.report.plots.inertia_budget import Bar, Range, SensitivityCurve
 
 PERIODS_FROM, PERIODS_TO = 0.2, 1.6
 """Spring constants over which the period is drawn, in parts of the set-up's own."""
@@ -47,7 +47,7 @@ def inertia_report(
     )
 
 
-def _words(setup: Setup) -> str:
+def _words(setup: SpringSetup) -> str:
     levers = ", ".join(f"{1e3 * lever_m:g}" for lever_m in setup.levers_m)
     return (
         f"{setup.stiffness_N_per_m.size} springs of {setup.stiffness_N_per_m.min():g} to "
@@ -96,7 +96,7 @@ def _swings(releases: Sequence[Release]) -> Swings:
     )
 
 
-def _periods(setup: Setup, inertia_kg_m2: float) -> Periods:
+def _periods(setup: SpringSetup, inertia_kg_m2: float) -> Periods:
     """Return the period over the spring constant, all springs alike."""
     own_N_per_m = float(setup.stiffness_N_per_m.sum()) / 2
     parts = np.linspace(PERIODS_FROM, PERIODS_TO, 57)
@@ -116,8 +116,8 @@ def _periods(setup: Setup, inertia_kg_m2: float) -> Periods:
     )
 
 
-def _sensitivity(c: Curves) -> Sensitivity:
-    return Sensitivity(
+def _sensitivity(c: Curves) -> SensitivityCurve:
+    return SensitivityCurve(
         stiffness=c.stiffness,
         stiffness_change=c.stiffness_change,
         lever=c.lever,

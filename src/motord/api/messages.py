@@ -217,7 +217,7 @@ class RecordingView(Reply):
     detail: dict[str, Any] = {}
 
 
-class State(Reply):
+class BenchState(Reply):
     """`motord/<bench>/state`: everything that an operator wants to know."""
 
     bench: str

@@ -16,7 +16,7 @@ Code = Literal[
 ]
 
 
-class Refusal(Exception):
+class RpcError(Exception):
     """A request that is refused: `code` for programs, the message for people."""
 
     def __init__(self, code: Code, message: str) -> None:
@@ -24,6 +24,6 @@ class Refusal(Exception):
         self.code: Code = code
         self.message = message
 
-    def __reduce__(self) -> tuple[type["Refusal"], tuple[Code, str]]:
+    def __reduce__(self) -> tuple[type["RpcError"], tuple[Code, str]]:
         """Let it pass from one process to another."""
         return type(self), (self.code, self.message)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.plans.settings import Compensation
 
@@ -17,36 +17,36 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class Request(BaseModel):
+class RpcRequest(BaseModel):
     """The body of an RPC: JSON object, strict types, unknown fields refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-class NoArguments(Request):
+class NoArguments(RpcRequest):
     """`config`, `plan/list`: nothing."""
 
 
-class LeaseAcquire(Request):
+class LeaseAcquire(RpcRequest):
     """`lease/acquire`: who asks; `force` takes over from whoever is in command."""
 
     holder: Name
     force: bool = False
 
 
-class WithToken(Request):
+class WithToken(RpcRequest):
     """`lease/renew`, `lease/release`, `enable`, `disable`, `reset`, `plan/pause|abort|discard`."""
 
     token: Token
 
 
-class Stop(Request):
+class Stop(RpcRequest):
     """`stop`: from anyone, no token; `by` is for the log."""
 
     by: Annotated[str, Field(max_length=64)] = ""
 
 
-class Set(Request):
+class Set(RpcRequest):
     """`set`: what is left out stays as it is.
 
     With `speed_Hz` the brake is servoed until the rotor turns at that speed (turns per second);
@@ -72,7 +72,7 @@ class Set(Request):
         return self
 
 
-class PlanStart(Request):
+class PlanStart(RpcRequest):
     """`plan/start`: a plan by name; a dry run moves nothing and needs no token."""
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
@@ -89,7 +89,7 @@ class PlanResume(WithToken):
     detach: bool = False
 
 
-class CalibrationInstall(Request):
+class CalibrationInstall(RpcRequest):
     """`calibration/install`: the file's content, or its path as the daemon's host sees it."""
 
     token: Token
@@ -103,7 +103,7 @@ class CalibrationInstall(Request):
         return self
 
 
-REQUESTS: dict[str, type[Request]] = {
+REQUESTS: dict[str, type[RpcRequest]] = {
     "lease/acquire": LeaseAcquire,
     "lease/renew": WithToken,
     "lease/release": WithToken,
@@ -156,16 +156,16 @@ def needs_token(name: str) -> bool:
 def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
     """Raise Refusal "invalid" for a request of more than `limit` bytes."""
     if size > limit:
-        raise Refusal("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
+        raise RpcError("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
 
 
-def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> Request:
+def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> RpcRequest:
     """Return the request of RPC `name`. Raises Refusal "invalid" that says which field is wrong."""
     check_size(name, len(payload), limit)
     try:
         return REQUESTS[name].model_validate_json(payload or b"{}")
     except ValidationError as error:
-        raise Refusal("invalid", f"{name}: {_in_words(error)}") from None
+        raise RpcError("invalid", f"{name}: {_in_words(error)}") from None
 
 
 def _in_words(error: ValidationError) -> str:

@@ -18,7 +18,7 @@ from motord.cli.shared_token import shared, tokens
 from motord.shm.run_directory import RunDirError
 
 if TYPE_CHECKING:
-    from motord.api.messages import State
+    from motord.api.messages import BenchState
     from motord.client import Client, Lease
 
 LOOK_S = 0.2
@@ -26,7 +26,7 @@ _RANK = {"TRIPPED": -1, "OFF": 0, "READY": 1, "ENABLED": 2}
 
 
 @dataclass(frozen=True)
-class Command:
+class LeaseSession:
     """The token to command with, and the lease if this process is the one that holds it."""
 
     token: str
@@ -34,7 +34,7 @@ class Command:
 
 
 @contextmanager
-def in_command(client: "Client", *, force: bool = False) -> "Iterator[Command]":
+def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSession]":
     """Be in command: with the lease that another command holds, else with one of its own.
 
     The first of Ctrl-C, SIGTERM and SIGHUP raises KeyboardInterrupt; the lease is given back then,
@@ -43,14 +43,14 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[Command]":
     with interrupted_once() as interruption:
         token = None if force else _token_in_force(client)
         if token is not None:
-            yield Command(token, None)
+            yield LeaseSession(token, None)
             return
         lease = client.lease(force=force)
         try:
             try:
                 lease.acquire()
                 with shared(client.bench, lease.token):
-                    yield Command(lease.token, lease)
+                    yield LeaseSession(lease.token, lease)
             except RunDirError as error:
                 fail(str(error))
             finally:
@@ -100,7 +100,7 @@ class _Watched:
     rank: int
     moved: bool = False
 
-    def over(self, state: "State") -> str:
+    def over(self, state: "BenchState") -> str:
         """Return why there is nothing left to hold, "" if there is."""
         rank, s = _RANK[state.state], state.setpoint
         moves = bool(s.drive_Hz or s.brake or s.torque_target_Nm)

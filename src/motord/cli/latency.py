@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from motord.config import LoopConfig
-    from motord.loop.latency.measurement import Measured, Plan
+    from motord.loop.latency.measurement import Measured, MeasurementPlan
     from motord.loop.latency.report import Condition, Figures, LatencyReport
 
 DEFAULT_S, DEFAULT_COMPARE_S = 10.0, 60.0
@@ -47,14 +47,16 @@ def latency(
     """
     from motord.config import ConfigError
     from motord.loop.latency.error import LatencyError
-    from motord.loop.latency.measurement import Plan
+    from motord.loop.latency.measurement import MeasurementPlan
     from motord.loop.latency.report import report
 
     if plot is not None and not plot.absolute().parent.is_dir():
         fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
     limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S
     try:
-        measured = _measure(Plan(_loop(config, rate_Hz), limit_s, compare), silent=as_json)
+        measured = _measure(
+            MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json
+        )
     except (ConfigError, LatencyError) as error:
         fail(str(error))
     found = report(measured)
@@ -78,7 +80,7 @@ def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
     return loop if rate_Hz is None else loop.model_copy(update={"rate_Hz": rate_Hz})
 
 
-def _measure(plan: "Plan", silent: bool) -> "Measured":
+def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
     from rich.progress import BarColumn, Progress
 
     from motord.loop.latency.measurement import measure

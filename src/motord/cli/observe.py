@@ -14,7 +14,7 @@ from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, daemon
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from motord.api.messages import Event, State
+    from motord.api.messages import BenchState, Event
     from motord.client import Client
 
 LOOK_S = 1.0
@@ -51,7 +51,9 @@ def watch(
                 _each_state(client, for_s, lambda state: live.update(table(state)))
 
 
-def _each_state(client: "Client", for_s: float | None, show: "Callable[[State], None]") -> None:
+def _each_state(
+    client: "Client", for_s: float | None, show: "Callable[[BenchState], None]"
+) -> None:
     from motord.client import ClientError
 
     end_s = None if for_s is None else time.monotonic() + for_s
@@ -101,7 +103,7 @@ def _show(event: "Event", as_json: bool) -> None:
             print_line(f"{'':>{len(stamp)}} black box: {data['blackbox']}")
 
 
-def show(state: "State") -> None:
+def show(state: "BenchState") -> None:
     """Print a state; where it is no terminal, whatever its lines are long."""
     console = plain_console()
     if not console.is_terminal:
@@ -109,7 +111,7 @@ def show(state: "State") -> None:
     console.print(table(state))
 
 
-def table(state: "State") -> "Table":
+def table(state: "BenchState") -> "Table":
     """Return a state as two columns."""
     from rich.table import Table
 
@@ -121,7 +123,7 @@ def table(state: "State") -> "Table":
     return rows
 
 
-def _rows(state: "State") -> list[tuple[str, str]]:
+def _rows(state: "BenchState") -> list[tuple[str, str]]:
     rows = [("bench", f"{state.bench}, {state.motor}" + (", simulated" * state.simulated))]
     rows.append(("state", state.state))
     if state.fault:
@@ -163,7 +165,7 @@ def _rows(state: "State") -> list[tuple[str, str]]:
     return rows
 
 
-def _trip(state: "State") -> list[tuple[str, str]]:
+def _trip(state: "BenchState") -> list[tuple[str, str]]:
     """Return causes (the first one first), values and limits, what to do, and the black box."""
     causes = sorted(state.trips, key=lambda trip: trip.name != state.first_trip)
     rows = [("cause", f"{trip.name}: {trip.meaning}") for trip in causes]
@@ -177,7 +179,7 @@ def _trip(state: "State") -> list[tuple[str, str]]:
     return rows
 
 
-def sensor_in_words(state: "State") -> str:
+def sensor_in_words(state: "BenchState") -> str:
     """Return what the torque sensor says, and that it says nothing of the mean if so."""
     tick, sensor = state.tick, state.torque_sensor
     measured = number(tick.torque_Nm if tick is not None else None)
@@ -190,7 +192,7 @@ def sensor_in_words(state: "State") -> str:
     )
 
 
-def _measured(state: "State") -> list[tuple[str, str]]:
+def _measured(state: "BenchState") -> list[tuple[str, str]]:
     tick = state.tick
     if tick is None:
         return []

@@ -8,7 +8,7 @@ import typer
 from motord.cli.observe import number, sensor_in_words
 
 if TYPE_CHECKING:
-    from motord.api.messages import State
+    from motord.api.messages import BenchState
     from motord.client import Client
 
 LATE_S = 1.0
@@ -47,7 +47,7 @@ def show_reached(client: "Client", answer: dict[str, Any], for_s: float | None) 
         typer.echo(_reached(state, target_Nm))
 
 
-def _is_there(state: "State", target_Nm: float) -> bool:
+def _is_there(state: "BenchState", target_Nm: float) -> bool:
     return (
         state.tick is not None
         and state.setpoint.torque_target_Nm == target_Nm == state.setpoint.torque_Nm
@@ -55,7 +55,7 @@ def _is_there(state: "State", target_Nm: float) -> bool:
     )
 
 
-def _reached(state: "State", target_Nm: float) -> str:
+def _reached(state: "BenchState", target_Nm: float) -> str:
     assert state.tick is not None
     word = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
     return (

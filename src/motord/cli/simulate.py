@@ -11,7 +11,7 @@ from motord.cli.console import fail, print_json, text_column
 if TYPE_CHECKING:
     from motord.calibration import Calibration
     from motord.plans import Plan
-    from motord.simulate import Source
+    from motord.simulate import PlanSource
 
 
 def simulate(
@@ -50,14 +50,14 @@ def simulate(
     from motord.config import ConfigError
     from motord.plans import PlanError
     from motord.recording.errors import RecordError
-    from motord.simulate import Source
+    from motord.simulate import PlanSource
     from motord.virtual.plan import PlanFailed
 
     path = output or Path(f"{name}.mcap")
     if path.exists():
         fail(f"{path}: exists; name another file with -o, nothing is overwritten")
     try:
-        source = Source.of(config)
+        source = PlanSource.of(config)
         plan = _plan(source, name, settings or [])
         applied = load(calibration) if calibration else None
         if applied:
@@ -78,7 +78,7 @@ def simulate(
         )
 
 
-def _plan(source: "Source", name: str, given: list[str]) -> "Plan":
+def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":
     from motord.cli.settings import parse_settings
     from motord.plans import build
 
@@ -96,7 +96,7 @@ def _need_calibration(plan: "Plan", calibration: "Calibration | None") -> None:
 
 
 def _record(
-    source: "Source",
+    source: "PlanSource",
     plan: "Plan",
     path: Path,
     seed: int,

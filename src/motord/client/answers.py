@@ -13,7 +13,7 @@ import zenoh
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from motord.api.endpoints import MAX_ANSWER_BYTES
-from motord.api.messages import Event, PlanView, State
+from motord.api.messages import BenchState, Event, PlanView
 from motord.client.error import ClientError
 from motord.schema import TICK
 from motord.wire.ticks.blocks import BlockCodec
@@ -119,7 +119,7 @@ class Installed(Answer):
     path: _Text
 
 
-class Refused(Answer):
+class RefusedReply(Answer):
     """An error reply."""
 
     code: Annotated[str, Field(min_length=1, max_length=64)]
@@ -168,13 +168,15 @@ def _decoder(parse: Callable[[bytes], _Item], what: str) -> Callable[[bytes], _I
     return decode
 
 
-decode_state: Callable[[bytes], State] = _decoder(State.model_validate_json, "a state")
+decode_state: Callable[[bytes], BenchState] = _decoder(BenchState.model_validate_json, "a state")
 decode_event: Callable[[bytes], Event] = _decoder(Event.model_validate_json, "an event")
 decode_events: Callable[[bytes], list[Event]] = _decoder(_EVENTS.validate_json, "events")
 decode_plan: Callable[[bytes], PlanView] = _decoder(PlanView.model_validate_json, "a plan")
 decode_plan_or_none: Callable[[bytes], PlanView | None] = _decoder(_PLAN.validate_json, "a plan")
 decode_ticks: Callable[[bytes], np.ndarray] = _decoder(_CODEC.decode_list, "ticks")
-_decode_refused: Callable[[bytes], Refused] = _decoder(Refused.model_validate_json, "an error")
+_decode_refused: Callable[[bytes], RefusedReply] = _decoder(
+    RefusedReply.model_validate_json, "an error"
+)
 
 
 def decode_answer(name: str, content: bytes) -> dict[str, Any]:

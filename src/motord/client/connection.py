@@ -10,8 +10,8 @@ import numpy as np
 import zenoh
 
 from motord.api.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
-from motord.api.messages import Event, PlanView, State
-from motord.api.refusal import Refusal
+from motord.api.messages import BenchState, Event, PlanView
+from motord.api.refusal import RpcError
 from motord.api.requests import REQUESTS, check_size
 from motord.client.answers import (
     decode_answer,
@@ -137,7 +137,7 @@ class Client:
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
-    def state(self) -> State:
+    def state(self) -> BenchState:
         """Return the state now."""
         return decode_state(self._get("state", None, LOOK_S))
 
@@ -161,8 +161,8 @@ class Client:
         return Lease(self.rpc, holder or operator(), force=force)
 
     def subscribe_state(
-        self, callback: Callable[[State], None] | None = None
-    ) -> "Subscription[State]":
+        self, callback: Callable[[BenchState], None] | None = None
+    ) -> "Subscription[BenchState]":
         """Receive the state, ten times a second and when it changes."""
         return self._subscribe("state", decode_state, callback)
 
@@ -238,5 +238,5 @@ class Client:
 def _check_size(rpc: str, size: int) -> None:
     try:
         check_size(rpc, size)
-    except Refusal as refusal:
+    except RpcError as refusal:
         raise ClientError(refusal.code, refusal.message) from None

@@ -19,7 +19,7 @@ WIRES = frozenset({"virtual", "emulate"})
 
 
 @dataclass(frozen=True)
-class Kind:
+class FaultKind:
     """A kind of fault: what it does, how long it lasts unless told, its parameters' defaults.
 
     `places` tells which benches can have it: in virtual time, simulated in the loop, emulated.
@@ -31,47 +31,57 @@ class Kind:
     places: frozenset[str] = EVERYWHERE
 
 
-KINDS: dict[str, Kind] = {
-    "inverter_fault": Kind("the drive reports a fault and switches off", 0.2),
-    "inverter_off": Kind("the power stage goes off without a word", 0.2),
-    "current_stuck": Kind("the reading of a current sensor sticks", 0.5, {"phase": "a"}),
-    "current_noise": Kind(
+KINDS: dict[str, FaultKind] = {
+    "inverter_fault": FaultKind("the drive reports a fault and switches off", 0.2),
+    "inverter_off": FaultKind("the power stage goes off without a word", 0.2),
+    "current_stuck": FaultKind("the reading of a current sensor sticks", 0.5, {"phase": "a"}),
+    "current_noise": FaultKind(
         "the reading of a current sensor is noisy", 0.5, {"phase": "a", "noise_A": 25.0}
     ),
-    "current_runaway": Kind(
+    "current_runaway": FaultKind(
         "the current loop of a phase loses its sensor: the current runs away to the drive's own "
         "limit, which switches it off",
         0.2,
         {"phase": "a"},
     ),
-    "phase_open": Kind("no current can flow in a phase", 0.5, {"phase": "a"}),
-    "encoder_bit": Kind("a Gray track is stuck", 2.0, {"bit": 9, "level": 1}),
-    "encoder_frozen": Kind("the encoder says the same for ever", 1.0),
-    "encoder_skew": Kind("every other Gray track is displaced", 2.0, {"counts": 120}),
-    "index_slip": Kind("the code disc slips on the shaft", 1.0, {"counts": 300}),
-    "torque_drift": Kind("the torque signal drifts", 2.0, {"drift_Nm_per_s": 10.0}),
-    "torque_saturated": Kind("the torque converter is at its end", 0.2),
-    "inverter_hot": Kind("the inverter is this hot", 0.2, {"temperature_C": 120.0}),
-    "brake_hot": Kind("the brake's disc is this hot", 1.0, {"temperature_C": 200.0}),
-    "bus_voltage": Kind("the DC bus has this voltage", 0.2, {"bus_V": 12.0}),
-    "brake_silent": Kind("the brake does not answer; its excitation stays", 1.5),
-    "host_stall": Kind("whoever runs the bench gets no processor", 0.05),
-    "can_drop": Kind("frames to and from the inverter are lost", 0.3, {"fraction": 1.0}, WIRES),
-    "can_corrupt": Kind(
+    "phase_open": FaultKind("no current can flow in a phase", 0.5, {"phase": "a"}),
+    "encoder_bit": FaultKind("a Gray track is stuck", 2.0, {"bit": 9, "level": 1}),
+    "encoder_frozen": FaultKind("the encoder says the same for ever", 1.0),
+    "encoder_skew": FaultKind("every other Gray track is displaced", 2.0, {"counts": 120}),
+    "index_slip": FaultKind("the code disc slips on the shaft", 1.0, {"counts": 300}),
+    "torque_drift": FaultKind("the torque signal drifts", 2.0, {"drift_Nm_per_s": 10.0}),
+    "torque_saturated": FaultKind("the torque converter is at its end", 0.2),
+    "inverter_hot": FaultKind("the inverter is this hot", 0.2, {"temperature_C": 120.0}),
+    "brake_hot": FaultKind("the brake's disc is this hot", 1.0, {"temperature_C": 200.0}),
+    "bus_voltage": FaultKind("the DC bus has this voltage", 0.2, {"bus_V": 12.0}),
+    "brake_silent": FaultKind("the brake does not answer; its excitation stays", 1.5),
+    "host_stall": FaultKind("whoever runs the bench gets no processor", 0.05),
+    "can_drop": FaultKind(
+        "frames to and from the inverter are lost", 0.3, {"fraction": 1.0}, WIRES
+    ),
+    "can_corrupt": FaultKind(
         "frames to and from the inverter arrive changed", 0.3, {"fraction": 1.0}, WIRES
     ),
-    "can_duplicate": Kind("frames from the inverter come twice", 0.3, {"fraction": 1.0}, WIRES),
-    "can_late": Kind("frames from the inverter come late", 0.3, {"delay_s": 0.04}, WIRES),
-    "can_bus_off": Kind("the CAN controller goes off the bus", 0.3, {}, WIRES),
-    "bridge_drop": Kind("frames to and from the bridge are lost", 0.3, {"fraction": 1.0}, WIRES),
-    "bridge_corrupt": Kind(
+    "can_duplicate": FaultKind(
+        "frames from the inverter come twice", 0.3, {"fraction": 1.0}, WIRES
+    ),
+    "can_late": FaultKind("frames from the inverter come late", 0.3, {"delay_s": 0.04}, WIRES),
+    "can_bus_off": FaultKind("the CAN controller goes off the bus", 0.3, {}, WIRES),
+    "bridge_drop": FaultKind(
+        "frames to and from the bridge are lost", 0.3, {"fraction": 1.0}, WIRES
+    ),
+    "bridge_corrupt": FaultKind(
         "frames to and from the bridge arrive changed", 0.3, {"fraction": 1.0}, WIRES
     ),
-    "bridge_duplicate": Kind("frames from the bridge come twice", 0.3, {"fraction": 1.0}, WIRES),
-    "bridge_late": Kind("frames from the bridge come late", 0.3, {"delay_s": 0.04}, WIRES),
-    "bridge_reboot": Kind("the board starts anew, silent for that long", 0.3, {}, WIRES),
-    "bridge_clock": Kind("the board's clock jumps", 0.0, {"jump_s": 0.3}, frozenset({"emulate"})),
-    "supervisor_silent": Kind(
+    "bridge_duplicate": FaultKind(
+        "frames from the bridge come twice", 0.3, {"fraction": 1.0}, WIRES
+    ),
+    "bridge_late": FaultKind("frames from the bridge come late", 0.3, {"delay_s": 0.04}, WIRES),
+    "bridge_reboot": FaultKind("the board starts anew, silent for that long", 0.3, {}, WIRES),
+    "bridge_clock": FaultKind(
+        "the board's clock jumps", 0.0, {"jump_s": 0.3}, frozenset({"emulate"})
+    ),
+    "supervisor_silent": FaultKind(
         "the supervisor gives no sign of life", 0.6, {}, frozenset({"virtual"})
     ),
 }

@@ -15,7 +15,7 @@ from motord.config import Config
 from motord.schema import Trip
 
 
-class Source(IntEnum):
+class EvidenceSource(IntEnum):
     """Where the evidence of a condition comes from."""
 
     LOOP = 0
@@ -37,7 +37,7 @@ class Interlock:
     trip: Trip
     meaning: str
     limit: str
-    source: Source = Source.LOOP
+    source: EvidenceSource = EvidenceSource.LOOP
     lasts: float | str = 0.0
 
     def lasts_s(self, config: Config) -> float:
@@ -51,15 +51,15 @@ class Interlock:
 INTERLOCKS = (
     Interlock(
         Trip.OVER_CURRENT, "a phase current was above limits.trip_current_A",
-        "limits.trip_current_A", Source.INVERTER, 0.001,
+        "limits.trip_current_A", EvidenceSource.INVERTER, 0.001,
     ),
     Interlock(
         Trip.OVER_SPEED, "the rotor turned faster than limits.trip_speed_rad_s",
-        "limits.trip_speed_rad_s", Source.BRIDGE, 0.002,
+        "limits.trip_speed_rad_s", EvidenceSource.BRIDGE, 0.002,
     ),
     Interlock(
         Trip.OVER_TORQUE, "the measured torque was above limits.trip_torque_Nm",
-        "limits.trip_torque_Nm", Source.BRIDGE, 0.005,
+        "limits.trip_torque_Nm", EvidenceSource.BRIDGE, 0.005,
     ),
     Interlock(
         Trip.I2T,
@@ -77,7 +77,7 @@ INTERLOCKS = (
         "limits.encoder_jump_rad",
     ),
     Interlock(
-        Trip.TORQUE_STALE, "the torque sample is not valid", "", Source.BRIDGE, 0.005
+        Trip.TORQUE_STALE, "the torque sample is not valid", "", EvidenceSource.BRIDGE, 0.005
     ),
     Interlock(
         Trip.INVERTER_STALE,
@@ -86,7 +86,7 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.INVERTER_FAULT, "the inverter reports a fault, or its power stage went off", "",
-        Source.LOOP, 0.002,
+        EvidenceSource.LOOP, 0.002,
     ),
     Interlock(Trip.BUS_OFF, "the CAN controller is off the bus", ""),
     Interlock(
@@ -100,7 +100,7 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.TEMPERATURE, "the inverter is hotter than limits.trip_temperature_C",
-        "limits.trip_temperature_C", Source.INVERTER, 0.02,
+        "limits.trip_temperature_C", EvidenceSource.INVERTER, 0.02,
     ),
     Interlock(
         Trip.LINK_ERRORS, "more frames were lost or corrupt than limits.link_errors_per_s",
@@ -108,7 +108,7 @@ INTERLOCKS = (
     ),
     Interlock(
         Trip.BUS_VOLTAGE, "the DC bus voltage is outside limits.bus_V_min to bus_V_max",
-        "limits.bus_V_min, limits.bus_V_max", Source.INVERTER, 0.02,
+        "limits.bus_V_min, limits.bus_V_max", EvidenceSource.INVERTER, 0.02,
     ),
     Interlock(
         Trip.ENABLE_TIMEOUT,
@@ -122,21 +122,21 @@ INTERLOCKS = (
     Interlock(
         Trip.CURRENT_IMPLAUSIBLE,
         "a phase current was further than limits.current_error_A from its command",
-        "limits.current_error_A", Source.INVERTER, "limits.current_error_s",
+        "limits.current_error_A", EvidenceSource.INVERTER, "limits.current_error_s",
     ),
     Interlock(
         Trip.TORQUE_IMPLAUSIBLE,
         "the measured torque was further than limits.torque_error_Nm from the set-point",
-        "limits.torque_error_Nm", Source.BRIDGE, "limits.torque_error_s",
+        "limits.torque_error_Nm", EvidenceSource.BRIDGE, "limits.torque_error_s",
     ),
     Interlock(
         Trip.BRAKE_TEMPERATURE,
         "the brake's disc is more than 10 K hotter than brake.temperature_max_C",
-        "brake.temperature_max_C", Source.LOOP, 0.02,
+        "brake.temperature_max_C", EvidenceSource.LOOP, 0.02,
     ),
     Interlock(
         Trip.ENABLE_LINE, "the bridge reports the enable line open while the drive is enabled",
-        "", Source.BRIDGE, 0.005,
+        "", EvidenceSource.BRIDGE, 0.005,
     ),
 )  # fmt: skip
 """In the order of their bits: the first of several causes of one tick is the earliest here."""

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from motord.control.interlock_table import INTERLOCKS, Source
+from motord.control.interlock_table import INTERLOCKS, EvidenceSource
 from motord.control.plausible import current_error, torque_error
 from motord.control.states import ENABLED, OFF
 from motord.control.tracks import watch_tracks
@@ -16,8 +16,8 @@ from motord.jit import jit
 from motord.schema import BridgeStatus, Flag, InverterStatus, Trip
 
 _COUNT = len(INTERLOCKS)
-_FROM_BRIDGE = sum(int(row.trip) for row in INTERLOCKS if row.source is Source.BRIDGE)
-_FROM_INVERTER = sum(int(row.trip) for row in INTERLOCKS if row.source is Source.INVERTER)
+_FROM_BRIDGE = sum(int(row.trip) for row in INTERLOCKS if row.source is EvidenceSource.BRIDGE)
+_FROM_INVERTER = sum(int(row.trip) for row in INTERLOCKS if row.source is EvidenceSource.INVERTER)
 
 _OVER_CURRENT = int(Trip.OVER_CURRENT)
 _OVER_SPEED = int(Trip.OVER_SPEED)

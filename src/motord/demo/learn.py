@@ -20,7 +20,7 @@ from motord.identify.ripple import rms_error_percent
 from motord.plans import Plan, build
 from motord.recording.captures import true_torque_of
 from motord.report.learn import LearnReport
-from motord.virtual.mesh import Piece, run_points
+from motord.virtual.mesh import MeshPiece, run_points
 
 PASSES = 5
 """Passes of which the last one only measures."""
@@ -131,7 +131,7 @@ def learned_report(learned: Learned) -> LearnReport:
     )
 
 
-def _captured(piece: Piece) -> list[PointData]:
+def _captured(piece: MeshPiece) -> list[PointData]:
     """Return what was captured, apart from the memory that goes with the piece."""
     return [
         PointData(p.torque_Nm, p.speed_Hz, p.ticks.copy(), p.compensate)
@@ -139,11 +139,11 @@ def _captured(piece: Piece) -> list[PointData]:
     ]
 
 
-def _place(piece: Piece) -> tuple[float, float]:
+def _place(piece: MeshPiece) -> tuple[float, float]:
     return float(piece.point["torque_Nm"]), float(piece.point["speed_Hz"])
 
 
-def _true_percent(piece: Piece, rated_Nm: float) -> float:
+def _true_percent(piece: MeshPiece, rated_Nm: float) -> float:
     bounds = (int(piece.point["t_start_ns"]), int(piece.point["t_end_ns"]))
     first, end = np.searchsorted(piece.truth["t_ns"], [bounds[0], bounds[1] + 1])
     true = true_torque_of(piece.point, piece.truth[first:end])

@@ -27,7 +27,7 @@ from motord.recording.captures import captures
 from motord.recording.reader import open_run
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
-from motord.simulate import Source, record_plan
+from motord.simulate import PlanSource, record_plan
 from motord.virtual.mesh import processors
 
 QUICK = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
@@ -68,7 +68,7 @@ def run_demo(folder: Path, seed: int, quick: bool, progress: Progress) -> Demo:
     files = Files(folder)
     folder.mkdir(parents=True, exist_ok=True)
     files.remove()
-    source = Source.of()
+    source = PlanSource.of()
     config = source.config
     seeds = iter(np.random.SeedSequence(seed).generate_state(3).tolist())
     mesh = QUICK if quick else {}

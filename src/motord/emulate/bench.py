@@ -28,14 +28,14 @@ ADVANCE_MAX_NS = 500_000_000
 """Most time that passes in one call; a longer stall of the host stops the rig's time meanwhile."""
 
 
-class Command(NamedTuple):
+class CurrentCommand(NamedTuple):
     """A current command as the inverter received it: of the phases, or (d, q, 0)."""
 
     i_A: Currents
     enable: bool
 
 
-class Reading(NamedTuple):
+class SensorReading(NamedTuple):
     """What devices read off the rig: fields of a RIG_OUTPUT record."""
 
     i_sensed_A: NDArray[np.float64]
@@ -56,7 +56,7 @@ class Reading(NamedTuple):
     fault: int
 
 
-_pick = itemgetter(*((RIG_OUTPUT.names or ()).index(name) for name in Reading._fields))
+_pick = itemgetter(*((RIG_OUTPUT.names or ()).index(name) for name in SensorReading._fields))
 
 
 class EmulatedBench:
@@ -88,14 +88,14 @@ class EmulatedBench:
         self._output = new_output()
         self.rig_input = new_input()
         self._fields = {name: self.rig_input[name] for name in self.rig_input.dtype.names or ()}
-        self._arrivals: list[tuple[int, Command | Numbered]] = []
+        self._arrivals: list[tuple[int, CurrentCommand | Numbered]] = []
 
     def wake(self, now_ns: int) -> None:
         """Note that the process runs: of a sleep, the rig plays `rig_patience_s` at most."""
         self._awake_until_ns = self._woke_ns + self._patience_ns
         self._woke_ns = now_ns
 
-    def arrive(self, at_ns: int, what: Command | Numbered) -> None:
+    def arrive(self, at_ns: int, what: CurrentCommand | Numbered) -> None:
         """Let a command or a frame of the host take effect at `at_ns`, or now if that is past."""
         self._arrivals.append((max(at_ns, self.now_ns), what))
 
@@ -115,10 +115,10 @@ class EmulatedBench:
             elif self.now_ns >= to_ns:
                 return
 
-    def sense(self) -> Reading:
+    def sense(self) -> SensorReading:
         """Return what the sensors say now; brake and drive read theirs as well."""
         step.sense(self._parameters, self._state, self._output)
-        reading = Reading._make(_pick(self._output.item()))
+        reading = SensorReading._make(_pick(self._output.item()))
         hot = reading.brake_temperature_C > self._temperature_max_C
         self.brake.measure(
             reading.brake_temperature_C, DeviceStatus.FAULT if hot else DeviceStatus.READY
@@ -126,7 +126,7 @@ class EmulatedBench:
         self.drive.measure(reading.drive_rad_s)
         return reading
 
-    def inverter_status(self, reading: Reading) -> InverterStatus:
+    def inverter_status(self, reading: SensorReading) -> InverterStatus:
         """Return what the drive says of itself."""
         return InverterStatus(
             (InverterStatus.READY if reading.inverter_on else 0)
@@ -139,8 +139,8 @@ class EmulatedBench:
         """Fill one row of TRUTH_DTYPE with what the rig does now."""
         step.fill_truth(self._parameters, self._state, unix_ns, truth)
 
-    def _take(self, what: Command | Numbered, answer: Callable[[Frame], object]) -> None:
-        if isinstance(what, Command):
+    def _take(self, what: CurrentCommand | Numbered, answer: Callable[[Frame], object]) -> None:
+        if isinstance(what, CurrentCommand):
             i_A = self.latch(what.i_A) if self._latches else what.i_A
             self.inverter.command(self.now_ns, i_A, what.enable)
             return

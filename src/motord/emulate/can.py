@@ -9,7 +9,7 @@ import can
 
 from motord.config import CanBusConfig, CanConfig
 from motord.emulate import EmulatorError
-from motord.emulate.bench import Command
+from motord.emulate.bench import CurrentCommand
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.wire.bridge.sequence import SequenceCheck
@@ -42,7 +42,7 @@ class CanPort:
         """Return the commands lost, corrupt or repeated so far."""
         return self._check.errors
 
-    def receive(self) -> Iterator[tuple[int, Command]]:
+    def receive(self) -> Iterator[tuple[int, CurrentCommand]]:
         """Yield the commands since the last call, each with its time of arrival (Unix ns)."""
         for _ in range(FRAMES_AT_ONCE):
             try:
@@ -61,7 +61,7 @@ class CanPort:
                 if command is not None:
                     yield round(message.timestamp * 1e9), command
 
-    def _understand(self, payload: bytes) -> Command | None:
+    def _understand(self, payload: bytes) -> CurrentCommand | None:
         decoded = self._codec.decode_command(payload)
         if decoded is None:
             self._check.corrupt()
@@ -69,7 +69,7 @@ class CanPort:
         if not self._check.accept(self._codec.command.counter(payload)):
             return None
         (i_a_A, i_b_A, i_c_A), enable = decoded
-        return Command((i_a_A, i_b_A, i_c_A), enable)
+        return CurrentCommand((i_a_A, i_b_A, i_c_A), enable)
 
     def send(self, codec: MessageCodec, values: Mapping[str, float], now_ns: int = 0) -> None:
         """Send a feedback message; what the bus has no room for is lost and counted.

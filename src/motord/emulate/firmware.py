@@ -11,7 +11,7 @@ from pathlib import Path
 from motord.config import Config, ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
-from motord.emulate.bench import Reading
+from motord.emulate.bench import SensorReading
 from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
@@ -101,7 +101,7 @@ class FirmwareLink:
         """Send nothing: the firmware sends its own frames."""
         return True
 
-    def sample(self, board: Board, reading: Reading, now_ns: int) -> None:
+    def sample(self, board: Board, reading: SensorReading, now_ns: int) -> None:
         """Give the board's inputs what the rig's sensors say now."""
         send(self._machine.feed, values(reading.encoder_gray, reading.torque_counts))
 

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 
-from motord.emulate.bench import Reading
+from motord.emulate.bench import SensorReading
 from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
@@ -27,7 +27,7 @@ class BoardEnd(ABC):
         `now_ns` (monotonic) matters to frames that a fault makes late.
         """
 
-    def sample(self, board: Board, reading: Reading, now_ns: int) -> None:
+    def sample(self, board: Board, reading: SensorReading, now_ns: int) -> None:
         """Send the sample of this instant, if the board is to."""
         if board.streaming:
             clipped = reading.torque_clipped != 0

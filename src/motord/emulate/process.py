@@ -17,7 +17,7 @@ from typing import Any
 from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
 from motord.emulate import EmulatorError
-from motord.emulate.bench import EmulatedBench, Reading, compile_kernels
+from motord.emulate.bench import EmulatedBench, SensorReading, compile_kernels
 from motord.emulate.can import CanPort
 from motord.emulate.can_link import BoardCanLink
 from motord.emulate.clock import HostClock
@@ -303,7 +303,11 @@ class Emulator:
             self._link.send(board.status(at_ns), at_ns)
 
     def _send(
-        self, messages: list[MessageCodec], reading: Reading, status: InverterStatus, at_ns: int
+        self,
+        messages: list[MessageCodec],
+        reading: SensorReading,
+        status: InverterStatus,
+        at_ns: int,
     ) -> None:
         named = said_by_inverter(reading, self._codec.status_word(status))
         for message in messages:

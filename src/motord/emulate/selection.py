@@ -2,7 +2,7 @@
 
 from motord.config import Config, ModbusConfig
 from motord.emulate import EmulatorError
-from motord.emulate.bench import EmulatedBench, Reading
+from motord.emulate.bench import EmulatedBench, SensorReading
 from motord.emulate.devices import RegisterDevice
 from motord.wire.can.codec import DQ_FEEDBACK_SLOTS, FEEDBACK_SLOTS, MessageCodec
 
@@ -29,7 +29,7 @@ def is_fast(message: MessageCodec) -> bool:
     return not _FAST.isdisjoint(message.slots)
 
 
-def said_by_inverter(reading: Reading, status_word: int) -> dict[str, float]:
+def said_by_inverter(reading: SensorReading, status_word: int) -> dict[str, float]:
     """Return all values that messages of the inverter may carry."""
     values = (
         *reading.i_sensed_A.tolist(),

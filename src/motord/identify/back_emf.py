@@ -23,7 +23,7 @@ from motord.identify.back_emf_fit import (
     joined,
     voltage_samples,
 )
-from motord.identify.clusters import Fit
+from motord.identify.clusters import ClusterFit
 from motord.identify.driven import Driven, prepare, require
 from motord.identify.harmonics import lines_at
 from motord.identify.points import PointData
@@ -132,7 +132,7 @@ def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:
 
 def _others(
     samples: list[VoltageSamples],
-    fits: list[list[Fit]],
+    fits: list[list[ClusterFit]],
     order: np.ndarray,
     driven: list[Driven],
     motor: MotorConfig,
@@ -170,7 +170,7 @@ def _encoder_variance(driven: Driven, order: np.ndarray, pole_pairs: int) -> np.
     return both
 
 
-def _average(fits: list[list[Fit]], encoder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _average(fits: list[list[ClusterFit]], encoder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return lines (m, 3) averaged over the points by their variances, and standard errors.
 
     encoder (points, m): what the encoder adds to the variance, over the fundamental's square.
@@ -193,7 +193,7 @@ def _average(fits: list[list[Fit]], encoder: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _result(
-    fits: list[list[Fit]],
+    fits: list[list[ClusterFit]],
     order: np.ndarray,
     delay: tuple[float, float] | None,
     driven: list[Driven],

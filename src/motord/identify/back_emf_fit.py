@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.identify.clusters import Fit, Regressors
+from motord.identify.clusters import ClusterFit, Regressors
 from motord.identify.driven import Driven
 
 VOLTAGES = ("u_a_V", "u_b_V", "u_c_V")
@@ -58,7 +58,7 @@ def _columns(samples: VoltageSamples, order: np.ndarray) -> np.ndarray:
     return columns
 
 
-def fit_phases(samples: VoltageSamples, order: np.ndarray) -> list[Fit]:
+def fit_phases(samples: VoltageSamples, order: np.ndarray) -> list[ClusterFit]:
     """Return the fit of each phase: cos and sin of each order (V s/rad), then the offset (V)."""
     regressors = Regressors.of(_columns(samples, order), samples.turn)
     return [regressors.fit(u_V) for u_V in samples.u_V.T]

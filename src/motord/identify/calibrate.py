@@ -10,7 +10,7 @@ from motord.identify import IdentifyError, star
 from motord.identify.basis import Basis
 from motord.identify.checks import check_fit, check_points
 from motord.identify.common_part import is_missing, restored
-from motord.identify.joint import Fit, fit
+from motord.identify.joint import JointFit, fit
 from motord.identify.moments import PointMoments, accumulate
 from motord.identify.orders import allowed_orders
 from motord.identify.points import PointData, Samples, prepare, require_currents
@@ -109,7 +109,7 @@ class Calibrator:
             ripples=tuple(self._ripples),
         )
 
-    def _with_common_part(self, fitted: Fit, orders: int, rated_A: float) -> Fit:
+    def _with_common_part(self, fitted: JointFit, orders: int, rated_A: float) -> JointFit:
         """Return the fit to currents with the common part that it itself implies."""
         if len(self._bare) < len(self._points):
             raise IdentifyError(
@@ -186,7 +186,7 @@ def rated_current_A(motor: MotorConfig) -> float:
     return float(np.abs(motor.rated_torque_Nm * k / power).max())
 
 
-def _harmonics(fitted: Fit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:
+def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:
     found = []
     for row, order in enumerate(orders):
         place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
@@ -220,7 +220,7 @@ def _table(harmonics: tuple[Harmonic, ...], counts: int) -> np.ndarray:
     )
 
 
-def _what_was_seen(fitted: Fit) -> list[str]:
+def _what_was_seen(fitted: JointFit) -> list[str]:
     """Return what was not identifiable, and how it was fixed, in words."""
     words = []
     if fitted.gauge.gain_direction is None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from motord.identify import IdentifyError
-from motord.identify.joint import Fit
+from motord.identify.joint import JointFit
 from motord.identify.moments import PointMoments
 from motord.identify.turns import ALPHA
 
@@ -80,7 +80,7 @@ def _check_phases(points: Sequence[PointMoments]) -> None:
             )
 
 
-def check_fit(fitted: Fit) -> None:
+def check_fit(fitted: JointFit) -> None:
     """Raise IdentifyError if a fit is no calibration."""
     alpha, stderr = fitted.solution.alpha, fitted.stderr[ALPHA]
     if not (np.isfinite(fitted.solution.vector).all() and np.isfinite(stderr).all()):

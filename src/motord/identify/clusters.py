@@ -10,7 +10,7 @@ LEAST_TURNS = 6
 
 
 @dataclass(frozen=True)
-class Fit:
+class ClusterFit:
     """solution (p,), covariance (p, p), what it leaves of the values (n,), its noise (1 sample)."""
 
     solution: np.ndarray
@@ -40,7 +40,7 @@ class Regressors:
         inverse = scaled * np.outer(scale, scale)
         return cls(columns, inverse, np.flatnonzero(np.diff(turn, prepend=-1)))
 
-    def fit(self, values: np.ndarray) -> Fit:
+    def fit(self, values: np.ndarray) -> ClusterFit:
         """Fit values (n,).
 
         The covariance is that of white noise, or, where it is larger, the one that follows from how
@@ -53,9 +53,9 @@ class Regressors:
         edges = np.append(self.first, rest.size)
         scores = np.array([self.columns[a:b].T @ rest[a:b] for a, b in pairwise(edges)])
         more = _inflation(self.inverse @ scores.T, np.diag(white))
-        return Fit(solution, white * np.outer(more, more), rest, noise)
+        return ClusterFit(solution, white * np.outer(more, more), rest, noise)
 
-    def one_more(self, fit: Fit, column: np.ndarray) -> tuple[float, float]:
+    def one_more(self, fit: ClusterFit, column: np.ndarray) -> tuple[float, float]:
         """Return the coefficient, and its variance, that one more column (n,) would get.
 
         fit: of the values without it.

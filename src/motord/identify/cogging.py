@@ -16,7 +16,7 @@ import numpy as np
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identify import IdentifyError
 from motord.identify.basis import cell_gain, highpass
-from motord.identify.clusters import Fit, Regressors
+from motord.identify.clusters import ClusterFit, Regressors
 from motord.identify.driven import Driven, prepare, require
 from motord.identify.harmonics import lines_at
 from motord.identify.orders import allowed_orders, order_limit
@@ -174,7 +174,7 @@ def _without_trend(columns: np.ndarray, t_s: np.ndarray, turn: np.ndarray) -> np
     return free
 
 
-def _lines(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+def _lines(fit: ClusterFit) -> tuple[np.ndarray, np.ndarray]:
     """Return lines (n,) and their standard error per component (n,)."""
     variance = np.diag(fit.covariance)
     stderr: np.ndarray = np.sqrt((variance[0::2] + variance[1::2]) / 2)
@@ -184,7 +184,7 @@ def _lines(fit: Fit) -> tuple[np.ndarray, np.ndarray]:
 
 def _spectrum(
     angle_rad: np.ndarray,
-    fit: Fit,
+    fit: ClusterFit,
     driven: Driven,
     motor: MotorConfig,
     sensor: TorqueSensorConfig,

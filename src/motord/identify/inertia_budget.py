@@ -9,7 +9,7 @@ from math import sqrt
 
 import numpy as np
 
-from motord.identify.inertia_springs import HEAVY, UNLOADED, Setup, mass_factors
+from motord.identify.inertia_springs import HEAVY, UNLOADED, SpringSetup, mass_factors
 
 DRAWS = 200_000
 """Draws of the Monte Carlo; they are drawn PIECE at a time."""
@@ -61,7 +61,11 @@ class Budget:
 
 
 def budget(
-    setup: Setup, frequency_rad_s: float, stderr_rad_s: float, draws: int = DRAWS, seed: int = 1
+    setup: SpringSetup,
+    frequency_rad_s: float,
+    stderr_rad_s: float,
+    draws: int = DRAWS,
+    seed: int = 1,
 ) -> Budget:
     """Return the budget of the inertia for a natural frequency with its standard error."""
     inputs = _Inputs(setup, frequency_rad_s, stderr_rad_s / frequency_rad_s)
@@ -86,7 +90,7 @@ def budget(
 
 
 def deviated_kg_m2(
-    setup: Setup,
+    setup: SpringSetup,
     frequency_rad_s: float,
     *,
     springs: np.ndarray | float = 0.0,
@@ -108,7 +112,7 @@ class _Inputs:
     They are in parts; that of the effective mass is added to each spring's factor.
     """
 
-    def __init__(self, setup: Setup, frequency_rad_s: float, frequency_stderr: float) -> None:
+    def __init__(self, setup: SpringSetup, frequency_rad_s: float, frequency_stderr: float) -> None:
         self.setup, self.frequency_rad_s = setup, frequency_rad_s
         t, springs, levers = setup.tolerances, setup.stiffness_N_per_m.size, setup.levers_m.size
         self.groups = (
@@ -185,7 +189,7 @@ class Curves:
 
 
 def curves(
-    setup: Setup,
+    setup: SpringSetup,
     frequency_rad_s: float,
     *,
     stiffness: float = 0.03,

@@ -10,7 +10,7 @@ from motord.identify import IdentifyError
 from motord.identify.inertia_budget import Budget, Curves, budget, curves
 from motord.identify.inertia_decay import Decay, fit_decay, mean_frequency
 from motord.identify.inertia_report import Improvement, improvements
-from motord.identify.inertia_springs import Setup
+from motord.identify.inertia_springs import SpringSetup
 from motord.identify.inertia_swing import FivePeriods, Swing, find_swing, five_periods
 
 WORDS = {"wave": "waves in the springs", "heavy": "m/3", "unloaded": "4m/\u03c0\u00b2"}
@@ -38,7 +38,7 @@ class Release:
 
 
 @dataclass(frozen=True)
-class Reading:
+class InertiaReading:
     """The inertia by one way of reading the swings; std: of one release."""
 
     label: str
@@ -55,13 +55,13 @@ class Oscillation:
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
     """
 
-    setup: Setup
+    setup: SpringSetup
     stator: bool
     releases: tuple[Release, ...]
     frequency_rad_s: float
     frequency_stderr_rad_s: float
     budget: Budget
-    readings: tuple[Reading, ...]
+    readings: tuple[InertiaReading, ...]
     curves: Curves
     improvements: tuple[Improvement, ...]
     disturbed: tuple[Release, ...] = ()
@@ -82,7 +82,7 @@ def read_release(
     t_ns: np.ndarray,
     count: np.ndarray,
     counts: int,
-    setup: Setup,
+    setup: SpringSetup,
     cogging_Nm: np.ndarray | None = None,
 ) -> Release:
     """Return a release from its samples (n,). Raises IdentifyError naming it.
@@ -98,7 +98,7 @@ def read_release(
 
 
 def combine(
-    releases: Sequence[Release], setup: Setup, cogging_Nm: np.ndarray | None = None
+    releases: Sequence[Release], setup: SpringSetup, cogging_Nm: np.ndarray | None = None
 ) -> Oscillation:
     """Return the inertia from all releases. Raises IdentifyError if there are none.
 
@@ -147,7 +147,7 @@ def _apart(releases: Sequence[Release]) -> tuple[list[Release], list[Release]]:
     return good, [r for r, misfit in zip(releases, misfit_rad, strict=True) if misfit > worst_rad]
 
 
-def _readings(releases: Sequence[Release], setup: Setup) -> tuple[Reading, ...]:
+def _readings(releases: Sequence[Release], setup: SpringSetup) -> tuple[InertiaReading, ...]:
     heavy = setup.counting("heavy")
     five = [release.five for release in releases]
     cubic = [release.decay.cubic_per_rad2 for release in releases]
@@ -166,7 +166,7 @@ def _readings(releases: Sequence[Release], setup: Setup) -> tuple[Reading, ...]:
     for label, counted, frequencies_rad_s in ways:
         values = np.array([counted.inertia_kg_m2(w) for w in frequencies_rad_s])
         std = float(values.std(ddof=1)) if values.size > 1 else 0.0
-        readings.append(Reading(label, float(values.mean()), std))
+        readings.append(InertiaReading(label, float(values.mean()), std))
     return tuple(readings)
 
 
@@ -178,7 +178,7 @@ def waves_of(table_Nm: np.ndarray) -> np.ndarray:
     return np.array([order[there], lines[there].real, -lines[there].imag], float)
 
 
-def _uncertain_cogging(release: Release, setup: Setup, cogging_Nm: np.ndarray) -> float:
+def _uncertain_cogging(release: Release, setup: SpringSetup, cogging_Nm: np.ndarray) -> float:
     """Return by how much the frequency is uncertain, in parts, as the cogging torque is."""
     changed = fit_decay(release.swing, setup.stiffness_Nm, cogging_Nm * (1 + COGGING_UNCERTAINTY))
     return abs(changed.frequency_rad_s / release.decay.frequency_rad_s - 1)

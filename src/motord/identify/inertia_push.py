@@ -61,7 +61,7 @@ class Push:
 
 
 @dataclass(frozen=True)
-class Source:
+class TorqueSource:
     """A part of the uncertainty, in parts of the inertia."""
 
     source: str
@@ -77,7 +77,7 @@ class Acceleration:
     uncertainty_kg_m2: float
     commanded_kg_m2: float
     plain_kg_m2: float
-    sources: tuple[Source, ...]
+    sources: tuple[TorqueSource, ...]
 
 
 def accelerate(
@@ -99,15 +99,15 @@ def accelerate(
     scatter = float(values.std(ddof=1)) if values.size > 1 else pushes[0].stderr_kg_m2
     tau_s = sensor.highpass_time_constant_s
     sources = [
-        Source("gain of the torque sensor", settings.gain_tolerance / sqrt(3)),
-        Source("repetition", scatter / sqrt(values.size) / value),
+        TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3)),
+        TorqueSource("repetition", scatter / sqrt(values.size) / value),
     ]
     if tau_s > 0:
         longer = sensor.model_copy(
             update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
         )
         changed = _both_ways([read_push(step, counts, longer) for step in data])
-        sources.append(Source("its time constant", abs(changed / value - 1) / sqrt(3)))
+        sources.append(TorqueSource("its time constant", abs(changed / value - 1) / sqrt(3)))
     return Acceleration(
         pushes=pushes,
         inertia_kg_m2=value,

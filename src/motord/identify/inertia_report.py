@@ -11,7 +11,7 @@ from math import sqrt
 import numpy as np
 
 from motord.identify.inertia_budget import DRAWS, Budget, budget
-from motord.identify.inertia_springs import HEAVY, UNLOADED, Setup, Tolerances
+from motord.identify.inertia_springs import HEAVY, UNLOADED, SpringSetup, Tolerances
 
 CAD_KG_M2 = 0.01056
 MEASURED_KG_M2 = 0.009902
@@ -27,9 +27,9 @@ STIFFNESS_ERROR_N_PER_M, LEVER_ERROR_M, WEIGHING_ERROR_KG = 1.0, 0.0025, 0.001
 """What it calls realistic: 3 % of a spring, 0.5 % of a lever, 1 g in the weight of all springs."""
 
 
-def reports_setup() -> Setup:
+def reports_setup() -> SpringSetup:
     """Return the report's set-up, with its tolerances and effective mass m / 3."""
-    return Setup(
+    return SpringSetup(
         stiffness_N_per_m=np.full(6, SPRING_N_PER_M),
         mass_kg=np.full(6, SPRING_KG),
         lever=np.array([0, 1, 2, 0, 1, 2]),
@@ -107,7 +107,7 @@ def _errors(
 
 
 def _change(
-    setup: Setup,
+    setup: SpringSetup,
     frequency_rad_s: float,
     springs: np.ndarray,
     levers: np.ndarray,
@@ -128,7 +128,7 @@ class Improvement:
     """A change of the set-up, and the budget that it would have."""
 
     label: str
-    setup: Setup
+    setup: SpringSetup
     period_s: float
     budget: Budget
 
@@ -139,7 +139,7 @@ class Improvement:
 
 
 def improvements(
-    setup: Setup,
+    setup: SpringSetup,
     inertia_kg_m2: float,
     frequency_stderr: float,
     damping_ratio: float,
@@ -173,7 +173,7 @@ def improvements(
     return tuple(found)
 
 
-def one_spring_a_side(setup: Setup) -> Setup:
+def one_spring_a_side(setup: SpringSetup) -> SpringSetup:
     """Return the set-up with two springs as stiff as all are now, each as heavy as one is.
 
     They are measured to as many N/m as each one now, and weighed together on the same balance.
@@ -196,7 +196,7 @@ def one_spring_a_side(setup: Setup) -> Setup:
     )
 
 
-def shorter_bar(setup: Setup, part: float) -> Setup:
+def shorter_bar(setup: SpringSetup, part: float) -> SpringSetup:
     """Return the set-up with a bar of the same section, `part` as long; lengths to as many m."""
     t = setup.tolerances
     return replace(

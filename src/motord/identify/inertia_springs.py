@@ -30,7 +30,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Setup:
+class SpringSetup:
     """What is on the rotor, as told: n springs at m levers.
 
     stiffness_N_per_m, mass_kg, lever (n,): lever is the number from 0 of the spring's lever in
@@ -46,7 +46,7 @@ class Setup:
     tolerances: Tolerances = Tolerances()
 
     @classmethod
-    def of(cls, config: OscillationConfig) -> "Setup":
+    def of(cls, config: OscillationConfig) -> "SpringSetup":
         """Return the set-up of a bench file. Raises IdentifyError if it describes no springs."""
         if not config.springs:
             raise IdentifyError(
@@ -71,7 +71,7 @@ class Setup:
             ),
         )
 
-    def counting(self, effective_mass: EffectiveMass) -> "Setup":
+    def counting(self, effective_mass: EffectiveMass) -> "SpringSetup":
         """Return the same with another model of the springs' effective mass."""
         return replace(self, effective_mass=effective_mass)
 

@@ -35,7 +35,7 @@ class Solution:
 
 
 @dataclass(frozen=True)
-class Fit:
+class JointFit:
     """A solution with what it rests on.
 
     covariance (p + 1, p + 1) of solution.vector; noise_Nm (points,): standard deviation that is
@@ -63,7 +63,7 @@ class Fit:
         return errors
 
 
-def fit(gatherer: Gatherer, rated_A: float, *, use_law: bool = True) -> Fit:
+def fit(gatherer: Gatherer, rated_A: float, *, use_law: bool = True) -> JointFit:
     """Fit all turns. rated_A: peak of the rated current; use_law: use Kirchhoff's law, if it holds.
 
     Raises IdentifyError where the turns cannot tell the parameters apart.
@@ -80,7 +80,7 @@ def fit(gatherer: Gatherer, rated_A: float, *, use_law: bool = True) -> Fit:
         law_weight = turns.law_weight(solution.theta) if use_law else 0.0
         normals = turns.normals(weight, law_weight)
         gauge = decide(normals.information, normals.torque_information, rated_A)
-    return Fit(
+    return JointFit(
         solution=solve(normals.left, normals.right.sum(axis=0), gauge),
         covariance=_covariance(normals, turns.point, gauge),
         gauge=gauge,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motord.identify.joint import Fit, fit
+from motord.identify.joint import JointFit, fit
 from motord.identify.turns import ALPHA, BETA, Gatherer, Turns
 
 AGREEING_ERRORS = 3.0
@@ -40,6 +40,6 @@ def compare(gatherer: Gatherer, rated_A: float) -> str:
     )
 
 
-def _errors(fitted: Fit) -> np.ndarray:
+def _errors(fitted: JointFit) -> np.ndarray:
     errors: np.ndarray = np.maximum(fitted.stderr[ALPHA], 1e-9)
     return errors

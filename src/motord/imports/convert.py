@@ -15,7 +15,7 @@ from motord.imports.points import PointTeller
 from motord.imports.problems import Problems
 from motord.imports.remarks import on_rows, on_speed_and_points, on_torque
 from motord.imports.rows import usable_rows
-from motord.imports.source import Source
+from motord.imports.source import RowSource
 from motord.imports.survey import Survey, survey
 from motord.imports.tdms_source import MAGIC, TdmsSource
 from motord.imports.ticks import TickMaker
@@ -88,7 +88,7 @@ def import_run(
 
 
 @contextmanager
-def _opened(path: Path, mapping: ImportMap, scratch: Path) -> Iterator[Source]:
+def _opened(path: Path, mapping: ImportMap, scratch: Path) -> Iterator[RowSource]:
     try:
         with path.open("rb") as file:
             is_tdms = path.suffix.lower() == ".tdms" or file.read(len(MAGIC)) == MAGIC
@@ -141,7 +141,7 @@ def _metadata(
 class _Job:
     """The second pass."""
 
-    source: Source
+    source: RowSource
     wiring: Wiring
     mapping: ImportMap
     motor_file: MotorFile

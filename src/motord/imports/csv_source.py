@@ -10,7 +10,7 @@ from motord.imports.csv_cells import CellReader
 from motord.imports.dialect import Dialect, detect, is_date, is_row, number
 from motord.imports.mapping import CsvMap
 from motord.imports.problems import Problems
-from motord.imports.source import RawBlock, RowClock, Wanted
+from motord.imports.source import RawBlock, RowClock, WantedColumns
 from motord.recording.errors import RecordError
 
 BLOCK_CHARACTERS = 1 << 21
@@ -69,7 +69,7 @@ class CsvSource:
     def fix_rows(self, columns: Sequence[int]) -> None:
         """Do nothing: every line is a row."""
 
-    def blocks(self, wanted: Sequence[Wanted], problems: Problems) -> Iterator[RawBlock]:
+    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows; those that have another number of cells are noted and left out."""
         dates = tuple(w.index for w in wanted if w.as_time and self.holds_dates(w.index))
         reader = CellReader(self._dialect, tuple(wanted), dates)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motord.identify.points import GOOD
-from motord.imports.stretches import Stretch
+from motord.imports.stretches import ConstantSegment
 from motord.schema import Compensate, Flag
 
 
@@ -46,7 +46,7 @@ class PointTeller:
 
     def __init__(
         self,
-        stretches: tuple[Stretch, ...],
+        stretches: tuple[ConstantSegment, ...],
         min_turns: int,
         torque_passes: bool,
         rated_torque_Nm: float,
@@ -73,7 +73,7 @@ class PointTeller:
             self._sums = _Sums()
         self._row += ticks.size
 
-    def _record(self, stretch: Stretch) -> dict[str, Any]:
+    def _record(self, stretch: ConstantSegment) -> dict[str, Any]:
         sums = self._sums
         duration_s = (int(sums.last["t_ns"]) - int(sums.first["t_ns"])) * 1e-9
         mean_Hz = stretch.turns / duration_s

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motord.imports.source import Source
+from motord.imports.source import RowSource
 from motord.imports.wiring import Wiring
 from motord.recording.errors import RecordError
 
@@ -19,7 +19,7 @@ RANGE = (0.75, 1.02)
 class PositionReader:
     """Unwraps positions block by block, whatever range they are wrapped to, if any."""
 
-    def __init__(self, source: Source, wiring: Wiring) -> None:
+    def __init__(self, source: RowSource, wiring: Wiring) -> None:
         self._source = source
         self._field = wiring.position_field
         self._span = float(wiring.position_span)

@@ -11,7 +11,7 @@ import numpy as np
 
 from motord.imports.position import PositionReader
 from motord.imports.problems import Problems
-from motord.imports.source import RawBlock, Source
+from motord.imports.source import RawBlock, RowSource
 from motord.imports.times import TimeReader
 from motord.imports.wiring import Wiring
 
@@ -34,7 +34,7 @@ class Rows:
 
 
 def usable_rows(
-    source: Source, wiring: Wiring, names: tuple[str, ...], problems: Problems
+    source: RowSource, wiring: Wiring, names: tuple[str, ...], problems: Problems
 ) -> Iterator[Rows]:
     """Yield the usable rows with the columns `names` of `wiring`; the others are noted.
 

@@ -20,7 +20,7 @@ MISSING_NS = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedColumns:
     """A column, by its index from 0 on; as_time: as whole Unix ns, otherwise as numbers."""
 
     index: int
@@ -48,7 +48,7 @@ class RowClock:
     period_s: float
 
 
-class Source(Protocol):
+class RowSource(Protocol):
     """A file with columns of values."""
 
     @property
@@ -82,11 +82,11 @@ class Source(Protocol):
     def fix_rows(self, columns: Sequence[int]) -> None:
         """Let a row be what all these columns have."""
 
-    def blocks(self, wanted: Sequence[Wanted], problems: Problems) -> Iterator[RawBlock]:
+    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows, at most about BLOCK_ROWS at once; rows without cells are noted."""
 
 
-def find(source: Source, field: str, column: Column) -> int:
+def find(source: RowSource, field: str, column: Column) -> int:
     """Return the index of the column that is to become `field`. Raises RecordError."""
     if column.position is not None:
         if column.position > len(source.names):
@@ -104,7 +104,7 @@ def find(source: Source, field: str, column: Column) -> int:
     return index
 
 
-def locate(source: Source, name: str) -> int | None:
+def locate(source: RowSource, name: str) -> int | None:
     """Return the index of the column `name`, None if there is none. Raises RecordError."""
     found = source.places(name.strip())
     if len(found) > 1:

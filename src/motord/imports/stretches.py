@@ -13,7 +13,7 @@ GAP_ROWS = 20
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ConstantSegment:
     """Usable rows from `first` to before `end`; turns: how far it turned, whole_turns: from zero
     point to zero point."""
 
@@ -36,7 +36,7 @@ class StretchFinder:
     """Takes usable rows block by block and finds the stretches that turn at least once."""
 
     def __init__(self, split: SplitMap | None, counts: int) -> None:
-        self.found: list[Stretch] = []
+        self.found: list[ConstantSegment] = []
         self._tolerance = split.tolerance if split else 0.0
         self._settle_ns = round((split.settle_s if split else 0.0) * 1e9)
         self._counts = counts
@@ -65,7 +65,7 @@ class StretchFinder:
             self._extend(t_ns, position, first, end)
         self._rows += t_ns.size
 
-    def finish(self) -> list[Stretch]:
+    def finish(self) -> list[ConstantSegment]:
         """Return all stretches, those that end with the last row too."""
         self._close()
         return self.found
@@ -92,7 +92,7 @@ class StretchFinder:
             return
         way = 1 if turned > 0 else -1
         whole = way * last[1] // self._counts - way * begin.position // self._counts - 1
-        self.found.append(Stretch(begin.row, self._end, abs(turned) / self._counts, whole))
+        self.found.append(ConstantSegment(begin.row, self._end, abs(turned) / self._counts, whole))
 
     def _changes(self, keys: np.ndarray) -> np.ndarray:
         """Return which rows have other keys than the row before, or than the stretch began with."""

@@ -9,8 +9,8 @@ from motord.imports.held import Held
 from motord.imports.mapping import ImportMap
 from motord.imports.problems import Problems
 from motord.imports.rows import usable_rows
-from motord.imports.source import Source
-from motord.imports.stretches import GAP_ROWS, GAP_S, Stretch, StretchFinder
+from motord.imports.source import RowSource
+from motord.imports.stretches import GAP_ROWS, GAP_S, ConstantSegment, StretchFinder
 from motord.imports.wiring import Wiring
 from motord.recording.errors import RecordError
 
@@ -31,10 +31,10 @@ class Survey:
     period_s: float
     regular: bool
     counts_per_s: float
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[ConstantSegment, ...]
 
 
-def survey(source: Source, wiring: Wiring, mapping: ImportMap, progress: Progress) -> Survey:
+def survey(source: RowSource, wiring: Wiring, mapping: ImportMap, progress: Progress) -> Survey:
     """Read what must be known before the first row is written. Raises RecordError."""
     stretches, held = StretchFinder(mapping.split, wiring.counts), Held()
     medians_ns: list[float] = []

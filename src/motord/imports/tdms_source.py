@@ -15,7 +15,7 @@ import numpy as np
 
 from motord.imports.mapping import TdmsMap
 from motord.imports.problems import Problems
-from motord.imports.source import BLOCK_ROWS, RawBlock, RowClock, Wanted
+from motord.imports.source import BLOCK_ROWS, RawBlock, RowClock, WantedColumns
 from motord.recording.errors import RecordError
 
 MAGIC = b"TDSm"
@@ -114,7 +114,7 @@ class TdmsSource:
             words = f"the channels have {self._rows} to {max(lengths)} values: {self._rows} rows"
             self.notes.append(words)
 
-    def blocks(self, wanted: Sequence[Wanted], problems: Problems) -> Iterator[RawBlock]:
+    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows."""
         rows = self._rows
         for w in wanted:
@@ -132,7 +132,7 @@ class TdmsSource:
             raise RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
         return dtype
 
-    def _spool(self, wanted: Wanted) -> None:
+    def _spool(self, wanted: WantedColumns) -> None:
         """Copy a channel into a scratch file, once."""
         if wanted.index in self._spools:
             return
@@ -150,7 +150,7 @@ class TdmsSource:
                 values = values.astype("M8[ns]")
             np.ascontiguousarray(values.astype("i8" if as_ns else "f8")).tofile(spool)
 
-    def _read(self, wanted: Wanted, start: int, count: int) -> np.ndarray:
+    def _read(self, wanted: WantedColumns, start: int, count: int) -> np.ndarray:
         spool = self._spools[wanted.index]
         spool.seek(8 * start)
         return np.fromfile(spool, "i8" if wanted.as_time else "f8", count)

@@ -6,7 +6,7 @@ from motord.imports.held import Held
 from motord.imports.mapping import IN_OTHER_UNITS, SET_POINTS
 from motord.imports.problems import Problems
 from motord.imports.rows import Rows
-from motord.imports.source import Source
+from motord.imports.source import RowSource
 from motord.imports.speed import SpeedReader, span_s
 from motord.imports.survey import Survey
 from motord.imports.wiring import Wiring
@@ -19,7 +19,7 @@ FLOATS = tuple(n for n in TICK_DTYPE.names or () if TICK_DTYPE[n].kind == "f")
 class TickMaker:
     """Makes ticks of rows, block by block. anchor_ns: Unix time of the zero of the rows' times."""
 
-    def __init__(self, source: Source, wiring: Wiring, survey: Survey, anchor_ns: int) -> None:
+    def __init__(self, source: RowSource, wiring: Wiring, survey: Survey, anchor_ns: int) -> None:
         self._source, self._wiring, self._anchor_ns = source, wiring, anchor_ns
         self._period_ns = survey.period_s * 1e9 if survey.regular else None
         self._held = Held()

@@ -13,7 +13,7 @@ from motord.imports.mapping import (
     ImportMap,
     SplitMap,
 )
-from motord.imports.source import RowClock, Source, Wanted, find, locate, suggestion
+from motord.imports.source import RowClock, RowSource, WantedColumns, find, locate, suggestion
 from motord.recording.errors import RecordError
 
 LARGEST = 1e30
@@ -33,7 +33,7 @@ class Wiring:
     split the recording. Raises RecordError for columns that there are not.
     """
 
-    def __init__(self, source: Source, mapping: ImportMap, counts: int) -> None:
+    def __init__(self, source: RowSource, mapping: ImportMap, counts: int) -> None:
         self._source = source
         self.constants = dict(mapping.constants)
         self.notes: list[str] = []
@@ -55,10 +55,14 @@ class Wiring:
         self.clock = self._clock(mapping)
         self.time_is_whole = self._time_is_whole()
 
-    def wanted(self, names: Sequence[str]) -> list[Wanted]:
+    def wanted(self, names: Sequence[str]) -> list[WantedColumns]:
         """Return the columns to read: time, where there is one, position, and `names`."""
-        time = [Wanted(self._columns[self.time_field][0], self.time_is_whole)] if self.timed else []
-        return [*time, *(Wanted(self._columns[n][0]) for n in (self.position_field, *names))]
+        time = (
+            [WantedColumns(self._columns[self.time_field][0], self.time_is_whole)]
+            if self.timed
+            else []
+        )
+        return [*time, *(WantedColumns(self._columns[n][0]) for n in (self.position_field, *names))]
 
     @property
     def timed(self) -> bool:

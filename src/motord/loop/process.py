@@ -17,7 +17,7 @@ from motord.hal.wire_rig import WireRig
 from motord.loop import control_loop, rt_setup
 from motord.loop.hybrid_sleep import Waker
 from motord.loop.pacer import Pacer
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir, RunDirError
@@ -38,7 +38,7 @@ class LoopProcess:
         self._config_path = config_path
         self._run_dir = run_dir
         self._stop = control_loop.StopRequest()
-        self._status = LoopStatus(phase=Phase.STARTING, pid=os.getpid())
+        self._status = LoopStatus(phase=LoopPhase.STARTING, pid=os.getpid())
 
     def run(self) -> int:
         """Run until SIGTERM or until the supervisor is gone; return the exit code.
@@ -50,9 +50,9 @@ class LoopProcess:
         signal.signal(signal.SIGTERM, self._on_signal)
         try:
             with self._run_dir.lock("loop", PREDECESSOR_WAIT_S):
-                self._tell(Phase.STARTING)
+                self._tell(LoopPhase.STARTING)
                 self._run_bench()
-                self._tell(Phase.STOPPED, reason=self._stop.reason)
+                self._tell(LoopPhase.STOPPED, reason=self._stop.reason)
         except Exception as error:  # the last resort: whatever it was, the supervisor must know
             self._fail(error)
             return 1
@@ -81,7 +81,7 @@ class LoopProcess:
             rig.open()
             work.warm_up_rig()
             self._tell(
-                Phase.READY,
+                LoopPhase.READY,
                 rate_Hz=bench.loop.rate_Hz,
                 offset_ns=mailbox.clock.offset_ns,
                 realtime=rt_setup.apply(bench.loop),
@@ -101,7 +101,7 @@ class LoopProcess:
                 }
             )
 
-    def _tell(self, phase: Phase, **news: Any) -> None:
+    def _tell(self, phase: LoopPhase, **news: Any) -> None:
         self._status = self._status.model_copy(update={"phase": phase, **news})
         self._status.write(self._run_dir.loop_status)
 
@@ -112,7 +112,7 @@ class LoopProcess:
             sys.stderr.write(traceback.format_exc())
         sys.stderr.write(f"loop: {message}\n")
         try:
-            self._tell(Phase.FAILED, error=message)
+            self._tell(LoopPhase.FAILED, error=message)
         except OSError as unwritable:
             sys.stderr.write(f"loop: {self._run_dir.loop_status}: {unwritable.strerror}\n")
 

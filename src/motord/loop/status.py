@@ -12,7 +12,7 @@ from motord.shm.histogram import TimeSummary
 SIZE_MAX_BYTES = 1 << 20
 
 
-class Phase(StrEnum):
+class LoopPhase(StrEnum):
     """Where in its life the loop process is."""
 
     STARTING = "starting"
@@ -26,7 +26,7 @@ class LoopStatus(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    phase: Phase
+    phase: LoopPhase
     pid: int
     rate_Hz: int = 0
     offset_ns: int = 0

@@ -9,7 +9,7 @@ import numpy as np
 from motord.control import step as kernel
 from motord.control.learned import VALUES
 from motord.control.types import COMMAND, FEEDBACK, MEMORY, PARAMETERS, SETPOINT
-from motord.jit import Frame, jit_holding_gil, records_at
+from motord.jit import ArgumentBlock, jit_holding_gil, records_at
 from motord.schema import TICK_DTYPE
 from motord.shm.histogram import count
 from motord.shm.tables import TableSet
@@ -71,7 +71,7 @@ class Beat:
         command: np.ndarray,
         ring: np.ndarray,
     ) -> None:
-        self._frame = Frame(*tables, memory, feedback, setpoint, command, ring, timing)
+        self._frame = ArgumentBlock(*tables, memory, feedback, setpoint, command, ring, timing)
         self.frame = self._frame.address
 
     def use(self, tables: TableSet) -> None:

@@ -20,47 +20,47 @@ from motord.plans.steps import Plan
 
 
 @dataclass(frozen=True)
-class Kind:
+class PlanKind:
     """A plan that can be started: what it is for and what makes it."""
 
     summary: str
     make: Callable[[Config, Mapping[str, Any]], Plan]
 
 
-PLANS: dict[str, Kind] = {
-    "align": Kind(
+PLANS: dict[str, PlanKind] = {
+    "align": PlanKind(
         "a current vector turned by hand, for phase order, encoder direction and encoder zero",
         align.make,
     ),
-    "calibrate": Kind(
+    "calibrate": PlanKind(
         "torque/speed mesh without compensation, for alpha, beta and cogging",
         partial(mesh.make, "calibrate"),
     ),
-    "verify": Kind(
+    "verify": PlanKind(
         "the same mesh with the installed calibration applied, for the remaining ripple",
         partial(mesh.make, "verify"),
     ),
-    "cogging": Kind(
+    "cogging": PlanKind(
         "rotor driven from outside without current, for the cogging torque",
         partial(driven.make, "cogging"),
     ),
-    "back-emf": Kind(
+    "back-emf": PlanKind(
         "rotor driven from outside without current, for the back-EMF of the phases",
         partial(driven.make, "back-emf"),
     ),
-    "inertia-oscillation": Kind(
+    "inertia-oscillation": PlanKind(
         "a bar between springs, deflected by hand and let go, for the moment of inertia",
         inertia_oscillation.make,
     ),
-    "inertia-acceleration": Kind(
+    "inertia-acceleration": PlanKind(
         "steps of torque from rest without the brake, for the moment of inertia",
         inertia_acceleration.make,
     ),
-    "sensitivity": Kind(
+    "sensitivity": PlanKind(
         "known errors of gains, offsets and cogging torque, for what each costs in ripple",
         sensitivity.make,
     ),
-    "learn": Kind(
+    "learn": PlanKind(
         "the mesh with all that is known applied, once, to learn what is left at each point",
         learn.make,
     ),

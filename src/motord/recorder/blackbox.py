@@ -40,7 +40,7 @@ def path_of(config: Config, t_ns: int) -> Path:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class BlackBoxWanted:
     """What a box should be: file, tick of the trip (None: the newest), ticks before and after.
 
     account: what is known of the trip, with `reason` in words. events: as in a recording, each
@@ -56,7 +56,7 @@ class Wanted:
     events: list[Mapping[str, Any]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, command: Mapping[str, Any]) -> "Wanted":
+    def of(cls, command: Mapping[str, Any]) -> "BlackBoxWanted":
         """Return what a command asks for. Raises KeyError, TypeError, ValueError."""
         tick = command["tick"]
         return cls(
@@ -90,7 +90,7 @@ class BlackBox:
     Raises RecordError if there is no ring or nothing in it.
     """
 
-    def __init__(self, wanted: Wanted, ring: Path, now_s: float) -> None:
+    def __init__(self, wanted: BlackBoxWanted, ring: Path, now_s: float) -> None:
         self.wanted = wanted
         try:
             self._reader = RingReader(ring, "oldest")

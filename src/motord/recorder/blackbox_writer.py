@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import RecordingConfig
-from motord.recorder.blackbox import BlackBox, Wanted
+from motord.recorder.blackbox import BlackBox, BlackBoxWanted
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX
 from motord.recording.errors import RecordError
 
@@ -15,7 +15,7 @@ AT_ONCE = 3
 """Boxes in memory at a time, while the disk stalls: each may be some ten MB."""
 
 
-class BlackBoxes:
+class BlackBoxWriter:
     """Fills boxes from the ring and has them written, apart from any recording.
 
     `outcomes`: path of each box to "" once it is written, else why it is not.
@@ -34,7 +34,7 @@ class BlackBoxes:
         """True while ticks are still wanted for a box."""
         return bool(self._filling)
 
-    def ask(self, wanted: Wanted, now_s: float, *, if_powered: bool = False) -> None:
+    def ask(self, wanted: BlackBoxWanted, now_s: float, *, if_powered: bool = False) -> None:
         """Begin a box; with `if_powered`, only if the bench was enabled until now."""
         if len(self._filling) + len(self._writing) >= AT_ONCE:
             self._note(wanted, f"{AT_ONCE} black boxes are still being written")
@@ -79,7 +79,7 @@ class BlackBoxes:
         else:
             self._note(box.wanted, "")
 
-    def _note(self, wanted: Wanted, outcome: str) -> None:
+    def _note(self, wanted: BlackBoxWanted, outcome: str) -> None:
         self.outcomes[str(wanted.path)] = outcome[:TEXT_MAX]
         while len(self.outcomes) > OUTCOMES_MAX:
             del self.outcomes[next(iter(self.outcomes))]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from motord.recorder.blackbox import Wanted
+from motord.recorder.blackbox import BlackBoxWanted
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import MessageReader, RecorderReport
 from motord.recording.json_encoding import to_line
@@ -93,7 +93,7 @@ class RecorderLink:
         """Record a metadata record, as in `motord.latency`."""
         self._send({"do": "metadata", "name": name, "content": values})
 
-    def blackbox(self, wanted: Wanted) -> None:
+    def blackbox(self, wanted: BlackBoxWanted) -> None:
         """Write a black box, beside any recording."""
         self._send({"do": "blackbox", **wanted.command()})
 

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load
-from motord.recorder.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxWanted, path_of
 from motord.recorder.launch import BACKLOG_MAX_BYTES
 from motord.recorder.leftovers import Leftovers
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
@@ -167,7 +167,7 @@ def _box_of_the_daemons_end(session: Session, config: Config, path: Path, now_s:
         "action": "look into the system's log for what ended it (out of memory, kill -9, a crash)",
         "t_ns": now_ns,
     }
-    box = Wanted(
+    box = BlackBoxWanted(
         path=path_of(config, now_ns),
         tick=None,
         ticks_before=round(BEFORE_S * config.loop.rate_Hz),

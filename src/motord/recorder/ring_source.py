@@ -35,7 +35,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Piece:
+class RingPiece:
     """Ticks in order, shape (n,); before them `lost` were lost.
 
     `resumed` is the mark after which they go on, if they are the first after a restart of the
@@ -122,12 +122,12 @@ class Feed:
         """Read this ring to its end and no other: its successors are somebody else's."""
         self._staying = True
 
-    def read(self) -> Piece:
+    def read(self) -> RingPiece:
         """Return the ticks that have come since the last call, perhaps none."""
         if self._reader is None and not self._staying:
             self._reader = self._attach("oldest")  # younger than this feed: all of it is wanted
         if self._reader is None:
-            return Piece(np.empty(0, TICK_DTYPE))
+            return RingPiece(np.empty(0, TICK_DTYPE))
         superseded = self._reader.superseded()  # asked first, so that no last tick is left behind
         block, lost = self._reader.read()
         if superseded and not len(block) and not self._staying:
@@ -146,9 +146,9 @@ class Feed:
         self.problem = ""
         return reader
 
-    def _piece(self, block: Block, lost: int) -> Piece:
+    def _piece(self, block: Block, lost: int) -> RingPiece:
         if not len(block):
-            return Piece(block, lost)
+            return RingPiece(block, lost)
         new_ring, mark = self._new_ring, self._mark
         self._new_ring, self._mark = False, None
         others, self._others = self._others, ()
@@ -156,14 +156,14 @@ class Feed:
             mark = next((other for other in others if _is_in(block, other).any()), None)
         if mark is None:
             fresh, missing = self._from_first(block)
-            return Piece(fresh, lost + missing, new_ring=new_ring)
+            return RingPiece(fresh, lost + missing, new_ring=new_ring)
         fresh, lost = after(block, mark)
         fresh = fresh[fresh["tick"] >= self._first_tick]
         if not len(fresh):
             self._mark = mark  # nothing new yet
-            return Piece(fresh)
+            return RingPiece(fresh)
         self._first_tick = 0
-        return Piece(fresh, lost, resumed=mark, new_ring=new_ring)
+        return RingPiece(fresh, lost, resumed=mark, new_ring=new_ring)
 
     def _from_first(self, block: Block) -> tuple[Block, int]:
         """Return the ticks from the first that is wanted on, and how many of them are gone."""

@@ -24,7 +24,7 @@ class Tally:
     lost: int = 0
 
 
-class Recording:
+class RollingFile:
     """The recording `stem`: files NAME-000.mcap, NAME-001.mcap, ... in the folder of `stem`.
 
     `open` is true until it ends, by `close`, for want of space, or because a file could not be

@@ -8,11 +8,11 @@ from typing import Any
 
 from motord.config import RecordingConfig
 from motord.recorder.background import Background
-from motord.recorder.blackbox import Wanted, checked_event
-from motord.recorder.blackbox_writer import BlackBoxes
+from motord.recorder.blackbox import BlackBoxWanted, checked_event
+from motord.recorder.blackbox_writer import BlackBoxWriter
 from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX
-from motord.recorder.ring_source import Feed, Mark, Piece, last_mark, neighbours
-from motord.recorder.rolling_file import Recording
+from motord.recorder.ring_source import Feed, Mark, RingPiece, last_mark, neighbours
+from motord.recorder.rolling_file import RollingFile
 from motord.recording.errors import RecordError
 from motord.recording.storage import free_bytes, obstacle
 
@@ -62,7 +62,7 @@ class Session:
         self._settings = settings
         self._free = free
         self._feed: Feed | None = None
-        self._recording: Recording | None = None
+        self._recording: RollingFile | None = None
         self._disk = Background(BACKLOG_BYTES)
         self._error = ""
         self._wanted: _Wanted | None = None
@@ -74,7 +74,7 @@ class Session:
         self._probe_at_s = 0.0
         self._obstacle = ""
         self._leftovers: dict[str, str] = {}
-        self.boxes = BlackBoxes(ring, settings)
+        self.boxes = BlackBoxWriter(ring, settings)
         self.about: Mapping[str, object] = {}
         self._commands: dict[str, Callable[[Mapping[str, Any], float], None]] = {
             "start": self._start,
@@ -158,7 +158,9 @@ class Session:
         """Make the first file. Raises RecordError."""
         self._begun_s, self._retry_at_s = now_s, now_s + self._retry_s
         self._recording = None
-        self._recording = Recording(wanted.stem, wanted.metadata, self._settings, now_s, self._free)
+        self._recording = RollingFile(
+            wanted.stem, wanted.metadata, self._settings, now_s, self._free
+        )
         self._error = ""
 
     def _retry(self, wanted: _Wanted, now_s: float) -> None:
@@ -211,7 +213,7 @@ class Session:
             self._disk.do(lambda: recording.step(now_s))
         return False
 
-    def _remember(self, piece: Piece) -> None:
+    def _remember(self, piece: RingPiece) -> None:
         """Note which ticks have been given to a recording."""
         if not len(piece.block):
             return
@@ -304,12 +306,12 @@ class Session:
         self._write(lambda recording: recording.add_metadata(name, content))
 
     def _blackbox(self, command: Mapping[str, Any], now_s: float) -> None:
-        self.boxes.ask(Wanted.of(command), now_s)
+        self.boxes.ask(BlackBoxWanted.of(command), now_s)
 
     def _blackbox_event(self, command: Mapping[str, Any], now_s: float) -> None:
         self.boxes.event(checked_event({"t_ns": _time_ns(command), **command["content"]}))
 
-    def _write(self, action: Callable[[Recording], None]) -> None:
+    def _write(self, action: Callable[[RollingFile], None]) -> None:
         recording = self._recording
         if recording is not None:
             self._disk.do(lambda: action(recording))
@@ -328,13 +330,13 @@ def _mapping(content: object) -> Mapping[str, Any]:
     return content
 
 
-def _record(recording: Recording, piece: Piece, now_s: float, why_again: str) -> None:
+def _record(recording: RollingFile, piece: RingPiece, now_s: float, why_again: str) -> None:
     _announce(recording, piece, why_again)
     recording.ticks(piece.block, piece.lost)
     recording.step(now_s)
 
 
-def _announce(recording: Recording, piece: Piece, why_again: str) -> None:
+def _announce(recording: RollingFile, piece: RingPiece, why_again: str) -> None:
     """Write events for what the ticks of `piece` do not say themselves."""
     if not len(piece.block):
         return

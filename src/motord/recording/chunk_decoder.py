@@ -70,7 +70,7 @@ def chunk_content(record: memoryview) -> memoryview:
 
 
 @dataclass(frozen=True)
-class Rows:
+class DecodedRows:
     """Messages of fixed layout one after the other: `rows` (n, size) of `layout`."""
 
     layout: MessageRows
@@ -104,7 +104,9 @@ class Single:
         return np.array([[self.log_time_ns, self.offset]], np.uint64)
 
 
-def messages(content: memoryview, layouts: Mapping[int, MessageRows]) -> Iterator[Rows | Single]:
+def messages(
+    content: memoryview, layouts: Mapping[int, MessageRows]
+) -> Iterator[DecodedRows | Single]:
     """Yield the messages in a chunk in order, those of the channels in `layouts` as rows.
 
     Raises ChunkError for a record that does not fit, or a message that is not as its layout says.
@@ -119,7 +121,7 @@ def messages(content: memoryview, layouts: Mapping[int, MessageRows]) -> Iterato
             raise ChunkError("a message in it is too short")
         _, _, channel, _, log_time_ns, _ = HEAD.unpack_from(content, offset)
         if channel in layouts:
-            run = Rows(layouts[channel], layouts[channel].run(raw[offset:]), offset)
+            run = DecodedRows(layouts[channel], layouts[channel].run(raw[offset:]), offset)
             if not len(run.rows):
                 name = layouts[channel].codec.record.name
                 raise ChunkError(f"a message in it is not a {name} of fixed layout")

@@ -11,7 +11,7 @@ from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from motord.recording import topics
-from motord.recording.chunk_decoder import ChunkError, Rows, Single, chunk_content, messages
+from motord.recording.chunk_decoder import ChunkError, DecodedRows, Single, chunk_content, messages
 from motord.recording.damage import Damage, Loss
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import from_strings
@@ -55,7 +55,7 @@ class Span:
 ALWAYS = Span()
 
 
-class Source:
+class ChunkSource:
     """The file `path`: its structure, its chunks, its losses.
 
     Raises RecordError if it cannot be read or is not an MCAP file with messages in chunks.
@@ -99,7 +99,7 @@ class Source:
         for entry, (record, content) in self._each(chunks, lambda *good: good):
             yield entry, record, content
 
-    def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[Rows | Single]]:
+    def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[DecodedRows | Single]]:
         """Yield the messages of each of `chunks` that is good; note the others."""
         for _, parts in self._each(chunks, lambda _, c: list(messages(c, self.layouts))):
             yield parts

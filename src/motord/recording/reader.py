@@ -7,7 +7,7 @@ from typing import Any
 
 from motord.recording import topics
 from motord.recording.chunk_decoder import Single
-from motord.recording.chunk_source import Source, Span
+from motord.recording.chunk_source import ChunkSource, Span
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
 from motord.recording.table import Table
@@ -37,7 +37,7 @@ class Run:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.source = Source(path)
+        self.source = ChunkSource(path)
         self.metadata = self.source.metadata(METADATA)
         self.end = self.source.metadata(METADATA_END)
         self._require_known_format()

@@ -9,7 +9,7 @@ import numpy as np
 from motord.recording import topics
 from motord.recording.chunk import Index, chunk_record
 from motord.recording.chunk_decoder import ChunkError, chunk_head, messages
-from motord.recording.chunk_source import Source
+from motord.recording.chunk_source import ChunkSource
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import mended, to_strings
@@ -86,7 +86,7 @@ def _copy(run: Run, container: Container, go_on: Callable[[], bool]) -> tuple[in
     return ticks, chunks
 
 
-def _index(source: Source, content: memoryview) -> dict[int, Index]:
+def _index(source: ChunkSource, content: memoryview) -> dict[int, Index]:
     """Return log times and offsets of the messages of every channel in a chunk."""
     index: dict[int, list[Index]] = {}
     for part in messages(content, source.layouts):

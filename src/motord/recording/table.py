@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from motord.recording.chunk_decoder import Rows
-from motord.recording.chunk_source import ALWAYS, Source, Span
+from motord.recording.chunk_decoder import DecodedRows
+from motord.recording.chunk_source import ALWAYS, ChunkSource, Span
 from motord.recording.compression import CONTENT_MAX_BYTES
 from motord.recording.errors import RecordError
 from motord.recording.message_array import MessageRows
@@ -19,7 +19,7 @@ from motord.wire.ticks.pattern import Bytes
 class Table:
     """The messages of `layout` in `source`; of none, with the columns of `record`, if None."""
 
-    def __init__(self, source: Source, layout: MessageRows | None, record: Record) -> None:
+    def __init__(self, source: ChunkSource, layout: MessageRows | None, record: Record) -> None:
         self._source = source
         self._layout = layout
         self._codec = BlockCodec(record) if layout is None else layout.codec
@@ -91,7 +91,7 @@ class Table:
         if layout is None:
             return
         for parts in self._source.parts(chunks):
-            rows = (p.rows for p in parts if isinstance(p, Rows) and p.layout is layout)
+            rows = (p.rows for p in parts if isinstance(p, DecodedRows) and p.layout is layout)
             yield [layout.payloads(_within(layout, run, span)) for run in rows]
 
 

@@ -8,7 +8,7 @@ from motord.report.plots.inertia import Periods, Pushes, Swings, periods, pushes
 from motord.report.plots.inertia_budget import (
     Bar,
     Range,
-    Sensitivity,
+    SensitivityCurve,
     explanation,
     ranked,
     sensitivity,
@@ -43,7 +43,7 @@ class OscillationReport:
     periods: Periods
     readings: tuple[tuple[str, float, float], ...]
     reports_way: str
-    sensitivity: Sensitivity
+    sensitivity: SensitivityCurve
     sources: tuple[tuple[Bar, str], ...]
     changes: tuple[tuple[Bar, float], ...]
     explained: tuple[tuple[Range, float], ...]

@@ -32,7 +32,7 @@ from motord.plans import build
 from motord.recording.reader import Run, open_run
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
-from motord.simulate import Source, record_plan
+from motord.simulate import PlanSource, record_plan
 from motord.virtual.mesh import processors
 
 STAGES = (
@@ -96,7 +96,7 @@ class _Bench:
     """Records plans on a simulated rig and keeps account of them."""
 
     def __init__(
-        self, source: Source, folder: Path, quick: bool, pool: ProcessPoolExecutor, seed: int
+        self, source: PlanSource, folder: Path, quick: bool, pool: ProcessPoolExecutor, seed: int
     ) -> None:
         self.source, self.subject = source, Subject.of_config(source.config)
         self._folder, self._quick, self._pool = folder, quick, pool
@@ -127,12 +127,12 @@ class _Bench:
         return open_run(path)
 
 
-def with_rig(source: Source, rig: str) -> Source:
+def with_rig(source: PlanSource, rig: str) -> PlanSource:
     """Return the same bench with another packaged rig."""
     config, before = source.config, source.config.bench.rig
     bench = config.bench.model_copy(update={"rig": packaged(rig)})
     old = before.name if before else ""
-    return Source(config.model_copy(update={"bench": bench}), source.text.replace(old, rig, 1))
+    return PlanSource(config.model_copy(update={"bench": bench}), source.text.replace(old, rig, 1))
 
 
 def reproduce(folder: Path, seed: int, quick: bool, progress: Progress) -> Found:
@@ -142,13 +142,13 @@ def reproduce(folder: Path, seed: int, quick: bool, progress: Progress) -> Found
     """
     began_s = time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
-    plain = Source.of()
+    plain = PlanSource.of()
     with processors() as pool:
 
-        def bench(source: Source, number: int) -> _Bench:
+        def bench(source: PlanSource, number: int) -> _Bench:
             return _Bench(source, folder, quick, pool, seed + number)
 
-        swing = bench(Source.of(packaged("inertia.toml")), 1)
+        swing = bench(PlanSource.of(packaged("inertia.toml")), 1)
         main, bent = bench(plain, 2), bench(with_rig(plain, NONLINEAR_RIG), 3)
         oscillation, acceleration = _inertia(swing, main, progress)
         driven = _driven(main, progress)

@@ -14,10 +14,10 @@ from motord.hal import registry
 from motord.loop.launch import loop_command
 from motord.recorder.launch import recorder_command, spawn_recorder
 from motord.service.bench.bench import Bench
-from motord.service.bench.blackbox import BlackBoxes
+from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.bench.loop_link import LOOP, LoopLink
-from motord.service.bench.recording import RECORDER, Recording
+from motord.service.bench.recording import RECORDER, RecordingControl
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
 from motord.service.gateway.link import GateLink, gate_spec
 from motord.service.host import scheduling
@@ -117,14 +117,14 @@ def assemble(
         ),
         DescriptorReserve(),
     )
-    recording = Recording(config, toml, children, events, clock.now_ns, run_dir.timing)
+    recording = RecordingControl(config, toml, children, events, clock.now_ns, run_dir.timing)
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
     resumption = Resumption(config, journal, lambda: recording.calibration_id(), clock.now_ns)
     sink = Durable(recording, journal, resumption, events, clock.now_ns)
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     tables = TablesWriter(run_dir.tables, config.motor.counts)
     bench = Bench(config, mailbox, devices, events, sink)
-    boxes = BlackBoxes(config, events, recording.about, clock.now_ns)
+    boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
     recording.followers += [boxes, sink]
     bench.watch.on_trip = boxes.trip
     store = CalibrationStore(config, state_dir)

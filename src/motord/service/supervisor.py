@@ -15,7 +15,7 @@ from motord.schema import State as DriveState
 from motord.service.bench.bench import Bench
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LOOP, LoopLink
-from motord.service.bench.recording import Recording
+from motord.service.bench.recording import RecordingControl
 from motord.service.gateway.link import GateLink
 from motord.service.host.log import log_error
 from motord.service.host.systemd import Notifier
@@ -39,7 +39,7 @@ class Supervisor:
     calls: CallQueue
     children: Children
     loop: LoopLink
-    recording: Recording
+    recording: RecordingControl
     publisher: Publisher
     gate: GateLink | None = None
     notifier: Notifier = field(default_factory=Notifier)

@@ -31,7 +31,7 @@ from motord.virtual.plan import BlockSink, run_plan
 
 
 @dataclass(frozen=True)
-class Piece:
+class MeshPiece:
     """One operating point with everything before and after it: ticks (n,), truth (n,)."""
 
     ticks: np.ndarray
@@ -54,7 +54,7 @@ def run_points(
     seed: int,
     calibration: Calibration | None = None,
     pool: ProcessPoolExecutor | None = None,
-) -> Iterator[Piece]:
+) -> Iterator[MeshPiece]:
     """Yield the pieces of `plan` in order, times and tick numbers running on.
 
     Without a `pool` all is computed here. Raises PlanFailed at the first point that fails.
@@ -67,13 +67,13 @@ def run_points(
         first_tick += piece.ticks.size
 
 
-def _shared_out(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[Piece]:
+def _shared_out(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[MeshPiece]:
     """Let the pool's processes compute the pieces; yield them in order."""
     with tempfile.TemporaryDirectory(prefix="motord-mesh-", dir=rows.folder()) as name:
         takes = [partial(_take_to_files, task, Path(name)) for task in tasks]
         for task, point in zip(tasks, _ahead(pool, takes), strict=True):
             tick_file, truth_file = _files(task, Path(name))
-            yield Piece(
+            yield MeshPiece(
                 rows.mapped(tick_file, TICK_DTYPE), rows.mapped(truth_file, TRUTH_DTYPE), point
             )
 
@@ -100,12 +100,12 @@ def processors() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(os.cpu_count(), multiprocessing.get_context("spawn"))
 
 
-def _take(task: _Task) -> Piece:
+def _take(task: _Task) -> MeshPiece:
     """Run one operating point, here."""
     blocks: list[tuple[np.ndarray, np.ndarray]] = []
     point = _run(task, lambda *block: blocks.append(block))
     ticks, truth = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return Piece(ticks, truth, point)
+    return MeshPiece(ticks, truth, point)
 
 
 def _take_to_files(task: _Task, folder: Path) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def _run(task: _Task, on_block: BlockSink) -> dict[str, Any]:
     return run_plan(bench, task.plan.part((point,)), on_block)[-1]
 
 
-def _shifted(piece: Piece, first_tick: int, rate_Hz: int) -> Piece:
+def _shifted(piece: MeshPiece, first_tick: int, rate_Hz: int) -> MeshPiece:
     """Return the piece as it is after `first_tick` ticks of others."""
     shift_ns = first_tick * 1_000_000_000 // rate_Hz
     piece.ticks["tick"] += np.uint64(first_tick)
@@ -143,4 +143,4 @@ def _shifted(piece: Piece, first_tick: int, rate_Hz: int) -> Piece:
         point[key] += first_tick
     for key in ("t_start_ns", "t_end_ns"):
         point[key] += shift_ns
-    return Piece(piece.ticks, piece.truth, point)
+    return MeshPiece(piece.ticks, piece.truth, point)

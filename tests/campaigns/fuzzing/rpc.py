@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from motord.api.refusal import Code, Refusal
+from motord.api.refusal import Code, RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.plans import PLANS
 from motord.schema import Trip
@@ -149,7 +149,7 @@ class Rpc:
                 request, prepared = parse(name, payload), None
             call = Call(name, request, prepared)
             self.service.desk.handle(call, self.service.now_ns)
-        except Refusal as refusal:
+        except RpcError as refusal:
             self._refused(refusal)
             assert self._snapshot() == before, "a request that was refused changed something"
             return False
@@ -162,7 +162,7 @@ class Rpc:
             self.service.step()
             outcome = _outcome(call)
         assert outcome is not None, f"{name} was never answered"
-        if isinstance(outcome, Refusal):
+        if isinstance(outcome, RpcError):
             self._refused(outcome)
             assert waited or self._snapshot() == before, "refused, and yet something changed"
             return False
@@ -185,7 +185,7 @@ class Rpc:
         assert all(np.all(np.isfinite(n)) for n in numbers), f"set-point not finite: {written}"
         assert np.all(np.isfinite(service.bench.watch.torque_set_Nm))
 
-    def _refused(self, refusal: Refusal) -> None:
+    def _refused(self, refusal: RpcError) -> None:
         assert refusal.code in CODES, f"unknown code {refusal.code}"
         assert refusal.message, "a refusal without a word"
         assert "Traceback" not in refusal.message
@@ -206,5 +206,5 @@ def _values(rng: random.Random) -> dict[str, float]:
 def _outcome(call: Call) -> Any:
     try:
         return call.wait(0)
-    except Refusal as refusal:
+    except RpcError as refusal:
         return None if refusal.code == "busy" else refusal

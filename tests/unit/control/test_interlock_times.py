@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from motord.config import Config
-from motord.control.interlock_table import INTERLOCK, Source
+from motord.control.interlock_table import INTERLOCK, EvidenceSource
 from motord.schema import BridgeStatus, InverterStatus, Request, State, Trip
 from tests.unit.control.bench import Bench, make_config
 
@@ -64,11 +64,15 @@ class Spaced(Bench):
         self.wrong: list[Callable[[Spaced], None]] = []
         self.acceleration_rad_s2 = self.age_s = 0.0
         self.bridge_silent = self.inverter_silent = False
-        self.lost = dict.fromkeys(Source, False)
-        self.gap_s = {Source.LOOP: 0.0, Source.BRIDGE: 0.0, Source.INVERTER: 0.0}
+        self.lost = dict.fromkeys(EvidenceSource, False)
+        self.gap_s = {
+            EvidenceSource.LOOP: 0.0,
+            EvidenceSource.BRIDGE: 0.0,
+            EvidenceSource.INVERTER: 0.0,
+        }
         self.speed_rad_s, self.angle_rad = 5.0, 1.0
 
-    def arrives(self, source: Source) -> bool:
+    def arrives(self, source: EvidenceSource) -> bool:
         """Whether a sample arrives: never two in a row are lost, or no torque is commanded."""
         lost = self.spacing == "drops" and self.draw.random() < DROPPED
         self.lost[source] = lost and not self.lost[source]
@@ -82,20 +86,22 @@ class Spaced(Bench):
             late_ns = self.draw.uniform(0.0, self.late_most_ns)
             t_ns = min(self.next_ns + late_ns, begun_ns + self.period_ns)
             self.next_ns += self.interval_ns
-            if self.bridge_silent or not self.arrives(Source.BRIDGE):
+            if self.bridge_silent or not self.arrives(EvidenceSource.BRIDGE):
                 continue
             dt_s = (t_ns - begun_ns) * 1e-9
             turned = angle_rad + speed_rad_s * dt_s + self.acceleration_rad_s2 * dt_s**2 / 2
             count = self.count_at(turned)
             f.encoder_gray = count ^ (count >> 1)
-            self.gap_s[Source.BRIDGE] = max(self.gap_s[Source.BRIDGE], (t_ns - f.t_ns) * 1e-9)
+            self.gap_s[EvidenceSource.BRIDGE] = max(
+                self.gap_s[EvidenceSource.BRIDGE], (t_ns - f.t_ns) * 1e-9
+            )
             f.t_ns = t_ns
         self.speed_rad_s += self.acceleration_rad_s2 * period_s
         self.angle_rad += (self.speed_rad_s + speed_rad_s) / 2 * period_s
-        if not self.inverter_silent and self.arrives(Source.INVERTER):
+        if not self.inverter_silent and self.arrives(EvidenceSource.INVERTER):
             now_ns = begun_ns + self.period_ns
             gap_s = (now_ns - f.t_inverter_ns) * 1e-9
-            self.gap_s[Source.INVERTER] = max(self.gap_s[Source.INVERTER], gap_s)
+            self.gap_s[EvidenceSource.INVERTER] = max(self.gap_s[EvidenceSource.INVERTER], gap_s)
             f.t_inverter_ns = now_ns
             f.i_A[:] = self.command["i_A"][0]
         f.torque_Nm = self.memory["torque_set_Nm"][0]
@@ -233,7 +239,7 @@ def at_torque(loop_Hz: int, bridge_Hz: int, spacing: str) -> Spaced:
 
 def time_to_trip_s(bench: Spaced, trip: Trip, most_s: float) -> float:
     cause = CAUSES[trip]
-    bench.gap_s = dict.fromkeys(Source, 1.0 / bench.config.loop.rate_Hz)
+    bench.gap_s = dict.fromkeys(EvidenceSource, 1.0 / bench.config.loop.rate_Hz)
     cause.begin(bench)
     begun_ns = bench.now_ns
     f = bench.feedback[0]
@@ -253,7 +259,7 @@ def check(bench: Spaced, trip: Trip) -> None:
     loop_Hz = bench.config.loop.rate_Hz
     config, cause, row = bench.config, CAUSES[trip], INTERLOCK[trip]
     took_s = time_to_trip_s(bench, trip, 3.0)
-    source = Source.BRIDGE if trip is Trip.ENCODER_IMPLAUSIBLE else row.source
+    source = EvidenceSource.BRIDGE if trip is Trip.ENCODER_IMPLAUSIBLE else row.source
     stated_s = row.lasts_s(config) + cause.extra_s(config)
     gaps_s = (2 + cause.samples) * bench.gap_s[source]
     assert took_s <= stated_s + gaps_s + 1.5 / loop_Hz
@@ -337,13 +343,13 @@ def test_no_bench_that_is_accepted_is_blind_to_speed(
     bench.ask(Request.ENABLE)
     for _ in range(round(0.05 * loop_Hz) + 2):
         bench.tick_once()
-    bench.gap_s = dict.fromkeys(Source, 0.0)
+    bench.gap_s = dict.fromkeys(EvidenceSource, 0.0)
     bench.acceleration_rad_s2 = acceleration_rad_s2
     bandwidth_rad_s = 2 * math.pi * bandwidth_Hz
     lag_s = 2 / bandwidth_rad_s + INTERLOCK[Trip.OVER_SPEED].lasts_s(config)
     resolution_rad_s = 0.5 * bandwidth_rad_s * 2 * math.pi / config.motor.counts
     while bench.tick_once().state == State.ENABLED:
-        late_s = lag_s + 2 * bench.gap_s[Source.BRIDGE] + 1.5 / loop_Hz
+        late_s = lag_s + 2 * bench.gap_s[EvidenceSource.BRIDGE] + 1.5 / loop_Hz
         beyond_rad_s = acceleration_rad_s2 * late_s + resolution_rad_s
         assert bench.speed_rad_s <= trip_speed_rad_s + beyond_rad_s
     trips = Trip(int(bench.tick["first_trip"][0]))

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config import load
-from motord.emulate.bench import ADVANCE_MAX_NS, Command, EmulatedBench
+from motord.emulate.bench import ADVANCE_MAX_NS, CurrentCommand, EmulatedBench
 from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
 from motord.wire.bridge import frames
@@ -35,7 +35,7 @@ def operate(bench: EmulatedBench, from_ms: int, to_ms: int, *, commands=True, be
         bench.arrive(0, beat(0))
     for ms in range(from_ms, to_ms):
         if commands:
-            bench.arrive(ms * MS, Command(CURRENTS, True))
+            bench.arrive(ms * MS, CurrentCommand(CURRENTS, True))
         if beats:
             bench.arrive(ms * MS, beat(1))
         bench.advance((ms + 1) * MS, ignore)
@@ -96,7 +96,7 @@ def test_how_time_is_cut_makes_no_difference(arrivals_us, cuts_ms):
     for bench in benches:
         bench.arrive(0, beat(0))
         for number, at_us in enumerate(sorted(arrivals_us)):
-            bench.arrive(at_us * 1000, Command((float(number), 0.0, 0.0), True))
+            bench.arrive(at_us * 1000, CurrentCommand((float(number), 0.0, 0.0), True))
             bench.arrive(at_us * 1000, beat(1))
     benches[0].advance(100 * MS, ignore)
     for cut_ms in [*sorted(cuts_ms), 100]:
@@ -113,7 +113,7 @@ def test_a_stall_of_the_host_is_bounded(bench):
 
 def test_an_arrival_from_before_a_stall_takes_effect_now(bench):
     bench.advance(10 * MS, ignore)
-    bench.arrive(3 * MS, Command(CURRENTS, True))
+    bench.arrive(3 * MS, CurrentCommand(CURRENTS, True))
     bench.advance(11 * MS, ignore)
     assert bench.inverter.deadline_ns == (10 + TIMEOUT_MS) * MS
 

@@ -3,7 +3,7 @@ import pytest
 
 from motord.config import load
 from motord.emulate import EmulatorError
-from motord.emulate.bench import Command
+from motord.emulate.bench import CurrentCommand
 from motord.emulate.can import CanPort
 from motord.wire.can import dbc
 from tests.unit.emulate.benches import EMULATED
@@ -41,7 +41,7 @@ def test_commands_come_with_their_time(ends):
     for counter in range(3):
         host.send(command(counter))
     received = list(port.receive())
-    assert [c for _, c in received] == [Command(CURRENTS, True)] * 3
+    assert [c for _, c in received] == [CurrentCommand(CURRENTS, True)] * 3
     times_ns = [t for t, _ in received]
     assert times_ns == sorted(times_ns)
     assert list(port.receive()) == []

@@ -9,7 +9,7 @@ import pytest
 
 from motord.config import Config, load
 from motord.control.rotating import Axes
-from motord.emulate.bench import Command, EmulatedBench
+from motord.emulate.bench import CurrentCommand, EmulatedBench
 from motord.emulate.devices import Inverter
 from motord.emulate.selection import check_drivers, is_fast, said_by_inverter
 from motord.rig import truth as rig_truth
@@ -36,7 +36,7 @@ def spun(config: Config, truth: RigTruth, duration_ms: int = 60) -> EmulatedBenc
     bench = EmulatedBench(config, truth, 0)
     bench.arrive(0, beat(0))
     for ms in range(duration_ms):
-        bench.arrive(ms * MS, Command(COMMAND_A, True))
+        bench.arrive(ms * MS, CurrentCommand(COMMAND_A, True))
         bench.arrive(ms * MS, beat(1))
         bench.advance((ms + 1) * MS, lambda _frame: None)
     return bench
@@ -133,7 +133,7 @@ def test_a_drive_that_cannot_be_told_to_be_off_follows_the_next_command() -> Non
     bench = spun(config, still_rig())
     bench.advance(bench.now_ns + 2000 * MS, lambda _frame: None)
     assert bench.inverter.timed_out
-    bench.arrive(bench.now_ns, Command(COMMAND_A, True))
+    bench.arrive(bench.now_ns, CurrentCommand(COMMAND_A, True))
     bench.advance(bench.now_ns + MS, lambda _frame: None)
     assert bench.inverter.enabled
 

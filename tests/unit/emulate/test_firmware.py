@@ -11,7 +11,7 @@ from motord import config
 from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
-from motord.emulate.bench import Reading
+from motord.emulate.bench import SensorReading
 from motord.emulate.feed import values
 from motord.emulate.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
 from motord.emulate.qemu import Qemu, receive, send
@@ -91,7 +91,7 @@ def test_the_enable_line_comes_from_the_firmware(ends, machine, board):
 
 def test_the_rig_is_fed(ends, machine, board):
     link, _ = ends
-    reading = Reading._make([0] * len(Reading._fields))
+    reading = SensorReading._make([0] * len(SensorReading._fields))
     link.sample(board, reading._replace(encoder_gray=77, torque_counts=-5), 0)
     assert receive(machine.firmware_feed) == values(77, -5)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord.config import Config, load
-from motord.emulate.bench import Command, EmulatedBench
+from motord.emulate.bench import CurrentCommand, EmulatedBench
 from motord.rig.truth import load as load_truth
 from motord.schema import TRUTH_DTYPE
 from tests.unit.emulate.benches import beat
@@ -30,7 +30,7 @@ def play(bench: EmulatedBench, until_ns: int, commanded: bool = True) -> None:
     while bench.now_ns < until_ns:
         if commanded:
             bench.arrive(bench.now_ns, beat(int(number > 0)))
-            bench.arrive(bench.now_ns, Command((8.0, -4.0, -4.0), True))
+            bench.arrive(bench.now_ns, CurrentCommand((8.0, -4.0, -4.0), True))
             number += 1
         bench.advance(min(bench.now_ns + MS, until_ns), lambda frame: None)
 

@@ -7,7 +7,7 @@ import numpy as np
 from motord.config import Config, load, packaged
 from motord.identify.inertia_oscillation import Release, read_release
 from motord.identify.inertia_push import PushData
-from motord.identify.inertia_springs import Setup
+from motord.identify.inertia_springs import SpringSetup
 from motord.plans import build
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
@@ -25,8 +25,8 @@ def swing_truth() -> RigTruth:
     return load_truth(packaged("inertia.rig.toml"))
 
 
-def told() -> Setup:
-    return Setup.of(swing_bench().plans.inertia_oscillation)
+def told() -> SpringSetup:
+    return SpringSetup.of(swing_bench().plans.inertia_oscillation)
 
 
 def taken(

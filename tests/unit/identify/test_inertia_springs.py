@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from motord.config import OscillationConfig
 from motord.identify import IdentifyError
-from motord.identify.inertia_springs import HEAVY, UNLOADED, Setup, mass_factors
+from motord.identify.inertia_springs import HEAVY, UNLOADED, SpringSetup, mass_factors
 from motord.rig.bar import inertia_with_springs
 from motord.rig.truth import SpringTruth
 from tests.unit.identify.inertia_runs import swing_truth, told
@@ -29,7 +29,7 @@ def test_waves_give_back_what_the_rig_swings_with(
     )
     bar = 0.002
     whole = inertia_with_springs(inertia + bar, springs)
-    setup = Setup(
+    setup = SpringSetup(
         stiffness_N_per_m=np.array([s.stiffness_N_per_m for s in springs]),
         mass_kg=np.array([s.mass_kg for s in springs]),
         lever=np.array([0, 1]),
@@ -69,4 +69,4 @@ def test_the_packaged_bench_is_told_what_is_true() -> None:
 
 def test_a_bench_without_springs_is_refused() -> None:
     with pytest.raises(IdentifyError, match="no springs are described"):
-        Setup.of(OscillationConfig())
+        SpringSetup.of(OscillationConfig())

@@ -14,7 +14,7 @@ from motord import config
 from motord.cli.record import app
 from motord.config import RecordingConfig
 from motord.recorder import blackbox
-from motord.recorder.blackbox import AFTER_S, LATE_S, Wanted, path_of
+from motord.recorder.blackbox import AFTER_S, LATE_S, BlackBoxWanted, path_of
 from motord.recorder.blackbox_writer import AT_ONCE
 from motord.recorder.protocol import OUTCOMES_MAX
 from motord.recorder.session import Session
@@ -54,7 +54,7 @@ class Bench:
 
     def ask(self, tick: int | None, before: int = 100, after: int = 30, number: int = 0) -> Path:
         path = self.path(number)
-        wanted = Wanted(path, tick, before, after, METADATA, ACCOUNT)
+        wanted = BlackBoxWanted(path, tick, before, after, METADATA, ACCOUNT)
         line = json.dumps({"do": "blackbox", **wanted.command()}).encode()
         self.session.handle(line, self.now_s)
         return path
@@ -250,7 +250,7 @@ def test_malformed_commands_show_in_the_report(bench):
 )
 def test_when_the_daemon_dies_a_box_is_kept_if_the_bench_was_enabled(bench, state, first, written):
     bench.loop(150, state, first)
-    wanted = Wanted(bench.path(), None, 100, 0, METADATA, ACCOUNT)
+    wanted = BlackBoxWanted(bench.path(), None, 100, 0, METADATA, ACCOUNT)
     bench.session.boxes.ask(wanted, bench.now_s, if_powered=True)
     bench.session.boxes.finish()
     assert bench.path().exists() == written

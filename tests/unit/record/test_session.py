@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from motord.config import RecordingConfig
 from motord.recorder.ring_source import Mark, last_mark
-from motord.recorder.rolling_file import Recording
+from motord.recorder.rolling_file import RollingFile
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, next_file, numbers
@@ -495,7 +495,7 @@ def test_unknown_free_space_is_no_reason_to_stop(tmp_path):
     def fail(folder: Path) -> int:
         raise OSError
 
-    recording = Recording(tmp_path / "day", {}, RecordingConfig(), 0.0, fail)
+    recording = RollingFile(tmp_path / "day", {}, RecordingConfig(), 0.0, fail)
     recording.step(5.0)
     assert recording.open
     recording.close("done")
@@ -510,7 +510,7 @@ def test_free_space_of_a_folder(tmp_path):
 def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="cannot make it"):
-        Recording(tmp_path / "file" / "day" / "x", {}, RecordingConfig(), 0.0)
+        RollingFile(tmp_path / "file" / "day" / "x", {}, RecordingConfig(), 0.0)
 
 
 def test_a_next_file_that_cannot_be_made_leaves_the_last_one_whole(tmp_path, monkeypatch):
@@ -623,12 +623,12 @@ def test_a_disk_that_fails_after_a_stall_ends_the_recording(bench, monkeypatch):
 
 
 def test_a_mistake_in_the_background_is_not_kept_quiet(bench, monkeypatch):
-    def stumble(self: Recording, block: np.ndarray, lost: int) -> None:
+    def stumble(self: RollingFile, block: np.ndarray, lost: int) -> None:
         raise ValueError("a mistake")
 
     bench.start()
     bench.loop(5)
-    monkeypatch.setattr(Recording, "ticks", stumble)
+    monkeypatch.setattr(RollingFile, "ticks", stumble)
     with pytest.raises(RuntimeError, match="in the background failed"):
         bench.step()
 

@@ -13,8 +13,15 @@ from motord.config import LoopConfig
 from motord.loop import rt_setup
 from motord.loop.latency import cyclictest, measured_loop, measurement
 from motord.loop.latency.error import LatencyError
-from motord.loop.latency.measured_loop import Ready, Setup
-from motord.loop.latency.measurement import LoopOnDemand, Measured, Plan, Slices, measure, timing_of
+from motord.loop.latency.measured_loop import LoopSetup, Ready
+from motord.loop.latency.measurement import (
+    LoopOnDemand,
+    Measured,
+    MeasuredSlices,
+    MeasurementPlan,
+    measure,
+    timing_of,
+)
 from motord.loop.latency.picture import picture
 from motord.loop.latency.report import report
 from motord.loop.rt_setup import RealtimeStatus
@@ -56,7 +63,7 @@ def test_steal_counter(tmp_path: Path) -> None:
 
 
 def test_periods_are_whole_microseconds() -> None:
-    plan = Plan(LoopConfig(rate_Hz=3000), 1.0, slice_s=0.4)
+    plan = MeasurementPlan(LoopConfig(rate_Hz=3000), 1.0, slice_s=0.4)
     assert (plan.period_us, plan.ticks, plan.settle_ticks) == (333, 1201, 60)
 
 
@@ -111,7 +118,7 @@ def test_cyclictest_that_cannot_be_run(tmp_path: Path, monkeypatch: pytest.Monke
 class FakeLoop:
     """Instead of the loop's process: every slice takes 50 ns late and 9 us."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: LoopSetup) -> None:
         self.setup = setup
         self.ready = READY
 
@@ -144,8 +151,8 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return moves
 
 
-def plan(**other: object) -> Plan:
-    return Plan(LoopConfig(rate_Hz=1000), 1e9, **{"slice_s": 0.02, "enough": 5, **other})  # type: ignore[arg-type]
+def plan(**other: object) -> MeasurementPlan:
+    return MeasurementPlan(LoopConfig(rate_Hz=1000), 1e9, **{"slice_s": 0.02, "enough": 5, **other})  # type: ignore[arg-type]
 
 
 def test_goes_on_until_there_are_enough_clean_slices(machine: list[int]) -> None:
@@ -161,21 +168,21 @@ def test_goes_on_until_there_are_enough_clean_slices(machine: list[int]) -> None
 
 
 def test_ends_when_the_time_is_over(machine: list[int]) -> None:
-    measured = measure(Plan(LoopConfig(), 0.0, slice_s=0.01))
+    measured = measure(MeasurementPlan(LoopConfig(), 0.0, slice_s=0.01))
     assert (len(measured.loop.clean), measured.cyclictest) == (1, None)
 
 
 def test_a_processor_that_is_not_allowed(machine: list[int]) -> None:
     allowed = sorted(os.sched_getaffinity(0))
     with pytest.raises(LatencyError, match="cpu = 4000 cannot be used"):
-        measure(Plan(LoopConfig(cpu=4000), 0.0))
-    assert measure(Plan(LoopConfig(cpu=allowed[0]), 0.0, slice_s=0.01)).cpu == allowed[0]
-    assert measure(Plan(LoopConfig(), 0.0, slice_s=0.01)).cpu == allowed[-1]
+        measure(MeasurementPlan(LoopConfig(cpu=4000), 0.0))
+    assert measure(MeasurementPlan(LoopConfig(cpu=allowed[0]), 0.0, slice_s=0.01)).cpu == allowed[0]
+    assert measure(MeasurementPlan(LoopConfig(), 0.0, slice_s=0.01)).cpu == allowed[-1]
 
 
 def compared() -> Measured:
-    loop = Slices([timing(50), timing(60, missed=1)], [timing(40_000, missed=9)])
-    reference = Slices([timing(10_000), timing(12_000)], [])
+    loop = MeasuredSlices([timing(50), timing(60, missed=1)], [timing(40_000, missed=9)])
+    reference = MeasuredSlices([timing(10_000), timing(12_000)], [])
     return Measured(plan(compare=True), 1, READY, loop, reference, 2.0)
 
 
@@ -223,7 +230,7 @@ def test_the_loop_runs_slices_on_demand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
 ) -> None:
     monkeypatch.setattr(rt_setup, "apply", lambda _loop: RIGHTS)
-    setup = Setup(loop=LoopConfig(rate_Hz=1000), period_ns=PERIOD_NS)
+    setup = LoopSetup(loop=LoopConfig(rate_Hz=1000), period_ns=PERIOD_NS)
     words = f"{setup.model_dump_json()}\n2 10\n1 20\n".encode()
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(words)))
     assert measured_loop.main() == 0
@@ -239,4 +246,4 @@ def test_the_loop_runs_slices_on_demand(
 def test_a_loop_that_dies_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(LatencyError, match="the loop ended with code 1"):
-        LoopOnDemand(Setup(loop=LoopConfig(), period_ns=PERIOD_NS))
+        LoopOnDemand(LoopSetup(loop=LoopConfig(), period_ns=PERIOD_NS))

@@ -14,7 +14,7 @@ from motord.loop import main as entry
 from motord.loop import process, rt_setup
 from motord.loop.launch import loop_command, start_loop
 from motord.loop.rt_setup import RealtimeStatus
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from motord.shm.shared_records import SharedFileError
@@ -71,18 +71,18 @@ NO_RIGHTS = RealtimeStatus(
 
 
 def test_terminated_loop_stops_safely_and_accounts(bench: LoopBench) -> None:
-    phases: list[Phase] = []
+    phases: list[LoopPhase] = []
     bench.rig.on_read = lambda reads: (
         phases.append(bench.status.phase),
         bench.terminate_at_20(reads),
     )[1]
     assert bench.run() == 0
-    assert phases == [Phase.STARTING] * WARM_UP_READS + [Phase.READY] * 20
+    assert phases == [LoopPhase.STARTING] * WARM_UP_READS + [LoopPhase.READY] * 20
     assert bench.rig.calls == ["open", "safe_stop", "close"]
     assert bench.rig.commands
     assert all(command["enable"] == 0 for command in bench.rig.commands)
     status = bench.status
-    assert (status.phase, status.reason, status.error) == (Phase.STOPPED, "SIGTERM", "")
+    assert (status.phase, status.reason, status.error) == (LoopPhase.STOPPED, "SIGTERM", "")
     assert (status.pid, status.ticks, status.rate_Hz) == (os.getpid(), 20, 1000)
     assert status.wake_late.samples == status.work.samples == 20
     assert status.realtime == NO_RIGHTS
@@ -102,7 +102,7 @@ def test_device_error_in_the_loop(bench: LoopBench, capsys: pytest.CaptureFixtur
     bench.rig.on_read = fail
     assert bench.run() == 1
     assert bench.rig.calls == ["open", "safe_stop", "close"]
-    assert (bench.status.phase, bench.status.error) == (Phase.FAILED, "can0: gone; plug it in")
+    assert (bench.status.phase, bench.status.error) == (LoopPhase.FAILED, "can0: gone; plug it in")
     assert bench.status.ticks == 5
     assert capsys.readouterr().err == "loop: can0: gone; plug it in\n"
 
@@ -209,14 +209,14 @@ def test_status_file(tmp_path: Path) -> None:
         path.write_text(nonsense)
         with pytest.raises(OSError, match="status of a loop"):
             LoopStatus.read(path)
-    status = LoopStatus(phase=Phase.READY, pid=7, foreign_threads=["x"])
+    status = LoopStatus(phase=LoopPhase.READY, pid=7, foreign_threads=["x"])
     status.write(path)
     assert LoopStatus.read(path) == status
     assert [p.name for p in tmp_path.iterdir()] == ["loop.json"]
 
 
 def test_launched_loop_is_a_process_of_its_own(bench: LoopBench) -> None:
-    LoopStatus(phase=Phase.STOPPED, pid=1).write(bench.run_dir.loop_status)
+    LoopStatus(phase=LoopPhase.STOPPED, pid=1).write(bench.run_dir.loop_status)
     bench.config_path.write_text("")
     with start_loop(bench.config_path, bench.run_dir) as started:
         assert started.wait() == 1

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.config.faults import Fault
 from motord.schema import State
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
@@ -96,7 +96,7 @@ def test_a_lease_tells_how_soon_it_must_be_renewed():
     service.run_s(answer["renew_within_s"] - 0.02)
     service.ask("lease/renew", token=token)
     service.run_s(answer["renew_within_s"] + 0.02)
-    with pytest.raises(Refusal, match="ran out"):
+    with pytest.raises(RpcError, match="ran out"):
         service.ask("lease/renew", token=token)
 
 
@@ -120,7 +120,7 @@ def test_of_two_commanders_one_at_most_can_set(moves):
 
 def _make(service, who, move, tokens):
     if move in ("acquire", "force"):
-        with suppress(Refusal):
+        with suppress(RpcError):
             tokens[who] = service.acquire(who, force=move == "force")
     elif move == "sleep":
         service.step(round(0.25e9 / STEP_NS))
@@ -132,8 +132,8 @@ def _make(service, who, move, tokens):
 
 def _taken(service, name, **arguments):
     outcome = service.begin(name, **arguments).outcome
-    assert not isinstance(outcome, Refusal) or outcome.code == "no_lease"
-    return not isinstance(outcome, Refusal)
+    assert not isinstance(outcome, RpcError) or outcome.code == "no_lease"
+    return not isinstance(outcome, RpcError)
 
 
 def _may_set(service, token):
@@ -143,7 +143,7 @@ def _may_set(service, token):
 def test_a_takeover_is_explicit_and_logged():
     service = VirtualService()
     service.acquire("anna")
-    with pytest.raises(Refusal, match="take over with force"):
+    with pytest.raises(RpcError, match="take over with force"):
         service.acquire("ben")
     service.acquire("ben", force=True)
     taken = next(e for e in reversed(service.events.recent()) if e.kind == "lease")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.hal.base import DeviceReading
 from motord.schema import State
 from motord.service.bench.slow_devices import SlowDevice
@@ -47,7 +47,7 @@ def test_it_needs_a_drive_and_no_brake(monkeypatch: pytest.MonkeyPatch) -> None:
     service = VirtualService()
     token = service.acquire()
     monkeypatch.setattr(service.bench, "has", lambda name: name == "brake")
-    with pytest.raises(Refusal, match="cogging needs a drive, and this bench has none"):
+    with pytest.raises(RpcError, match="cogging needs a drive, and this bench has none"):
         service.ask("plan/start", token=token, name="cogging", settings=SHORT, detach=False)
     monkeypatch.setattr(service.bench, "has", lambda name: name == "drive")
     outline = service.ask(

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.hal.base import DeviceReading
 from motord.schema import Request, State
 from motord.service import daemon
@@ -67,7 +67,7 @@ def test_a_bug_in_a_handler_is_answered_and_stops_the_bench(service, turning, ca
         fields["torque_Nm"] = 1.0
     if name == "plan/start":
         fields["name"] = "calibrate"
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         service.ask(name, **fields)
     assert caught.value.code == "internal"
     assert "ZeroDivisionError: of a bug; stopped" in caught.value.message
@@ -81,7 +81,7 @@ def test_a_bug_in_what_a_call_waits_for(service, turning, caplog, part):
     wait = Wait(lambda: None, 0.1, lambda: "late")
     setattr(wait, part, buggy)
     service.desk._handlers = {**service.desk._handlers, "reset": lambda call, now_ns: wait}
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         service.ask("reset", token=turning)
     assert caught.value.code == "internal"
     check_safe(service, caplog, "in reset")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.hal.base import DeviceError, DeviceReading
 from motord.plans.settings import COMPENSATE
 from motord.plans.steps import NOTHING_INDUCED
@@ -49,7 +49,7 @@ def start(service, token, detach=False, name="calibrate", **settings):
 
 
 def refused(service, code, name, /, **arguments):
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         service.ask(name, **arguments)
     assert caught.value.code == code
     return caught.value.message

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.plans.settings import COMPENSATE
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
@@ -95,7 +95,7 @@ def test_it_can_come_from_a_file_on_the_daemons_machine(service, tmp_path):
     path = tmp_path / "cal.json"
     calibration().save(path)
     assert install(service, service.acquire(), path=str(path))["id"]
-    with pytest.raises(Refusal, match="absolute"):
+    with pytest.raises(RpcError, match="absolute"):
         install(service, service.acquire("ben", force=True), path="cal.json")
 
 
@@ -109,7 +109,7 @@ def test_it_can_come_from_a_file_on_the_daemons_machine(service, tmp_path):
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused_and_changes_nothing(service, tables, content, words):
-    with pytest.raises(Refusal, match=words) as caught:
+    with pytest.raises(RpcError, match=words) as caught:
         install(service, service.acquire(), calibration=json.loads(json.dumps(content)))
     assert caught.value.code == "invalid"
     assert tables.written == []
@@ -120,9 +120,9 @@ def test_it_waits_for_zero_torque_and_needs_the_lease(service, tables):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
     service.run_s(2.0, token)
-    with pytest.raises(Refusal, match="torque_Nm = 0 first"):
+    with pytest.raises(RpcError, match="torque_Nm = 0 first"):
         install(service, token, calibration=calibration().to_json())
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         install(service, "guess", calibration=calibration().to_json())
     assert caught.value.code == "no_lease"
     assert tables.written == []
@@ -130,7 +130,7 @@ def test_it_waits_for_zero_torque_and_needs_the_lease(service, tables):
 
 def test_a_loop_that_does_not_take_up_tables_is_told(service, tables):
     tables.busy = True
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         install(service, service.acquire(), calibration=calibration().to_json())
     assert caught.value.code == "timeout"
     assert not service.bench.calibrated
@@ -138,7 +138,7 @@ def test_a_loop_that_does_not_take_up_tables_is_told(service, tables):
 
 def test_in_force_but_not_kept_is_said(service, tmp_path):
     (tmp_path / "calibrations").write_text("a file is in the way")
-    with pytest.raises(Refusal, match="not after a restart") as caught:
+    with pytest.raises(RpcError, match="not after a restart") as caught:
         install(service, service.acquire(), calibration=calibration().to_json())
     assert caught.value.code == "failed"
     assert service.bench.calibrated

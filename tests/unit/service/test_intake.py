@@ -10,7 +10,7 @@ import zenoh
 
 from motord import config
 from motord.api.endpoints import ENVELOPE_BYTES, client_config
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import (
     MAX_REQUEST_BYTES,
     PASSES,
@@ -85,7 +85,7 @@ class Desk:
     def _prepare(self, payload):
         self.begun.release()
         assert self.go_on.acquire(timeout=WAIT_S)
-        raise Refusal("failed", "prepared")
+        raise RpcError("failed", "prepared")
 
     def bring(self, name, payload):
         query = Query(payload)
@@ -206,7 +206,7 @@ def test_only_the_first_answer_counts_and_none_is_forgotten():
     kept, query, left = Replies(100), Query(), Query()
     pending = kept.admit("a", "k", query, 0)
     kept.admit("b", "k", left, 0)
-    kept.answer(pending, Refusal("busy", "first"))
+    kept.answer(pending, RpcError("busy", "first"))
     kept.answer(pending, {"second": 1})
     kept.open()
     kept.close()
@@ -218,7 +218,7 @@ def test_refusals_are_counted_in_the_log(monkeypatch, caplog):
     monkeypatch.setattr(replies, "LOOK_S", 0.0)
     kept, query = Replies(0), Query()
     kept.admit("a", "k", Query(), 1)
-    kept.answer(kept.admit("a", "k", query, 0), Refusal("no_lease", "x"))
+    kept.answer(kept.admit("a", "k", query, 0), RpcError("no_lease", "x"))
     with caplog.at_level("WARNING", "motord"):
         kept.open()
         kept.close()
@@ -301,6 +301,6 @@ def test_a_calibration_is_read_in_another_process(monkeypatch):
     monkeypatch.setattr(calibration_reader, "parse", None)  # nothing is parsed here
     token, read = read_elsewhere(payload, motor)
     assert (token, read.id, read.motor) == ("t", made.id, made.motor)
-    with pytest.raises(Refusal, match=r"Invalid JSON") as caught:
+    with pytest.raises(RpcError, match=r"Invalid JSON") as caught:
         read_elsewhere(b'{"token": "t", "calibration": {' + b"[" * 1_000_000, motor)
     assert caught.value.code == "invalid"

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
-from motord.api.refusal import Refusal
-from motord.service.bench.lease import Lease
+from motord.api.refusal import RpcError
+from motord.service.bench.lease import CommandLease
 
 DURATION_NS = 2_000_000_000
 HOLDERS = st.sampled_from(["anna", "ben", "cli"])
@@ -20,7 +20,7 @@ class LeaseModel(RuleBasedStateMachine):
     def __init__(self) -> None:
         super().__init__()
         self.now_ns = 0
-        self.lease = Lease(2.0)
+        self.lease = CommandLease(2.0)
         self.token: str | None = None
         self.holder = ""
         self.renewed_ns = 0
@@ -38,7 +38,7 @@ class LeaseModel(RuleBasedStateMachine):
     @rule(target=tokens, holder=HOLDERS, force=st.booleans())
     def acquire(self, holder, force):
         if self.in_force and not force:
-            with pytest.raises(Refusal, match=self.holder) as caught:
+            with pytest.raises(RpcError, match=self.holder) as caught:
                 self.lease.acquire(holder, self.now_ns)
             assert caught.value.code == "lease_held"
             return self.token
@@ -57,7 +57,7 @@ class LeaseModel(RuleBasedStateMachine):
             self.lease.renew(token, self.now_ns)
             self.renewed_ns = self.now_ns
         else:
-            with pytest.raises(Refusal) as caught:
+            with pytest.raises(RpcError) as caught:
                 self.lease.renew(token, self.now_ns)
             assert caught.value.code == "no_lease"
 
@@ -67,12 +67,12 @@ class LeaseModel(RuleBasedStateMachine):
             assert self.lease.release(token, self.now_ns) == self.holder
             self.token = None
         else:
-            with pytest.raises(Refusal):
+            with pytest.raises(RpcError):
                 self.lease.release(token, self.now_ns)
 
     @rule(token=st.text(max_size=40))
     def guess(self, token):
-        with pytest.raises(Refusal):
+        with pytest.raises(RpcError):
             self.lease.require(token, self.now_ns)
 
     @rule(notice_s=st.sampled_from([0.0, 0.5, 0.85]))
@@ -99,65 +99,65 @@ TestLease = LeaseModel.TestCase
 
 @given(forced=st.integers(1, 5))
 def test_tokens_are_never_used_twice(forced):
-    lease = Lease(1.0)
+    lease = CommandLease(1.0)
     tokens = [lease.acquire("a", 0, force=True).token for _ in range(forced)]
     assert len(set(tokens)) == forced
     for old in tokens[:-1]:
-        with pytest.raises(Refusal):
+        with pytest.raises(RpcError):
             lease.require(old, 0)
 
 
 def test_a_lost_lease_says_how_it_was_lost():
-    lease = Lease(1.0)
+    lease = CommandLease(1.0)
     old = lease.acquire("anna", 0).token
     lease.acquire("ben", 0, force=True)
-    with pytest.raises(Refusal, match="ben took over"):
+    with pytest.raises(RpcError, match="ben took over"):
         lease.renew(old, 0)
     newer = lease.acquire("cli", 0, force=True).token
     lease.expire(1_000_000_000, 0)
-    with pytest.raises(Refusal, match="ran out"):
+    with pytest.raises(RpcError, match="ran out"):
         lease.renew(newer, 1_000_000_001)
     given_back = lease.acquire("dora", 2_000_000_000).token
     lease.release(given_back, 2_000_000_000)
-    with pytest.raises(Refusal, match="given back"):
+    with pytest.raises(RpcError, match="given back"):
         lease.renew(given_back, 2_000_000_000)
 
 
 def test_a_lease_is_lost_so_long_before_its_end_as_the_torque_takes_to_go():
-    lease = Lease(1.0)
+    lease = CommandLease(1.0)
     token = lease.acquire("anna", 0).token
     assert lease.expire(599_999_999, 400_000_000) is None
     lease.renew(token, 599_999_999)
     assert lease.expire(1_199_999_998, 400_000_000) is None
-    with pytest.raises(Refusal, match="nobody is in command"):
+    with pytest.raises(RpcError, match="nobody is in command"):
         lease.renew(token, 1_199_999_999)
     assert lease.expire(1_199_999_999, 400_000_000) == "anna"
-    with pytest.raises(Refusal, match="ran out"):
+    with pytest.raises(RpcError, match="ran out"):
         lease.renew(token, 1_199_999_999)
 
 
 def test_refusals_say_who_is_in_command_and_for_how_long():
-    lease = Lease(2.0)
-    with pytest.raises(Refusal) as nobody:
+    lease = CommandLease(2.0)
+    with pytest.raises(RpcError) as nobody:
         lease.require("guessed", 0)
     assert (nobody.value.code, str(nobody.value)) == (
         "no_lease",
         "this is not the token of the lease in force (nobody is in command)",
     )
     lease.acquire("anna", 0)
-    with pytest.raises(Refusal) as held:
+    with pytest.raises(RpcError) as held:
         lease.acquire("ben", 500_000_000)
     assert held.value.code == "lease_held"
     assert str(held.value) == (
         "anna is in command, for another 1.5 s unless renewed; wait, or take over with force"
     )
-    with pytest.raises(Refusal, match=r"the lease in force \(anna is in command\)"):
+    with pytest.raises(RpcError, match=r"the lease in force \(anna is in command\)"):
         lease.renew("guessed", 0)
     assert lease.remaining_s(500_000_000) == 1.5
 
 
 def test_a_lease_ends_to_the_nanosecond():
-    lease = Lease(2.0)
+    lease = CommandLease(2.0)
     token = lease.acquire("anna", 7).token
     assert lease.duration_ns == 2_000_000_000
     assert lease.holder(2_000_000_006) == "anna"
@@ -165,19 +165,19 @@ def test_a_lease_ends_to_the_nanosecond():
     assert lease.expire(2_000_000_006, 0) is None
     assert lease.holder(2_000_000_007) is None
     assert lease.remaining_s(2_000_000_007) == 0.0
-    with pytest.raises(Refusal):
+    with pytest.raises(RpcError):
         lease.require(token, 2_000_000_007)
     grant = lease.acquire("ben", 2_000_000_007)
     assert (grant.holder, grant.took_over_from) == ("ben", None)
 
 
 def test_a_lease_that_was_given_back_is_free_and_its_token_worth_nothing():
-    lease = Lease(2.0)
+    lease = CommandLease(2.0)
     token = lease.acquire("anna", 0).token
     assert lease.release(token, 1) == "anna"
     assert lease.holder(1) is None
     assert lease.expire(10_000_000_000, 0) is None
-    with pytest.raises(Refusal) as over:
+    with pytest.raises(RpcError) as over:
         lease.release(token, 1)
     assert (over.value.code, str(over.value)) == (
         "no_lease",
@@ -186,20 +186,20 @@ def test_a_lease_that_was_given_back_is_free_and_its_token_worth_nothing():
 
 
 def test_tokens_are_secrets_of_128_bits_unless_told_how_to_make_them():
-    tokens = {Lease(1.0).acquire("anna", 0).token for _ in range(50)}
+    tokens = {CommandLease(1.0).acquire("anna", 0).token for _ in range(50)}
     assert len(tokens) == 50
     assert {len(bytes.fromhex(token)) for token in tokens} == {16}
-    assert Lease(1.0, lambda: "mine").acquire("anna", 0).token == "mine"
+    assert CommandLease(1.0, lambda: "mine").acquire("anna", 0).token == "mine"
 
 
 def test_taking_over_says_from_whom():
-    lease = Lease(1.0)
+    lease = CommandLease(1.0)
     first = lease.acquire("anna", 0, force=True)
     second = lease.acquire("ben", 0, force=True)
     assert (first.took_over_from, second.took_over_from) == (None, "anna")
-    with pytest.raises(Refusal) as lost:
+    with pytest.raises(RpcError) as lost:
         lease.require(first.token, 0)
     assert str(lost.value) == "this lease is over: ben took over command"
     lease.acquire("anna", 0, force=True)
-    with pytest.raises(Refusal, match="anna took over"):
+    with pytest.raises(RpcError, match="anna took over"):
         lease.renew(second.token, 0)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from motord.api import requests
 from motord.api.messages import Event
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.plans import PlansConfig
@@ -45,7 +45,7 @@ names = st.sampled_from(sorted(REQUESTS))
 
 
 def refusal_of(name, payload):
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         parse(name, payload)
     assert caught.value.code == "invalid"
     return caught.value.message
@@ -79,7 +79,7 @@ def test_missing_fields_are_named(name):
 def outcome(name, payload):
     try:
         return parse(name, payload)
-    except Refusal as refusal:
+    except RpcError as refusal:
         return refusal.code
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.config.faults import Fault
 from motord.schema import Request, State, Trip
 from tests.unit.service.virtual_service import VirtualService
@@ -15,7 +15,7 @@ def service():
 
 
 def refused(service, code, name, /, **arguments):
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         service.ask(name, **arguments)
     assert caught.value.code == code
     return caught.value.message

@@ -16,7 +16,7 @@ from motord.api.descriptions import (
     trip_names,
     trip_words,
 )
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import NoArguments, Set, Stop
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request, Trip
@@ -144,7 +144,7 @@ def test_calls_are_refused_when_too_many_wait():
     calls = CallQueue()
     for _ in range(CallQueue.CAPACITY):
         calls.put(Call("stop", Stop()))
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         calls.put(Call("stop", Stop()))
     assert caught.value.code == "busy"
     assert len(calls.take()) == CallQueue.CAPACITY
@@ -153,10 +153,10 @@ def test_calls_are_refused_when_too_many_wait():
 
 def test_only_the_first_answer_counts():
     call = Call("stop", Stop())
-    with pytest.raises(Refusal, match="no answer"):
+    with pytest.raises(RpcError, match="no answer"):
         call.wait(0)
     call.answer({"state": "OFF"})
-    call.answer(Refusal("busy", "too late"))
+    call.answer(RpcError("busy", "too late"))
     assert call.wait(0) == {"state": "OFF"}
 
 
@@ -167,7 +167,7 @@ def test_a_wait_ends_with_its_condition_or_its_time():
     late, right = Call("stop", Stop()), Call("stop", Stop())
     desk.handle(late, 0)
     desk.step(1_000_000_000)
-    with pytest.raises(Refusal, match="too slow"):
+    with pytest.raises(RpcError, match="too slow"):
         late.wait(0)
     desk.handle(right, 0)
     seen.append(1)

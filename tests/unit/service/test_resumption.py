@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.config import load
 from motord.plans import PLANS, build
 from motord.recording.mcap_file import part_of
@@ -12,7 +12,7 @@ from motord.recording.writer import RunWriter
 from motord.schema import Compensate
 from motord.service import assembly
 from motord.service.plans import resume
-from motord.service.plans.journal import Stretch
+from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import bench_parts, points_digest, recorded
 from tests.unit.record.runs import METADATA, START_NS, tick_block
@@ -70,7 +70,7 @@ def interrupted(days, points=1, **changes):
 
 
 def refused(service, name, /, **arguments):
-    with pytest.raises(Refusal) as caught:
+    with pytest.raises(RpcError) as caught:
         service.ask(name, **arguments)
     assert caught.value.code == "refused"
     return caught.value.message
@@ -131,7 +131,7 @@ def test_with_an_interrupted_plan_no_other_begins_until_it_is_discarded(days):
     assert "interrupted" in refused(service, "plan/resume", token=token)
     assert "no interrupted plan" in refused(service, "plan/discard", token=token)
     start(service, token)
-    with pytest.raises(Refusal, match="abort it first"):
+    with pytest.raises(RpcError, match="abort it first"):
         service.ask("plan/discard", token=token)
 
 
@@ -171,7 +171,7 @@ def test_commands_need_the_lease(days):
     interrupted(days)
     service = days.daemon()
     for name in ("plan/resume", "plan/discard"):
-        with pytest.raises(Refusal) as caught:
+        with pytest.raises(RpcError) as caught:
             service.ask(name, token="guess")
         assert caught.value.code == "no_lease"
     assert service.resumption.interrupted
@@ -312,20 +312,20 @@ def record(path, points, first, count, *, finished=True):
 
 def test_what_the_recording_holds_counts_and_not_what_the_journal_says(tmp_path):
     name = tmp_path / "a-000.mcap"
-    stretch = Stretch(str(name), (point(0, 10, 20), point(1, 30, 40)))
+    stretch = JournalSegment(str(name), (point(0, 10, 20), point(1, 30, 40)))
     assert recorded(stretch) == {0, 1}  # no files: the journal is believed
     record(name, [point(0, 10, 20), point(7, 21, 29)], 0, 50)
     assert recorded(stretch) == {0, 7}
-    ended = Stretch(str(name), stretch.points, state="aborted")
+    ended = JournalSegment(str(name), stretch.points, state="aborted")
     assert recorded(ended) == {0, 1}
-    assert recorded(Stretch("", stretch.points)) == {0, 1}
+    assert recorded(JournalSegment("", stretch.points)) == {0, 1}
 
 
 def test_a_point_whose_last_ticks_were_lost_is_missing(tmp_path):
     name = tmp_path / "a-000.mcap"
     record(name, [point(0, 0, 10), point(1, 20, 49), point(2, 20, 50)], 0, 50, finished=False)
     assert part_of(name).exists()
-    assert recorded(Stretch(str(name))) == {0, 1}
+    assert recorded(JournalSegment(str(name))) == {0, 1}
 
 
 def test_all_files_of_a_recording_count_as_far_as_they_can_be_read(tmp_path):
@@ -334,15 +334,15 @@ def test_all_files_of_a_recording_count_as_far_as_they_can_be_read(tmp_path):
     record(
         tmp_path / "a-002.mcap", [point(2, 57, 60, "noisy"), point(3, 60, 61, "noisy", 3)], 50, 20
     )
-    assert recorded(Stretch(str(tmp_path / "a-000.mcap"))) == {0, 3}  # 1 lies in two files
+    assert recorded(JournalSegment(str(tmp_path / "a-000.mcap"))) == {0, 3}  # 1 lies in two files
 
 
 def test_if_a_recorder_died_meanwhile_the_files_are_asked_even_after_an_orderly_end(tmp_path):
     name = tmp_path / "a-000.mcap"
     record(name, [point(0, 10, 20)], 0, 50)
     points = (point(0, 10, 20), point(1, 30, 40))
-    assert recorded(Stretch(str(name), points, "failed")) == {0, 1}
-    assert recorded(Stretch(str(name), points, "failed", sure=False)) == {0}
+    assert recorded(JournalSegment(str(name), points, "failed")) == {0, 1}
+    assert recorded(JournalSegment(str(name), points, "failed", sure=False)) == {0}
 
 
 def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
@@ -381,4 +381,4 @@ def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypa
 
 def test_a_recording_without_ticks_has_no_points(tmp_path):
     record(tmp_path / "a-000.mcap", [point(0, 0, 10)], 0, 0)
-    assert recorded(Stretch(str(tmp_path / "a-000.mcap"))) == set()
+    assert recorded(JournalSegment(str(tmp_path / "a-000.mcap"))) == set()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.loop.rt_setup import RealtimeStatus
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.plans.settings import COMPENSATE
 from motord.schema import State
 from motord.service import assembly
@@ -60,10 +60,10 @@ class PlayedLoop(Played):
         status = RealtimeStatus(
             items=[], kernel="k", preemption="p", rt_runtime_us=0, rt_period_us=0, isolated_cpus=""
         )
-        LoopStatus(phase=Phase.READY, pid=1, realtime=status).write(self.run_dir.loop_status)
+        LoopStatus(phase=LoopPhase.READY, pid=1, realtime=status).write(self.run_dir.loop_status)
 
     def fail(self, error):
-        LoopStatus(phase=Phase.FAILED, pid=1, error=error).write(self.run_dir.loop_status)
+        LoopStatus(phase=LoopPhase.FAILED, pid=1, error=error).write(self.run_dir.loop_status)
         self.code = 1
 
     def tick(self, state=State.OFF, count=1):
@@ -324,7 +324,7 @@ def test_a_plan_that_cannot_be_recorded_is_refused_before_anything_is_powered(pl
         played.recorders[0].report(**report)
     played.step(2)
     token = played.ask("lease/acquire", holder="anna")["token"]
-    with pytest.raises(Refusal, match=why) as caught:
+    with pytest.raises(RpcError, match=why) as caught:
         played.ask("plan/start", token=token, name="calibrate")
     assert "required = false" in caught.value.message
     assert played.supervisor.bench.plans.view is None
@@ -335,7 +335,7 @@ def test_a_recorder_that_is_silent_is_not_relied_on(played):
     played.up()
     played.step(800)
     token = played.ask("lease/acquire", holder="anna")["token"]
-    with pytest.raises(Refusal, match="has not reported for 8 s"):
+    with pytest.raises(RpcError, match="has not reported for 8 s"):
         played.ask("plan/start", token=token, name="calibrate")
 
 
@@ -412,7 +412,7 @@ def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     resetting = played.bring("reset", token=token)
     played.step(2)
     assert len(played.loops) == 2
-    with pytest.raises(Refusal):
+    with pytest.raises(RpcError):
         resetting.wait(0)
     assert played.recorders[0].told("start") == []
     played.loops[1].ready()
@@ -455,9 +455,9 @@ def test_the_end_disables_and_answers_everybody(played):
     assert {2, 3} <= set(requests)
     waiting = played.bring("enable", token="x")
     played.supervisor.take_down()
-    with pytest.raises(Refusal, match="shutting down"):
+    with pytest.raises(RpcError, match="shutting down"):
         waiting.wait(0)
-    with pytest.raises(Refusal, match="shutting down"):
+    with pytest.raises(RpcError, match="shutting down"):
         played.bring("stop")
     assert played.loops[0].signals == [signal.SIGTERM]
     assert played.recorders[0].signals == [signal.SIGTERM]

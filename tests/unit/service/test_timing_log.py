@@ -11,7 +11,7 @@ from motord import config
 from motord.cli.record import app
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
-from motord.service.bench.recording import Recording
+from motord.service.bench.recording import RecordingControl
 from motord.service.host.events import EventLog
 from motord.service.publish.timing_log import EVERY_NS
 from motord.shm.timing import Timing, TimingSummary, total
@@ -79,7 +79,7 @@ class Bench:
         self.children = Children()
         self.recorders = []
         events = EventLog(lambda: self.now_ns)
-        self.recording = Recording(
+        self.recording = RecordingControl(
             config.load(), "", self.children, events, lambda: self.now_ns, self.path
         )
 

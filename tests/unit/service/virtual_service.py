@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from motord import config
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import parse
 from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
@@ -98,7 +98,7 @@ class Pending:
         """The answer, the refusal, or None."""
         try:
             return self.call.wait(0)
-        except Refusal as refusal:
+        except RpcError as refusal:
             return None if refusal.code == "busy" else refusal
 
 
@@ -173,7 +173,7 @@ class VirtualService:
             if outcome is not None:
                 break
             self.step()
-        if isinstance(outcome, Refusal):
+        if isinstance(outcome, RpcError):
             raise outcome
         return outcome
 

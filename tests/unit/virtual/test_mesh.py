@@ -8,7 +8,7 @@ import pytest
 from motord.config import load
 from motord.plans import build
 from motord.virtual import rows
-from motord.virtual.mesh import Piece, processors, run_points
+from motord.virtual.mesh import MeshPiece, processors, run_points
 from motord.virtual.plan import PlanFailed
 
 MESH = {
@@ -34,7 +34,7 @@ def test_many_processes_give_the_bits_of_one() -> None:
 
 def test_pieces_run_on_in_time_and_number() -> None:
     config = load()
-    pieces: list[Piece] = list(run_points(config, build("calibrate", config, MESH), seed=5))
+    pieces: list[MeshPiece] = list(run_points(config, build("calibrate", config, MESH), seed=5))
     ticks = np.concatenate([piece.ticks["tick"] for piece in pieces]).astype(np.int64)
     assert (np.diff(ticks) == 1).all()
     t_ns = np.concatenate([piece.ticks["t_ns"] for piece in pieces])

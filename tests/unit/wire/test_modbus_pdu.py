@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.wire.modbus.pdu import (
-    Refusal,
+    ModbusException,
     crc16_modbus,
     read,
     rtu_answer,
@@ -44,7 +44,7 @@ def test_answers_of_the_specification() -> None:
     assert read("holding", 0x6B, 3).understand(answer) == [0x022B, 0, 0x64]
     assert write(1, [3]).understand(bytes.fromhex("0600010003")) == []
     assert write(1, [0x000A, 0x0102]).understand(bytes.fromhex("1000010002")) == []
-    assert read("input", 8, 1).understand(bytes.fromhex("8402")) == Refusal(2)
+    assert read("input", 8, 1).understand(bytes.fromhex("8402")) == ModbusException(2)
 
 
 def test_frames() -> None:
@@ -87,5 +87,5 @@ def test_an_answer_with_a_wrong_bit_is_none(unit: int, values: list[int], bit: i
 @pytest.mark.parametrize("code", [1, 6, 255])
 def test_a_refusal_of_another_function_is_no_answer(code: int) -> None:
     question = write(0, [1])
-    assert rtu_answer(framed(3, bytes([0x86, code])), 3, question) == Refusal(code)
+    assert rtu_answer(framed(3, bytes([0x86, code])), 3, question) == ModbusException(code)
     assert rtu_answer(framed(3, bytes([0x83, code])), 3, question) is None

@@ -14,7 +14,7 @@ from contextlib import suppress
 from motord.config import Config, ModbusConfig
 from motord.hal.base import DeviceError, DeviceReading
 from motord.hal.modbus.link import ModbusLink, connect
-from motord.wire.modbus.pdu import Question, Refusal, read, write
+from motord.wire.modbus.pdu import ModbusException, Question, read, write
 from motord.wire.modbus.registers import Register, layout
 
 EXCEPTION_NAMES = {
@@ -100,7 +100,7 @@ class ModbusDevice:
         except OSError as error:
             self.close()
             raise self._error(f"{what}: connection lost") from error
-        if isinstance(answer, Refusal):
+        if isinstance(answer, ModbusException):
             name = EXCEPTION_NAMES.get(answer.code, "unknown cause")
             raise self._error(f"{what}: device answers exception {answer.code} ({name})")
         return answer

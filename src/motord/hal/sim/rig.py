@@ -7,7 +7,7 @@ from motord.config.faults import Timeline, load_timeline
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.base import InverterStatus
 from motord.hal.sim.faults import SimFaults
-from motord.jit import Frame, jit_holding_gil, records_at
+from motord.jit import ArgumentBlock, jit_holding_gil, records_at
 from motord.rig.build import build
 from motord.rig.feedback import apply_command, fill_feedback
 from motord.rig.step import advance, sense
@@ -56,7 +56,9 @@ class SimRig:
         self._rig = build(load(config.bench.rig), config.bench.seed)
         self._input, self._output = new_input(), new_output()
         self._feedback, self._command = np.zeros(1, FEEDBACK), np.zeros(1, COMMAND)
-        self._frame = Frame(*self._rig, self._input, self._output, self._feedback, self._command)
+        self._frame = ArgumentBlock(
+            *self._rig, self._input, self._output, self._feedback, self._command
+        )
         self._timeout_ns = round(config.inverter.timeout_s * 1e9)
         self._torque_Nm_per_count = (
             config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V

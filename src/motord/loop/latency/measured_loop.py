@@ -33,7 +33,7 @@ from motord.shm.unix_clock import Clock
 RING_TICKS = 16384
 
 
-class Setup(BaseModel):
+class LoopSetup(BaseModel):
     """What loop to run: its section of the bench file, and its period."""
 
     model_config = ConfigDict(frozen=True)
@@ -54,7 +54,7 @@ class Ready(BaseModel):
 class SlicedLoop:
     """The loop of the packaged simulated bench, with its shared files in `folder`."""
 
-    def __init__(self, setup: Setup, folder: Path) -> None:
+    def __init__(self, setup: LoopSetup, folder: Path) -> None:
         bench = config.load().model_copy(update={"loop": setup.loop})
         TablesWriter(folder / "tables", bench.motor.counts).write(*parameters.build(bench))
         self._mailbox = MailboxWriter(folder / "setpoint", Clock.measure())
@@ -87,7 +87,7 @@ class SlicedLoop:
 
 def main() -> int:
     """Serve slices until standard input ends; returns the exit code."""
-    setup = Setup.model_validate_json(sys.stdin.buffer.readline())
+    setup = LoopSetup.model_validate_json(sys.stdin.buffer.readline())
     memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
     with tempfile.TemporaryDirectory(prefix="motord-latency-", dir=memory) as folder:
         loop = SlicedLoop(setup, Path(folder))

@@ -19,7 +19,7 @@ import numpy as np
 from motord.config import LoopConfig
 from motord.loop.latency import cyclictest
 from motord.loop.latency.error import LatencyError
-from motord.loop.latency.measured_loop import Ready, Setup
+from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.main import ONE_THREAD
 from motord.loop.steal_time import stolen_ticks
 from motord.shm.histogram import TimeHistogram
@@ -35,7 +35,7 @@ _ACCOUNT_S = 0.01
 
 
 @dataclass(frozen=True)
-class Plan:
+class MeasurementPlan:
     """What to measure: `loop` with its rate, processor and priority, for at most `seconds`."""
 
     loop: LoopConfig
@@ -61,7 +61,7 @@ class Plan:
 
 
 @dataclass
-class Slices:
+class MeasuredSlices:
     """All slices of one kind: the clean ones, and those from which the host stole time."""
 
     clean: list[Timing] = field(default_factory=list)
@@ -84,15 +84,15 @@ class Slices:
 class Measured:
     """What came out: slices of the loop, and of cyclictest if it was asked for."""
 
-    plan: Plan
+    plan: MeasurementPlan
     cpu: int
     ready: Ready
-    loop: Slices = field(default_factory=Slices)
-    cyclictest: Slices | None = None
+    loop: MeasuredSlices = field(default_factory=MeasuredSlices)
+    cyclictest: MeasuredSlices | None = None
     took_s: float = 0.0
 
     @property
-    def kinds(self) -> list[Slices]:
+    def kinds(self) -> list[MeasuredSlices]:
         """The kinds of slices that were measured."""
         return [self.loop] if self.cyclictest is None else [self.loop, self.cyclictest]
 
@@ -105,7 +105,7 @@ class Measured:
 class LoopOnDemand:
     """The loop in a process of its own, which runs a slice when it is told to."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: LoopSetup) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "motord.loop.latency.measured_loop"],
             stdin=subprocess.PIPE,
@@ -184,7 +184,9 @@ def choose_cpu(loop: LoopConfig) -> LoopConfig:
     return loop
 
 
-def measure(plan: Plan, progress: Callable[[Measured], None] = lambda _measured: None) -> Measured:
+def measure(
+    plan: MeasurementPlan, progress: Callable[[Measured], None] = lambda _measured: None
+) -> Measured:
     """Measure until there are enough clean slices or the time is over; at least one of each.
 
     `progress` is called after each round. Raises LatencyError.
@@ -193,9 +195,9 @@ def measure(plan: Plan, progress: Callable[[Measured], None] = lambda _measured:
     loop = choose_cpu(plan.loop)
     assert loop.cpu is not None
     cpu, period_ns = loop.cpu, plan.period_us * 1000
-    with LoopOnDemand(Setup(loop=loop, period_ns=period_ns)) as process:
+    with LoopOnDemand(LoopSetup(loop=loop, period_ns=period_ns)) as process:
         begun_s = time.monotonic()
-        measured = Measured(plan, cpu, process.ready, cyclictest=Slices() if path else None)
+        measured = Measured(plan, cpu, process.ready, cyclictest=MeasuredSlices() if path else None)
 
         def reference() -> Timing:
             latencies_ns = cyclictest.run(
@@ -217,7 +219,7 @@ def measure(plan: Plan, progress: Callable[[Measured], None] = lambda _measured:
                 return measured
 
 
-def _take(slices: Slices, cpu: int, run: Callable[[], Timing]) -> None:
+def _take(slices: MeasuredSlices, cpu: int, run: Callable[[], Timing]) -> None:
     before = stolen_ticks(cpu)
     timing = run()
     time.sleep(_ACCOUNT_S)

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from motord.loop.latency.measurement import Measured, Slices, median_of_slices_us
+from motord.loop.latency.measurement import Measured, MeasuredSlices, median_of_slices_us
 from motord.shm.histogram import TimeHistogram
 from motord.shm.timing import Timing
 
@@ -117,7 +117,7 @@ def _ratio(clean: Condition) -> Ratio | None:
     )
 
 
-def _ratio_of_medians(loop: Slices, reference: Slices | None) -> Ratio | None:
+def _ratio_of_medians(loop: MeasuredSlices, reference: MeasuredSlices | None) -> Ratio | None:
     if reference is None:
         return None
     if not loop.clean or not reference.clean:

@@ -11,7 +11,7 @@ from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, draw
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class SensitivityCurve:
     """Change of the inertia over errors of what was told, all in parts; see `identify`'s Curves.
 
     stiffness (a,), stiffness_change (n, a): the first spring wrong, the first two, ...; lever (b,),
@@ -46,7 +46,7 @@ class Range:
     worst: tuple[float, float]
 
 
-def sensitivity(data: Sensitivity) -> Figure:
+def sensitivity(data: SensitivityCurve) -> Figure:
     """Return the change of the inertia over errors of springs, levers, mass, effective mass."""
     with drawing():
         picture = figure(6.2)
@@ -81,7 +81,7 @@ def _fan(axes: Axes, error: np.ndarray, change: np.ndarray, letter: str) -> None
     axes.set_xlim(100 * error[0], 100 * error[-1])
 
 
-def _mark_waves(axes: Axes, data: Sensitivity) -> None:
+def _mark_waves(axes: Axes, data: SensitivityCurve) -> None:
     at = data.wave_factor
     change = float(np.interp(at, data.factor, data.factor_change))
     axes.plot([at], [100 * change], "o", color=REFERENCE, markersize=6)

@@ -15,7 +15,7 @@ from motord.plans import TickWatcher
 from motord.plans.settings import COMPENSATE
 from motord.schema import Request, State
 from motord.service.bench.injected_faults import InjectedFaults
-from motord.service.bench.lease import Lease
+from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, Hand
 from motord.service.bench.setpoint import RAD_PER_TURN, Mailbox, Setpoint
 from motord.service.bench.slow_devices import SlowDevice
@@ -64,7 +64,7 @@ class Bench:
         self.setpoint = Setpoint(mailbox)
         self.watch = TickWatch(config, events)
         self.injected = InjectedFaults(config, events)
-        self.lease = Lease(config.zenoh.lease_s)
+        self.lease = CommandLease(config.zenoh.lease_s)
         self.hand = Hand(config, self.setpoint)
         self.plans = PlanRunner(self.setpoint, sink)
         self.calibrated = False

@@ -9,7 +9,7 @@ from typing import Any
 
 from motord.api.messages import Event
 from motord.config import Config
-from motord.recorder.blackbox import AFTER_S, BEFORE_S, Wanted, path_of
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxWanted, path_of
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
 from motord.schema import State
@@ -21,7 +21,7 @@ OPEN_NS = round((AFTER_S + 1.0) * 1e9)
 ASKED_MAX = 4
 
 
-class BlackBoxes:
+class BlackBoxTrigger:
     """Asks for black boxes and tells what became of them. `about` gives a recording's metadata."""
 
     def __init__(
@@ -35,7 +35,7 @@ class BlackBoxes:
         self._events = events
         self._about = about
         self._link: RecorderLink | None = None
-        self._asked: dict[str, Wanted] = {}
+        self._asked: dict[str, BlackBoxWanted] = {}
         self._unix_ns = unix_ns
 
     def trip(self, t_ns: int, tick: int, account: Mapping[str, Any]) -> str:
@@ -96,7 +96,7 @@ class BlackBoxes:
             for event in self._events.recent()
             if t_ns - round(BEFORE_S * 1e9) <= event.t_ns <= t_ns
         ]
-        wanted = Wanted(
+        wanted = BlackBoxWanted(
             path=path_of(self._config, t_ns),
             tick=tick,
             ticks_before=round(BEFORE_S * rate_Hz),

@@ -11,7 +11,7 @@ import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class _Held:
     expires_ns: int
 
 
-class Lease:
+class CommandLease:
     """Who is in command. Every method takes `now_ns`, monotonic."""
 
     def __init__(self, duration_s: float, new_token: Callable[[], str] | None = None) -> None:
@@ -55,7 +55,7 @@ class Lease:
         """Put `holder` in command. Raises Refusal if somebody is, unless `force`."""
         held = self._current(now_ns)
         if held is not None and not force:
-            raise Refusal(
+            raise RpcError(
                 "lease_held",
                 f"{held.holder} is in command, for another "
                 f"{self.remaining_s(now_ns):.1f} s unless renewed; "
@@ -84,9 +84,9 @@ class Lease:
             return held
         lost_token, why = self._lost
         if token == lost_token:
-            raise Refusal("no_lease", f"this lease is over: {why}")
+            raise RpcError("no_lease", f"this lease is over: {why}")
         who = f"{held.holder} is in command" if held else "nobody is in command"
-        raise Refusal("no_lease", f"this is not the token of the lease in force ({who})")
+        raise RpcError("no_lease", f"this is not the token of the lease in force ({who})")
 
     def is_in(self, payload: bytes, now_ns: int) -> bool:
         """Return whether the token of the lease in force occurs in `payload`; for any thread.

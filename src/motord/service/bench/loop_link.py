@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 from motord.api.messages import ClockView
-from motord.loop.status import LoopStatus, Phase
+from motord.loop.status import LoopPhase, LoopStatus
 from motord.schema import TICK_DTYPE
 from motord.service.processes import Children, Ended
 from motord.shm.ring import RingReader
@@ -72,7 +72,7 @@ class LoopLink:
             status = LoopStatus.read(self._run_dir.loop_status)
         if status is not None and status.error:
             why = f"the loop ended: {status.error}"
-        elif status is not None and status.phase is Phase.STOPPED and status.reason:
+        elif status is not None and status.phase is LoopPhase.STOPPED and status.reason:
             why = f"the loop ended: {status.reason}"
         self.phase, self._ring = "down", None
         self._on_down(why)
@@ -101,7 +101,7 @@ class LoopLink:
 
     def _look_whether_ready(self) -> None:
         status = LoopStatus.read(self._run_dir.loop_status)
-        if status is None or status.phase is not Phase.READY:
+        if status is None or status.phase is not LoopPhase.READY:
             return
         try:
             self._ring = RingReader(self._run_dir.ring, "oldest")

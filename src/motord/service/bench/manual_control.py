@@ -4,7 +4,7 @@ What is asked for is checked whole before any of it is done: `check`, the only p
 """
 
 from motord.api.messages import SetpointView
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import Set
 from motord.config import Config
 from motord.plans.brake_servo import BrakeServo
@@ -39,9 +39,9 @@ class Hand:
     def check(self, asked: Set, state: State) -> None:
         """Raise Refusal if the bench cannot or may not do what `asked` holds; changes nothing."""
         if self._when_enabled is not None:
-            raise Refusal("refused", "the bench is being enabled; try again when it is")
+            raise RpcError("refused", "the bench is being enabled; try again when it is")
         if asked.torque_Nm and state is not State.ENABLED and not asked.enable:
-            raise Refusal("refused", f"the bench is {state.name}: enable it first")
+            raise RpcError("refused", f"the bench is {state.name}: enable it first")
         torque_Nm, speed_Hz = self._wanted(asked)
         try:
             check_torque(self._config, torque_Nm)
@@ -52,9 +52,9 @@ class Hand:
                 _check_signs(torque_Nm, speed_Hz)
                 check_brake(self._config, torque_Nm, speed_Hz)
         except PlanError as error:
-            raise Refusal("refused", str(error)) from None
+            raise RpcError("refused", str(error)) from None
         if asked.drive_Hz and state not in WATCHED and not asked.enable:
-            raise Refusal(
+            raise RpcError(
                 "refused",
                 f"the bench is {state.name}: the rotor's speed is watched in READY and ENABLED "
                 "alone; enable it first (disabled again it is READY)",

@@ -59,7 +59,7 @@ class Follower(Protocol):
         """The recorder has reported."""
 
 
-class Recording:
+class RecordingControl:
     """Tells the recorder what to record. No call but `stop` waits for it.
 
     The loop counts its punctuality in the file `timing`. `calibration_id` and `realtime` say what

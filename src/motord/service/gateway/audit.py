@@ -50,7 +50,7 @@ _ACTIONS = {
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedConnection:
     """Something that was not let through: in words, and as data for the event."""
 
     message: str
@@ -65,7 +65,7 @@ class GateLog:
     names: dict[str, str] = field(default_factory=dict)
     _in_advance: dict[str, tuple[str, int]] = field(default_factory=dict)
 
-    def read(self, line: str) -> Refused | None:
+    def read(self, line: str) -> RefusedConnection | None:
         """Return who was refused what, or None if the line tells of nothing refused."""
         found = _LINE.match(_COLOURS.sub("", line))
         if found is None:
@@ -74,7 +74,7 @@ class GateLog:
             return _handshake(found["text"])
         return self._verdict(found["thread"], found["text"])
 
-    def _verdict(self, thread: str, text: str) -> Refused | None:
+    def _verdict(self, thread: str, text: str) -> RefusedConnection | None:
         begins = _ASKS_ALL.match(text)
         if begins is not None:
             self._in_advance[thread] = begins["key"], _VERDICTS_OF_A_KEY
@@ -87,7 +87,7 @@ class GateLog:
         who = self._name(verdict)
         role = self.roles.get(who, "no role")
         what = _ACTIONS.get(verdict["what"], verdict["what"])
-        return Refused(
+        return RefusedConnection(
             f"refused: {who} ({role}) may not {what} {verdict['key']}",
             {"who": who, "role": role, "action": verdict["what"], "key": verdict["key"]},
         )
@@ -106,10 +106,10 @@ class GateLog:
         return self.names.get(verdict["zid"], "somebody")
 
 
-def _handshake(text: str) -> Refused:
+def _handshake(text: str) -> RefusedConnection:
     reason = text.partition(" Hint: ")[0].rstrip(".")
     words = next((words for sign, words in _HANDSHAKES if sign in reason), reason)
-    return Refused(f"refused a connection: {words}", {"reason": reason})
+    return RefusedConnection(f"refused a connection: {words}", {"reason": reason})
 
 
 class Throttle:

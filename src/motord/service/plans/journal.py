@@ -40,7 +40,7 @@ class PlanNote(BaseModel):
 
 
 @dataclass(frozen=True)
-class Stretch:
+class JournalSegment:
     """A plan from its start, or from where it was resumed, to its end: recording and points.
 
     state: done, aborted or failed; "" if it did not come to an end in order. sure: False if a
@@ -64,7 +64,7 @@ class Story:
     """What a journal tells of a plan."""
 
     plan: PlanNote
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[JournalSegment, ...]
 
     @property
     def state(self) -> str:
@@ -94,7 +94,9 @@ class Story:
         elif kind == "recorder_died":
             last = replace(last, sure=False)
         elif kind == "resumed":
-            return replace(self, stretches=(*self.stretches, Stretch(str(line["recording"]))))
+            return replace(
+                self, stretches=(*self.stretches, JournalSegment(str(line["recording"])))
+            )
         else:
             raise ValueError(f"no line of kind {kind}")
         return replace(self, stretches=(*self.stretches[:-1], last))
@@ -125,4 +127,4 @@ def _next(story: Story | None, line: Mapping[str, Any]) -> Story:
     note = PlanNote.model_validate(line["plan"])
     if line["kind"] != "plan" or note.format != FORMAT:
         raise ValueError("not the beginning of a journal of this format")
-    return Story(note, (Stretch(str(line["recording"])),))
+    return Story(note, (JournalSegment(str(line["recording"])),))

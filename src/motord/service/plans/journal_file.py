@@ -10,7 +10,7 @@ from typing import Any
 
 from motord.recorder.background import Background
 from motord.recording.json_encoding import to_json
-from motord.service.plans.journal import PlanNote, Story, Stretch, read
+from motord.service.plans.journal import JournalSegment, PlanNote, Story, read
 
 BACKLOG_BYTES = 1 << 20
 
@@ -39,7 +39,7 @@ class Journal:
 
     def begin(self, plan: PlanNote, recording: str) -> None:
         """A plan begins; the one before is forgotten."""
-        self.story = Story(plan, (Stretch(recording),))
+        self.story = Story(plan, (JournalSegment(recording),))
         note = plan.model_dump(mode="json")
         line = _line({"kind": "plan", "plan": note, "recording": recording})
         self._writer.do(lambda: self._disk.begin(line), len(line))

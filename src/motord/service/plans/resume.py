@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from motord.api.messages import PlanView
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.config import Config
 from motord.plans import Plan, PlanError
 from motord.plans import build as build_plan
@@ -24,7 +24,7 @@ from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, numbers, stem_of
 from motord.recording.mcap_file import part_of
 from motord.recording.reader import open_run
-from motord.service.plans.journal import PlanNote, Story, Stretch
+from motord.service.plans.journal import JournalSegment, PlanNote, Story
 from motord.service.plans.journal_file import Journal
 
 _STATES: dict[str, Literal["interrupted", "done", "aborted", "failed"]] = {
@@ -56,7 +56,7 @@ def _digest(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def recorded(stretch: Stretch) -> set[int]:
+def recorded(stretch: JournalSegment) -> set[int]:
     """Return the numbers of the points of a stretch that are taken, as its recording has them.
 
     If it ended in order, or its files are not there, the journal is believed.
@@ -91,7 +91,7 @@ def _whole_points(path: Path) -> set[int]:
 
 
 @dataclass(frozen=True)
-class Rest:
+class RemainingPlan:
     """What is missing of a plan, which may be nothing."""
 
     story: Story
@@ -175,22 +175,22 @@ class Resumption:
         """Forget the plan that could be resumed; return its name. Raises Refusal without one."""
         story = self._journal.story
         if story is None or story.state == "done":
-            raise Refusal("refused", "there is no interrupted plan")
+            raise RpcError("refused", "there is no interrupted plan")
         self._journal.forget()
         return story.plan.name
 
-    def rest(self) -> Rest:
+    def rest(self) -> RemainingPlan:
         """Return what is missing. Reads recordings, so it may take a while; for any thread.
 
         Raises Refusal if there is nothing to resume or the bench is not the same any more.
         """
         story = self._journal.story
         if story is None or story.state == "done":
-            raise Refusal("refused", "no plan is under way, and none was interrupted")
+            raise RpcError("refused", "no plan is under way, and none was interrupted")
         plan = self._same_plan(story.plan)
         taken = set[int]().union(*map(recorded, story.stretches))
         missing = tuple(point for point in plan.points if point.index not in taken)
-        return Rest(story, plan.part(missing), len(plan.points) - len(missing))
+        return RemainingPlan(story, plan.part(missing), len(plan.points) - len(missing))
 
     def _same_plan(self, note: PlanNote) -> Plan:
         """Return the whole plan as it was. Raises Refusal if it would not be the same."""
@@ -198,14 +198,14 @@ class Resumption:
         told = note.bench_parts
         changed = [f"[{name}]" for name, digest in self._parts.items() if digest != told.get(name)]
         if changed:
-            raise Refusal(
+            raise RpcError(
                 "refused",
                 f"{what}: {', '.join(changed)} of the bench file changed since; change it back, "
                 "or discard the plan",
             )
         calibration = self._calibration_id()
         if calibration != note.calibration:
-            raise Refusal(
+            raise RpcError(
                 "refused",
                 f"{what}: it began with calibration {note.calibration or 'none'}, and "
                 f"{calibration or 'none'} is in force; install the one before, or discard the plan",
@@ -213,9 +213,9 @@ class Resumption:
         try:
             plan = build_plan(note.name, self._config, note.settings)
         except PlanError as error:
-            raise Refusal("refused", f"{what}: {error}; discard it") from None
+            raise RpcError("refused", f"{what}: {error}; discard it") from None
         if points_digest(plan) != note.points_digest:
-            raise Refusal(
+            raise RpcError(
                 "refused", f"{what}: this version of motord makes other points of it; discard it"
             )
         return plan

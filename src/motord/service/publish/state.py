@@ -7,12 +7,12 @@ from importlib.metadata import version
 from typing import Any
 
 from motord.api.messages import (
+    BenchState,
     ClockView,
     DeviceView,
     LeaseView,
     ProcessView,
     RecordingView,
-    State,
     TorqueSensorView,
 )
 from motord.config import Config
@@ -38,12 +38,12 @@ class StateView:
     bridge_clock: Callable[[], ClockView | None] = lambda: None
     faults: Callable[[], dict[str, str]] = dict
 
-    def build(self, now_ns: int) -> State:
+    def build(self, now_ns: int) -> BenchState:
         """Return the state now."""
         bench, config = self.bench, self.bench.config
         trips, first = bench.watch.trips()
         holder = bench.in_command(now_ns)
-        return State(
+        return BenchState(
             bench=config.bench.name,
             motor=f"{config.motor.name} {config.motor.serial}".strip(),
             simulated=config.simulated,

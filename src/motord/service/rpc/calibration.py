@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import WithToken
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
@@ -69,7 +69,7 @@ class Installation:
         try:
             path = self._store.keep(prepared.calibration)
         except CalibrationError as error:
-            raise Refusal(
+            raise RpcError(
                 "failed", f"the calibration is in force, but not after a restart: {error}"
             ) from None
         return {**answer, "path": str(path)}

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import CalibrationInstall, max_request_bytes, parse
 from motord.calibration import Calibration, CalibrationError
 from motord.config import MotorConfig
@@ -36,7 +36,7 @@ def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
     try:
         return request.token, check_given(motor, request.calibration, request.path)
     except CalibrationError as error:
-        raise Refusal("invalid", str(error)) from None
+        raise RpcError("invalid", str(error)) from None
 
 
 def read_elsewhere(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
@@ -52,10 +52,10 @@ def read_elsewhere(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration
         )
         outcome = pickle.loads(done.stdout)
     except subprocess.TimeoutExpired:
-        raise Refusal("timeout", f"the calibration was not read in {READ_S:g} s") from None
+        raise RpcError("timeout", f"the calibration was not read in {READ_S:g} s") from None
     except (OSError, subprocess.CalledProcessError) as error:
-        raise Refusal("failed", f"no process could read the calibration: {error}") from None
-    if isinstance(outcome, Refusal):
+        raise RpcError("failed", f"no process could read the calibration: {error}") from None
+    if isinstance(outcome, RpcError):
         raise outcome
     token, calibration = outcome
     return token, calibration
@@ -66,13 +66,13 @@ def main() -> int:
     os.nice(NICE)
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
     payload, motor = pickle.load(sys.stdin.buffer)
-    outcome: Refusal | tuple[str, Calibration]
+    outcome: RpcError | tuple[str, Calibration]
     try:
         outcome = read(payload, motor)
-    except Refusal as refusal:
+    except RpcError as refusal:
         outcome = refusal
     except MemoryError:
-        outcome = Refusal("invalid", "calibration/install: takes too much memory to read")
+        outcome = RpcError("invalid", "calibration/install: takes too much memory to read")
     pickle.dump(outcome, sys.stdout.buffer)
     return 0
 

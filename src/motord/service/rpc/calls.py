@@ -5,11 +5,11 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from motord.api.refusal import Refusal
-from motord.api.requests import Request
+from motord.api.refusal import RpcError
+from motord.api.requests import RpcRequest
 
 Answer = Mapping[str, Any]
-Outcome = Answer | Refusal
+Outcome = Answer | RpcError
 
 
 def _nobody(outcome: Outcome) -> None:
@@ -26,7 +26,7 @@ class Call:
     def __init__(
         self,
         name: str,
-        request: Request,
+        request: RpcRequest,
         prepared: Any = None,
         on_answer: Callable[[Outcome], None] = _nobody,
     ) -> None:
@@ -47,8 +47,8 @@ class Call:
     def wait(self, timeout_s: float) -> Answer:
         """Return the answer. Raises Refusal, also if none comes within `timeout_s`."""
         if not self._answered.wait(timeout_s):
-            raise Refusal("busy", f"{self.name}: no answer from the supervisor in {timeout_s:g} s")
-        if isinstance(self._answer, Refusal):
+            raise RpcError("busy", f"{self.name}: no answer from the supervisor in {timeout_s:g} s")
+        if isinstance(self._answer, RpcError):
             raise self._answer
         return self._answer or {}
 
@@ -65,11 +65,11 @@ class CallQueue:
     def put(self, call: Call) -> None:
         """Hand over a call without waiting. Raises Refusal if there are too many, or no more."""
         if self._closed:
-            raise Refusal("refused", self._closed)
+            raise RpcError("refused", self._closed)
         try:
             self._queue.put_nowait(call)
         except queue.Full:
-            raise Refusal("busy", f"{self.CAPACITY} requests are waiting; try again") from None
+            raise RpcError("busy", f"{self.CAPACITY} requests are waiting; try again") from None
 
     def take(self) -> list[Call]:
         """Return the calls that are waiting."""
@@ -84,4 +84,4 @@ class CallQueue:
         """Refuse those that wait, and all that come later."""
         self._closed = why
         for call in self.take():
-            call.answer(Refusal("refused", why))
+            call.answer(RpcError("refused", why))

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from motord.api.descriptions import trip_words
-from motord.api.refusal import Refusal
-from motord.api.requests import Request
+from motord.api.refusal import RpcError
+from motord.api.requests import RpcRequest
 from motord.schema import State
 from motord.service.bench.bench import Bench
 from motord.service.rpc.calls import Answer, Call
@@ -32,7 +32,7 @@ class Wait:
 Handler = Callable[[Call, int], Answer | Wait]
 """Carries out a call at a monotonic time in ns. Raises Refusal."""
 
-_Model = TypeVar("_Model", bound=Request)
+_Model = TypeVar("_Model", bound=RpcRequest)
 
 
 def expect(model: type[_Model], call: Call) -> _Model:
@@ -63,7 +63,7 @@ class Desk:
             self.give_up("it was stopped")
         try:
             answer = self._handlers[call.name](call, now_ns)
-        except Refusal as refusal:
+        except RpcError as refusal:
             call.answer(refusal)
             return
         except Exception as error:  # whatever it is, the supervisor has to go on
@@ -88,35 +88,35 @@ class Desk:
     def give_up(self, why: str) -> None:
         """Refuse the calls that wait."""
         for call, _, _ in self._waiting:
-            call.answer(Refusal("refused", f"{call.name}: {why}"))
+            call.answer(RpcError("refused", f"{call.name}: {why}"))
         self._waiting = []
 
-    def _look(self, call: Call, wait: Wait, *, late: bool) -> Answer | Refusal | None:
+    def _look(self, call: Call, wait: Wait, *, late: bool) -> Answer | RpcError | None:
         try:
             answer = wait.check()
-            return Refusal("timeout", wait.too_late()) if answer is None and late else answer
-        except Refusal as refusal:
+            return RpcError("timeout", wait.too_late()) if answer is None and late else answer
+        except RpcError as refusal:
             return refusal
         except Exception as error:  # as in `handle`
             return self._failed(call, error)
 
-    def _failed(self, call: Call, error: Exception) -> Refusal:
-        return Refusal("internal", f"{self._on_error(f'in {call.name}', error)}; stopped")
+    def _failed(self, call: Call, error: Exception) -> RpcError:
+        return RpcError("internal", f"{self._on_error(f'in {call.name}', error)}; stopped")
 
 
 def need_loop(bench: Bench) -> None:
     """Refuse what needs a running loop."""
     if bench.loop_starting:
-        raise Refusal("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
+        raise RpcError("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
     if bench.loop_fault:
-        raise Refusal("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
+        raise RpcError("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
 
 
 def need_no_plan(bench: Bench) -> None:
     """Refuse what a plan does not leave to others."""
     view = bench.plans.view
     if bench.plans.active and view is not None:
-        raise Refusal(
+        raise RpcError(
             "plan_running",
             f"plan {view.plan} is {view.state} and sets torque and speed; abort it first",
         )
@@ -125,7 +125,7 @@ def need_no_plan(bench: Bench) -> None:
 def need_no_trip(bench: Bench) -> None:
     """Refuse what a tripped bench does not do."""
     if bench.state is State.TRIPPED:
-        raise Refusal("tripped", f"tripped: {bench.watch.trip_in_words()}")
+        raise RpcError("tripped", f"tripped: {bench.watch.trip_in_words()}")
 
 
 def need_ready(bench: Bench) -> None:
@@ -134,7 +134,7 @@ def need_ready(bench: Bench) -> None:
     need_no_plan(bench)
     need_no_trip(bench)
     if bench.state is State.OFF and bench.watch.trip_bits:
-        raise Refusal("refused", f"it cannot be enabled: {trip_words(bench.watch.trip_bits)}")
+        raise RpcError("refused", f"it cannot be enabled: {trip_words(bench.watch.trip_bits)}")
 
 
 def need_zero_torque(bench: Bench, why: str) -> None:
@@ -142,4 +142,4 @@ def need_zero_torque(bench: Bench, why: str) -> None:
     if bench.state is State.ENABLED and (
         bench.watch.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
     ):
-        raise Refusal("refused", f"set torque_Nm = 0 first: {why}")
+        raise RpcError("refused", f"set torque_Nm = 0 first: {why}")

@@ -18,11 +18,11 @@ from typing import Any
 
 import zenoh
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import (
     MAX_REQUEST_BYTES,
     UNPROVEN_BYTES,
-    Request,
+    RpcRequest,
     check_size,
     needs_token,
     parse,
@@ -56,7 +56,7 @@ class Slow:
     part, `finish` completes the answer after it. Both raise Refusal.
     """
 
-    prepare: Callable[[bytes], tuple[Request, Any]]
+    prepare: Callable[[bytes], tuple[RpcRequest, Any]]
     finish: Callable[[Any, Answer], Answer] = lambda prepared, answer: answer
     max_bytes: int = MAX_REQUEST_BYTES
 
@@ -129,7 +129,7 @@ class Intake:
         name = pending.name
         try:
             if str(pending.query.key_expr) != pending.reply_key:
-                raise Refusal("invalid", f"rpc/{name} is asked for by its full name, no wildcard")
+                raise RpcError("invalid", f"rpc/{name} is asked for by its full name, no wildcard")
             check_size(name, pending.size, limit)
             slow = name in self._slow
             if needs_token(name) and not proven and (slow or len(payload) > UNPROVEN_BYTES):
@@ -138,11 +138,11 @@ class Intake:
                 self._hand_over(name, pending, payload)
             else:
                 self._call(pending, parse(name, payload))
-        except Refusal as refusal:
+        except RpcError as refusal:
             self._replies.answer(pending, refusal)
         except Exception as error:  # no client may be left without an answer
             said = log_error(f"in taking on {name}", error)
-            self._replies.answer(pending, Refusal("internal", said))
+            self._replies.answer(pending, RpcError("internal", said))
 
     def _serve_paced(self) -> None:
         due_s = 0.0
@@ -153,13 +153,13 @@ class Intake:
                 time.sleep(due_s - now_s)
             work()
 
-    def _without_lease(self, name: str, payload: bytes) -> Refusal:
+    def _without_lease(self, name: str, payload: bytes) -> RpcError:
         """Return why a request is not read; a short one may be wrong in itself."""
         if len(payload) <= UNPROVEN_BYTES:
             parse(name, payload)
-        return Refusal("no_lease", f"{name}: not read, without the token of the lease in force")
+        return RpcError("no_lease", f"{name}: not read, without the token of the lease in force")
 
-    def _call(self, pending: Pending, request: Request) -> None:
+    def _call(self, pending: Pending, request: RpcRequest) -> None:
         answer = partial(self._replies.answer, pending)
         self._calls.put(Call(pending.name, request, on_answer=answer))
 
@@ -167,7 +167,7 @@ class Intake:
         try:
             self._lanes[name].put_nowait((pending, payload))
         except queue.Full:
-            raise Refusal("busy", f"{name}: one is under way and one waits; try again") from None
+            raise RpcError("busy", f"{name}: one is under way and one waits; try again") from None
 
     def _serve_slowly(self, name: str, lane: "queue.Queue[tuple[Pending, bytes] | None]") -> None:
         slow = self._slow[name]
@@ -177,9 +177,9 @@ class Intake:
                 request, prepared = slow.prepare(payload)
                 call = Call(name, request, prepared)
                 self._calls.put(call)
-                outcome: Answer | Refusal = slow.finish(prepared, call.wait(ANSWER_S))
-            except Refusal as refusal:
+                outcome: Answer | RpcError = slow.finish(prepared, call.wait(ANSWER_S))
+            except RpcError as refusal:
                 outcome = refusal
             except Exception as error:  # as in `accept`
-                outcome = Refusal("internal", log_error(f"in {name}", error))
+                outcome = RpcError("internal", log_error(f"in {name}", error))
             self._replies.answer(pending, outcome)

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from motord.api.descriptions import trip_words
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import LeaseAcquire, Set, Stop, WithToken
 from motord.schema import Request as Ask
 from motord.schema import State
@@ -146,7 +146,7 @@ class Operate:
         if bench.loop_starting:
             return None
         if bench.loop_fault:
-            raise Refusal("failed", bench.loop_fault)
+            raise RpcError("failed", bench.loop_fault)
         return self._in_state()
 
     def _set(self, call: Call, now_ns: int) -> Answer | Wait:
@@ -171,14 +171,14 @@ class Operate:
         try:
             need_loop(bench)
             need_no_trip(bench)
-        except Refusal:
+        except RpcError:
             bench.hand.rest()
             raise
         if bench.hand.waits_for_enabled:
             return None
         if bench.state is not State.ENABLED:
             bench.disable()
-            raise Refusal("refused", "not enabled: something came between, see `motord events`")
+            raise RpcError("refused", "not enabled: something came between, see `motord events`")
         return self._set_answer()
 
     def _not_enabled(self) -> str:
@@ -197,10 +197,10 @@ class Operate:
     def _need_devices(self, asked: Set) -> None:
         bench = self._bench
         if asked.torque_Nm and bench.trouble:
-            raise Refusal("refused", f"no torque now: {bench.trouble}")
+            raise RpcError("refused", f"no torque now: {bench.trouble}")
         if (asked.speed_Hz is not None or asked.brake is not None) and not bench.has("brake"):
-            raise Refusal("refused", "this bench has no brake that the daemon could set")
+            raise RpcError("refused", "this bench has no brake that the daemon could set")
         if asked.drive_Hz is not None and not bench.has("drive"):
-            raise Refusal("refused", "this bench has no external drive that the daemon could set")
+            raise RpcError("refused", "this bench has no external drive that the daemon could set")
         if asked.compensate not in (None, "off") and not bench.calibrated:
-            raise Refusal("refused", "nothing to compensate with: no calibration is installed")
+            raise RpcError("refused", "nothing to compensate with: no calibration is installed")

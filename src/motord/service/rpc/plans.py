@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
-from motord.api.refusal import Refusal
-from motord.api.requests import PlanResume, PlanStart, Request, WithToken, parse
+from motord.api.refusal import RpcError
+from motord.api.requests import PlanResume, PlanStart, RpcRequest, WithToken, parse
 from motord.plans import PLANS, Plan, PlanError
 from motord.plans import build as build_plan
 from motord.service.bench.bench import Bench
-from motord.service.plans.resume import Rest, Resumption
+from motord.service.plans.resume import RemainingPlan, Resumption
 from motord.service.plans.runner import Before
 from motord.service.rpc.calls import Answer, Call
 from motord.service.rpc.dispatcher import (
@@ -47,7 +47,7 @@ class Experiments:
         who = bench.lease.require(asked.token, now_ns).holder
         self._need_free_bench()
         if self._resumption.interrupted:
-            raise Refusal("refused", f"not started: {self._resumption.words()}")
+            raise RpcError("refused", f"not started: {self._resumption.words()}")
         detached = ", detached" if asked.detach else ""
         bench.events.emit("plan", f"{plan.name} started by {who}{detached}", settings=plan.settings)
         bench.hand.rest()
@@ -58,15 +58,15 @@ class Experiments:
         try:
             plan = build_plan(asked.name, self._bench.config, asked.settings)
         except PlanError as error:
-            raise Refusal("invalid", str(error)) from None
+            raise RpcError("invalid", str(error)) from None
         self._need_devices(plan)
         return plan
 
     def _need_devices(self, plan: Plan) -> None:
         if plan.needs and not self._bench.has(plan.needs):
-            raise Refusal("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
+            raise RpcError("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
         if plan.settings.get("compensate", "off") != "off" and not self._bench.calibrated:
-            raise Refusal(
+            raise RpcError(
                 "refused",
                 f"{plan.name} compensates, but no calibration is installed; install one, or set "
                 "compensate=off",
@@ -77,9 +77,9 @@ class Experiments:
         need_ready(bench)
         need_zero_torque(bench, "a plan begins with an open brake")
         if bench.trouble:
-            raise Refusal("refused", f"not started: {bench.trouble}")
+            raise RpcError("refused", f"not started: {bench.trouble}")
         if why := self._unrecordable():
-            raise Refusal(
+            raise RpcError(
                 "refused",
                 f"not started: it could not be recorded: {why}; make it possible, or allow plans "
                 "without a recording by [recording] required = false",
@@ -88,7 +88,7 @@ class Experiments:
     def _need_plan(self, call: Call, now_ns: int) -> str:
         who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder
         if not self._bench.plans.active:
-            raise Refusal("refused", "no plan is under way")
+            raise RpcError("refused", "no plan is under way")
         return who
 
     def _progress(self) -> Answer:
@@ -101,7 +101,7 @@ class Experiments:
         self._bench.plans.pause()
         return self._progress()
 
-    def look_for_rest(self, payload: bytes) -> tuple[Request, Rest | None]:
+    def look_for_rest(self, payload: bytes) -> tuple[RpcRequest, RemainingPlan | None]:
         """Return a request to resume and what is missing of the plan; None if one is under way.
 
         For a thread that may wait, before `plan/resume`: it reads recordings. Raises Refusal.
@@ -116,7 +116,9 @@ class Experiments:
             bench.events.emit("plan", f"resumed by {who}")
             bench.plans.resume()
             return self._progress()
-        rest: Rest = call.prepared if call.prepared is not None else self._resumption.rest()
+        rest: RemainingPlan = (
+            call.prepared if call.prepared is not None else self._resumption.rest()
+        )
         if rest.plan.points:
             self._go_on(rest, who, detached=asked.detach)
         else:
@@ -124,7 +126,7 @@ class Experiments:
             bench.plans.show(self._resumption.view())
         return self._progress()
 
-    def _go_on(self, rest: Rest, who: str, *, detached: bool) -> None:
+    def _go_on(self, rest: RemainingPlan, who: str, *, detached: bool) -> None:
         """Take what is missing of an interrupted plan."""
         self._need_free_bench()
         self._need_devices(rest.plan)

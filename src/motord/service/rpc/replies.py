@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import zenoh
 
-from motord.api.refusal import Refusal
+from motord.api.refusal import RpcError
 from motord.api.requests import error_json
 from motord.service.host.log import log_error
 from motord.service.rpc.calls import CallQueue, Outcome
@@ -74,7 +74,7 @@ class Replies:
         with self._lock:
             left = list(self._under_way)
         for pending in left:
-            self.answer(pending, Refusal("refused", "the daemon is shutting down"))
+            self.answer(pending, RpcError("refused", "the daemon is shutting down"))
         for _ in self._threads:
             self._queue.put(None)
         for thread in self._threads:
@@ -130,7 +130,7 @@ class Replies:
             try:
                 if callable(outcome):
                     query.reply(pending.reply_key, outcome(), encoding=JSON)
-                elif isinstance(outcome, Refusal):
+                elif isinstance(outcome, RpcError):
                     self._note(outcome.code)
                     query.reply_err(error_json(outcome.code, outcome.message), encoding=JSON)
                 else:
@@ -155,7 +155,7 @@ class Replies:
             overdue = [pending for pending in self._under_way if now_s >= pending.due_s]
         for pending in overdue:
             words = f"{pending.name}: no answer from the supervisor in {ANSWER_S:g} s"
-            self.answer(pending, Refusal("busy", words))
+            self.answer(pending, RpcError("busy", words))
         self._log(now_s)
 
     def _log(self, now_s: float) -> None:

@@ -16,13 +16,13 @@ TCP_HEAD = struct.Struct(">HHHB")
 
 
 @dataclass(frozen=True)
-class Refusal:
+class ModbusException:
     """The device answers with an exception."""
 
     code: int
 
 
-Answer = list[int] | Refusal
+Answer = list[int] | ModbusException
 """Registers read (none for a write), or why there are none."""
 
 
@@ -42,7 +42,7 @@ class Question:
     def understand(self, pdu: bytes) -> Answer | None:
         """Return what an answer says, or None if it is none to this question."""
         if len(pdu) == 2 and pdu[0] == self.request[0] | REFUSED:
-            return Refusal(pdu[1])
+            return ModbusException(pdu[1])
         if len(pdu) != self.answer_bytes or not pdu.startswith(self.beginning):
             return None
         return list(struct.unpack(f">{self.words}H", pdu[len(self.beginning) :]))
