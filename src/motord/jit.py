@@ -119,7 +119,7 @@ _carray: Any = numba.carray  # type: ignore[attr-defined]
 
 @jit
 def records_at(frame_address: int, place: int, count: int, dtype: "np.dtype[Any]") -> np.ndarray:
-    """Return array `place` of a Frame, as one of `count` elements of `dtype`."""
+    """Return array `place` of an ArgumentBlock, as one of `count` elements of `dtype`."""
     addresses = _carray(_pointer(frame_address), (place + 1,), np.int64)
     records: np.ndarray = _carray(_pointer(int(addresses[place])), (count,), dtype)
     return records

@@ -26,7 +26,7 @@ from motord import config
 from motord.control.types import SETPOINT
 from motord.plans import Plan, build
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Request
-from motord.virtual import Piece, VirtualBench, processors, run_points
+from motord.virtual import MeshPiece, VirtualBench, processors, run_points
 from tests.benchmarks import drive_peers
 from tests.benchmarks.figure import Figure
 
@@ -60,7 +60,7 @@ def the_mesh(bench: config.Config, quick: bool) -> Plan:
     return build("calibrate", bench, {"gain_steps": [], **({"turns": 4} if quick else {})})
 
 
-def pieces(quick: bool, pool: ProcessPoolExecutor | None) -> Iterator[Piece]:
+def pieces(quick: bool, pool: ProcessPoolExecutor | None) -> Iterator[MeshPiece]:
     """Yield the pieces of the mesh at MESH_HZ."""
     bench = at_rate(MESH_HZ)
     return run_points(bench, the_mesh(bench, quick), seed=1, pool=pool)

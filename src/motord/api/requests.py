@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.plans.settings import Compensation
 
@@ -154,13 +154,13 @@ def needs_token(name: str) -> bool:
 
 
 def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
-    """Raise Refusal "invalid" for a request of more than `limit` bytes."""
+    """Raise RpcError "invalid" for a request of more than `limit` bytes."""
     if size > limit:
         raise RpcError("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
 
 
 def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> RpcRequest:
-    """Return the request of RPC `name`. Raises Refusal "invalid" that says which field is wrong."""
+    """Return the request of RPC `name`. Raises RpcError "invalid", which says what is wrong."""
     check_size(name, len(payload), limit)
     try:
         return REQUESTS[name].model_validate_json(payload or b"{}")

@@ -10,8 +10,8 @@ import numpy as np
 import zenoh
 
 from motord.api.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
+from motord.api.errors import RpcError
 from motord.api.messages import BenchState, Event, PlanView
-from motord.api.refusal import RpcError
 from motord.api.requests import REQUESTS, check_size
 from motord.client.answers import (
     decode_answer,

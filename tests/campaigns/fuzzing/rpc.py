@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from motord.api.refusal import Code, RpcError
+from motord.api.errors import Code, RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.plans import PLANS
 from motord.schema import Trip

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.config.faults import Fault
 from motord.schema import State
 from tests.unit.service.virtual_service import STEP_NS, VirtualService

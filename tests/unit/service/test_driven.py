@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.hal.base import DeviceReading
 from motord.schema import State
 from motord.service.bench.slow_devices import SlowDevice

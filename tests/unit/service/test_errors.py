@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.hal.base import DeviceReading
 from motord.schema import Request, State
 from motord.service import daemon

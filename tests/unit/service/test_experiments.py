@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.hal.base import DeviceError, DeviceReading
 from motord.plans.settings import COMPENSATE
 from motord.plans.steps import NOTHING_INDUCED

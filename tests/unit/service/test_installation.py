@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
 from motord.plans.settings import COMPENSATE
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory

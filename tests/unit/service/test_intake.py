@@ -10,7 +10,7 @@ import zenoh
 
 from motord import config
 from motord.api.endpoints import ENVELOPE_BYTES, client_config
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import (
     MAX_REQUEST_BYTES,
     PASSES,

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, invariant, rule
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.service.bench.lease import CommandLease
 
 DURATION_NS = 2_000_000_000

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.api import requests
+from motord.api.errors import RpcError
 from motord.api.messages import Event
-from motord.api.refusal import RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.plans import PlansConfig

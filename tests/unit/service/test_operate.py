@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.config.faults import Fault
 from motord.schema import Request, State, Trip
 from tests.unit.service.virtual_service import VirtualService

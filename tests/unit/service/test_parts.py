@@ -16,7 +16,7 @@ from motord.api.descriptions import (
     trip_names,
     trip_words,
 )
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import NoArguments, Set, Stop
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request, Trip

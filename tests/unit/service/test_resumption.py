@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.config import load
 from motord.plans import PLANS, build
 from motord.recording.mcap_file import part_of

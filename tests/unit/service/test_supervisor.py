@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from motord import config
+from motord.api.endpoints import UNIX_SOCKET
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_no_socket
 from motord.config import ConfigError
-from motord.service.host.unix_socket import SCHEME
 from motord.service.publish.zenoh_api import ApiError
 from tests.unit.service.live_service import LiveService, live_service
 
@@ -32,7 +32,7 @@ def folder():
 
 @pytest.fixture
 def where(folder):
-    return f"{SCHEME}{folder}/bench.sock"
+    return f"{UNIX_SOCKET}{folder}/bench.sock"
 
 
 def load(tmp_path, zenoh):
@@ -96,7 +96,7 @@ def test_places_where_others_could_put_theirs_are_refused(tmp_path, folder, wher
     (folder / "bench.sock").write_text("a thesis")
     assert "something else, which is no socket" in refusal(tmp_path, where)
     assert (folder / "bench.sock").read_text() == "a thesis"
-    assert "make this folder first" in refusal(tmp_path, f"{SCHEME}{folder}/none/bench.sock")
+    assert "make this folder first" in refusal(tmp_path, f"{UNIX_SOCKET}{folder}/none/bench.sock")
 
 
 def test_a_group_that_does_not_exist_is_said_and_nothing_is_left_open(tmp_path, folder, where):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from motord import config
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import parse
 from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
@@ -166,7 +166,7 @@ class VirtualService:
         return Pending(call)
 
     def ask(self, name, /, **arguments):
-        """Return the answer to a request, let as much time pass as it takes; raises Refusal."""
+        """Return the answer to a request, let as much time pass as it takes; raises RpcError."""
         pending = self.begin(name, **arguments)
         for _ in range(500):
             outcome = pending.outcome

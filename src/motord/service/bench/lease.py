@@ -11,7 +11,7 @@ import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class CommandLease:
         return (self._lost_ns(held) - now_ns) / 1e9 if held else 0.0
 
     def acquire(self, holder: str, now_ns: int, *, force: bool = False) -> Grant:
-        """Put `holder` in command. Raises Refusal if somebody is, unless `force`."""
+        """Put `holder` in command. Raises RpcError if somebody is, unless `force`."""
         held = self._current(now_ns)
         if held is not None and not force:
             raise RpcError(
@@ -67,18 +67,18 @@ class CommandLease:
         return Grant(self._held.token, holder, held.holder if held else None)
 
     def renew(self, token: str, now_ns: int) -> None:
-        """Prolong the lease. Raises Refusal if `token` is not the one in force."""
+        """Prolong the lease. Raises RpcError if `token` is not the one in force."""
         self.require(token, now_ns).expires_ns = now_ns + self.duration_ns
 
     def release(self, token: str, now_ns: int) -> str:
-        """End the lease and return who held it. Raises Refusal like `renew`."""
+        """End the lease and return who held it. Raises RpcError like `renew`."""
         held = self.require(token, now_ns)
         self._lost = (held.token, "it was given back")
         self._held = None
         return held.holder
 
     def require(self, token: str, now_ns: int) -> _Held:
-        """Return the lease that `token` is for. Raises Refusal if it is not the one in force."""
+        """Return the lease that `token` is for. Raises RpcError if it is not the one in force."""
         held = self._current(now_ns)
         if held is not None and secrets.compare_digest(held.token.encode(), token.encode()):
             return held

@@ -3,8 +3,8 @@
 What is asked for is checked whole before any of it is done: `check`, the only place for it.
 """
 
+from motord.api.errors import RpcError
 from motord.api.messages import SetpointView
-from motord.api.refusal import RpcError
 from motord.api.requests import Set
 from motord.config import Config
 from motord.plans.brake_servo import BrakeServo
@@ -37,7 +37,7 @@ class Hand:
         return self._when_enabled is not None
 
     def check(self, asked: Set, state: State) -> None:
-        """Raise Refusal if the bench cannot or may not do what `asked` holds; changes nothing."""
+        """Raise RpcError if the bench cannot or may not do what `asked` holds; changes nothing."""
         if self._when_enabled is not None:
             raise RpcError("refused", "the bench is being enabled; try again when it is")
         if asked.torque_Nm and state is not State.ENABLED and not asked.enable:
@@ -61,7 +61,7 @@ class Hand:
             )
 
     def set(self, asked: Set, state: State) -> None:
-        """Take over what `asked` holds, or keep it until the bench is enabled. Raises Refusal."""
+        """Take over what `asked` holds, or keep it until the bench is enabled. Raises RpcError."""
         self.check(asked, state)
         if asked.enable and state is not State.ENABLED:
             self._when_enabled = asked

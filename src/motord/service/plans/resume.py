@@ -14,8 +14,8 @@ from typing import Literal
 
 import numpy as np
 
+from motord.api.errors import RpcError
 from motord.api.messages import PlanView
-from motord.api.refusal import RpcError
 from motord.config import Config
 from motord.plans import Plan, PlanError
 from motord.plans import build as build_plan
@@ -172,7 +172,7 @@ class Resumption:
         self._journal.end("done", "all points had been taken", self._unix_ns())
 
     def discard(self) -> str:
-        """Forget the plan that could be resumed; return its name. Raises Refusal without one."""
+        """Forget the plan that could be resumed; return its name. Raises RpcError without one."""
         story = self._journal.story
         if story is None or story.state == "done":
             raise RpcError("refused", "there is no interrupted plan")
@@ -182,7 +182,7 @@ class Resumption:
     def rest(self) -> RemainingPlan:
         """Return what is missing. Reads recordings, so it may take a while; for any thread.
 
-        Raises Refusal if there is nothing to resume or the bench is not the same any more.
+        Raises RpcError if there is nothing to resume or the bench is not the same any more.
         """
         story = self._journal.story
         if story is None or story.state == "done":
@@ -193,7 +193,7 @@ class Resumption:
         return RemainingPlan(story, plan.part(missing), len(plan.points) - len(missing))
 
     def _same_plan(self, note: PlanNote) -> Plan:
-        """Return the whole plan as it was. Raises Refusal if it would not be the same."""
+        """Return the whole plan as it was. Raises RpcError if it would not be the same."""
         what = f"{note.name} cannot be resumed"
         told = note.bench_parts
         changed = [f"[{name}]" for name, digest in self._parts.items() if digest != told.get(name)]

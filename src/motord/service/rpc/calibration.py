@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import WithToken
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
@@ -59,13 +59,13 @@ class Installation:
         }
 
     def prepare(self, payload: bytes) -> tuple[WithToken, Prepared]:
-        """Read and check a calibration, make its tables; for any thread. Raises Refusal."""
+        """Read and check a calibration, make its tables; for any thread. Raises RpcError."""
         token, calibration = self._read(payload, self._bench.config.motor)
         tables = parameters.build(self._bench.config, calibration)
         return WithToken(token=token), Prepared(calibration, tables)
 
     def keep(self, prepared: Prepared, answer: Answer) -> Answer:
-        """Write the calibration that is now in force to disk; for any thread. Raises Refusal."""
+        """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
         try:
             path = self._store.keep(prepared.calibration)
         except CalibrationError as error:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import CalibrationInstall, max_request_bytes, parse
 from motord.calibration import Calibration, CalibrationError
 from motord.config import MotorConfig
@@ -26,7 +26,7 @@ NICE = 20
 """Below what anybody else does, also when begun by a thread that was lifted."""
 
 Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
-"""Returns token and calibration of a request to install one. Raises Refusal."""
+"""Returns token and calibration of a request to install one. Raises RpcError."""
 
 
 def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:

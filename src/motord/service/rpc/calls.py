@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import RpcRequest
 
 Answer = Mapping[str, Any]
@@ -45,7 +45,7 @@ class Call:
             self._on_answer(answer)
 
     def wait(self, timeout_s: float) -> Answer:
-        """Return the answer. Raises Refusal, also if none comes within `timeout_s`."""
+        """Return the answer. Raises RpcError, also if none comes within `timeout_s`."""
         if not self._answered.wait(timeout_s):
             raise RpcError("busy", f"{self.name}: no answer from the supervisor in {timeout_s:g} s")
         if isinstance(self._answer, RpcError):
@@ -63,7 +63,7 @@ class CallQueue:
         self._closed = ""
 
     def put(self, call: Call) -> None:
-        """Hand over a call without waiting. Raises Refusal if there are too many, or no more."""
+        """Hand over a call without waiting. Raises RpcError if there are too many, or no more."""
         if self._closed:
             raise RpcError("refused", self._closed)
         try:

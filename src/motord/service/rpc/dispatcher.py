@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from motord.api.descriptions import trip_words
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import RpcRequest
 from motord.schema import State
 from motord.service.bench.bench import Bench
@@ -19,7 +19,7 @@ from motord.service.rpc.calls import Answer, Call
 
 @dataclass
 class Wait:
-    """What a call waits for: `check` returns the answer, None for not yet, or raises Refusal.
+    """What a call waits for: `check` returns the answer, None for not yet, or raises RpcError.
 
     After `timeout_s` it is refused with the words of `too_late`.
     """
@@ -30,7 +30,7 @@ class Wait:
 
 
 Handler = Callable[[Call, int], Answer | Wait]
-"""Carries out a call at a monotonic time in ns. Raises Refusal."""
+"""Carries out a call at a monotonic time in ns. Raises RpcError."""
 
 _Model = TypeVar("_Model", bound=RpcRequest)
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import zenoh
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import (
     MAX_REQUEST_BYTES,
     UNPROVEN_BYTES,
@@ -53,7 +53,7 @@ class Slow:
     """An RPC with work that must not hold up the supervisor, of at most `max_bytes`.
 
     `prepare` makes the request and what comes with it of the payload, before the supervisor's
-    part, `finish` completes the answer after it. Both raise Refusal.
+    part, `finish` completes the answer after it. Both raise RpcError.
     """
 
     prepare: Callable[[bytes], tuple[RpcRequest, Any]]

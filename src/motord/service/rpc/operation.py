@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from motord.api.descriptions import trip_words
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import LeaseAcquire, Set, Stop, WithToken
 from motord.schema import Request as Ask
 from motord.schema import State

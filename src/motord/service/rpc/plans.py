@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import PlanResume, PlanStart, RpcRequest, WithToken, parse
 from motord.plans import PLANS, Plan, PlanError
 from motord.plans import build as build_plan
@@ -104,7 +104,7 @@ class Experiments:
     def look_for_rest(self, payload: bytes) -> tuple[RpcRequest, RemainingPlan | None]:
         """Return a request to resume and what is missing of the plan; None if one is under way.
 
-        For a thread that may wait, before `plan/resume`: it reads recordings. Raises Refusal.
+        For a thread that may wait, before `plan/resume`: it reads recordings. Raises RpcError.
         """
         request = parse("plan/resume", payload)
         return request, None if self._bench.plans.active else self._resumption.rest()

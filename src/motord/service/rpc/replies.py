@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import zenoh
 
-from motord.api.refusal import RpcError
+from motord.api.errors import RpcError
 from motord.api.requests import error_json
 from motord.service.host.log import log_error
 from motord.service.rpc.calls import CallQueue, Outcome
