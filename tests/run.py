@@ -1,6 +1,6 @@
 """Run the test suite, `--quick` the part of it for daily work, or some of its files.
 
-Tests marked `system` run last: they start processes of their own, and wait more than they compute.
+Tests marked `system` run last: they start processes of their own.
 Those marked `long` take minutes and run with `--long` only. A file's tests run one after the other
 in one process, its fixtures once.
 
@@ -60,7 +60,7 @@ def everything(jobs: int, paths: list[str], coverage: bool) -> int:
         ended = [pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1")]
     ended += [
         pytest(jobs, *measured, "-m", "not system and not long", *paths),
-        pytest(jobs + 1, "-m", "system and not long", *paths),
+        pytest(jobs, "-m", "system and not long", *paths),
     ]
     if paths:
         return int(any(code not in (0, NO_TESTS) for code in ended))

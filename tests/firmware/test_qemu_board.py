@@ -66,14 +66,6 @@ def test_samples_tell_what_the_rig_feeds():
             assert (sample.torque_counts, sample.status) == (torque, 0)
 
 
-def test_samples_come_at_their_rate():
-    with machine(emulated()) as board:
-        board.configure(1000)
-        t_us = [board.next(frames.Sample).t_us for _ in range(300)]
-    assert np.diff(t_us).min() > 0
-    assert np.median(np.diff(t_us)) == pytest.approx(1000, rel=0.2)
-
-
 @pytest.mark.parametrize("rate_Hz", [100, 1000, 5000])
 def test_in_the_firmwares_time_no_sample_is_missing(rate_Hz):
     with machine(emulated(), *FIRMWARE_TIME) as board:

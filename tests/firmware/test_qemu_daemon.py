@@ -15,8 +15,8 @@ from motord.recording.reader import open_run
 from tests.firmware.images import emulated, with_other_layout
 from tests.support import stalls
 from tests.system.daemons import Program, daemon, forgive, patient, wait_for, wait_until
-from tests.system.test_wire import currents, hold
-from tests.unit.emulate.benches import DRAG_NM_S_PER_RAD, write_bench
+from tests.system.test_wire import hold
+from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -26,8 +26,6 @@ INVERTER_TIMEOUT_S = 0.5
 MARGIN_S = 1.5
 """What a busy computer may take longer than the timeouts say."""
 COUNT_RAD = 2 * np.pi / 4096
-HELD_NM = 0.1
-"""Less than the cogging torque: the rotor stays where it is."""
 SOUND_NS = 500_000_000
 OF_A_REBOOT = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 
@@ -38,7 +36,7 @@ class Bench:
     def __init__(self, folder):
         self.folder = folder
         self.truth_path = folder / "truth.mcap"
-        self.path = write_bench(folder, drag_Nm_s_per_rad=DRAG_NM_S_PER_RAD)
+        self.path = write_bench(folder)
         text = patient(self.path.read_text(), "firmware", 500, INVERTER_TIMEOUT_S)
         text = text.replace(
             "heartbeat_timeout_s = 1.0", f"heartbeat_timeout_s = {HEARTBEAT_TIMEOUT_S}", 1
@@ -79,12 +77,12 @@ def between(rows, begun, held):
 
 
 def steady(client, lease, states_in_a_row=5):
-    """Bring the bench to a torque that the cogging torque holds; see `hold`.
+    """Enable the bench, and keep it so for some states; see `hold`.
 
     The machine sees the rig as late as the computer lets it. Of a rotor that stands this changes
     nothing; what it is for one that turns is shown in virtual time (`test_in_the_loop`).
     """
-    return hold(client, lease, HELD_NM, None, states_in_a_row, limit_s=HEARTBEAT_TIMEOUT_S)
+    return hold(client, lease, 0.0, None, states_in_a_row, limit_s=HEARTBEAT_TIMEOUT_S)
 
 
 def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
@@ -95,13 +93,12 @@ def test_the_bench_is_enabled_by_the_firmware_in_the_loop(bench, devices):
         ticks = between(running.runs()[-1].ticks(), begun, held)
     truth = between(truth_of(bench, devices), begun, held)
     assert len(ticks) > 100
-    ticks, truth = ticks[len(ticks) // 2 :], truth[len(truth) // 2 :]  # the rotor has settled
-    assert np.ptp(truth["angle_rad"]) < 2 * COUNT_RAD
-    assert np.ptp(ticks["angle_rad"]) < 3 * COUNT_RAD
-    apart_rad = np.median(ticks["angle_rad"]) - np.median(truth["angle_rad"])
-    assert abs((apart_rad + np.pi) % (2 * np.pi) - np.pi) < 2 * COUNT_RAD
-    assert max(np.abs(truth[f"i_{phase}_A"]).max() for phase in "abc") > 0.1  # it is powered
+    # the offsets of the current sensors have moved the rotor a little, and there it stays
+    rest_rad = truth["angle_rad"][-len(truth) // 4 :]
+    apart_rad = ticks["angle_rad"][-len(ticks) // 4 :] - np.median(rest_rad)
+    assert np.abs((apart_rad + np.pi) % (2 * np.pi) - np.pi).max() < 3 * COUNT_RAD
     assert (truth["enable_line"] == 1).all()
+    assert (truth["inverter_on"] == 1).all()
 
 
 def test_a_reboot_in_mid_run_trips_and_after_reset_it_goes_on(bench, devices):
@@ -143,9 +140,10 @@ def test_a_dead_loop_opens_the_line(bench, devices, number):
     since_s = (truth["t_ns"] - stopped_ns) * 1e-9
     after = (since_s > INVERTER_TIMEOUT_S + MARGIN_S) & (since_s < stopped_s)
     assert (before["enable_line"] == 1).all()
+    assert (before["inverter_on"] == 1).all()
     assert after.sum() > 10
     assert (truth["enable_line"][after] == 0).all()
-    assert currents(truth, int(truth["t_ns"][after][0])).max() < 1e-6
+    assert (truth["inverter_on"][after] == 0).all()
 
 
 def test_noise_on_the_link_costs_frames_and_no_more(bench, devices):

@@ -211,9 +211,18 @@ def plan(motord, *arguments):
     return out
 
 
+POINTS = 8
+"""More than can be taken until a command has come that ends them."""
+SPEEDS_HZ = ",".join(f"{0.8 + 0.02 * number:.2f}" for number in range(POINTS))
 PLAN = [
     word
-    for setting in ("torques_Nm=2", "speeds_Hz=0.8,1.0", "turns=2", "settle_s=0.2", "gain_steps=[]")
+    for setting in (
+        "torques_Nm=2",
+        f"speeds_Hz={SPEEDS_HZ}",
+        "turns=2",
+        "settle_s=0.2",
+        "gain_steps=[]",
+    )
     for word in ("--set", setting)
 ]
 
@@ -234,14 +243,15 @@ def test_a_plan_is_paused_resumed_and_aborted(motord, client):
         assert (state.tick.torque_set_Nm, paused.points_done) == (0.0, 0)
         assert "calibrate paused, " in plan(motord, "status")
         assert plan(motord, "resume") == "calibrate: running\n"
-        taken = until(lambda v: v.points_done == 1)
+        taken = until(lambda v: v.points_done > 0)
         assert taken.state == "running"
         assert plan(motord, "abort") == "calibrate: ending\n"
         over = until(lambda v: v.over)
-    assert (over.state, over.points_done) == ("aborted", 1)
+    assert over.state == "aborted"
+    assert 1 <= over.points_done < POINTS
     wait_for(client, lambda s: s.state == "READY", "disabled")
     said = plan(motord, "status")
-    assert "1/2" in said
+    assert f"{over.points_done}/{POINTS}" in said
     assert "left" not in said
     assert "aborted by" in said
     assert said.splitlines()[1] == f"next: motord analyse calibrate {over.recording}"
