@@ -4,8 +4,7 @@ Makes fresh clones of what is committed, one after the other, each in a time zon
 that it is another time of day there, and runs `make test` in it while a process keeps every
 processor busy. Prints what came of each and where its log is; exits with 1 if one is red.
 
-`--venv FOLDER` takes an environment that is there instead of setting one up in each clone, `--idle`
-leaves the processors alone, and `--run` names another target or, behind `tests/run.py`, files.
+`--idle` leaves the processors alone, and `--run` names another target.
 """
 
 import argparse
@@ -43,11 +42,9 @@ def zone(number: int, clones: int) -> str:
     return f"CLONE{sign}{abs(minutes) // 60:02}:{abs(minutes) % 60:02}"
 
 
-def clone(folder: Path, venv: Path | None) -> None:
+def clone(folder: Path) -> None:
     """Clone what is committed into `folder`."""
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
-    if venv is not None:
-        (folder / ".venv").symlink_to(venv.resolve())
 
 
 def tried(folder: Path, command: list[str], log: Path, zone_: str) -> Result:
@@ -68,7 +65,6 @@ def tried(folder: Path, command: list[str], log: Path, zone_: str) -> Result:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clones", type=int, default=10)
-    parser.add_argument("--venv", type=Path)
     parser.add_argument("--idle", action="store_true", help="without busy processors")
     parser.add_argument("--run", default="make test")
     options = parser.parse_args()
@@ -76,7 +72,7 @@ def main() -> int:
     for number in range(options.clones):
         with tempfile.TemporaryDirectory(prefix="motord-clone-") as name:
             folder, log = Path(name) / "motord", logs / f"{number}.log"
-            clone(folder, options.venv)
+            clone(folder)
             with nullcontext() if options.idle else hogs():
                 result = tried(folder, shlex.split(options.run), log, zone(number, options.clones))
         red += not result.green

@@ -44,7 +44,7 @@ def test_a_silent_error_is_found(monkeypatch):
 
 def test_a_request_carried_out_without_the_lease_is_found(monkeypatch):
     monkeypatch.setattr(
-        "motord.service.bench.lease.Lease.require", lambda self, token, now_ns: self._held
+        "motord.service.bench.lease.CommandLease.require", lambda self, token, now_ns: self._held
     )
     outcome = fuzz.run("rpc", 300)
     assert any("without the lease" in words for words in outcome.first.values())
