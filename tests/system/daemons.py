@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
@@ -65,6 +65,15 @@ def write_sim(folder, name="system"):
 _numbers = count()
 
 
+def children(pid):
+    """Return the processes that `pid` has started and that are not over."""
+    found = []
+    for path in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(OSError):  # a thread that ended meanwhile
+            found += [int(child) for child in path.read_text().split()]
+    return found
+
+
 class Program:
     """A `motord` command that says on stdout when it is ready.
 
@@ -116,10 +125,17 @@ class Program:
         return self.process.returncode
 
     def close(self):
-        """Make sure that it is gone, with the processes that it started."""
+        """Make sure that it is gone, with the processes that it started: one may be stopped.
+
+        A loop that stays keeps its serial port locked, whose number the next one may get.
+        """
+        started = children(self.process.pid) if self.process.poll() is None else []
         if self.process.poll() is None:
             self.process.kill()
         self.wait()
+        for pid in started:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
 
 
 class Daemon(Program):
