@@ -110,6 +110,10 @@ def death(bench, number):
                     opened = board.told.pop()
                 wire.status = None
                 wire.wait_for(lambda: wire.status, "Status")
+                wire.wait_for(
+                    lambda: sum(sample.t_us > opened.t_us for sample in wire.samples) > 1,
+                    "samples after it has opened",
+                )
                 return wire.status.heartbeat_t_us, opened.t_us, wire.samples
             finally:
                 host.kill()
