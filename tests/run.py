@@ -28,8 +28,8 @@ SAME_EVERY_TIME = {
 if sys.version_info >= (3, 12):
     SAME_EVERY_TIME["COVERAGE_CORE"] = "sysmon"  # costs a fraction
 QUICK = (
-    "tests/unit/control", "tests/unit/hal", "tests/unit/wire", "tests/unit/runtime",
-    "tests/unit/service", "tests/unit/plans", "tests/unit/emulate",
+    "tests/unit/control", "tests/unit/hal", "tests/unit/wire", "tests/unit/loop",
+    "tests/unit/shm", "tests/unit/service", "tests/unit/sequencing", "tests/unit/emulate",
 )  # fmt: skip
 """What keeps a bench safe. Of `service`, not the files that run plans, clients and processes."""
 NOT_QUICK = (

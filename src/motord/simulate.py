@@ -7,9 +7,9 @@ from pathlib import Path
 
 from motord.calibration import Calibration
 from motord.config import Config, load, packaged
-from motord.plans import Plan
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
+from motord.sequencing import Plan
 from motord.virtual.mesh import MeshPiece, run_points
 
 CHUNK_S = 1.0

@@ -23,14 +23,22 @@ from pathlib import Path
 import numpy as np
 
 from motord import config
-from motord.analysis import Subject, calibrator
-from motord.identify.basis import FIRST_WAVE, Basis, fill_columns, highpass
-from motord.identify.instruments import commands_over_angle, instruments
-from motord.identify.moments import BAND_MARGIN, accumulate, settled
-from motord.identify.orders import allowed_orders
-from motord.identify.points import Samples, prepare
-from motord.identify.residual import ResidualEstimator, Trial
-from motord.identify.sensor import MountInverse
+from motord.experiments.calibration.estimate.instrumental_variables import (
+    commands_over_angle,
+    instruments,
+)
+from motord.experiments.calibration.estimate.normal_equations import (
+    BAND_MARGIN,
+    accumulate,
+    settled,
+)
+from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
+from motord.experiments.calibration.recordings import calibrator
+from motord.experiments.subject import Subject
+from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass
+from motord.identification.operating_points import Samples, prepare
+from motord.identification.orders import allowed_orders
+from motord.identification.torque_sensor import MountInverse
 from motord.recording.captures import captures
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run

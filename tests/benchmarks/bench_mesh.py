@@ -24,8 +24,9 @@ import numpy as np
 
 from motord import config
 from motord.control.types import SETPOINT
-from motord.plans import Plan, build
+from motord.experiments.plans import build
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Request
+from motord.sequencing import Plan
 from motord.virtual import MeshPiece, VirtualBench, processors, run_points
 from tests.benchmarks import drive_peers
 from tests.benchmarks.figure import Figure

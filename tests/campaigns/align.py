@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import Config, load
-from motord.identify.alignment import Alignment, align
-from motord.identify.rests import REQUIRED
-from motord.plans import build
+from motord.experiments.alignment.estimate import Alignment, align
+from motord.experiments.alignment.rests import REQUIRED
+from motord.experiments.plans import build
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from motord.identify.back_emf import MeasuredBackEmf, measure
+from motord.experiments.back_emf.estimate import MeasuredBackEmf, measure
 from motord.rig.truth import RigTruth
 from tests.campaigns import seeds
 from tests.campaigns.driven import MOTORS, REPORT, Motor, inverter_apart, ticks_of

@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from motord.identify.calibrate import calibrate
-from motord.identify.cogging_average import MeasuredCogging, compare, measure
-from motord.identify.points import PointData
-from motord.plans.build import build
+from motord.experiments.calibration.estimate.calibrator import calibrate
+from motord.experiments.cogging.average import MeasuredCogging, compare, measure
+from motord.experiments.plans import build
+from motord.identification.operating_points import PointData
 from motord.rig.truth import RigTruth
 from motord.virtual.mesh import run_points
 from tests.campaigns import seeds

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from motord.config import BackEmfHarmonic, Config, load
-from motord.identify.points import PointData
-from motord.plans.build import build
+from motord.experiments.plans import build
+from motord.identification.operating_points import PointData
 from motord.rig.truth import CoggingHarmonic, RigTruth
 from motord.rig.truth import load as load_truth
 from motord.schema import TICK_DTYPE

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import load
-from motord.identify.calibrate import Calibrator
-from motord.identify.points import split
-from motord.plans import build
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.plans import build
+from motord.identification.operating_points import split
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, processors, run_plan

@@ -11,16 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from motord.config import load
-from motord.identify.inertia_budget import budget
-from motord.identify.inertia_decay import mean_frequency
-from motord.identify.inertia_oscillation import Oscillation, Release, combine, waves_of
-from motord.identify.inertia_push import accelerate
-from motord.identify.inertia_report import DIFFERENCE, explanations
-from motord.identify.inertia_springs import SpringSetup
-from motord.identify.ripple import harmonics_table
+from motord.experiments.inertia.error_budget import budget
+from motord.experiments.inertia.free_decay import mean_frequency
+from motord.experiments.inertia.oscillation import Oscillation, Release, combine, waves_of
+from motord.experiments.inertia.results import DIFFERENCE, explanations
+from motord.experiments.inertia.springs import SpringSetup
+from motord.experiments.inertia.torque_step import accelerate
+from motord.identification.ripple import harmonics_table
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds
-from tests.unit.identify.inertia_runs import (
+from tests.unit.experiments.inertia.inertia_runs import (
     pushes,
     read,
     releases,

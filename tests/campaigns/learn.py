@@ -19,8 +19,8 @@ from motord.demo.learn import (
     learned_report,
     verify_virtual,
 )
-from motord.plans import build
-from motord.report.learn import write
+from motord.experiments.ilc.report import write
+from motord.experiments.plans import build
 from motord.virtual.mesh import processors
 from tests.campaigns import seeds
 

@@ -26,8 +26,9 @@ import numpy as np
 
 from motord import config
 from motord.client import ClientError
-from motord.plans import Plan, build
+from motord.experiments.plans import build
 from motord.recording.writer import RunWriter
+from motord.sequencing import Plan
 from motord.virtual.bench import VirtualBench
 from motord.virtual.plan import run_plan
 from tests.system.daemons import daemon, emulator, patient, write_sim

@@ -34,7 +34,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/unit/control/test_observer.py",
         "tests/unit/control/test_interlock_times.py",
     ),
-    "motord.plans.limits": ("tests/unit/plans/test_limits.py",),
+    "motord.sequencing.limits": ("tests/unit/plans/test_limits.py",),
     "motord.service.bench.lease": ("tests/unit/service/test_lease.py",),
 }
 SLOW = "not test_limits_hold_for_any_input and not test_compensation_inverts_the_model"
@@ -59,7 +59,7 @@ FEW = (
     ),
     ("motord.control.observer", "    pole = math.exp(", SPEED_OF_DENSE_SAMPLES_ONLY),
     ("motord.control.observer", "POSITION_AGE_MAX_S = 0.03", "POSITION_AGE_MAX_S = 0.1"),
-    ("motord.plans.limits", "SPEED_MARGIN = 0.8", "SPEED_MARGIN = 0.81"),
+    ("motord.sequencing.limits", "SPEED_MARGIN = 0.8", "SPEED_MARGIN = 0.81"),
     ("motord.service.bench.lease", "held is not None and not force", "held is not None and force"),
 )
 """Module, what it says, and what it says with a mistake in it."""

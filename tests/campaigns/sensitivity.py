@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.analysis import Subject, calibrator
-from motord.analysis.sensitivity import sensitivity
-from motord.analysis.sensitivity_result import Sensitivity
-from motord.identify.result import CalibrationResult
-from motord.plans import build
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.calibration.recordings import calibrator
+from motord.experiments.plans import build
+from motord.experiments.sensitivity.analysis import sensitivity
+from motord.experiments.sensitivity.result import Sensitivity
+from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
 from motord.simulate import PlanSource, record_plan
 from motord.virtual import processors

@@ -13,8 +13,8 @@ from motord import config
 from motord.cli import app
 from motord.config import Config
 from motord.config.faults import Timeline
-from motord.imports.mapping import ImportMap
-from motord.plans.build import PLANS, build
+from motord.experiments.plans import PLANS, build
+from motord.importing.mapping import ImportMap
 from tests.docs.blocks import (
     COMMANDS,
     LISTED,

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.analysis import Subject
-from motord.analysis.back_emf import measured_back_emf
-from motord.analysis.cogging import measured_cogging
 from motord.config import load
+from motord.experiments.back_emf.analysis import measured_back_emf
+from motord.experiments.cogging.analysis import measured_cogging
+from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
 from tests.support import stalls
 from tests.system.daemons import daemon, emulator, forgive, patient, wait_until

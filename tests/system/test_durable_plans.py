@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motord.client import ClientError
-from motord.identify.points import split
+from motord.identification.operating_points import split
 from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.plans import build
+from motord.experiments.plans import build
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.schema import TICK

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.plans import PLANS
+from motord.experiments.plans import PLANS
 from tests.unit.service.live_service import endpoint
 from tests.unit.test_cli_text import ALL
 

@@ -11,7 +11,7 @@ from motord.cli import app
 from motord.loop.latency import measurement
 from motord.loop.latency.error import LatencyError
 from motord.loop.latency.measurement import Measured, MeasuredSlices, MeasurementPlan
-from tests.unit.runtime.test_latency import READY, timing
+from tests.unit.loop.test_latency import READY, timing
 
 
 @pytest.fixture

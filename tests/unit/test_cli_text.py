@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.console import plain_console, text_column
-from motord.plans import PLANS
+from motord.experiments.plans import PLANS
 
 CLI = Path(__file__).parents[2] / "src" / "motord" / "cli"
 

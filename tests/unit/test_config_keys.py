@@ -16,9 +16,9 @@ import pytest
 from pydantic import BaseModel
 
 from motord.config import AccelerationConfig, Config, OscillationConfig, load, packaged
-from motord.identify.inertia_push import accelerate
-from motord.identify.inertia_springs import SpringSetup
-from motord.plans import build
+from motord.experiments.inertia.springs import SpringSetup
+from motord.experiments.inertia.torque_step import accelerate
+from motord.experiments.plans import build
 from motord.schema import InverterStatus, Request, Trip
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
@@ -26,9 +26,9 @@ from motord.wire.can import dbc
 from tests.contract.benches import dq_config
 from tests.contract.peers import SIGNALS, can_config
 from tests.unit.control.bench import Bench, make_config
-from tests.unit.identify.inertia_runs import pushes
-from tests.unit.plans.test_driven import Driven
-from tests.unit.plans.test_inertia import Bar, released, watch
+from tests.unit.experiments.inertia.inertia_runs import pushes
+from tests.unit.experiments.inertia.test_plan import Bar, released, watch
+from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[2]
 BY_NAME = {

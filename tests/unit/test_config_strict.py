@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-import motord.imports.mapping
+import motord.importing.mapping
 import motord.rig.truth  # noqa: F401  (for its sections)
 from motord.config import Config, ConfigError, Section, load
 

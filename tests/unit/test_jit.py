@@ -94,7 +94,7 @@ def test_an_edit_anywhere_below_a_folder_of_kernels_starts_a_new_cache(tmp_path:
     copy = tmp_path / "motord"
     shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
     before = _kernel_digest(copy)
-    below = copy / "identify" / "room"
+    below = copy / "identification" / "room"
     below.mkdir()
     (below / "kernel.py").write_text("GAIN = 1.0\n")
     made = _kernel_digest(copy)

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from motord.calibration import Calibration, from_json, load
 from motord.cli import learn as module
 from motord.demo.learn import calibrate_virtual, learn_virtual, learned_report, verify_virtual
-from motord.plans import build
-from tests.unit.analysis.learning import nonlinear, record_pass, true_calibration
+from motord.experiments.plans import build
+from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
 
 
 def test_learning_in_virtual_time_smooths_the_true_torque() -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from motord.plans.settings import Compensation
+from motord.sequencing.settings import Compensation
 
 
 class Reply(BaseModel):

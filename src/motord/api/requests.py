@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from motord.api.errors import RpcError
 from motord.learned import MAX_NODES, MAX_ORDERS
-from motord.plans.settings import Compensation
+from motord.sequencing.settings import Compensation
 
 Token = Annotated[str, Field(min_length=1, max_length=128)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]

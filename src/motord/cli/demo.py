@@ -20,7 +20,7 @@ def demo(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
-    from motord.identify import IdentifyError
+    from motord.identification import IdentifyError
     from motord.recording.errors import RecordError
     from motord.virtual.plan import PlanFailed
 

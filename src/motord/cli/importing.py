@@ -11,8 +11,8 @@ import typer
 from motord.cli.console import fail, plain_console, print_json, text_column
 
 if TYPE_CHECKING:
-    from motord.imports import Imported
-    from motord.imports.convert import Progress
+    from motord.importing import Imported
+    from motord.importing.convert import Progress
 
 QUIET_S = 2.0
 """Time after which progress is shown."""
@@ -31,7 +31,7 @@ def import_recording(
 ) -> None:
     """Make a run of a recording from elsewhere; every `analyse` works on it."""
     from motord.config import ConfigError
-    from motord.imports import import_run
+    from motord.importing import import_run
     from motord.recording.errors import RecordError
 
     try:

@@ -15,10 +15,10 @@ from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon
 from motord.cli.settings import settings_of
 
 if TYPE_CHECKING:
-    from motord.analysis.learn import LearnPass
     from motord.calibration import Calibration
     from motord.client import Client
-    from motord.identify.learn import Learning
+    from motord.experiments.ilc.analysis import LearnPass
+    from motord.experiments.ilc.estimate import Learning
 
 CLOSED_S = 15.0
 """How long the recorder may take to close the recording of a pass."""
@@ -51,9 +51,9 @@ def learn(
     """
     from datetime import UTC, datetime
 
-    from motord.analysis.learn import finish, learn_report, reopen
-    from motord.identify.learn import Learning
-    from motord.report.learn import write
+    from motord.experiments.ilc.analysis import finish, learn_report, reopen
+    from motord.experiments.ilc.estimate import Learning
+    from motord.experiments.ilc.report import write
 
     learning = Learning(gain=gain, highest_order=highest_order)
     with daemon(bench, connect) as client, in_command(client, force=force) as command, explained():
@@ -108,8 +108,8 @@ def _pass(
     """Run the plan once and learn from its recording."""
     from datetime import UTC, datetime
 
-    from motord.analysis import Subject
-    from motord.analysis.learn import learn_from_runs
+    from motord.experiments.ilc.analysis import learn_from_runs
+    from motord.experiments.subject import Subject
     from motord.recording.reader import open_run
 
     with client.subscribe_plan() as progress:

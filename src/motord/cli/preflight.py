@@ -23,7 +23,8 @@ def predict(
     and inverter. Nothing is simulated for longer than `limit_s`.
     """
     from motord.config import Config, ConfigError
-    from motord.plans import PlanError, build
+    from motord.experiments.plans import build
+    from motord.sequencing import PlanError
     from motord.virtual.mesh import processors
     from motord.virtual.preflight import forecasts
 

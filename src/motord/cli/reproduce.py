@@ -20,11 +20,11 @@ def reproduce(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
-    from motord.analysis import AnalysisError
-    from motord.identify import IdentifyError
-    from motord.plans import PlanError
+    from motord.experiments.subject import AnalysisError
+    from motord.identification import IdentifyError
     from motord.recording.errors import RecordError
     from motord.reproduce import write_page
+    from motord.sequencing import PlanError
     from motord.virtual.plan import PlanFailed
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):

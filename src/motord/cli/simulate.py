@@ -10,7 +10,7 @@ from motord.cli.console import fail, print_json, text_column
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
-    from motord.plans import Plan
+    from motord.sequencing import Plan
     from motord.simulate import PlanSource
 
 
@@ -48,8 +48,8 @@ def simulate(
     """
     from motord.calibration import CalibrationError, load
     from motord.config import ConfigError
-    from motord.plans import PlanError
     from motord.recording.errors import RecordError
+    from motord.sequencing import PlanError
     from motord.simulate import PlanSource
     from motord.virtual.plan import PlanFailed
 
@@ -80,7 +80,7 @@ def simulate(
 
 def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":
     from motord.cli.settings import parse_settings
-    from motord.plans import build
+    from motord.experiments.plans import build
 
     own = getattr(source.config.plans, name.replace("-", "_"), None)
     defaults = own.model_dump(mode="json") if own is not None else {}

@@ -50,6 +50,14 @@ class MotorConfig(Section):
                 raise ValueError(f"{name}: the back-EMF table has a phase that is zero all over")
         return self
 
+    def rated_current_A(self) -> float:
+        """Return the peak of the phase currents that make rated torque with least copper loss."""
+        k = self.back_emf_table()
+        if self.connection == "star":
+            k = k - k.mean(axis=1, keepdims=True)
+        power = np.maximum((k**2).sum(axis=1, keepdims=True), 1e-12)
+        return float(np.abs(self.rated_torque_Nm * k / power).max())
+
     def back_emf_table(self) -> np.ndarray:
         """Return k, shape (counts, 3), V s/rad: back-EMF over speed at angles 2 pi n / counts.
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from motord.config import Config
-from motord.identify.points import prepare
-from motord.identify.ripple import rms_error_percent
-from motord.identify.verify import PointRipple, point_ripple
+from motord.identification.operating_points import prepare
+from motord.identification.point_ripple import PointRipple, point_ripple
+from motord.identification.ripple import rms_error_percent
 from motord.recording.captures import TrueTorque, captures, true_torque
 from motord.recording.reader import open_run
 

@@ -8,18 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from motord.analysis.learn import LearnPass, finish, learn, learn_report, stairs
-from motord.analysis.subject import Subject
 from motord.calibration import Calibration
 from motord.config import Config
 from motord.demo.judge import Errors
-from motord.identify.calibrate import Calibrator
-from motord.identify.learn import Learning
-from motord.identify.points import PointData, split
-from motord.identify.ripple import rms_error_percent
-from motord.plans import Plan, build
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.ilc.analysis import LearnPass, finish, learn, learn_report, stairs
+from motord.experiments.ilc.estimate import Learning
+from motord.experiments.ilc.report import LearnReport
+from motord.experiments.plans import build
+from motord.experiments.subject import Subject
+from motord.identification.operating_points import PointData, split
+from motord.identification.ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
-from motord.report.learn import LearnReport
+from motord.sequencing import Plan
 from motord.virtual.mesh import MeshPiece, run_points
 
 PASSES = 5

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from motord.analysis import estimate_of_result, estimate_of_truth
 from motord.demo.judge import CELLS, Verdict
 from motord.demo.run import Demo
-from motord.identify.ripple import spectrum
-from motord.report.calibration import CalibrationReport, View, write
+from motord.experiments.calibration.content import estimate_of_result, estimate_of_truth
+from motord.experiments.calibration.report import CalibrationReport, View, write
+from motord.identification.ripple import spectrum
 from motord.report.plots.torque import Ripple
 
 HIGHEST_ORDER = 300

@@ -20,13 +20,14 @@ from motord.calibration import Calibration
 from motord.config import Config
 from motord.demo.files import Files
 from motord.demo.judge import Errors, Verdict, judge
-from motord.identify.calibrate import Calibrator
-from motord.identify.result import CalibrationResult, rms_errors
-from motord.plans import Plan, build
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.result import CalibrationResult, rms_errors
+from motord.experiments.plans import build
 from motord.recording.captures import captures
 from motord.recording.reader import open_run
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
+from motord.sequencing import Plan
 from motord.simulate import PlanSource, record_plan
 from motord.virtual.mesh import processors
 

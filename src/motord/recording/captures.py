@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.identify.points import COMMANDS, REQUIRED, PointData, good_points, split
+from motord.identification.operating_points import COMMANDS, REQUIRED, PointData, good_points, split
 from motord.recording.reader import Run
 
 COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from motord.identify.inertia_oscillation import REPORTS_WAY
-from motord.identify.inertia_report import CAD_KG_M2, MEASURED_KG_M2, explanations
-from motord.identify.reconstruct import Explained
+from motord.experiments.inertia.oscillation import REPORTS_WAY
+from motord.experiments.inertia.results import CAD_KG_M2, MEASURED_KG_M2, explanations
+from motord.experiments.ripple.reconstruct import Explained
 from motord.reproduce.run import Found
 
 TABLE_4_2 = {

@@ -2,15 +2,23 @@
 
 from pathlib import Path
 
-from motord.analysis import shares_of
-from motord.analysis.back_emf import back_emf_report
-from motord.analysis.cogging import cogging_report
-from motord.analysis.content import calibration_report, estimate_of_result, estimate_of_truth
-from motord.analysis.inertia_content import inertia_report
-from motord.analysis.sensitivity_content import sensitivity_report
 from motord.demo.learn import learned_report
-from motord.report import back_emf, cogging_run, inertia, learn, sensitivity
-from motord.report import calibration as calibration_page
+from motord.experiments.back_emf import report as back_emf
+from motord.experiments.back_emf.analysis import back_emf_report
+from motord.experiments.calibration import report as calibration_page
+from motord.experiments.calibration.content import (
+    calibration_report,
+    estimate_of_result,
+    estimate_of_truth,
+    shares_of,
+)
+from motord.experiments.cogging import report as cogging_run
+from motord.experiments.cogging.analysis import cogging_report
+from motord.experiments.ilc import report as learn
+from motord.experiments.inertia import report as inertia
+from motord.experiments.inertia.content import inertia_report
+from motord.experiments.sensitivity import report as sensitivity
+from motord.experiments.sensitivity.content import sensitivity_report
 from motord.report.html import Page
 from motord.reproduce.beside import Row, as_json, chapters
 from motord.reproduce.run import Found, save_summary

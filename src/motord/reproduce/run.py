@@ -12,23 +12,24 @@ from typing import Any
 
 import numpy as np
 
-from motord.analysis import Subject, calibrator, explained
-from motord.analysis import inertia as inertia_analysis
-from motord.analysis.back_emf import measured_back_emf
-from motord.analysis.cogging import compared, measured_cogging
-from motord.analysis.sensitivity import sensitivity
-from motord.analysis.sensitivity_result import Sensitivity
 from motord.atomic_write import write_whole
 from motord.calibration import Calibration
 from motord.config import packaged
 from motord.demo.learn import Learned, learn_virtual
-from motord.identify.back_emf import MeasuredBackEmf
-from motord.identify.cogging_average import Comparison, MeasuredCogging
-from motord.identify.inertia_oscillation import Oscillation
-from motord.identify.inertia_push import Acceleration
-from motord.identify.reconstruct import Explained
-from motord.identify.result import CalibrationResult
-from motord.plans import build
+from motord.experiments.back_emf.analysis import measured_back_emf
+from motord.experiments.back_emf.estimate import MeasuredBackEmf
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.calibration.recordings import calibrator, explained
+from motord.experiments.cogging.analysis import compared, measured_cogging
+from motord.experiments.cogging.average import Comparison, MeasuredCogging
+from motord.experiments.inertia import analysis as inertia_analysis
+from motord.experiments.inertia.oscillation import Oscillation
+from motord.experiments.inertia.torque_step import Acceleration
+from motord.experiments.plans import build
+from motord.experiments.ripple.reconstruct import Explained
+from motord.experiments.sensitivity.analysis import sensitivity
+from motord.experiments.sensitivity.result import Sensitivity
+from motord.experiments.subject import Subject
 from motord.recording.reader import Run, open_run
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth

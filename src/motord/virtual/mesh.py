@@ -23,8 +23,8 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.plans import Plan
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE
+from motord.sequencing import Plan
 from motord.virtual import rows
 from motord.virtual.bench import VirtualBench
 from motord.virtual.plan import BlockSink, run_plan

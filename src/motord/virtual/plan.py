@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from motord.control.types import SETPOINT
-from motord.plans import Demand, Executor, Plan, TickWatcher
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Request
+from motord.sequencing import Demand, Executor, Plan, TickWatcher
 from motord.virtual.bench import VirtualBench
 
 LOOK_S = 0.05

@@ -9,8 +9,8 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.plans import OperatingPoint, Plan
-from motord.plans.quality import GOOD
+from motord.sequencing import OperatingPoint, Plan
+from motord.sequencing.quality import GOOD
 from motord.virtual.bench import VirtualBench
 from motord.virtual.plan import PlanFailed, run_plan
 from motord.virtual.told import as_told

@@ -9,7 +9,7 @@ from pathlib import Path
 from motord.calibration import CalibrationError
 from motord.calibration import load as load_calibration
 from motord.config import ConfigError, load, packaged
-from motord.imports.mapping import load_map
+from motord.importing.mapping import load_map
 from motord.recording.errors import RecordError
 from motord.recording.reader import open_run
 from motord.recording.recovery import recover
@@ -17,8 +17,8 @@ from motord.security import roles
 from motord.security.error import SecurityError
 from motord.security.roles import Role
 from tests.campaigns.fuzzing.mutate import mutate_bytes, mutate_json, mutate_text, some_bytes
-from tests.unit.imports.tables import MAP
-from tests.unit.record.runs import write_run
+from tests.unit.importing.tables import MAP
+from tests.unit.recording.runs import write_run
 from tests.unit.service.test_installation import calibration
 
 RECOVER_EVERY = 20

@@ -14,7 +14,7 @@ import numpy as np
 
 from motord.api.errors import Code, RpcError
 from motord.api.requests import REQUESTS, parse
-from motord.plans import PLANS
+from motord.experiments.plans import PLANS
 from motord.schema import Trip
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motord.report.calibration import CalibrationReport, Estimate, View
+from motord.experiments.calibration.report import CalibrationReport, Estimate, View
 from motord.report.plots.torque import Ripple
 
 POINTS = [(torque, speed) for torque in (1.0, 3.0, 5.0) for speed in (0.5, 1.0)]

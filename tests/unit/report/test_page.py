@@ -7,12 +7,11 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from motord.report.calibration import page, write
+from motord.experiments.calibration.report import page, write
 from motord.report.html import Page
 from motord.report.style import PALETTE, drawing, figure
 from motord.report.svg import inline
-
-from .made_up import content, estimate, ripple
+from tests.unit.report.made_up import content, estimate, ripple
 
 
 class Structure(HTMLParser):

@@ -9,7 +9,7 @@ import pytest
 from motord import config
 from motord.api.errors import RpcError
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
-from motord.plans.settings import COMPENSATE
+from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_reader import read

@@ -6,7 +6,7 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.config import load
-from motord.plans import PLANS, build
+from motord.experiments.plans import PLANS, build
 from motord.recording.mcap_file import part_of
 from motord.recording.writer import RunWriter
 from motord.schema import Compensate
@@ -15,7 +15,7 @@ from motord.service.plans import resume
 from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import bench_parts, points_digest, recorded
-from tests.unit.record.runs import METADATA, START_NS, tick_block
+from tests.unit.recording.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService
 
 SHORT = {

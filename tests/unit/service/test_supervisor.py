@@ -13,8 +13,8 @@ from motord.api.errors import RpcError
 from motord.api.requests import REQUESTS, parse
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
-from motord.plans.settings import COMPENSATE
 from motord.schema import State
+from motord.sequencing.settings import COMPENSATE
 from motord.service import assembly
 from motord.service.rpc.calls import Call
 from motord.shm.mailbox import MailboxReader

@@ -11,15 +11,16 @@ from motord import config
 from motord.config import Config, ConfigError
 from motord.config.faults import Fault
 from motord.control.types import SETPOINT
-from motord.identify import IdentifyError
-from motord.identify.calibrate import calibrate
-from motord.identify.common_part import is_missing, restored
-from motord.identify.points import PointData, prepare, split
-from motord.identify.reconstruct import explain
-from motord.identify.result import CalibrationResult
-from motord.identify.verify import point_ripple
-from motord.plans import PlanError, build
+from motord.experiments.calibration.estimate.calibrator import calibrate
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.experiments.plans import build
+from motord.experiments.ripple.reconstruct import explain
+from motord.identification import IdentifyError
+from motord.identification.operating_points import PointData, prepare, split
+from motord.identification.point_ripple import point_ripple
+from motord.identification.zero_sequence import is_missing, restored
 from motord.schema import Request, State, Trip
+from motord.sequencing import PlanError
 from motord.virtual import VirtualBench, run_plan
 
 DQ = Path(__file__).parents[3] / "config" / "dq.toml"

@@ -8,7 +8,7 @@ import tracemalloc
 from pathlib import Path
 
 from motord.config import load, packaged
-from motord.plans import build
+from motord.experiments.plans import build
 from motord.virtual import VirtualBench
 from tests.campaigns.memory import PLAN, record_plan
 

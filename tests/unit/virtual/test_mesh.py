@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.plans import build
+from motord.experiments.plans import build
 from motord.virtual import rows
 from motord.virtual.mesh import MeshPiece, processors, run_points
 from motord.virtual.plan import PlanFailed

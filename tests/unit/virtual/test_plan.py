@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.plans import build
+from motord.experiments.plans import build
 from motord.schema import State
 from motord.virtual import VirtualBench
 from motord.virtual.plan import PlanFailed, run_plan

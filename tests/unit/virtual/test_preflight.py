@@ -8,7 +8,7 @@ import pytest
 
 from motord.config import ConfigError, load, packaged
 from motord.config.back_emf import BackEmfTable
-from motord.plans import PLANS, build
+from motord.experiments.plans import PLANS, build
 from motord.virtual import preflight
 from motord.virtual.preflight import forecasts
 from motord.virtual.told import as_told

@@ -32,8 +32,8 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Find phase order, encoder direction and encoder zero from a run of the plan align."""
-    from motord.analysis import align as analysis
-    from motord.report.align import write as write_report
+    from motord.experiments.alignment import analysis
+    from motord.experiments.alignment.report import write as write_report
 
     with explained():
         opened, subject = open_runs(runs, config)

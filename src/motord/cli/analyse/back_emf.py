@@ -17,7 +17,7 @@ from motord.cli.analyse.inputs import (
 from motord.cli.console import plain_console, print_json
 
 if TYPE_CHECKING:
-    from motord.identify.back_emf import MeasuredBackEmf
+    from motord.experiments.back_emf.estimate import MeasuredBackEmf
 
 
 def back_emf(
@@ -28,8 +28,8 @@ def back_emf(
     as_json: AsJson = False,
 ) -> None:
     """Measure the back-EMF; -o writes the table that `[motor] back_emf` may name."""
-    from motord.analysis import back_emf as analysis
-    from motord.report.back_emf import write
+    from motord.experiments.back_emf import analysis
+    from motord.experiments.back_emf.report import write
 
     with explained():
         opened, subject = open_runs(runs, config)

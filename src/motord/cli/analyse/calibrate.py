@@ -19,10 +19,10 @@ from motord.cli.analyse.ripple_table import print_errors
 from motord.cli.console import plain_console, print_json
 
 if TYPE_CHECKING:
-    from motord.analysis import Subject
     from motord.calibration import Calibration
+    from motord.experiments.calibration.report import Estimate
+    from motord.experiments.subject import Subject
     from motord.recording.reader import Run
-    from motord.report.calibration import Estimate
 
 
 def calibrate(
@@ -43,14 +43,14 @@ def calibrate(
     """Identify gains, offsets and cogging torque; -o writes the calibration file."""
     from datetime import UTC, datetime
 
-    from motord import analysis
     from motord.calibration import load
-    from motord.report.calibration import write
+    from motord.experiments.calibration import content, recordings
+    from motord.experiments.calibration.report import write
 
     with explained():
         last = load(beside) if beside else None
         opened, subject = open_runs(runs, config)
-        calibrator = analysis.calibrator(opened, subject)
+        calibrator = recordings.calibrator(opened, subject)
         result = calibrator.result(method)
         names = [run.name for run in runs]
         calibration = result.to_calibration(subject.motor, datetime.now(UTC), names)
@@ -59,13 +59,13 @@ def calibrate(
         if report:
             second = calibrator.result("residual" if method == "joint" else "joint")
             estimates = [
-                analysis.estimate_of_result(found, f"{found.method} estimator")
+                content.estimate_of_result(found, f"{found.method} estimator")
                 for found in (result, second)
             ]
             reference = _reference(opened, subject, last)
             write(
                 report,
-                analysis.calibration_report(
+                content.calibration_report(
                     subject, names, calibration, result.ripples, estimates, reference
                 ),
             )
@@ -80,7 +80,8 @@ def _reference(
     runs: "list[Run]", subject: "Subject", last: "Calibration | None"
 ) -> "Estimate | None":
     """Return what to compare with: a calibration that was named, else the truth of a simulation."""
-    from motord.analysis import estimate_of_calibration, recorded_truth
+    from motord.experiments.calibration.content import estimate_of_calibration
+    from motord.experiments.calibration.truth import recorded_truth
 
     if last is None:
         return recorded_truth(runs, subject)

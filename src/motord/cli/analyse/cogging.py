@@ -20,7 +20,7 @@ from motord.cli.analyse.inputs import (
 from motord.cli.console import plain_console, print_json
 
 if TYPE_CHECKING:
-    from motord.identify.cogging_average import MeasuredCogging
+    from motord.experiments.cogging.average import MeasuredCogging
 
 
 def cogging(
@@ -35,9 +35,9 @@ def cogging(
     as_json: AsJson = False,
 ) -> None:
     """Measure the cogging torque from a rotor that was driven without current."""
-    from motord.analysis import cogging as analysis
     from motord.calibration import load
-    from motord.report.cogging_run import write
+    from motord.experiments.cogging import analysis
+    from motord.experiments.cogging.report import write
 
     with explained():
         beside = load(calibration) if calibration else None

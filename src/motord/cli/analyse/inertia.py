@@ -44,9 +44,9 @@ def inertia(
 
     -c FILE: a bench file also says what bar and springs are, instead of the recording.
     """
-    from motord.analysis import inertia as analysis
-    from motord.analysis.inertia_content import inertia_report
-    from motord.report.inertia import write
+    from motord.experiments.inertia import analysis
+    from motord.experiments.inertia.content import inertia_report
+    from motord.experiments.inertia.report import write
 
     with explained():
         opened, subject = open_runs(runs, config)

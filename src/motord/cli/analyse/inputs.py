@@ -10,7 +10,7 @@ import typer
 from motord.cli.console import fail
 
 if TYPE_CHECKING:
-    from motord.analysis import Subject
+    from motord.experiments.subject import Subject
     from motord.recording.reader import Run
 
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Recordings, .mcap.")]
@@ -33,10 +33,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON."
 @contextmanager
 def explained() -> Iterator[None]:
     """Turn what can be wrong with the files or the data into one line on stderr."""
-    from motord.analysis import AnalysisError
     from motord.calibration import CalibrationError
     from motord.config import ConfigError
-    from motord.identify import IdentifyError
+    from motord.experiments.subject import AnalysisError
+    from motord.identification import IdentifyError
     from motord.recording.errors import RecordError
 
     try:
@@ -49,7 +49,7 @@ def explained() -> Iterator[None]:
 
 def open_runs(paths: list[Path], config: Path | None) -> "tuple[list[Run], Subject]":
     """Open recordings; return them and what they are of."""
-    from motord.analysis import Subject
+    from motord.experiments.subject import Subject
     from motord.recording.reader import open_run
 
     runs = [open_run(path) for path in paths]

@@ -18,7 +18,7 @@ from motord.cli.analyse.inputs import (
 from motord.cli.console import plain_console, print_json
 
 if TYPE_CHECKING:
-    from motord.analysis.learn import LearnPass
+    from motord.experiments.ilc.analysis import LearnPass
 
 Gain = Annotated[
     float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
@@ -46,10 +46,10 @@ def learn(
     """Learn from a pass what is left in the torque; -o writes the calibration to apply next."""
     from datetime import UTC, datetime
 
-    from motord.analysis import learn as analysis
     from motord.calibration import load
-    from motord.identify.learn import Learning
-    from motord.report.learn import write
+    from motord.experiments.ilc import analysis
+    from motord.experiments.ilc.estimate import Learning
+    from motord.experiments.ilc.report import write
 
     with explained():
         applied = load(calibration)

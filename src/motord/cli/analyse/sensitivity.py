@@ -21,7 +21,7 @@ from motord.cli.console import fail, plain_console, print_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from motord.analysis.sensitivity_result import Again, Sensitivity
+    from motord.experiments.sensitivity.result import Again, Sensitivity
 
 
 def sensitivity(
@@ -43,8 +43,8 @@ def sensitivity(
     as_json: AsJson = False,
 ) -> None:
     """Compare the ripple that induced errors make with theory, and calibrate from them again."""
-    from motord.analysis.sensitivity_content import sensitivity_report
-    from motord.report.sensitivity import write
+    from motord.experiments.sensitivity.content import sensitivity_report
+    from motord.experiments.sensitivity.report import write
 
     with explained():
         result = _result(runs or [], config, calibration, torque_Nm)
@@ -64,9 +64,9 @@ def _result(
 ) -> "Sensitivity":
     import numpy as np
 
-    from motord.analysis import Subject
-    from motord.analysis import sensitivity as analysis
     from motord.calibration import load
+    from motord.experiments.sensitivity import analysis
+    from motord.experiments.subject import Subject
 
     if runs:
         if calibration is not None or torque_Nm is not None:

@@ -22,10 +22,10 @@ from motord.cli.analyse.ripple_table import print_errors
 from motord.cli.console import fail, print_json
 
 if TYPE_CHECKING:
-    from motord.analysis import Subject
     from motord.calibration import Calibration, RmsErrors
-    from motord.identify.reconstruct import Explained
-    from motord.identify.verify import PointRipple
+    from motord.experiments.ripple.reconstruct import Explained
+    from motord.experiments.subject import Subject
+    from motord.identification.point_ripple import PointRipple
     from motord.recording.reader import Run
 
 
@@ -44,16 +44,16 @@ def verify(
     as_json: AsJson = False,
 ) -> None:
     """Measure the RMS error of the torque at each operating point, before and after."""
-    from motord import analysis
     from motord.calibration import load
-    from motord.identify.result import rms_errors
-    from motord.report.calibration import write
+    from motord.experiments.calibration import content, recordings
+    from motord.experiments.calibration.estimate.result import rms_errors
+    from motord.experiments.calibration.report import write
 
     with explained():
         opened, subject = open_runs(runs, config)
         applied = load(calibration) if calibration else None
         shares = _shares(opened, subject, applied) if applied else []
-        points = [s.measured for s in shares] if applied else analysis.ripples(opened, subject)
+        points = [s.measured for s in shares] if applied else recordings.ripples(opened, subject)
         if not points:
             fail(f"{', '.join(map(str, runs))}: no good operating point in there")
         errors = rms_errors(points)
@@ -64,13 +64,13 @@ def verify(
         if report:
             write(
                 report,
-                analysis.calibration_report(
+                content.calibration_report(
                     subject,
                     names,
                     None,
                     points,
                     title="Verification of torque ripple",
-                    shares=analysis.shares_of(shares),
+                    shares=content.shares_of(shares),
                 ),
             )
     if as_json:
@@ -82,7 +82,7 @@ def verify(
 
 
 def _shares(runs: "list[Run]", subject: "Subject", calibration: "Calibration") -> "list[Explained]":
-    from motord.analysis import explained
+    from motord.experiments.calibration.recordings import explained
 
     calibration.check_motor(subject.motor)
     return explained(runs, subject, calibration)

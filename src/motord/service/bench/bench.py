@@ -11,9 +11,9 @@ import numpy as np
 
 from motord.api.messages import Health, SetpointView
 from motord.config import Config
-from motord.plans import TickWatcher
-from motord.plans.settings import COMPENSATE
 from motord.schema import Request, State
+from motord.sequencing import TickWatcher
+from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, Hand

@@ -7,12 +7,12 @@ from motord.api.errors import RpcError
 from motord.api.messages import SetpointView
 from motord.api.requests import Set
 from motord.config import Config
-from motord.plans.brake_servo import BrakeServo
-from motord.plans.limits import check_brake, check_drive, check_speed, check_torque
-from motord.plans.observation import Observation
-from motord.plans.settings import COMPENSATE, PlanError
-from motord.plans.take_point import BRAKE_LEAD_TIME_CONSTANTS
 from motord.schema import State
+from motord.sequencing.brake_servo import BrakeServo
+from motord.sequencing.limits import check_brake, check_drive, check_speed, check_torque
+from motord.sequencing.observation import Observation
+from motord.sequencing.operating_point import BRAKE_LEAD_TIME_CONSTANTS
+from motord.sequencing.settings import COMPENSATE, PlanError
 from motord.service.bench.setpoint import Setpoint
 
 WATCHED = (State.READY, State.ENABLED)

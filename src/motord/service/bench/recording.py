@@ -20,12 +20,12 @@ import numpy as np
 
 from motord.api.messages import Event, PlanView, RecordingView
 from motord.config import Config
-from motord.plans import Plan
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
+from motord.sequencing import Plan
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.events import EventLog
 from motord.service.processes import Children

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from typing import Any
 
 from motord.api.messages import PlanView
-from motord.plans import Plan
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
+from motord.sequencing import Plan
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption

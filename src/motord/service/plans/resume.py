@@ -17,13 +17,13 @@ import numpy as np
 from motord.api.errors import RpcError
 from motord.api.messages import PlanView
 from motord.config import Config
-from motord.plans import Plan, PlanError
-from motord.plans import build as build_plan
-from motord.plans.executor import final
+from motord.experiments.plans import build as build_plan
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, numbers, stem_of
 from motord.recording.mcap_file import part_of
 from motord.recording.reader import open_run
+from motord.sequencing import Plan, PlanError
+from motord.sequencing.executor import final
 from motord.service.plans.journal import JournalSegment, PlanNote, Story
 from motord.service.plans.journal_file import Journal
 

@@ -10,8 +10,8 @@ from typing import Any, Literal, Protocol
 from uuid import uuid4
 
 from motord.api.messages import PlanView
-from motord.plans import Demand, Executor, Observation, Plan
 from motord.schema import Compensate, Request
+from motord.sequencing import Demand, Executor, Observation, Plan
 from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
 
 

@@ -5,8 +5,9 @@ from typing import Any
 
 from motord.api.errors import RpcError
 from motord.api.requests import PlanResume, PlanStart, RpcRequest, WithToken, parse
-from motord.plans import PLANS, Plan, PlanError
-from motord.plans import build as build_plan
+from motord.experiments.plans import PLANS
+from motord.experiments.plans import build as build_plan
+from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import RemainingPlan, Resumption
 from motord.service.plans.runner import Before

@@ -1,0 +1,196 @@
+"""What the stops of a current vector tell besides the zero: pole pairs, sensors, torque's sign."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from motord.experiments.alignment.rests import PHASE_LAGS_RAD, Rests, unwrapped_rad
+from motord.identification import IdentifyError
+
+STOPS_MIN = 10
+"""Stops, each way, that a fit needs."""
+
+SAME_RAD = 0.02
+"""Electrical angle within which two stops are at the same place of the electrical turn."""
+
+SLIP_PART = 0.25
+"""Scatter of the rotor's way in an electrical turn, in parts of it, of one that follows."""
+
+DEAD_GAIN = 0.3
+"""Part of the commanded current below which a phase does not follow its command."""
+
+HALF_S = 0.015
+"""Half the time over which acceleration is taken: a second difference of the encoder's angle."""
+
+EXPLAINED_MIN = 0.1
+"""Part of the measured torque's variance that the rotor's motion explains, where the sensor works;
+and twice as much as it would with the opposite sign."""
+
+
+def check_rests(rests: Rests) -> None:
+    """Raise IdentifyError if there are too few stops, or the rotor does not rest at them."""
+    for way, word in ((1, "forwards"), (-1, "backwards")):
+        of_way = rests.way == way
+        if int((of_way & rests.still).sum()) >= STOPS_MIN:
+            continue
+        if int(of_way.sum()) >= STOPS_MIN:
+            raise IdentifyError(
+                f"the rotor came to rest at {int((of_way & rests.still).sum())} of "
+                f"{int(of_way.sum())} stops {word}: set a longer hold_s, or more brake, which "
+                "takes its swing away"
+            )
+        raise IdentifyError(
+            f"{int(of_way.sum())} stops of a current vector {word}, at least {STOPS_MIN} are "
+            "needed: is this a whole recording of the plan align?"
+        )
+
+
+def turns_of(rests: Rests) -> tuple[float, float]:
+    """Return how far the rotor turns in an electrical turn of the vector, and its standard error.
+
+    In rad, negative if the encoder counts down while the vector goes the way a, b, c. Friction and
+    cogging act alike a whole electrical turn apart, so these pairs of stops are compared. Raises
+    IdentifyError if the rotor does not follow.
+    """
+    ways_rad = np.concatenate([_ways(rests, number) for number in np.unique(rests.sweep)])
+    if ways_rad.size < 2:
+        raise IdentifyError(
+            "there are no two stops a whole electrical turn apart: is this a whole recording of "
+            "the plan align?"
+        )
+    mean_rad, spread_rad = float(ways_rad.mean()), float(ways_rad.std(ddof=1))
+    if spread_rad > SLIP_PART * abs(mean_rad):
+        raise IdentifyError(
+            "the rotor does not follow the current vector evenly: is it free, and is the current "
+            "enough for friction and cogging torque (currents_A)?"
+        )
+    return mean_rad, spread_rad / float(np.sqrt(ways_rad.size))
+
+
+def _ways(rests: Rests, number: int) -> np.ndarray:
+    own = rests.chosen(rests.sweep == number)
+    apart = own.electrical_rad[np.newaxis, :] - own.electrical_rad[:, np.newaxis]
+    first, second = np.nonzero(np.abs(apart - 2 * np.pi) < SAME_RAD)
+    ways: np.ndarray = own.encoder_rad[second] - own.encoder_rad[first]
+    return ways
+
+
+def check_pole_pairs(turn_rad: float, stderr_rad: float, told: int) -> float:
+    """Return the pole pairs that fit. Raises IdentifyError if they are not those told."""
+    found = 2 * np.pi / abs(turn_rad)
+    if round(found) != told:
+        raise IdentifyError(
+            f"the rotor turned 1/{found:.2f} of a turn for each turn of the current vector: that "
+            f"is {round(found)} pole pairs, and [motor] pole_pairs = {told}. Correct it; if it is "
+            "right, [motor] counts or the encoder's wiring is not"
+        )
+    if abs(found - told) > max(0.15, 5 * stderr_rad / abs(turn_rad) * told):
+        raise IdentifyError(
+            f"the rotor turned 1/{found:.2f} of a turn for each turn of the current vector, which "
+            f"is no whole number of pole pairs ([motor] pole_pairs = {told}): are [motor] counts "
+            "right, and all lines of the encoder connected?"
+        )
+    return float(found)
+
+
+def current_gains(rests: Rests) -> tuple[float, float, float]:
+    """Return the sensed in parts of the commanded current of each phase.
+
+    Raises IdentifyError where a phase's sensed current does not follow its own command.
+    """
+    vector_A = rests.vector_A
+    columns = np.stack([vector_A.real, vector_A.imag, np.ones(vector_A.size)], axis=1)
+    solved = np.linalg.lstsq(columns, rests.sensed_A, rcond=None)[0]
+    gains = []
+    for phase in range(3):
+        answer = complex(solved[0, phase], solved[1, phase])
+        if abs(answer) < DEAD_GAIN:
+            raise IdentifyError(
+                f"phase {'abc'[phase]}: {abs(answer):.2f} A are sensed for each ampere commanded: "
+                "is it connected, and is its current the one named in the signal map?"
+            )
+        along = (answer * np.exp(-1j * PHASE_LAGS_RAD)).real
+        nearest = int(np.argmax(np.abs(along)))
+        if nearest != phase:
+            raise IdentifyError(
+                f"the current sensed as phase {'abc'[phase]} is that commanded in phase "
+                f"{'abc'[nearest]}: exchange the names in [inverter.can.signals] feedback_i_A"
+            )
+        if along[phase] < 0:
+            raise IdentifyError(
+                f"the current sensed in phase {'abc'[phase]} has the opposite sign of its command: "
+                "turn its sensor, or the sign of its signal's scale in the DBC"
+            )
+        gains.append(float(along[phase]))
+    return gains[0], gains[1], gains[2]
+
+
+@dataclass(frozen=True)
+class TorqueAnswer:
+    """How the torque sensor answers to what the rotor does, as the encoder counts it.
+
+    way: 1 or -1, the way of the encoder in which torque is positive; 0 if it does not show.
+    explained: part of the torque's variance that inertia and damping explain that way, and the
+    other way about. motion_Nm, torque_Nm (n,): torque that the motion takes by that fit, and the
+    measured torque, drift and mean taken off both.
+    """
+
+    way: int
+    explained: tuple[float, float]
+    motion_Nm: np.ndarray
+    torque_Nm: np.ndarray
+
+
+def torque_answer(sweeps: Sequence[np.ndarray], counts: int) -> TorqueAnswer:
+    """Return how measured torque and motion go together in the ticks of `sweeps`.
+
+    Torque of the stator accelerates the rotor and overcomes friction and brake: inertia and damping
+    are both positive, one way or the other.
+    """
+    parts = [_swings(ticks, counts) for ticks in sweeps]
+    motion, torque_Nm = np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    total = float(torque_Nm @ torque_Nm)
+    if total == 0.0:
+        return TorqueAnswer(0, (0.0, 0.0), torque_Nm, torque_Nm)
+    fits = [nnls(motion, way * torque_Nm) for way in (1, -1)]
+    explained = [1 - float(fit[1]) ** 2 / total for fit in fits]
+    best = int(np.argmax(explained))
+    seen = explained[best] > EXPLAINED_MIN and explained[best] > 2 * explained[1 - best]
+    way = (1, -1)[best]
+    return TorqueAnswer(
+        way=way if seen else 0,
+        explained=(explained[best], explained[1 - best]),
+        motion_Nm=way * (motion @ fits[best][0]),
+        torque_Nm=torque_Nm,
+    )
+
+
+def _swings(ticks: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return acceleration and speed (n, 2), and torque (n,) of a sweep, less drift and mean.
+
+    All are means over the same triangle of +-HALF_S; samples are HALF_S apart. Ticks between two
+    samples of the encoder repeat the time of the first.
+    """
+    ticks = ticks[np.diff(ticks["t_ns"], prepend=0) > 0]
+    if ticks.size < 2:
+        return np.zeros((0, 2)), np.zeros(0)
+    t_s = (ticks["t_ns"] - ticks["t_ns"][0]) * 1e-9
+    if t_s[-1] < 10 * HALF_S:
+        return np.zeros((0, 2)), np.zeros(0)
+    period_s = float(np.median(np.diff(t_s)))
+    half = max(round(HALF_S / period_s), 1)
+    even_s = np.arange(0.0, t_s[-1], period_s)
+    angle_rad = np.interp(even_s, t_s, unwrapped_rad(ticks["encoder_count"], counts))
+    torque_Nm = np.interp(even_s, t_s, ticks["torque_Nm"].astype(float))
+    width_s = half * period_s
+    before, now, after = angle_rad[: -2 * half], angle_rad[half:-half], angle_rad[2 * half :]
+    acceleration_rad_s2 = (after - 2 * now + before) / width_s**2
+    speed_rad_s = (after - before) / (2 * width_s)
+    triangle = np.convolve(np.full(half, 1 / half), np.full(half, 1 / half))
+    smooth_Nm = np.convolve(torque_Nm, triangle, "same")[half:-half]
+    all_s = np.stack([acceleration_rad_s2, speed_rad_s, smooth_Nm], axis=1)[::half]
+    drift = np.stack([np.ones(all_s.shape[0]), even_s[half:-half:half]], axis=1)
+    all_s = all_s - drift @ np.linalg.lstsq(drift, all_s, rcond=None)[0]
+    return all_s[:, :2], all_s[:, 2]

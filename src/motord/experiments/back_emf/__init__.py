@@ -1,0 +1,1 @@
+"""Back-EMF of the phases from a rotor driven without current."""

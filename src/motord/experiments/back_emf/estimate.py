@@ -1,0 +1,223 @@
+"""Back-EMF of the phases from their voltages while the rotor is driven without current.
+
+    u_p(t) = speed(t) k_p(theta(t)) + offset_p
+
+by least squares over all speeds, speed and angle at the instant of the inverter's own sample: the
+speed varies within the turn, and a voltage over mean speed would give what it varies by to the
+back-EMF. With several speeds the age of the voltages beyond what the recording says is fitted too:
+it turns the waves in proportion to the speed.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.config import MotorConfig
+from motord.experiments.back_emf.fit import (
+    VOLTAGES,
+    VoltageSamples,
+    fit_delay,
+    fit_phases,
+    joined,
+    voltage_samples,
+)
+from motord.identification import IdentifyError
+from motord.identification.cluster_robust_ls import ClusterFit
+from motord.identification.driven_rotor import Driven, prepare, require
+from motord.identification.harmonics import lines_at
+from motord.identification.operating_points import PointData
+
+MOST_HARMONICS = 31
+"""Electrical orders that are fitted, at most."""
+
+SAMPLES_PER_PERIOD = 2.5
+COUNTS_PER_PERIOD = 4
+
+SPEED_RATIO = 1.3
+"""Ratio of the fastest to the slowest speed that tells the age of the voltages from the angle."""
+
+STANDS_OUT = 4.0
+"""Amplitude, in standard errors, from which an electrical order is kept in the table."""
+
+OTHER_STANDS_OUT = 6.0
+"""The same for orders that are no multiple of the pole pairs."""
+
+OTHER_SHARE = 5e-4
+"""Part of the fundamental that such an order must have: what is smaller may be the encoder's."""
+
+ENCODER_SHARE = 0.5
+"""Part of the noise of independent cells that is left: samples meet them in a regular order."""
+
+OTHER_ORDERS = 256
+"""Highest order per turn that is looked at for such."""
+
+MOST_OTHERS = 16
+
+
+@dataclass(frozen=True)
+class MeasuredBackEmf:
+    """k of the phases. Lines: phase p is Re(sum_h line[h, p] exp(j order[h] theta)), V s/rad.
+
+    order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
+    the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
+    how much the voltages are older than the recording says, and its standard error, None where
+    the speeds are too much alike to tell. noise_V (3,). speeds_Hz, turns: of each point.
+    """
+
+    motor: MotorConfig
+    order: np.ndarray
+    line: np.ndarray
+    stderr: np.ndarray
+    phase_stderr: np.ndarray
+    kept: np.ndarray
+    offset_V: np.ndarray
+    delay_s: tuple[float, float] | None
+    noise_V: np.ndarray
+    speeds_Hz: tuple[float, ...]
+    turns: tuple[int, ...]
+
+    @property
+    def fundamental(self) -> float:
+        """Mean amplitude of the phases' fundamental (V s/rad)."""
+        first = int(np.flatnonzero(self.order == self.motor.pole_pairs)[0])
+        return float(np.abs(self.line[first]).mean())
+
+    def table(self) -> np.ndarray:
+        """Return k at encoder angles 2 pi n / counts, shape (counts, 3), of the kept orders."""
+        counts = self.motor.counts
+        angle_rad = 2 * np.pi * np.arange(counts) / counts
+        k = np.zeros((counts, 3))
+        for h, line in zip(self.order[self.kept], self.line[self.kept], strict=True):
+            k += (np.exp(1j * h * angle_rad)[:, None] * line).real
+        return k
+
+
+def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
+    """Return the back-EMF from driven points. Raises IdentifyError."""
+    driven = [_ready(point, motor) for point in points]
+    if not driven:
+        raise IdentifyError("there is no good operating point in the recording")
+    speeds = [one.speed_Hz for one in driven]
+    order = _electrical_orders(driven, motor)
+    delay = None
+    if max(speeds) >= SPEED_RATIO * min(speeds):
+        delay = fit_delay(joined([voltage_samples(one, 0.0) for one in driven]), order)
+    samples = [voltage_samples(one, delay[0] if delay else 0.0) for one in driven]
+    fits = [fit_phases(one, order) for one in samples]
+    others = _others(samples, fits, order, driven, motor)
+    if others:
+        order = np.array(sorted({*order.tolist(), *others}))
+        fits = [fit_phases(one, order) for one in samples]
+    return _result(fits, order, delay, driven, motor)
+
+
+def _ready(point: PointData, motor: MotorConfig) -> Driven:
+    require(point.ticks, VOLTAGES, f"driven at {point.speed_Hz:.3g} Hz", "no phase voltages")
+    return prepare(point, motor, VOLTAGES)
+
+
+def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:
+    """Return the multiples of the pole pairs that every point samples."""
+    fewest = min(one.samples_per_turn for one in driven)
+    highest = min(int(fewest / SAMPLES_PER_PERIOD), motor.counts // COUNTS_PER_PERIOD)
+    harmonics = min(highest // motor.pole_pairs, MOST_HARMONICS)
+    if harmonics < 1:
+        raise IdentifyError(
+            f"{fewest} samples a turn cannot show {motor.pole_pairs} periods: turn slower or "
+            "sample faster"
+        )
+    return motor.pole_pairs * np.arange(1, harmonics + 1)
+
+
+def _others(
+    samples: list[VoltageSamples],
+    fits: list[list[ClusterFit]],
+    order: np.ndarray,
+    driven: list[Driven],
+    motor: MotorConfig,
+) -> list[int]:
+    """Return orders that are no multiple of the pole pairs and stand out of the noise."""
+    highest = min(
+        int(min(one.samples_per_turn for one in driven) / SAMPLES_PER_PERIOD),
+        motor.counts // COUNTS_PER_PERIOD,
+        OTHER_ORDERS,
+    )
+    every = joined(samples)
+    cell = np.rint(every.angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64)
+    ratio = np.zeros(highest)
+    for phase in range(3):
+        rest = np.concatenate([fit[phase].rest for fit in fits]) / every.speed_rad_s
+        size = np.abs(lines_at(cell % motor.counts, rest, motor.counts, highest)[1:])
+        least = OTHER_SHARE / OTHER_STANDS_OUT * np.hypot(*fits[0][phase].solution[:2])
+        ratio = np.maximum(ratio, size / max(float(np.median(size)) / 1.177, least))
+    ratio[order[order <= highest] - 1] = 0.0
+    best = np.argsort(-ratio)[:MOST_OTHERS] + 1
+    return [int(h) for h in best if ratio[h - 1] > OTHER_STANDS_OUT]
+
+
+def _encoder_variance(driven: Driven, order: np.ndarray, pole_pairs: int) -> np.ndarray:
+    """Return what the encoder's cells add to the variance of lines (n,), over the fundamental's.
+
+    Order m of the angle's error makes an error m times as large of the speed, which shifts the
+    fundamental's line by m either way, half of it each.
+    """
+    motion = driven.motion
+    shift = np.stack([np.abs(order - pole_pairs), order + pole_pairs])
+    shift = np.where(shift <= motion.ripple_orders, shift, 0)
+    variance: np.ndarray = (ENCODER_SHARE * 0.5 * motion.ripple_stderr_rad * shift) ** 2
+    both: np.ndarray = variance.sum(axis=0)
+    return both
+
+
+def _average(fits: list[list[ClusterFit]], encoder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return lines (m, 3) averaged over the points by their variances, and standard errors.
+
+    encoder (points, m): what the encoder adds to the variance, over the fundamental's square.
+
+    Where the points differ by more than their own standard errors explain (an encoder whose cells
+    are in step with the samples), those of the average grow with what they differ by.
+    """
+    waves = np.array([[fit.solution[:-1] for fit in point] for point in fits])
+    line = np.moveaxis(waves[..., 0::2] - 1j * waves[..., 1::2], 2, 1)
+    variance = np.array([[np.diag(fit.covariance)[:-1] for fit in point] for point in fits])
+    component = np.moveaxis(variance[..., 0::2] + variance[..., 1::2], 2, 1) / 2
+    largest = np.abs(line).max(axis=1, keepdims=True)
+    weight = 1 / (component + encoder[:, :, None] * largest**2)
+    mean = (weight * line).sum(axis=0) / weight.sum(axis=0)
+    spread = np.ones(mean.shape[0])
+    if len(fits) > 1:
+        freedom = 2 * 3 * (len(fits) - 1)
+        spread = np.maximum((weight * np.abs(line - mean) ** 2).sum(axis=(0, 2)) / freedom, 1.0)
+    return mean, np.sqrt(spread[:, None] / weight.sum(axis=0))
+
+
+def _result(
+    fits: list[list[ClusterFit]],
+    order: np.ndarray,
+    delay: tuple[float, float] | None,
+    driven: list[Driven],
+    motor: MotorConfig,
+) -> MeasuredBackEmf:
+    encoder = np.array([_encoder_variance(one, order, motor.pole_pairs) for one in driven])
+    line, stderr = _average(fits, encoder)
+    speed_rad_s = 2 * np.pi * float(np.mean([one.speed_Hz for one in driven]))
+    turned = delay[1] * speed_rad_s if delay else 0.0
+    phase_stderr = np.hypot(stderr, np.abs(line) * order[:, None] * turned)
+    electrical = order % motor.pole_pairs == 0
+    limit = np.where(electrical, STANDS_OUT, OTHER_STANDS_OUT)
+    kept = (np.abs(line) > limit[:, None] * stderr).any(axis=1)
+    kept |= order == motor.pole_pairs
+    return MeasuredBackEmf(
+        motor=motor,
+        order=order,
+        line=line,
+        stderr=stderr,
+        phase_stderr=phase_stderr,
+        kept=kept,
+        offset_V=np.mean([[fit.solution[-1] for fit in point] for point in fits], axis=0),
+        delay_s=delay,
+        noise_V=np.mean([[fit.noise for fit in point] for point in fits], axis=0),
+        speeds_Hz=tuple(one.speed_Hz for one in driven),
+        turns=tuple(len(one.turns) for one in driven),
+    )

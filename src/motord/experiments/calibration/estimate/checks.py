@@ -1,0 +1,107 @@
+"""Refusals: what a set of operating points cannot tell, said before or after trying."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from motord.experiments.calibration.estimate.joint import JointFit
+from motord.experiments.calibration.estimate.normal_equations import PointMoments
+from motord.experiments.calibration.estimate.turns import ALPHA
+from motord.identification import IdentifyError
+
+MIN_TURNS = 2
+"""Whole turns that each operating point needs."""
+
+MIN_ALL_TURNS = 8
+"""Whole turns over all operating points that a standard error needs."""
+
+MIN_TORQUE_RATIO = 1.2
+"""Ratio of the largest to the smallest torque that tells alpha from cogging."""
+
+DEAD_SHARE = 0.05
+"""Current of a phase, in parts of the others', below which it counts as dead."""
+
+MAX_ALPHA_STDERR = 0.05
+"""Standard error of alpha above which there is nothing to compensate with."""
+
+ALPHA_RANGE = (0.5, 2.0)
+"""Gains that an inverter's current sensors can have; anything else is a fault."""
+
+
+COMMON_GAIN_RANGE = (0.5, 2.0)
+"""Products of torque sensor's and current sensors' gain errors that there can be."""
+
+
+def check_points(points: Sequence[PointMoments]) -> None:
+    """Raise IdentifyError if the points cannot tell alpha, beta and cogging apart."""
+    if not points:
+        raise IdentifyError("there is no good operating point in the recording")
+    for point in points:
+        if point.samples.size < MIN_TURNS:
+            raise IdentifyError(
+                f"{point.label}: {point.samples.size} whole turn; at least {MIN_TURNS} are needed: "
+                "set turns to 3 or more"
+            )
+    turns = sum(point.samples.size for point in points)
+    if turns < MIN_ALL_TURNS:
+        raise IdentifyError(
+            f"{turns} whole turns in all: too few for standard errors, "
+            f"at least {MIN_ALL_TURNS} are needed"
+        )
+    levels = [_current_A(point) for point in points]
+    largest, smallest = points[int(np.argmax(levels))], points[int(np.argmin(levels))]
+    if max(levels) < MIN_TORQUE_RATIO * min(levels):
+        raise IdentifyError(
+            f"all operating points are at about the same torque ({smallest.torque_set_Nm:g} to "
+            f"{largest.torque_set_Nm:g} Nm): phase gains and cogging cannot be told apart; "
+            f"add a torque at least {MIN_TORQUE_RATIO:g} times as large or small"
+        )
+    _check_phases(points)
+
+
+def _phase_currents_A(point: PointMoments) -> np.ndarray:
+    squares = np.diagonal(point.currents, axis1=1, axis2=2)[:, :3].sum(axis=0)
+    rms: np.ndarray = np.sqrt(squares / point.samples.sum())
+    return rms
+
+
+def _current_A(point: PointMoments) -> float:
+    return float(np.linalg.norm(_phase_currents_A(point)))
+
+
+def _check_phases(points: Sequence[PointMoments]) -> None:
+    rms_A = np.sqrt(np.mean([_phase_currents_A(point) ** 2 for point in points], axis=0))
+    for phase in range(3):
+        others_A = float(np.delete(rms_A, phase).mean())
+        if rms_A[phase] < DEAD_SHARE * others_A:
+            raise IdentifyError(
+                f"phase {'abc'[phase]} is dead: {rms_A[phase]:.2g} A RMS where the others have "
+                f"{others_A:.2g} A; check its wiring and its current sensor"
+            )
+
+
+def check_fit(fitted: JointFit) -> None:
+    """Raise IdentifyError if a fit is no calibration."""
+    alpha, stderr = fitted.solution.alpha, fitted.stderr[ALPHA]
+    if not (np.isfinite(fitted.solution.vector).all() and np.isfinite(stderr).all()):
+        raise IdentifyError("no gains fit this torque: are its sign and the back-EMF right?")
+    worst = int(np.argmax(stderr))
+    if stderr[worst] > MAX_ALPHA_STDERR:
+        raise IdentifyError(
+            f"alpha of phase {'abc'[worst]} is known to +-{stderr[worst]:.2g} only "
+            f"(torque noise {fitted.noise_Nm.mean():.2g} Nm): take more turns and larger torques"
+        )
+    low, high = ALPHA_RANGE
+    for phase in range(3):
+        if not low <= alpha[phase] <= high:
+            raise IdentifyError(
+                f"phase {'abc'[phase]} comes out with a gain of {alpha[phase]:.2f} relative to the "
+                "others: no sensor error is that large; check wiring, back-EMF and encoder offset"
+            )
+    common = fitted.solution.delta_epsilon
+    if not COMMON_GAIN_RANGE[0] <= common <= COMMON_GAIN_RANGE[1]:
+        raise IdentifyError(
+            f"the torque that the currents make comes out {common:.2f} times as large as the "
+            "back-EMF says: no sensor error is that large; check [torque_sensor] gain_Nm_per_V, "
+            "the back-EMF and the scale of the currents"
+        )

@@ -1,0 +1,161 @@
+"""The joint estimator: alpha, beta and one cogging torque for all operating points, at once.
+
+A weighted least squares with instruments. alpha's torque grows with the set-point, cogging does
+not, and beta's torque has other orders: fitted together they are told apart, which the residual
+estimator cannot do. Star-connected motors add Kirchhoff's law, sum_p (alpha_p i*_p + beta_p) = 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.experiments.calibration.estimate.identifiability import (
+    COMMON,
+    Gauge,
+    decide,
+    unit_product,
+)
+from motord.experiments.calibration.estimate.turns import ALPHA, DELAY, Gatherer, Normals
+from motord.identification import IdentifyError
+
+ITERATIONS = 4
+"""Rounds of weighting: the weights follow from what the last round left unexplained."""
+
+MIN_POINTS = 6
+"""Operating points from which on the differences between points tell of standard errors."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, bend, delta cogging."""
+
+    theta: np.ndarray
+    alpha: np.ndarray
+    delta_epsilon: float
+
+    @property
+    def vector(self) -> np.ndarray:
+        """Return theta with alpha in place of its first, and delta epsilon, in one (p + 1,)."""
+        return np.concatenate([self.alpha, self.theta[ALPHA.stop :], [self.delta_epsilon]])
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """A solution with what it rests on.
+
+    covariance (p + 1, p + 1) of solution.vector; noise_Nm (points,): standard deviation that is
+    left in each operating point; condition_number of what was solved, columns scaled alike;
+    delay_unit_s: unit of the age of the currents.
+    """
+
+    solution: Solution
+    covariance: np.ndarray
+    gauge: Gauge
+    noise_Nm: np.ndarray
+    condition_number: float
+    delay_unit_s: float
+
+    @property
+    def current_delay_s(self) -> tuple[float, float]:
+        """By how much the currents are older than the recording says, and its standard error."""
+        unit_s = self.delay_unit_s
+        return float(self.solution.theta[DELAY]) * unit_s, float(self.stderr[DELAY]) * unit_s
+
+    @property
+    def stderr(self) -> np.ndarray:
+        """Standard errors of solution.vector."""
+        errors: np.ndarray = np.sqrt(np.diag(self.covariance))
+        return errors
+
+
+def fit(gatherer: Gatherer, rated_A: float, *, use_law: bool = True) -> JointFit:
+    """Fit all turns. rated_A: peak of the rated current; use_law: use Kirchhoff's law, if it holds.
+
+    Raises IdentifyError where the turns cannot tell the parameters apart.
+    """
+    turns = gatherer.turns(np.ones(3))
+    weight, law_weight = 1 / turns.mean_by_point(turns.yy), 0.0
+    gauge = Gauge(COMMON, offset_seen=False)
+    for _ in range(ITERATIONS):
+        normals = turns.normals(weight, law_weight)
+        solution = solve(normals.left, normals.right.sum(axis=0), gauge)
+        turns = gatherer.turns(solution.theta[ALPHA])
+        variance = turns.mean_by_point(turns.unexplained(solution.theta))
+        weight = 1 / variance
+        law_weight = turns.law_weight(solution.theta) if use_law else 0.0
+        normals = turns.normals(weight, law_weight)
+        gauge = decide(normals.information, normals.torque_information, rated_A)
+    return JointFit(
+        solution=solve(normals.left, normals.right.sum(axis=0), gauge),
+        covariance=_covariance(normals, turns.point, gauge),
+        gauge=gauge,
+        noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
+        condition_number=_condition_number(normals.information, gauge),
+        delay_unit_s=turns.delay_unit_s,
+    )
+
+
+def solve(normal: np.ndarray, right: np.ndarray, gauge: Gauge) -> Solution:
+    """Solve normal equations (p, p), (p,) with what is not seen fixed. Raises IdentifyError."""
+    subspace = gauge.subspace(right.size)
+    fixed = gauge.gain_vector(right.size)
+    sides = subspace.T @ np.column_stack([right, normal @ fixed])
+    try:
+        found = subspace @ np.linalg.solve(subspace.T @ normal @ subspace, sides)
+    except np.linalg.LinAlgError:
+        raise IdentifyError(
+            "these operating points do not tell alpha, beta and cogging apart; "
+            "take more torques and more turns"
+        ) from None
+    if not np.isfinite(found).all():
+        raise IdentifyError(
+            "the samples hold currents or torques that no motor has; look at the recording's "
+            "currents and torque, and at what `record info --check` says of it"
+        )
+    theta = found[:, 0]
+    if gauge.gain_direction is None:
+        delta_epsilon = float(np.cbrt(theta[ALPHA].prod()))
+        return Solution(theta, theta[ALPHA] / delta_epsilon, delta_epsilon)
+    change = fixed - found[:, 1]
+    theta = theta + unit_product(theta[ALPHA], change[ALPHA]) * change
+    return Solution(theta, theta[ALPHA], 1.0)
+
+
+def _covariance(normals: Normals, point: np.ndarray, gauge: Gauge) -> np.ndarray:
+    """Return the covariance of the solution's vector, from leaving out one turn at a time.
+
+    Turns are the blocks: whatever colour the noise has within a turn is accounted for. What is
+    alike in all turns of an operating point and different in the next (encoder counts in step
+    with the samples, gains that drift) shows when whole points are left out; where that gives
+    larger errors, these are taken.
+    """
+    turns = _jackknife(normals, np.arange(point.size), gauge)
+    if len(np.unique(point)) < MIN_POINTS:
+        return turns
+    points = _jackknife(normals, point, gauge)
+    ratio = np.diag(points) / np.maximum(np.diag(turns), 1e-300)
+    growth = np.sqrt(np.maximum(ratio, 1.0))
+    covariance: np.ndarray = turns * np.outer(growth, growth)
+    return covariance
+
+
+def _jackknife(normals: Normals, group: np.ndarray, gauge: Gauge) -> np.ndarray:
+    """Return the covariance from leaving out one group of turns (group (b,)) at a time."""
+    lefts, rights = normals.torque + normals.law, normals.right
+    left, right = normals.left, rights.sum(axis=0)
+    without = []
+    for one in np.unique(group):
+        out = group == one
+        part = left - lefts[out].sum(axis=0), right - rights[out].sum(axis=0)
+        without.append(solve(*part, gauge).vector)
+    spread = np.array(without) - np.mean(without, axis=0)
+    covariance: np.ndarray = (len(without) - 1) / len(without) * spread.T @ spread
+    return covariance
+
+
+def _condition_number(information: np.ndarray, gauge: Gauge) -> float:
+    subspace = gauge.subspace(information.shape[0])
+    seen = subspace.T @ information @ subspace
+    scale = 1 / np.sqrt(np.maximum(np.diag(seen), 1e-300))
+    values = np.linalg.eigvalsh(seen * np.outer(scale, scale))
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")

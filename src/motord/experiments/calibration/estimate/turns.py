@@ -1,0 +1,183 @@
+"""The turns of all operating points as the sums that the joint estimator solves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.experiments.calibration.estimate.normal_equations import PointMoments
+from motord.identification.basis import BACK_EMF, BEND, CURRENT, FIRST_WAVE, RATE, Basis
+
+ALPHA = slice(0, 3)
+BETA = slice(3, 6)
+DELAY = 6
+BENT = 7
+FIRST_COGGING = 8
+"""Where the parameters are: gains, offsets, age of the currents, bend, cogging cos and sin."""
+
+DELAY_SHARE = 0.25
+"""Share of the sampling period that the age of the currents is uncertain by (a prior)."""
+
+BEND_SHARE = 0.25
+"""Share of the squared sampling period that the currents' steps may act as (a prior)."""
+
+_COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
+
+
+@dataclass(frozen=True)
+class Turns:
+    """All turns, b of them, with p parameters; sums over the samples of each turn.
+
+    x are the regressors of the torque y, z the instruments (as many): xx (b, p, p), xy (b, p),
+    yy (b,), zx, zz (b, p, p), zy (b, p). law_xx (b, p, p), law_zx (b, 4, p), law_zz (b, 4, 4): the
+    same for Kirchhoff's law, zeros for independent phases. samples (b,); point (b,): its index.
+    delay_unit_s: unit of parameter DELAY.
+    """
+
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+    zx: np.ndarray
+    zz: np.ndarray
+    zy: np.ndarray
+    law_xx: np.ndarray
+    law_zx: np.ndarray
+    law_zz: np.ndarray
+    samples: np.ndarray
+    point: np.ndarray
+    delay_unit_s: float
+
+    def mean_by_point(self, sums: np.ndarray) -> np.ndarray:
+        """Return, for each turn, the mean over its operating point's samples (b,)."""
+        mean = np.bincount(self.point, sums) / np.bincount(self.point, self.samples)
+        floor = 1e-12 * self.yy.sum() / self.samples.sum() + 1e-30
+        by_turn: np.ndarray = np.maximum(mean, floor)[self.point]
+        return by_turn
+
+    def unexplained(self, theta: np.ndarray) -> np.ndarray:
+        """Return the sum of squares of each turn's torque that parameters `theta` leave (b,)."""
+        squares = np.einsum("i,bij,j->b", theta, self.xx, theta)
+        left: np.ndarray = self.yy - 2 * self.xy @ theta + squares
+        return left
+
+    def law_weight(self, theta: np.ndarray) -> float:
+        """Return 1 / mean square that Kirchhoff's law leaves; 0 for independent phases."""
+        squares = float(theta @ self.law_xx.sum(axis=0) @ theta)
+        return float(self.samples.sum()) / squares if squares > 0 else 0.0
+
+    def normals(self, weight: np.ndarray, law_weight: float) -> "Normals":
+        """Return the normal equations of each turn by two-stage least squares.
+
+        weight (b,) of each turn's torque samples. The first stage, regressors on instruments, is
+        fitted over all turns and kept, so that a turn can be left out of the second.
+        """
+        first = _first_stage(weight, self.zz, self.zx)
+        ones = np.full(weight.size, law_weight)
+        law_first = _first_stage(ones, self.law_zz, self.law_zx)
+        torque = weight[:, None, None] * (first.T @ self.zx)
+        law = law_weight * (law_first.T @ self.law_zx)
+        return Normals(torque, law, weight[:, None] * (self.zy @ first))
+
+
+@dataclass(frozen=True)
+class Gatherer:
+    """Makes `Turns` of the points: the age of the currents needs the gains, so several times.
+
+    orders: number of cogging orders to use, the first of the basis.
+    """
+
+    points: list[PointMoments]
+    basis: Basis
+    orders: int
+    star: bool
+
+    def turns(self, gains: np.ndarray) -> Turns:
+        """Return the turns; currents older than recorded by d miss d sum_p gains_p di_p/dt k_p."""
+        m = np.concatenate([point.torque for point in self.points])
+        period_s = float(np.mean([point.period_s for point in self.points]))
+        unit_s = DELAY_SHARE * period_s
+        bend_s2 = BEND_SHARE * period_s**2
+        x = self._choose(CURRENT, RATE, unit_s * gains, bend_s2)
+        z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains, bend_s2)
+        currents = np.concatenate([point.currents for point in self.points]) * self.star
+        place = np.zeros((4, x.shape[1]))
+        place[:3, ALPHA] = np.eye(3)
+        place[3, BETA] = 1
+        mx = m[:, :-1, :-1] @ x
+        return Turns(
+            xx=x.T @ mx,
+            xy=m[:, -1, :-1] @ x,
+            yy=m[:, -1, -1],
+            zx=z.T @ mx,
+            zz=z.T @ m[:, :-1, :-1] @ z,
+            zy=m[:, -1, :-1] @ z,
+            law_xx=place.T @ currents[:, :4, :4] @ place,
+            law_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
+            law_zz=currents[:, _COMMANDS_AND_ONE[:, None], _COMMANDS_AND_ONE],
+            samples=np.concatenate([point.samples for point in self.points]),
+            point=np.repeat(range(len(self.points)), [p.samples.size for p in self.points]),
+            delay_unit_s=unit_s,
+        )
+
+    def _choose(
+        self, current: slice, rate: slice, delays: np.ndarray, bend_s2: float
+    ) -> np.ndarray:
+        """Return the matrix that makes regressors, or instruments, of the columns."""
+        waves = 2 * self.orders
+        matrix = np.zeros((self.basis.width - 1, FIRST_COGGING + waves))
+        matrix[current, ALPHA] = np.eye(3)
+        matrix[BACK_EMF, BETA] = np.eye(3)
+        matrix[rate, DELAY] = delays
+        matrix[BEND, BENT] = bend_s2
+        matrix[FIRST_WAVE : FIRST_WAVE + waves, FIRST_COGGING:] = np.eye(waves)
+        return matrix
+
+
+def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
+    """Return the coefficients (q, p) of the regressors on the instruments."""
+    instruments = np.einsum("b,bij->ij", weight, zz)
+    scale = 1 / np.sqrt(np.maximum(np.diag(instruments), 1e-300))
+    inverse = np.linalg.pinv(instruments * np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    products = np.einsum("b,bij->ij", weight, zx)
+    first: np.ndarray = (scale[:, None] * inverse * scale) @ products
+    return first
+
+
+@dataclass(frozen=True)
+class Normals:
+    """Normal equations of each turn: torque, law (b, p, p) on the left, right (b, p).
+
+    The priors on the age of the currents and on the bend, 0 +- 1 in their units, count with the
+    torque.
+    """
+
+    torque: np.ndarray
+    law: np.ndarray
+    right: np.ndarray
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Information that is there before any data (p, p)."""
+        prior = np.zeros(self.torque.shape[1:])
+        prior[DELAY, DELAY] = prior[BENT, BENT] = 1.0
+        return prior
+
+    @property
+    def left(self) -> np.ndarray:
+        """Left-hand side over all turns (p, p)."""
+        left: np.ndarray = self.torque.sum(axis=0) + self.law.sum(axis=0) + self.prior
+        return left
+
+    @property
+    def torque_information(self) -> np.ndarray:
+        """Fisher information that the torque gives (p, p)."""
+        return _symmetric(self.torque.sum(axis=0) + self.prior)
+
+    @property
+    def information(self) -> np.ndarray:
+        """Fisher information of torque and Kirchhoff's law (p, p)."""
+        return _symmetric(self.left)
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    half: np.ndarray = (matrix + matrix.T) / 2
+    return half

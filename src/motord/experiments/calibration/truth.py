@@ -1,0 +1,71 @@
+"""The truth of a simulated rig, from what its recordings hold beside the ticks."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from motord.experiments.calibration.content import estimate_of_truth
+from motord.experiments.calibration.report import Estimate
+from motord.experiments.subject import Subject
+from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
+from motord.identification.orders import allowed_orders
+from motord.recording.reader import Run
+
+TRUE_CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
+
+
+def recorded_truth(runs: Iterable[Run], subject: Subject) -> Estimate | None:
+    """Return the mean truth over all operating points; None if no run is of a simulated rig.
+
+    What flows is alpha epsilon i* + beta: fitted to the currents that flowed, with the commands as
+    instruments. alpha is given with product 1, as the estimators do. The cogging torque is fitted
+    at the orders that slots and poles allow.
+    """
+    motor = subject.motor
+    orders = allowed_orders(motor.slots, 2 * motor.pole_pairs, motor.counts // 4)
+    currents = np.zeros((3, 2, 3))  # phase; instrument; sensed, 1, true
+    waves = np.zeros((2 * len(orders), 2 * len(orders) + 1))
+    for run in runs:
+        for sensed, command, flowing, angle_rad, cogging_Nm in _points(run):
+            ones = np.ones(len(sensed))
+            for p in range(3):
+                instruments = np.array([command[:, p], ones])
+                currents[p] += instruments @ np.array([sensed[:, p], ones, flowing[:, p]]).T
+            turned = np.outer(angle_rad, orders)
+            columns = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
+            waves += columns.T @ np.column_stack([columns, cogging_Nm])
+    if not waves.any():
+        return None
+    gain, beta_A = np.array([np.linalg.solve(c[:, :2], c[:, 2]) for c in currents]).T
+    cosine, sine = np.linalg.solve(waves[:, :-1], waves[:, -1]).reshape(2, -1)
+    amplitude_Nm, phase_rad = np.hypot(cosine, sine), np.arctan2(cosine, sine)
+    harmonics = [
+        (order, float(a), float(phase))
+        for order, a, phase in zip(orders, amplitude_Nm, phase_rad, strict=True)
+        if a > 1e-3 * amplitude_Nm.max()
+    ]
+    alpha = gain / np.cbrt(gain.prod())
+    return estimate_of_truth(alpha.tolist(), beta_A.tolist(), harmonics, motor.counts)
+
+
+def _points(run: Run) -> Iterable[tuple[np.ndarray, ...]]:
+    """Yield sensed, commanded and true currents (n, 3), true angle and cogging torque (n,)."""
+    if not run.truth_table.present:
+        return
+    for point in good_points(run.operating_points()):
+        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+        ticks = run.ticks(("t_ns", *CURRENTS, *COMMANDS), **bounds)
+        truth = run.truth(("t_ns", "angle_rad", "torque_cog_Nm", *TRUE_CURRENTS), **bounds)
+        _, a, b = np.intersect1d(ticks["t_ns"], truth["t_ns"], return_indices=True)
+        if a.size:
+            yield (
+                _columns(ticks[a], CURRENTS),
+                _columns(ticks[a], COMMANDS),
+                _columns(truth[b], TRUE_CURRENTS),
+                truth["angle_rad"][b],
+                truth["torque_cog_Nm"][b].astype(float),
+            )
+
+
+def _columns(block: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    return np.column_stack([block[name].astype(float) for name in names])

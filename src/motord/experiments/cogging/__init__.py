@@ -1,0 +1,1 @@
+"""Cogging torque from a rotor driven without current."""

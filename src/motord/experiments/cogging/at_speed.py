@@ -1,0 +1,217 @@
+"""Cogging torque from a rotor that is driven from outside without current (Poels 2008, chapter 3).
+
+At each speed the torque is fitted by the orders that slots and poles allow, and by such others as
+stand out of the noise. The columns are waves of the measured angle, passed through the sensor in
+time, sample by sample: the mount's resonance at each instant's frequency, then the high-pass. So
+the ripple of the speed, which the cogging torque itself drives against a flexible belt, matters
+nothing. Mean and slope over each turn are taken out: drift.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from motord.config import MotorConfig, TorqueSensorConfig
+from motord.identification import IdentifyError
+from motord.identification.basis import cell_gain, highpass
+from motord.identification.cluster_robust_ls import ClusterFit, Regressors
+from motord.identification.driven_rotor import Driven, prepare, require
+from motord.identification.harmonics import lines_at
+from motord.identification.operating_points import PointData
+from motord.identification.orders import allowed_orders, order_limit
+from motord.identification.torque_sensor import response
+
+REQUIRED = ("t_ns", "torque_Nm")
+"""Columns that are needed, besides one of the angle."""
+
+SAMPLES_PER_PERIOD = 2.4
+"""Samples that a period of the highest order needs."""
+
+COUNTS_PER_PERIOD = 3
+"""Encoder counts that a period of the highest order needs."""
+
+MOUNT_SHARE = 0.7
+"""Part of the mount's resonance frequency up to which its response is undone."""
+
+STANDS_OUT = 6.0
+"""Amplitude, in standard errors, from which an order that is not allowed is told."""
+
+MOST_OTHERS = 24
+"""Orders that are not allowed and are fitted all the same, at most."""
+
+
+@dataclass(frozen=True)
+class SpeedCogging:
+    """Cogging torque at one speed. Lines: order h is Re(line exp(j h theta)), Nm.
+
+    order (n,), line_Nm (n,), stderr_Nm (n,): the fitted orders, per component; spectrum_Nm (m,):
+    lines of all orders 1 to m; noise_Nm (m,): level of noise per component in the spectrum.
+    speed_ripple: (largest - smallest) / (2 mean) speed.
+    """
+
+    speed_set_Hz: float
+    speed_Hz: float
+    turns: int
+    samples: int
+    speed_ripple: float
+    order: np.ndarray
+    line_Nm: np.ndarray
+    stderr_Nm: np.ndarray
+    spectrum_Nm: np.ndarray
+    noise_Nm: np.ndarray
+
+
+def highest_order(driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig) -> int:
+    """Return the highest order that sampling, encoder and mount let through."""
+    highest = min(
+        int(driven.samples_per_turn / SAMPLES_PER_PERIOD),
+        motor.counts // COUNTS_PER_PERIOD,
+        order_limit(motor.slots, 2 * motor.pole_pairs),
+    )
+    if sensor.resonance_Hz > 0:
+        highest = min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / driven.speed_Hz))
+    return highest
+
+
+def ready(point: PointData, motor: MotorConfig) -> Driven:
+    """Return a driven point with a torque, made ready. Raises IdentifyError."""
+    require(point.ticks, REQUIRED[1:], f"driven at {point.speed_Hz:.3g} Hz", "no measured torque")
+    return prepare(point, motor, REQUIRED[1:])
+
+
+def at_speed(
+    driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig, others: Sequence[int] = ()
+) -> SpeedCogging:
+    """Return the cogging torque at the allowed orders and at `others`. Raises IdentifyError."""
+    highest = highest_order(driven, motor, sensor)
+    poles = 2 * motor.pole_pairs
+    allowed = allowed_orders(motor.slots, poles, highest)
+    if not allowed:
+        raise IdentifyError(
+            f"{driven.label}: {driven.samples_per_turn} samples a turn and {motor.counts} counts "
+            f"show orders up to {highest}; {motor.slots} slots and {poles} poles have none below "
+            f"{min(motor.slots, poles)}: turn slower or sample faster"
+        )
+    order = np.array(sorted({*allowed, *(o for o in others if o <= highest)}))
+    first, end = driven.turns[0][0], driven.turns[-1][1]
+    angle_rad, speed_rad_s = driven.motion.at(driven.t_s[:end])
+    columns = _columns(order, driven.t_s[:end], angle_rad, speed_rad_s, sensor, first)
+    torque_Nm = driven.ticks["torque_Nm"][:end].astype(float)
+    rows, turn = _by_turn(driven.turns)
+    steady = _without_trend(np.column_stack([columns, torque_Nm])[rows], driven.t_s[rows], turn)
+    fit = Regressors.of(steady[:, :-1], turn).fit(steady[:, -1])
+    line_Nm, stderr_Nm = _lines(fit)
+    spectrum_Nm = _spectrum(angle_rad[rows], fit, driven, motor, sensor, highest)
+    noise_Nm = _noise(spectrum_Nm, order)
+    spectrum_Nm[order - 1] += line_Nm
+    speeds = np.abs(speed_rad_s[rows])
+    return SpeedCogging(
+        speed_set_Hz=driven.speed_set_Hz,
+        speed_Hz=driven.speed_Hz,
+        turns=len(driven.turns),
+        samples=rows.size,
+        speed_ripple=float(np.ptp(speeds) / (2 * speeds.mean())),
+        order=order,
+        line_Nm=line_Nm,
+        stderr_Nm=stderr_Nm,
+        spectrum_Nm=spectrum_Nm,
+        noise_Nm=noise_Nm,
+    )
+
+
+def standing_out(found: Sequence[SpeedCogging]) -> tuple[int, ...]:
+    """Return the orders that were not fitted and stand out of the noise over all speeds."""
+    highest = min(one.spectrum_Nm.size for one in found)
+    fitted = set(found[0].order.tolist())
+    weight = np.array([1 / one.noise_Nm[:highest] ** 2 for one in found])
+    lines = np.array([one.spectrum_Nm[:highest] for one in found])
+    mean = (weight * lines).sum(axis=0) / weight.sum(axis=0)
+    ratio = np.abs(mean) * np.sqrt(weight.sum(axis=0))
+    order = np.argsort(-ratio) + 1
+    out = [int(o) for o in order if ratio[o - 1] > STANDS_OUT and int(o) not in fitted]
+    return tuple(sorted(out[:MOST_OTHERS]))
+
+
+def _columns(
+    order: np.ndarray,
+    t_s: np.ndarray,
+    angle_rad: np.ndarray,
+    speed_rad_s: np.ndarray,
+    sensor: TorqueSensorConfig,
+    first: int,
+) -> np.ndarray:
+    """Return cos and sin of each order (n, 2 m) as the sensor gives them."""
+    columns = np.empty((t_s.size, 2 * order.size))
+    rigid = TorqueSensorConfig(resonance_Hz=sensor.resonance_Hz, damping_ratio=sensor.damping_ratio)
+    for place, h in enumerate(order):
+        seen = np.exp(1j * h * angle_rad)
+        if sensor.resonance_Hz > 0:
+            seen *= response(rigid, h * speed_rad_s / (2 * np.pi))
+        columns[:, 2 * place], columns[:, 2 * place + 1] = seen.real, seen.imag
+    if sensor.highpass_time_constant_s > 0:
+        state = np.stack([columns[first:].mean(axis=0), columns[0]])
+        dt_s = np.diff(t_s, prepend=t_s[:1])
+        highpass(columns, dt_s, sensor.highpass_time_constant_s, state)
+    return columns
+
+
+def _by_turn(turns: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the samples of whole turns, and the number of the turn of each."""
+    rows = np.concatenate([np.arange(first, end) for first, end in turns])
+    return rows, np.repeat(np.arange(len(turns)), [end - first for first, end in turns])
+
+
+def _without_trend(columns: np.ndarray, t_s: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return columns (n, m) less their mean and slope in time over each turn."""
+    free = np.empty_like(columns)
+    edges = np.append(np.flatnonzero(np.diff(turn, prepend=-1)), turn.size)
+    for first, end in pairwise(edges):
+        part = columns[first:end] - columns[first:end].mean(axis=0)
+        time = t_s[first:end] - t_s[first:end].mean()
+        free[first:end] = part - np.outer(time, time @ part / (time @ time))
+    return free
+
+
+def _lines(fit: ClusterFit) -> tuple[np.ndarray, np.ndarray]:
+    """Return lines (n,) and their standard error per component (n,)."""
+    variance = np.diag(fit.covariance)
+    stderr: np.ndarray = np.sqrt((variance[0::2] + variance[1::2]) / 2)
+    line: np.ndarray = fit.solution[0::2] - 1j * fit.solution[1::2]
+    return line, stderr
+
+
+def _spectrum(
+    angle_rad: np.ndarray,
+    fit: ClusterFit,
+    driven: Driven,
+    motor: MotorConfig,
+    sensor: TorqueSensorConfig,
+    highest: int,
+) -> np.ndarray:
+    """Return the lines of orders 1 to `highest` of what the fit leaves, freed of the sensor."""
+    cell = np.rint(angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64) % motor.counts
+    order = np.arange(1, highest + 1)
+    seen = response(sensor, order * driven.speed_Hz) * cell_gain(order, motor.counts)
+    if driven.turns and angle_rad[-1] < angle_rad[0]:
+        seen = seen.conj()
+    lines: np.ndarray = lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen
+    return lines
+
+
+def _noise(spectrum_Nm: np.ndarray, fitted: np.ndarray, width: int = 41) -> np.ndarray:
+    """Return the level of noise per component (m,), from the median of neighbouring orders.
+
+    The size of a line of noise alone has the median 1.177 times that of each component.
+    """
+    size = np.abs(spectrum_Nm)
+    size[fitted - 1] = np.nan
+    half = min(width, size.size) // 2
+    level = np.empty(size.size)
+    for place in range(size.size):
+        near = size[max(place - half, 0) : place + half + 1]
+        near = near[np.isfinite(near)]
+        level[place] = np.median(near) if near.size else np.nan
+    level[~np.isfinite(level)] = np.nanmedian(size) if np.isfinite(size).any() else 0.0
+    return np.maximum(level / 1.177, 1e-300)

@@ -1,0 +1,242 @@
+"""A pass of learning: from what it left at the operating points to a better calibration."""
+
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from motord.calibration import Calibration
+from motord.config import InverterConfig
+from motord.experiments.ilc.estimate import (
+    Learning,
+    Left,
+    band_order,
+    left_by,
+    orders_up_to,
+    refine,
+    reopened,
+    settled,
+    unlearned,
+)
+from motord.experiments.ilc.report import LearnReport
+from motord.experiments.ilc.zoh_images import Staircase
+from motord.experiments.subject import AnalysisError, Subject
+from motord.identification.operating_points import PointData, Samples, prepare
+from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
+from motord.recording.captures import captures
+from motord.recording.reader import Run
+from motord.schema import Compensate
+
+EVERYTHING = Compensate.CURRENTS | Compensate.COGGING | Compensate.LEARNED
+
+
+@dataclass(frozen=True)
+class LearnPass:
+    """What a pass left at the points, in the order in which they were taken, and what comes next.
+
+    calibration: with the corrections to apply from now on.
+    """
+
+    calibration: Calibration
+    left: tuple[Left, ...]
+
+    @property
+    def points(self) -> tuple[LearnedPoint, ...]:
+        """The corrections."""
+        return self.calibration.learned.points if self.calibration.learned else ()
+
+    @property
+    def finished(self) -> bool:
+        """True once no point gains any more."""
+        return all(point.gain == 0 for point in self.points)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the pass as `analyse learn --json` prints it."""
+        learned = self.calibration.learned
+        assert learned is not None
+        return {
+            "schema": "motord.learn/1",
+            "calibration": self.calibration.id,
+            "motor": self.calibration.motor.name,
+            "runs": list(learned.runs),
+            "finished": self.finished,
+            "points": [
+                {
+                    "torque_Nm": torque_Nm,
+                    "speed_Hz": speed_Hz,
+                    "rms_percent": list(point.history_percent),
+                    "correction_mNm": round(1e3 * point.amplitude_Nm, 3),
+                    "gain": point.gain,
+                }
+                for (torque_Nm, speed_Hz), point in zip(learned.places, learned.points, strict=True)
+            ],
+        }
+
+
+def stairs(inverter: InverterConfig, sample_age_s: float = 0.0) -> Staircase:
+    """Return the timing of the currents for samples of that age when the tick begins."""
+    dead_s = sample_age_s + inverter.actuation_delay_s - inverter.lag_s
+    return Staircase(dead_s, inverter.lag_s)
+
+
+def recorded_stairs(run: Run) -> Staircase | None:
+    """Return the timing of the currents in a run; None if its bench file does not tell."""
+    try:
+        table = tomllib.loads(run.metadata["config"])["inverter"]
+        told = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
+        inverter = InverterConfig.model_validate(told)
+    except (KeyError, TypeError, ValueError):
+        return None
+    if "actuation_delay_s" not in told:
+        return None
+    age_ns = run.ticks(("sample_age_ns",))["sample_age_ns"]
+    return stairs(inverter, float(np.median(age_ns)) * 1e-9 if age_ns.size else 0.0)
+
+
+def learn_from_runs(
+    runs: Sequence[Run],
+    subject: Subject,
+    calibration: Calibration,
+    created: datetime,
+    learning: Learning,
+) -> LearnPass:
+    """Return what to apply after the pass that `runs` hold, taken with `calibration` applied.
+
+    Without `stairs` in `learning`, the runs tell them. Raises AnalysisError for runs that were
+    taken with another calibration, IdentifyError for points that tell too little.
+    """
+    for run in runs:
+        applied = str(run.metadata.get("calibration", ""))
+        if applied != calibration.id:
+            raise AnalysisError(
+                f"{run.path}: was taken with calibration {applied or 'none'}, not with "
+                f"{calibration.id}; name the calibration that was in force with --calibration"
+            )
+    if learning.stairs is None and runs:
+        learning = replace(learning, stairs=recorded_stairs(runs[0]))
+    points = (point for run in runs for point in captures(run))
+    names = [run.path.name for run in runs]
+    return learn(points, subject, calibration, names, created, learning)
+
+
+def learn(
+    points: Iterable[PointData],
+    subject: Subject,
+    calibration: Calibration,
+    runs: Sequence[str],
+    created: datetime,
+    learning: Learning,
+) -> LearnPass:
+    """Return what to apply after a pass with `calibration` applied; errors as above.
+
+    The first pass chooses mesh and orders; later ones must be over the same mesh.
+    """
+    calibration.check_motor(subject.motor)
+    pole_pairs = subject.motor.pole_pairs
+    samples = [_prepared(point, subject) for point in points]
+    if not samples:
+        raise AnalysisError("nothing to learn from: no good operating point in there")
+    before = calibration.learned or _empty(samples, pole_pairs, learning)
+    gain = np.array(calibration.alpha) * calibration.delta_epsilon
+    left = tuple(
+        left_by(each, subject.motor, subject.sensor, before.orders, learning, gain)
+        for each in samples
+    )
+    after = dict(zip(before.places, before.points, strict=True))
+    for seen in left:
+        place = seen.torque_Nm, seen.speed_Hz
+        if place not in after:
+            raise AnalysisError(
+                f"{seen.torque_Nm:g} Nm, {seen.speed_Hz:g} Hz is not a point of the mesh that was "
+                "learned; take the pass over that mesh, or begin with a calibration without "
+                "`learned`"
+            )
+        after[place] = refine(after[place], seen, subject.motor.rated_torque_Nm, learning)
+    learned = before.model_copy(
+        update={"points": tuple(after.values()), "runs": (*before.runs, *runs)}
+    )
+    return LearnPass(calibration.with_learned(learned, created), left)
+
+
+def finish(done: LearnPass, created: datetime) -> LearnPass:
+    """Return the pass with every point at its best: nothing that was not measured stays."""
+    return replace(done, calibration=_each(done.calibration, settled, created))
+
+
+def reopen(calibration: Calibration, created: datetime, learning: Learning) -> Calibration:
+    """Return the calibration with every point open to learn on from what it is."""
+    return _each(calibration, lambda point: reopened(point, learning), created)
+
+
+def _each(
+    calibration: Calibration, change: Callable[[LearnedPoint], LearnedPoint], created: datetime
+) -> Calibration:
+    learned = calibration.learned
+    if learned is None:
+        return calibration
+    points = tuple(change(point) for point in learned.points)
+    if points == learned.points:
+        return calibration
+    return calibration.with_learned(learned.model_copy(update={"points": points}), created)
+
+
+def _prepared(point: PointData, subject: Subject) -> Samples:
+    if point.compensate != EVERYTHING:
+        raise AnalysisError(
+            f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz was not taken with everything applied "
+            "(compensate = on): use a run of the plan `learn`"
+        )
+    return prepare(point, subject.motor.counts)
+
+
+def _empty(samples: Sequence[Samples], pole_pairs: int, learning: Learning) -> LearnedTorque:
+    """Return nothing learned over the mesh of the points."""
+    torques_Nm = tuple(sorted({each.torque_set_Nm for each in samples}))
+    speeds_Hz = tuple(sorted({each.speed_set_Hz for each in samples}))
+    if max(len(torques_Nm), len(speeds_Hz)) > MAX_NODES:
+        raise AnalysisError(
+            f"{len(torques_Nm)} torques and {len(speeds_Hz)} speeds, at most {MAX_NODES} of each"
+        )
+    highest = max(band_order(each, learning) for each in samples)
+    orders = orders_up_to(highest, pole_pairs)
+    point = unlearned(len(orders), learning)
+    return LearnedTorque(
+        torques_Nm=torques_Nm,
+        speeds_Hz=speeds_Hz,
+        orders=orders,
+        points=(point,) * (len(torques_Nm) * len(speeds_Hz)),
+    )
+
+
+def learn_report(done: LearnPass, title: str = "Learning of torque ripple") -> LearnReport:
+    """Return the content of a report: measured errors of all passes so far."""
+    calibration, learned = done.calibration, done.calibration.learned
+    assert learned is not None
+    points = {
+        place: point
+        for place, point in zip(learned.places, learned.points, strict=True)
+        if point.history_percent
+    }
+    uncompensated = {
+        (p.torque_Nm, p.speed_Hz): p.before
+        for p in calibration.rms_error_percent.points
+        if p.before is not None
+    }
+    panels = [
+        ("Without compensation", uncompensated),
+        ("Calibrated", {place: p.history_percent[0] for place, p in points.items()}),
+        ("Learned", {place: p.history_percent[-1] for place, p in points.items()}),
+    ]
+    return LearnReport(
+        title=title,
+        lead=f"{calibration.motor.name}, calibration {calibration.id}",
+        panels=tuple((words, values) for words, values in panels if values),
+        passes={place: p.history_percent for place, p in points.items()},
+        correction_Nm={
+            place: tuple(zip(learned.orders, np.abs(p.line_Nm).tolist(), strict=True))
+            for place, p in points.items()
+        },
+    )

@@ -1,0 +1,1 @@
+"""Moment of inertia, by free oscillation between springs and by acceleration."""

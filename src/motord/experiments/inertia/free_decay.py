@@ -1,0 +1,143 @@
+"""A whole decay by least squares: frequency at small amplitude, its change, both frictions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from motord.experiments.inertia.decay_kernel import (
+    COULOMB,
+    REST,
+    SPEED,
+    SQUARE,
+    TENSION,
+    VISCOUS,
+    X,
+    swing_angles,
+)
+from motord.experiments.inertia.swings import Swing, five_periods
+from motord.identification import IdentifyError
+
+GEOMETRY = -2 / 3
+"""Cubic part of sin x cos x."""
+
+PARAMETERS = 7
+
+ROUGHEST = 0.05
+"""Largest residual of a fit that counts as one, in parts of the swing's width."""
+
+
+@dataclass(frozen=True)
+class Decay:
+    """A fitted decay: x'' = -w^2 x (1 + cubic x^2 ...) - viscous x' - coulomb sign(x') [+ cogging].
+
+    frequency_stderr_rad_s: standard error; residual_rad (n,) at t_s, angle_rad (n,) of the swing
+    that were used.
+    """
+
+    frequency_rad_s: float
+    frequency_stderr_rad_s: float
+    rest_rad: float
+    cubic_per_rad2: float
+    viscous_per_s: float
+    coulomb_rad_s2: float
+    t_s: np.ndarray
+    angle_rad: np.ndarray
+    residual_rad: np.ndarray
+
+    @property
+    def damping_ratio(self) -> float:
+        """Viscous part of the damping."""
+        return self.viscous_per_s / (2 * self.frequency_rad_s)
+
+
+def fit_decay(swing: Swing, stiffness_Nm: float, cogging_Nm: np.ndarray | None = None) -> Decay:
+    """Fit a decay from its first crossing on. Raises IdentifyError where it does not converge.
+
+    cogging_Nm (3, n): order, cosine and sine of the cogging torque over encoder angle, if there is
+    any; stiffness_Nm: of all springs against rotation, which makes accelerations of it.
+    """
+    t_s, angle_rad = swing.t_s[swing.used], swing.angle_rad[swing.used]
+    t_s = t_s - t_s[0]
+    start = _start(swing, angle_rad)
+    scale = _scale(start)
+    torques = np.zeros((3, 0)) if cogging_Nm is None else cogging_Nm
+    model = np.empty_like(angle_rad)
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        p = start + scale * z
+        waves = torques.copy()
+        waves[1:] *= p[SQUARE] / stiffness_Nm  # torque over inertia
+        swing_angles(t_s, p, waves, model)
+        counts: np.ndarray = (model - angle_rad) / swing.resolution_rad
+        return counts
+
+    fitted = least_squares(residual, np.zeros(start.size), max_nfev=60)
+    rms_counts = float(np.sqrt(np.mean(fitted.fun**2)))
+    if not fitted.success or not rms_counts < ROUGHEST * np.ptp(angle_rad) / swing.resolution_rad:
+        raise IdentifyError("a release could not be fitted; is it a swing about one rest angle?")
+    p = start + scale * fitted.x
+    errors = _standard_errors(fitted.jac, fitted.fun) * scale
+    w_rad_s = sqrt(p[SQUARE])
+    return Decay(
+        frequency_rad_s=w_rad_s,
+        frequency_stderr_rad_s=float(errors[SQUARE]) / (2 * w_rad_s),
+        rest_rad=float(p[REST]),
+        cubic_per_rad2=float(p[TENSION]) + GEOMETRY,
+        viscous_per_s=float(p[VISCOUS]),
+        coulomb_rad_s2=float(p[COULOMB]),
+        t_s=t_s,
+        angle_rad=angle_rad,
+        residual_rad=fitted.fun * swing.resolution_rad,
+    )
+
+
+def _start(swing: Swing, angle_rad: np.ndarray) -> np.ndarray:
+    """Return parameters to start from: a damped cosine."""
+    seen = five_periods(swing)
+    frequency_rad_s = seen.frequency_rad_s()
+    p = np.zeros(PARAMETERS)
+    p[REST], p[SQUARE] = swing.rest_rad, frequency_rad_s**2
+    p[VISCOUS] = 2 * seen.damping_ratio * frequency_rad_s
+    p[X] = angle_rad[0] - swing.rest_rad
+    # a quarter of a period before its first turning point, less what damping takes meanwhile
+    p[SPEED] = swing.turns_rad[0] * frequency_rad_s * np.exp(seen.decrement / 4)
+    return p
+
+
+def _scale(start: np.ndarray) -> np.ndarray:
+    """Return by how much parameters may be expected to be off."""
+    w2 = start[SQUARE]
+    size_rad = abs(start[SPEED]) / sqrt(w2)
+    scale = np.empty_like(start)
+    scale[[X, REST]] = 0.01 * size_rad
+    scale[SPEED] = 0.01 * abs(start[SPEED])
+    scale[SQUARE] = 1e-3 * w2
+    scale[TENSION] = 0.01 / size_rad**2
+    scale[VISCOUS] = 0.01 * sqrt(w2)
+    scale[COULOMB] = 1e-3 * w2 * size_rad
+    return scale
+
+
+def _standard_errors(jacobian: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Return standard errors (p,); infinite where the data cannot tell parameters apart."""
+    _, s, vt = np.linalg.svd(jacobian, full_matrices=False)
+    if s[-1] < 1e-10 * s[0]:
+        return np.full(jacobian.shape[1], np.inf)
+    variance = float(residual @ residual) / max(residual.size - jacobian.shape[1], 1)
+    errors: np.ndarray = np.sqrt(variance * ((vt / s[:, None]) ** 2).sum(axis=0))
+    return errors
+
+
+def mean_frequency(decays: Sequence[Decay]) -> tuple[float, float]:
+    """Return the mean frequency (rad/s) and its standard error.
+
+    Scatter averages out. The standard error of one fit does not: it comes from the encoder's
+    rounding, which is alike for releases that are alike.
+    """
+    values = np.array([d.frequency_rad_s for d in decays])
+    rounding = sqrt(float(np.mean([d.frequency_stderr_rad_s**2 for d in decays])))
+    scatter = float(values.std(ddof=1)) if values.size > 1 else 0.0
+    return float(values.mean()), sqrt(rounding**2 + scatter**2 / values.size)

@@ -1,0 +1,230 @@
+"""Steps of torque from rest: the rotor's inertia from its path and the torque on it.
+
+The torque sensor does not pass the mean, but a step that begins from rest it does: undoing its
+high-pass from there on gives the torque since, cogging torque included. With friction linear and
+Coulomb, theta(t) is linear in what is asked for:
+
+    theta = a + b t + (1/J) int int T - (c/J) int theta - (f/J) t^2 / 2
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from motord.config import AccelerationConfig, TorqueSensorConfig
+from motord.identification import IdentifyError
+
+LEAST_REST_S = 0.3
+"""Rest before a step that the sensor's drift is taken from."""
+
+MOVED_RAD = 0.02
+"""Way from which on the rotor slides: before, friction is what the torque happens to be."""
+
+LEAST_WAY_RAD = 0.3
+"""Shortest way that an inertia is taken from."""
+
+
+@dataclass(frozen=True)
+class PushData:
+    """One step as it was recorded: samples (n,) from the rest before it on."""
+
+    index: int
+    t_ns: np.ndarray
+    count: np.ndarray
+    torque_Nm: np.ndarray
+    torque_set_Nm: np.ndarray
+
+
+@dataclass(frozen=True)
+class Push:
+    """One step: inertia by the torque sensor, and others to compare with.
+
+    stderr_kg_m2: of the fit alone. commanded_kg_m2: the same fit with the commanded torque for the
+    measured one; plain_kg_m2: eq. (2.1), from commanded torque, time and angle, damping neglected.
+    t_s, angle_rad, torque_Nm (n,) since the beginning of the step; fitted_rad (m,) at fitted_s.
+    """
+
+    index: int
+    inertia_kg_m2: float
+    stderr_kg_m2: float
+    commanded_kg_m2: float
+    plain_kg_m2: float
+    viscous_Nm_s_per_rad: float
+    friction_Nm: float
+    t_s: np.ndarray
+    angle_rad: np.ndarray
+    torque_Nm: np.ndarray
+    fitted_s: np.ndarray
+    fitted_rad: np.ndarray
+
+
+@dataclass(frozen=True)
+class TorqueSource:
+    """A part of the uncertainty, in parts of the inertia."""
+
+    source: str
+    uncertainty: float
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """The motor's inertia by acceleration; sources: of its uncertainty, largest first."""
+
+    pushes: tuple[Push, ...]
+    inertia_kg_m2: float
+    uncertainty_kg_m2: float
+    commanded_kg_m2: float
+    plain_kg_m2: float
+    sources: tuple[TorqueSource, ...]
+
+
+def accelerate(
+    data: Sequence[PushData],
+    counts: int,
+    sensor: TorqueSensorConfig,
+    settings: AccelerationConfig,
+) -> Acceleration:
+    """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
+
+    Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
+    half of it is what they differ by.
+    """
+    if not data:
+        raise IdentifyError("no good step in there")
+    pushes = tuple(read_push(step, counts, sensor) for step in data)
+    value = _both_ways(pushes)
+    values = np.array([p.inertia_kg_m2 for p in pushes])
+    scatter = float(values.std(ddof=1)) if values.size > 1 else pushes[0].stderr_kg_m2
+    tau_s = sensor.highpass_time_constant_s
+    sources = [
+        TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3)),
+        TorqueSource("repetition", scatter / sqrt(values.size) / value),
+    ]
+    if tau_s > 0:
+        longer = sensor.model_copy(
+            update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
+        )
+        changed = _both_ways([read_push(step, counts, longer) for step in data])
+        sources.append(TorqueSource("its time constant", abs(changed / value - 1) / sqrt(3)))
+    return Acceleration(
+        pushes=pushes,
+        inertia_kg_m2=value,
+        uncertainty_kg_m2=value * sqrt(sum(s.uncertainty**2 for s in sources)),
+        commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in pushes])),
+        plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in pushes])),
+        sources=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
+    )
+
+
+def _both_ways(pushes: Sequence[Push]) -> float:
+    """Return the mean over both directions, of as many as there are."""
+    ways = [
+        [p.inertia_kg_m2 for p in pushes if bool(p.angle_rad[-1] > p.angle_rad[0]) is forwards]
+        for forwards in (True, False)
+    ]
+    return float(np.mean([np.mean(way) for way in ways if way]))
+
+
+def read_push(data: PushData, counts: int, sensor: TorqueSensorConfig) -> Push:
+    """Return what one step tells. Raises IdentifyError naming it."""
+    name = f"step {data.index + 1}"
+    t_s, begin = _since_push(data, name)
+    angle_rad = np.unwrap(data.count * (2 * pi / counts))[begin:]
+    angle_rad -= angle_rad[0]
+    measured_Nm = _torque_since(t_s, data.torque_Nm.astype(float), begin, sensor)
+    commanded_Nm = data.torque_set_Nm[begin:].astype(float)
+    t_s = t_s[begin:]
+    sliding = slice(int(np.argmax(np.abs(angle_rad) > MOVED_RAD)), None)
+    way_rad = np.diff(angle_rad[sliding]) * np.sign(angle_rad[-1])
+    if abs(angle_rad[-1]) < LEAST_WAY_RAD or way_rad.min() < -8 * pi / counts:
+        raise IdentifyError(f"{name}: the rotor did not turn on in one direction")
+    p, errors, fitted_rad = _fit(t_s, angle_rad, measured_Nm, sliding)
+    if p[2] <= 0:
+        raise IdentifyError(f"{name}: the rotor does not follow the measured torque; its sign?")
+    q, _, _ = _fit(t_s, angle_rad, commanded_Nm, sliding)
+    stop = int(np.flatnonzero(commanded_Nm)[-1])
+    return Push(
+        index=data.index,
+        inertia_kg_m2=float(1 / p[2]),
+        stderr_kg_m2=float(errors[2] / p[2] ** 2),
+        commanded_kg_m2=float(1 / q[2]),
+        plain_kg_m2=float(_twice(t_s, commanded_Nm)[stop] / angle_rad[stop]),
+        viscous_Nm_s_per_rad=float(-p[3] / p[2]),
+        friction_Nm=float(-p[4] / p[2] * np.sign(angle_rad[-1])),
+        t_s=t_s,
+        angle_rad=angle_rad,
+        torque_Nm=measured_Nm,
+        fitted_s=t_s[sliding],
+        fitted_rad=fitted_rad,
+    )
+
+
+def _since_push(data: PushData, name: str) -> tuple[np.ndarray, int]:
+    """Return times (s) from the step on, and the sample at which it begins."""
+    pushed = np.flatnonzero(data.torque_set_Nm)
+    begin = int(pushed[0]) - 1 if pushed.size else 0
+    if begin < 1:
+        raise IdentifyError(f"{name}: no step of torque from rest")
+    t_s = (data.t_ns.astype(np.int64) - int(data.t_ns[begin])) * 1e-9
+    if (np.diff(t_s) <= 0).any():
+        raise IdentifyError(f"{name}: times do not rise")
+    if -t_s[0] < LEAST_REST_S:
+        raise IdentifyError(f"{name}: at rest for {-t_s[0]:.2g} s only before the step")
+    return t_s, begin
+
+
+def _torque_since(
+    t_s: np.ndarray, measured_Nm: np.ndarray, begin: int, sensor: TorqueSensorConfig
+) -> np.ndarray:
+    """Return the torque (Nm) from sample `begin` on, less that at rest.
+
+    At rest the sensor's output is what drift makes of it, plus what is left of the last movement,
+    which dies away with the sensor's time constant.
+    """
+    tau_s = sensor.highpass_time_constant_s
+    rest_s = t_s[:begin]
+    if tau_s <= 0:
+        above_Nm: np.ndarray = measured_Nm[begin:] - measured_Nm[:begin].mean()
+        return above_Nm
+    dying = np.exp(-rest_s / tau_s)
+    columns = np.column_stack([np.ones_like(rest_s), dying])
+    (steady_Nm, left_Nm), *_ = np.linalg.lstsq(columns, measured_Nm[:begin], rcond=None)
+    seen_Nm = measured_Nm[begin:] - steady_Nm
+    torque_Nm: np.ndarray = seen_Nm - left_Nm + _once(t_s[begin:], seen_Nm) / tau_s
+    return torque_Nm
+
+
+def _once(t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the integral from the first sample on (trapezia)."""
+    steps = np.diff(t_s) * (values[1:] + values[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _twice(t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    return _once(t_s, _once(t_s, values))
+
+
+def _fit(
+    t_s: np.ndarray, angle_rad: np.ndarray, torque_Nm: np.ndarray, sliding: slice
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (a, b, 1/J, -c/J, -f/J), their standard errors, and the fitted angle."""
+    columns = np.column_stack(
+        [
+            np.ones_like(t_s),
+            t_s,
+            _twice(t_s, torque_Nm),
+            _once(t_s, angle_rad),
+            t_s**2 / 2,
+        ]
+    )[sliding]
+    wanted = angle_rad[sliding]
+    scale = np.abs(columns).max(axis=0)
+    p, _, rank, _ = np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)
+    if rank < columns.shape[1]:
+        raise IdentifyError("a step cannot tell inertia from friction; let it coast for longer")
+    fitted = (columns / scale) @ p
+    variance = float(np.sum((wanted - fitted) ** 2)) / max(wanted.size - p.size, 1)
+    covariance = variance * np.linalg.inv((columns / scale).T @ (columns / scale))
+    return p / scale, np.sqrt(np.diag(covariance)) / scale, fitted

@@ -1,0 +1,1 @@
+"""Torque ripple over the mesh, with and without compensation."""

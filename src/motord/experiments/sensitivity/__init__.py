@@ -1,0 +1,1 @@
+"""Sensitivity of torque ripple to errors of gains, offsets and cogging torque."""

@@ -1,0 +1,247 @@
+"""Operating points as samples: whole turns, currents at the instants of the torque samples."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from motord.identification import IdentifyError
+from motord.identification.harmonics import lines_at, over_one_turn
+from motord.identification.resample import interpolate, uncrowded
+
+CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
+COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
+REQUIRED = ("t_ns", "encoder_count", *CURRENTS, "torque_Nm")
+
+SAMPLES_PER_ORDER = 2.5
+"""Samples a turn that the highest order needs."""
+
+MAX_CURRENT_ORDER = 200
+"""Highest order per turn that commanded currents are expected to have."""
+
+GOOD = "ok"
+"""Quality of an operating point that was taken as it should be."""
+
+
+@dataclass(frozen=True)
+class PointData:
+    """One captured operating point: its set-points and the ticks of its capture.
+
+    ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
+    where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
+    whether errors were put on the currents on purpose, so that its ripple is not the motor's.
+    """
+
+    torque_Nm: float
+    speed_Hz: float
+    ticks: np.ndarray
+    compensate: int = 0
+    induced: bool = False
+
+
+@dataclass(frozen=True)
+class Samples:
+    """An operating point ready to be identified from; n samples, time rising strictly.
+
+    t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
+    command_A (n, 3): commands where they were recorded, else the sensed currents averaged over
+    angle; turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
+    all currents are nan.
+    """
+
+    torque_set_Nm: float
+    speed_set_Hz: float
+    compensate: int
+    t_s: np.ndarray
+    count: np.ndarray
+    torque_Nm: np.ndarray
+    i_A: np.ndarray
+    command_A: np.ndarray
+    turns: tuple[tuple[int, int], ...]
+
+    @property
+    def label(self) -> str:
+        """Set-points in words."""
+        return f"{self.torque_set_Nm:g} Nm, {self.speed_set_Hz:g} Hz"
+
+    @cached_property
+    def period_s(self) -> float:
+        """Time between samples, the median (s)."""
+        return float(np.median(np.diff(self.t_s)))
+
+    @property
+    def whole(self) -> slice:
+        """All samples of whole turns."""
+        return slice(self.turns[0][0], self.turns[-1][1])
+
+    @property
+    def speed_Hz(self) -> float:
+        """Mean speed over the whole turns (turns/s)."""
+        duration_s = self.t_s[self.turns[-1][1] - 1] - self.t_s[self.turns[0][0]]
+        return float(len(self.turns) / (duration_s + self.period_s))
+
+
+def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> Iterator[PointData]:
+    """Yield the good operating points of a run, in their order.
+
+    ticks: all ticks of the run, with columns `tick` and `plan_point` besides those of a point.
+    operating_points: dicts as recorded in `/operating_point`; those not of good quality, and
+    takes that were taken again, are left out.
+    """
+    for point in good_points(operating_points):
+        first, last = int(point["tick_start"]), int(point["tick_end"])
+        begin, end = np.searchsorted(ticks["tick"], [first, last + 1])
+        chosen = ticks[begin:end]
+        yield PointData(
+            torque_Nm=float(point["torque_Nm"]),
+            speed_Hz=float(point["speed_Hz"]),
+            ticks=chosen[chosen["plan_point"] == int(point["index"])],
+            compensate=int(point.get("compensate", 0)),
+            induced="induced" in point,
+        )
+
+
+def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the operating points of good quality, of several takes the last, in time order."""
+    latest: dict[tuple[int, int], Mapping[str, Any]] = {}
+    for point in operating_points:
+        key = (int(point["index"]), int(point.get("compensate", 0)))
+        if point.get("quality", GOOD) == GOOD:
+            latest[key] = point
+    return sorted(latest.values(), key=lambda point: int(point["tick_start"]))
+
+
+def prepare(point: PointData, counts: int) -> Samples:
+    """Return the samples of a point. Raises IdentifyError where there is no whole turn."""
+    label = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz"
+    names = point.ticks.dtype.names or ()
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        raise IdentifyError(f"{label}: the recording has no {', '.join(missing)}")
+    ticks = point.ticks
+    t_ns = ticks["t_ns"]
+    t_s = (t_ns - t_ns[:1]) * 1e-9
+    i_A = _currents(ticks, t_s)
+    torque_Nm = ticks["torque_Nm"].astype(float)
+    good, sensed = _rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
+    if sensed.any():
+        good &= sensed
+    else:
+        i_A[:] = np.nan
+    if good.all():
+        good = slice(None)  # spares the copies
+    count = ticks["encoder_count"][good].astype(np.int64)
+    turns = _whole_turns(count, counts, label)
+    i_A = np.ascontiguousarray(i_A[good])
+    return Samples(
+        torque_set_Nm=point.torque_Nm,
+        speed_set_Hz=point.speed_Hz,
+        compensate=point.compensate,
+        t_s=t_s[good],
+        count=count,
+        torque_Nm=torque_Nm[good],
+        i_A=i_A,
+        command_A=_commands(ticks, good, count, i_A, turns, counts) if sensed.any() else i_A,
+        turns=turns,
+    )
+
+
+def require_currents(samples: Samples) -> None:
+    """Raise IdentifyError if the currents were not recorded."""
+    if not np.isfinite(samples.i_A).all():
+        raise IdentifyError(
+            f"{samples.label}: {', '.join(CURRENTS)} were not recorded: without currents there is "
+            "no telling gains and offsets; verify and cogging do without"
+        )
+
+
+def _commands(
+    ticks: np.ndarray,
+    good: np.ndarray | slice,
+    count: np.ndarray,
+    i_A: np.ndarray,
+    turns: tuple[tuple[int, int], ...],
+    counts: int,
+) -> np.ndarray:
+    """Return the commanded currents of the samples `good`, or the sensed ones over angle (n, 3)."""
+    if set(COMMANDS) <= set(ticks.dtype.names or ()):
+        commands = _columns(ticks, COMMANDS)[good]
+        if np.isfinite(commands).all():
+            return commands
+    return _over_angle(count, i_A, counts, min(end - first for first, end in turns))
+
+
+def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) -> np.ndarray:
+    """Return currents averaged over the turns at each angle: nearly free of their noise."""
+    highest = max(min(int(per_turn / SAMPLES_PER_ORDER), (counts - 1) // 2, MAX_CURRENT_ORDER), 1)
+    columns = [
+        over_one_turn(lines_at(count, column, counts, highest), counts)[count] for column in i_A.T
+    ]
+    return np.column_stack(columns)
+
+
+def _rising(t: np.ndarray) -> np.ndarray:
+    """Return which samples are newer than all before them; the others repeat one (n,)."""
+    rising = np.ones(t.size, bool)
+    rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
+    return rising
+
+
+def _finite(*columns: np.ndarray) -> np.ndarray:
+    """Return in which rows all columns (n,) are finite (n,)."""
+    finite: np.ndarray = np.isfinite(columns[0])
+    for column in columns[1:]:
+        finite &= np.isfinite(column)
+    return finite
+
+
+def _columns(ticks: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    columns = np.empty((ticks.size, len(names)))
+    for number, name in enumerate(names):
+        columns[:, number] = ticks[name]
+    return columns
+
+
+def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    """Return the sensed currents at the instants of the torque samples (n, 3)."""
+    i_A = _columns(ticks, CURRENTS)
+    if "i_age_ns" not in (ticks.dtype.names or ()) or not ticks["i_age_ns"].any():
+        return i_A
+    return _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
+
+
+def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
+    """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
+    source_s = t_s - age_s
+    fresh = _rising(source_s) & _finite(*i_A.T)
+    fresh[fresh] = uncrowded(source_s[fresh])
+    moved = np.full_like(i_A, np.nan)
+    interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)
+    return moved
+
+
+def _whole_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int, int], ...]:
+    """Return (first, end) of each turn from zero point to zero point, either way round."""
+    if count.size and not 0 <= count.min() <= count.max() < counts:
+        raise IdentifyError(
+            f"{label}: encoder counts from {count.min()} to {count.max()}, "
+            f"but the motor has {counts} counts a turn; correct counts in [motor]"
+        )
+    steps = np.diff(count, prepend=count[:1])
+    steps[steps >= counts - counts // 2] -= counts
+    steps[steps < -(counts // 2)] += counts
+    position = (count[0] if count.size else 0) + np.cumsum(steps)
+    if count.size and position[-1] < position[0]:
+        position = -position
+    turn = np.maximum.accumulate(position // counts) if count.size else position
+    first, last = (turn[0] + 1, turn[-1]) if count.size else (0, 0)
+    edges = np.searchsorted(turn, np.arange(first, last + 1))
+    pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
+    if not pairs:
+        raise IdentifyError(
+            f"{label}: no whole turn from zero point to zero point; record at least 2 turns"
+        )
+    return pairs

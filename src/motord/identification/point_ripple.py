@@ -1,0 +1,135 @@
+"""Torque ripple of an operating point from its measured torque: RMS error and spectrum.
+
+The repeating part of the torque is separated from noise by comparing even and odd turns: noise
+is not the same in both, so the products of their spectra have no share of it on average. The
+sensor's frequency response is divided out order by order.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.config import MotorConfig, TorqueSensorConfig
+from motord.identification.basis import cell_gain
+from motord.identification.encoder_points import EncoderSums, without_drift
+from motord.identification.harmonics import lines_at
+from motord.identification.operating_points import SAMPLES_PER_ORDER, Samples
+from motord.identification.orders import order_limit
+from motord.identification.ripple import rms_error_percent
+from motord.identification.torque_sensor import response
+
+RESONANCE_SHARE = 0.7
+"""Part of the mount's resonance frequency up to which its response is divided out."""
+
+
+@dataclass(frozen=True)
+class PointRipple:
+    """Ripple of one operating point, in percent of rated torque.
+
+    rms_percent: eq. (4.16) of the repeating torque, freed of noise and of the sensor's response;
+    raw_percent: eq. (4.16) of the averages at the encoder points as they are. order (n,),
+    line_Nm (n,): complex amplitude, order h being Re(line exp(j h theta)); noise_Nm (n,): its
+    standard error; even_odd_Nm (2, n): the lines of even and of odd turns.
+    """
+
+    torque_Nm: float
+    speed_Hz: float
+    compensate: int
+    turns: int
+    rms_percent: float
+    stderr_percent: float
+    raw_percent: float
+    order: np.ndarray
+    line_Nm: np.ndarray
+    noise_Nm: np.ndarray
+    even_odd_Nm: np.ndarray
+
+    def torque_over(self, angle_rad: np.ndarray) -> np.ndarray:
+        """Return the repeating torque without its mean at the angles (Nm)."""
+        waves = np.exp(1j * np.outer(angle_rad, self.order))
+        torque: np.ndarray = (waves @ self.line_Nm).real
+        return torque
+
+
+def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
+    """Return the ripple of an operating point; with one whole turn only, noise is not told."""
+    order = np.arange(1, highest_order(samples, motor, sensor) + 1)
+    seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
+    return ripple_of(samples, samples.torque_Nm, seen, motor)
+
+
+def ripple_of(
+    samples: Samples, torque_Nm: np.ndarray, seen: np.ndarray, motor: MotorConfig
+) -> PointRipple:
+    """Return the ripple of a torque (n,) of all samples.
+
+    seen (m,): complex gain with which orders 1 to m of the torque stand in it.
+    """
+    order = np.arange(1, seen.size + 1)
+    steady_Nm = without_drift(samples, torque_Nm)
+    even_odd = even_and_odd(samples, steady_Nm, motor.counts, seen.size) / seen
+    noise_Nm = _smooth(np.abs(even_odd[0] - even_odd[1]) / 2)
+    rms_Nm, stderr_Nm = repeating_rms(even_odd, noise_Nm)
+    count = samples.count[samples.whole]
+    means = EncoderSums.of(count, steady_Nm[:, None], motor.counts).means()[:, 0]
+    percent = 100 / motor.rated_torque_Nm
+    return PointRipple(
+        torque_Nm=samples.torque_set_Nm,
+        speed_Hz=samples.speed_set_Hz,
+        compensate=samples.compensate,
+        turns=len(samples.turns),
+        rms_percent=percent * rms_Nm,
+        stderr_percent=percent * stderr_Nm,
+        raw_percent=rms_error_percent(means[np.isfinite(means)], motor.rated_torque_Nm),
+        order=order,
+        line_Nm=even_odd.mean(axis=0),
+        noise_Nm=noise_Nm,
+        even_odd_Nm=even_odd,
+    )
+
+
+def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: int) -> np.ndarray:
+    """Return the lines of orders 1 to `highest` of even and of odd turns, complex (2, highest).
+
+    steady_Nm: of the samples of whole turns. With one turn only both are the same.
+    """
+    count = samples.count[samples.whole]
+    first = samples.turns[0][0]
+    odd = np.zeros(count.size, bool)
+    for begin, end in samples.turns[1::2]:
+        odd[begin - first : end - first] = True
+    halves = [odd, ~odd] if len(samples.turns) > 1 else [~odd, ~odd]
+    return np.array([lines_at(count[h], steady_Nm[h], counts, highest)[1:] for h in halves])
+
+
+def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> int:
+    """Return the highest order that sampling, encoder and mount let through."""
+    fewest = min(end - first for first, end in samples.turns)
+    limit = order_limit(motor.slots, 2 * motor.pole_pairs)
+    highest = min(limit, int(fewest / SAMPLES_PER_ORDER), (motor.counts - 1) // 2)
+    if sensor.resonance_Hz > 0:
+        highest = min(highest, int(RESONANCE_SHARE * sensor.resonance_Hz / samples.speed_Hz))
+    return max(highest, 1)
+
+
+def repeating_rms(lines: np.ndarray, noise: np.ndarray) -> tuple[float, float]:
+    """Return RMS of the part that both halves (2, n) share, and its standard error.
+
+    For noise of variance n^2 in the mean of both halves, |line|^2 without noise has variance
+    2 |line|^2 n^2 + 2 n^4.
+    """
+    power = (lines[0] * lines[1].conj()).real
+    square = max(float(power.sum()) / 2, 0.0)
+    size = np.abs(lines.mean(axis=0)) ** 2
+    error = np.sqrt(float((2 * size * noise**2 + 2 * noise**4).sum())) / 2
+    rms = float(np.sqrt(square))
+    return rms, float(np.sqrt(square + error) - rms)
+
+
+def _smooth(noise: np.ndarray, width: int = 15) -> np.ndarray:
+    """Return the root of the running mean square over neighbouring orders."""
+    half = min(width, noise.size) // 2
+    padded = np.pad(noise**2, half, mode="edge")
+    mean = np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
+    root: np.ndarray = np.sqrt(mean)
+    return root

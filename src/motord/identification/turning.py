@@ -1,0 +1,109 @@
+"""Whole turns in a record of positions, and stretches of them at a steady speed.
+
+Made for records of any origin: slow starts, several speeds in one file, both directions.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.identification import IdentifyError
+
+STEADY = 0.1
+"""Part by which the durations of the turns of one stretch may differ from their median."""
+
+GAP = 0.1
+"""Part of a turn that may be missing between two turns of one stretch: a rotor that trembles."""
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Samples `first` to `end` (not included) of one whole turn, forward (1) or backward (-1)."""
+
+    first: int
+    end: int
+    direction: int
+
+
+def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:
+    """Return the position (n,), rad, running on over turns, and the number of its grid's points.
+
+    From `encoder_count`; from `angle_rad` where there is no count or it never moves. The grid is
+    the encoder's, 0 for an angle that has none. Raises IdentifyError.
+    """
+    names = ticks.dtype.names or ()
+    count = ticks["encoder_count"].astype(np.int64) if "encoder_count" in names else None
+    if count is not None and count.size and (count != count[0]).any():
+        if not 0 <= count.min() <= count.max() < counts:
+            raise IdentifyError(
+                f"{label}: encoder counts from {count.min()} to {count.max()}, "
+                f"but the motor has {counts} counts a turn; correct counts in [motor]"
+            )
+        steps = np.diff(count, prepend=count[:1])
+        steps = (steps + counts // 2) % counts - counts // 2
+        return 2 * np.pi / counts * (count[0] + np.cumsum(steps)), counts
+    if "angle_rad" in names:
+        angle_rad = ticks["angle_rad"].astype(float)
+        if angle_rad.size and np.isfinite(angle_rad).all() and np.ptp(angle_rad) > 0:
+            return np.unwrap(angle_rad), 0
+    raise IdentifyError(
+        f"{label}: no encoder_count and no angle_rad that moves: the rotor's angle is not known"
+    )
+
+
+def whole_turns(position_rad: np.ndarray) -> list[Turn]:
+    """Return the whole turns, from zero point to zero point.
+
+    Where fewer than two fit between zero points, they count from the first sample's position.
+    """
+    turns = _turns_from(position_rad)
+    if len(turns) < 2 and position_rad.size:
+        just_after = 1e-6 if position_rad[-1] > position_rad[0] else -1e-6
+        from_start = _turns_from(position_rad - position_rad[0] - just_after)
+        turns = max(turns, from_start, key=len)
+    return turns
+
+
+def _turns_from(position_rad: np.ndarray) -> list[Turn]:
+    turn = np.floor(position_rad / (2 * np.pi)).astype(np.int64)
+    at = np.flatnonzero(np.diff(turn)) + 1
+    step = np.sign(turn[at] - turn[at - 1])
+    boundary = np.where(step > 0, turn[at], turn[at] + 1)
+    return [
+        Turn(int(at[a]), int(at[a + 1]), int(step[a]))
+        for a in range(at.size - 1)
+        if step[a] == step[a + 1] == boundary[a + 1] - boundary[a]
+    ]
+
+
+def stretches(t_s: np.ndarray, turns: list[Turn]) -> list[list[Turn]]:
+    """Return groups of successive turns of one direction and of about the same duration."""
+    groups: list[list[Turn]] = []
+    for turn in turns:
+        if groups and _continues(t_s, groups[-1], turn):
+            groups[-1].append(turn)
+        else:
+            groups.append([turn])
+    return groups
+
+
+def _continues(t_s: np.ndarray, group: list[Turn], turn: Turn) -> bool:
+    duration_s = _duration_s(t_s, turn)
+    usual_s = float(np.median([_duration_s(t_s, one) for one in group]))
+    near = t_s[turn.first] - t_s[group[-1].end] <= GAP * usual_s
+    alike = abs(duration_s / usual_s - 1) <= STEADY
+    return near and alike and group[-1].direction == turn.direction
+
+
+def _duration_s(t_s: np.ndarray, turn: Turn) -> float:
+    return float(t_s[turn.end] - t_s[turn.first])
+
+
+def steadiest(t_s: np.ndarray, turns: list[Turn]) -> list[Turn]:
+    """Return the longest stretch; all turns of the commoner direction if no two turns are alike."""
+    longest = max(stretches(t_s, turns), key=len, default=[])
+    if len(longest) >= 2 or len(turns) < 2:
+        return longest
+    forward = [turn for turn in turns if turn.direction > 0]
+    backward = [turn for turn in turns if turn.direction < 0]
+    return max(forward, backward, key=len)

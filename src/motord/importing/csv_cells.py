@@ -1,0 +1,129 @@
+"""Lines of CSV as columns of numbers: all at once where they are clean, else cell by cell."""
+
+import warnings
+from datetime import UTC, datetime
+
+import numpy as np
+
+from motord.importing.dialect import Dialect, split_line, without_blank_end
+from motord.importing.problems import Problems
+from motord.importing.source import MISSING_NS, WantedColumns
+
+Columns = tuple[np.ndarray, ...]
+
+
+class CellReader:
+    """Reads the columns `wanted`; those whose index is in `dates` hold dates."""
+
+    def __init__(
+        self, dialect: Dialect, wanted: tuple[WantedColumns, ...], dates: tuple[int, ...]
+    ) -> None:
+        self._dialect = dialect
+        self._wanted = wanted
+        self._dates = dates
+        self._swap = dialect.decimal == "," and dialect.delimiter != ","
+        kinds = ["i8" if w.as_time else "f8" for w in wanted]
+        self._dtype = np.dtype([(f"c{n}", kind) for n, kind in enumerate(kinds)])
+
+    def read(
+        self, lines: list[str], number: np.ndarray, problems: Problems
+    ) -> tuple[Columns, np.ndarray]:
+        """Return the columns (n,) of `lines`, and the numbers of the lines they are of (n,)."""
+        if lines and not self._dates and self._even(lines):
+            try:
+                return self._at_once(lines), number
+            except ValueError:
+                pass  # a cell that is no number: look at each
+        return self._one_by_one(lines, number, problems)
+
+    def _even(self, lines: list[str]) -> bool:
+        """Return whether all lines have the cells that rows should have, as `_fits` would say."""
+        d = self._dialect
+        if d.delimiter == " " or d.separators < d.cells - 1 or '"' in "\n".join(lines):
+            return False
+        end = d.delimiter * (d.separators - d.cells + 1)
+        counts = {line.count(d.delimiter) for line in lines}
+        return counts == {d.separators} and (not end or all(line.endswith(end) for line in lines))
+
+    def _at_once(self, lines: list[str]) -> Columns:
+        if self._swap:
+            lines = "\n".join(lines).replace(",", ".").split("\n")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a whole number written as 1.5e9: not at once
+            try:
+                table = np.loadtxt(
+                    lines,
+                    self._dtype,
+                    delimiter=self._dialect.delimiter,
+                    comments=None,
+                    usecols=[w.index for w in self._wanted],
+                    ndmin=1,
+                )
+            except Warning as warning:
+                raise ValueError(str(warning)) from None
+        if table.size != len(lines):
+            raise ValueError("lines that belong together")
+        return tuple(np.ascontiguousarray(table[name]) for name in self._dtype.names or ())
+
+    def _one_by_one(
+        self, lines: list[str], number: np.ndarray, problems: Problems
+    ) -> tuple[Columns, np.ndarray]:
+        d = self._dialect
+        rows = [split_line(line, d.delimiter) for line in lines]
+        fits = np.array([_fits(row, d.cells) for row in rows], bool)
+        problems.add(f"other than {d.cells} cells in it: left out", number[~fits])
+        rows = [row for row, good in zip(rows, fits, strict=True) if good]
+        return tuple(self._column(w, rows) for w in self._wanted), number[fits]
+
+    def _column(self, wanted: WantedColumns, rows: list[list[str]]) -> np.ndarray:
+        cells = [row[wanted.index] if wanted.index < len(row) else "" for row in rows]
+        if self._dialect.decimal == ",":
+            cells = [cell.replace(",", ".") for cell in cells]
+        if wanted.index in self._dates:
+            return _dates_ns(cells)
+        if wanted.as_time:
+            return np.array([_whole(cell) for cell in cells], np.int64)
+        try:
+            return np.array(list(map(float, cells)), float)
+        except ValueError:
+            return np.array([_number(cell) for cell in cells], float)
+
+
+def _fits(row: list[str], cells: int) -> bool:
+    return len(row) == cells or (len(row) > cells and len(without_blank_end(row)) <= cells)
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+def _whole(cell: str) -> int:
+    try:
+        value = int(cell) if cell.lstrip("+-").isdigit() else int(float(cell))
+    except (ValueError, OverflowError):
+        return int(MISSING_NS)
+    return value if abs(value) < -int(MISSING_NS) else int(MISSING_NS)
+
+
+def _dates_ns(cells: list[str]) -> np.ndarray:
+    """Return dates in ISO form as Unix ns (n,), MISSING_NS for others; UTC if they do not say."""
+    if not any("Z" in cell or "+" in cell for cell in cells):
+        try:
+            return np.array(cells, "M8[ns]").astype(np.int64)
+        except ValueError:
+            pass  # some are no dates
+    return np.array([_date_ns(cell) for cell in cells], np.int64)
+
+
+def _date_ns(cell: str) -> int:
+    try:
+        date = datetime.fromisoformat(cell)
+    except ValueError:
+        return int(MISSING_NS)
+    date = date if date.tzinfo else date.replace(tzinfo=UTC)
+    seconds = (date.replace(microsecond=0) - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()
+    value = round(seconds) * 1_000_000_000 + date.microsecond * 1000
+    return value if abs(value) < -int(MISSING_NS) else int(MISSING_NS)

@@ -1,0 +1,115 @@
+"""CSV as a source of rows, a few thousand lines at a time."""
+
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from motord.importing.csv_cells import CellReader
+from motord.importing.dialect import Dialect, detect, is_date, is_row, number
+from motord.importing.mapping import CsvMap
+from motord.importing.problems import Problems
+from motord.importing.source import RawBlock, RowClock, WantedColumns
+from motord.recording.errors import RecordError
+
+BLOCK_CHARACTERS = 1 << 21
+"""Text that is read at once."""
+
+LINE_MAX = 1 << 20
+"""Characters of the longest line of a table."""
+
+
+class CsvSource:
+    """A CSV file; `wanted` names columns that it should have, which tell its header from a row.
+
+    Raises RecordError for a file that is no table.
+    """
+
+    unit = "line"
+
+    def __init__(self, path: Path, options: CsvMap, wanted: Sequence[str]) -> None:
+        self.path = path
+        self._dialect = detect(path, options, wanted)
+        self._size = max(path.stat().st_size, 1)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns; "" for one without."""
+        return self._dialect.names
+
+    @property
+    def notes(self) -> list[str]:
+        """How the file is written, in words."""
+        d = self._dialect
+        return [
+            f"{d.encoding}, delimiter {d.delimiter!r}, decimal {d.decimal!r}, "
+            f"rows from line {d.first_line}"
+        ]
+
+    def places(self, name: str) -> list[int]:
+        """Return the index of each column of this name."""
+        return [index for index, known in enumerate(self.names) if known == name]
+
+    def row_clock(self, columns: Sequence[int]) -> RowClock | None:
+        """Return None: CSV says nothing about time."""
+        return None
+
+    def holds_dates(self, index: int) -> bool:
+        """Return whether a column holds dates rather than numbers."""
+        cells = [row[index] for row in self._dialect.sample if index < len(row)]
+        dates = sum(is_date(cell) for cell in cells)
+        return dates > sum(number(cell, self._dialect.decimal) is not None for cell in cells)
+
+    def holds_whole_numbers(self, index: int) -> bool:
+        """Return whether a column holds whole numbers."""
+        cells = [row[index] for row in self._dialect.sample if index < len(row)]
+        return all(cell.lstrip("+-").isdecimal() for cell in cells if cell)
+
+    def fix_rows(self, columns: Sequence[int]) -> None:
+        """Do nothing: every line is a row."""
+
+    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
+        """Yield all rows; those that have another number of cells are noted and left out."""
+        dates = tuple(w.index for w in wanted if w.as_time and self.holds_dates(w.index))
+        reader = CellReader(self._dialect, tuple(wanted), dates)
+        for lines, first_line, done in self._text():
+            block = reader.read(*_rows(lines, first_line, self._dialect), problems)
+            if block[1].size:
+                yield RawBlock(*block, done)
+
+    def _text(self) -> Iterator[tuple[list[str], int, float]]:
+        """Yield lines, the number of the first of them, and the share of the file read so far."""
+        d = self._dialect
+        line, rest = 1, ""
+        try:
+            with (
+                self.path.open("rb") as raw,
+                io.TextIOWrapper(raw, d.encoding, errors="replace") as file,
+            ):
+                while text := file.read(BLOCK_CHARACTERS):
+                    lines = (rest + text).split("\n")
+                    rest = lines.pop()
+                    if len(rest) > LINE_MAX:
+                        raise RecordError(
+                            f"{self.path}: line {line + len(lines)} is longer than "
+                            f"{LINE_MAX} characters: not a table"
+                        )
+                    skip = max(0, min(d.first_line - line, len(lines)))
+                    done = min(raw.tell() / self._size, 1.0)
+                    yield lines[skip:], line + skip, done
+                    line += len(lines)
+                if rest and line >= d.first_line:
+                    yield [rest], line, 1.0
+        except (OSError, UnicodeError) as error:
+            raise RecordError(f"{self.path}: cannot read line {line} and on: {error}") from error
+
+
+def _rows(lines: list[str], first: int, dialect: Dialect) -> tuple[list[str], np.ndarray]:
+    """Return the lines that are rows, and their numbers."""
+    numbers = np.arange(first, first + len(lines))
+    comment = dialect.comment
+    if "" not in lines and not (comment and comment in "\n".join(lines)):
+        return lines, numbers
+    keep = np.array([is_row(line, comment) for line in lines], bool)
+    return [line for line, kept in zip(lines, keep, strict=True) if kept], numbers[keep]

@@ -1,0 +1,116 @@
+"""Operating points of an imported recording: what is told of each, gathered tick by tick."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from motord.identification.operating_points import GOOD
+from motord.importing.segments import ConstantSegment
+from motord.schema import Compensate, Flag
+
+
+@dataclass
+class _Sums:
+    """What has been seen of the operating point that is going on."""
+
+    rows: int = 0
+    first: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    last: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    total: dict[str, float] = field(default_factory=dict)
+    known: dict[str, int] = field(default_factory=dict)
+
+    def add(self, ticks: np.ndarray) -> None:
+        if not self.rows:
+            self.first = ticks[0].copy()
+        self.last = ticks[-1].copy()
+        self.rows += ticks.size
+        for name in ("torque_Nm", "torque_set_Nm", "speed_set_rad_s"):
+            values = ticks[name].astype(float)
+            finite = values[np.isfinite(values)]
+            self.total[name] = self.total.get(name, 0.0) + float(finite.sum())
+            self.known[name] = self.known.get(name, 0) + finite.size
+
+    def mean(self, name: str) -> float | None:
+        return self.total[name] / self.known[name] if self.known[name] else None
+
+
+class PointTeller:
+    """Yields the record of each operating point once its last tick has been seen.
+
+    min_turns: whole turns that a good one has; torque_passes: whether the torque sensor passes
+    the mean; rated_torque_Nm: how fine a mean torque is told.
+    """
+
+    def __init__(
+        self,
+        stretches: tuple[ConstantSegment, ...],
+        min_turns: int,
+        torque_passes: bool,
+        rated_torque_Nm: float,
+    ) -> None:
+        self._stretches, self._min_turns = stretches, min_turns
+        self._torque_passes = torque_passes
+        self._digits = 2 - math.floor(math.log10(rated_torque_Nm))
+        self._row = 0
+        self._next = 0
+        self._sums = _Sums()
+
+    def take(self, ticks: np.ndarray) -> Iterator[dict[str, Any]]:
+        """Take ticks (n,); yield what is told of the operating points that end among them."""
+        while self._next < len(self._stretches):
+            stretch = self._stretches[self._next]
+            first = max(stretch.first - self._row, 0)
+            end = min(stretch.end - self._row, ticks.size)
+            if first < end:
+                self._sums.add(ticks[first:end])
+            if stretch.end - self._row > ticks.size:
+                break
+            yield self._record(stretch)
+            self._next += 1
+            self._sums = _Sums()
+        self._row += ticks.size
+
+    def _record(self, stretch: ConstantSegment) -> dict[str, Any]:
+        sums = self._sums
+        duration_s = (int(sums.last["t_ns"]) - int(sums.first["t_ns"])) * 1e-9
+        mean_Hz = stretch.turns / duration_s
+        set_rad_s = sums.mean("speed_set_rad_s")
+        torque_Nm, source = self._torque()
+        flags = int(sums.last["flags"])
+        return {
+            "index": self._next,
+            "torque_Nm": torque_Nm,
+            "torque_source": source,
+            "speed_Hz": round(mean_Hz, 4) if set_rad_s is None else round(set_rad_s / math.tau, 6),
+            "tick_start": int(sums.first["tick"]),
+            "tick_end": int(sums.last["tick"]),
+            "t_start_ns": int(sums.first["t_ns"]),
+            "t_end_ns": int(sums.last["t_ns"]),
+            "turns": stretch.turns,
+            "speed_mean_Hz": mean_Hz,
+            "quality": self._quality(stretch.whole_turns),
+            "compensate": _compensate(flags),
+        }
+
+    def _torque(self) -> tuple[float, str]:
+        """Return the torque that the point is called by, and where it is from."""
+        told, measured = self._sums.mean("torque_set_Nm"), self._sums.mean("torque_Nm")
+        if told is not None:
+            return round(told, 6), "set-point"
+        if measured is not None and self._torque_passes:
+            return round(measured, self._digits), "mean of the measured torque"
+        return 0.0, "not known"
+
+    def _quality(self, whole: int) -> str:
+        if whole >= self._min_turns:
+            return GOOD
+        return f"{whole} whole turns from zero point to zero point, {self._min_turns} are needed"
+
+
+def _compensate(flags: int) -> int:
+    currents = Compensate.CURRENTS if flags & Flag.CURRENTS_COMPENSATED else 0
+    cogging = Compensate.COGGING if flags & Flag.COGGING_COMPENSATED else 0
+    return int(currents) | int(cogging)

@@ -1,0 +1,129 @@
+"""What the rest of the import knows of a source of rows: columns by name, blocks of values."""
+
+import difflib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from motord.importing.mapping import Column
+from motord.importing.problems import Problems
+from motord.recording.errors import RecordError
+
+BLOCK_ROWS = 1 << 16
+"""Rows that are read at once."""
+
+MISSING_NS = np.iinfo(np.int64).min
+"""Time of a row that has none, where times are whole ns."""
+
+
+@dataclass(frozen=True)
+class WantedColumns:
+    """A column, by its index from 0 on; as_time: as whole Unix ns, otherwise as numbers."""
+
+    index: int
+    as_time: bool = False
+
+
+@dataclass(frozen=True)
+class RawBlock:
+    """Rows as they are in the source: n of them.
+
+    columns: of each wanted column values (n,), float64 with nan where there is none, or int64 with
+    MISSING_NS; line (n,): the number of each row for messages; done: share of the source, 0 to 1.
+    """
+
+    columns: tuple[np.ndarray, ...]
+    line: np.ndarray
+    done: float
+
+
+@dataclass(frozen=True)
+class RowClock:
+    """The time of rows that follows from their number: Unix ns of the first, None if unknown."""
+
+    start_ns: int | None
+    period_s: float
+
+
+class RowSource(Protocol):
+    """A file with columns of values."""
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+
+    @property
+    def unit(self) -> str:
+        """What `RawBlock.line` counts: line or row."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns; "" for one without."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What was found out about the file, in words."""
+
+    def places(self, name: str) -> list[int]:
+        """Return the index of each column that `name` may mean."""
+
+    def row_clock(self, columns: Sequence[int]) -> RowClock | None:
+        """Return the clock that the file gives for these columns, None if it gives none."""
+
+    def holds_dates(self, index: int) -> bool:
+        """Return whether a column holds dates rather than numbers."""
+
+    def holds_whole_numbers(self, index: int) -> bool:
+        """Return whether a column holds whole numbers, too long perhaps for a float."""
+
+    def fix_rows(self, columns: Sequence[int]) -> None:
+        """Let a row be what all these columns have."""
+
+    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
+        """Yield all rows, at most about BLOCK_ROWS at once; rows without cells are noted."""
+
+
+def find(source: RowSource, field: str, column: Column) -> int:
+    """Return the index of the column that is to become `field`. Raises RecordError."""
+    if column.position is not None:
+        if column.position > len(source.names):
+            raise RecordError(
+                f"{source.path}: {field}: there is no column {column.position}, "
+                f"the file has {len(source.names)}"
+            )
+        return column.position - 1
+    index = locate(source, column.column)
+    if index is None:
+        raise RecordError(
+            f"{source.path}: {field}: there is no column {column.column!r}"
+            + suggestion(column.column, source.names)
+        )
+    return index
+
+
+def locate(source: RowSource, name: str) -> int | None:
+    """Return the index of the column `name`, None if there is none. Raises RecordError."""
+    found = source.places(name.strip())
+    if len(found) > 1:
+        places = ", ".join(str(index + 1) for index in found)
+        raise RecordError(
+            f"{source.path}: there are {len(found)} columns {name!r} (columns {places}); "
+            "give the position of the one that is meant"
+        )
+    return found[0] if found else None
+
+
+def suggestion(name: str, names: Sequence[str]) -> str:
+    """Return words on which of `names` may have been meant."""
+    folded = {known.casefold(): known for known in names if known}
+    near = difflib.get_close_matches(name.casefold(), list(folded), 3, 0.4)
+    if near:
+        return "; did you mean " + " or ".join(repr(folded[n]) for n in near) + "?"
+    listed = [known for known in names if known]
+    if not listed:
+        return "; the columns have no names, give their positions: 1 for the first"
+    more = f" and {len(listed) - 20} more" if len(listed) > 20 else ""
+    return "; it has " + ", ".join(map(repr, listed[:20])) + more

@@ -1,0 +1,78 @@
+"""The first pass: how often there is a row, how fast it turns, where operating points are."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.importing.column_map import Wiring
+from motord.importing.forward_fill import Held
+from motord.importing.mapping import ImportMap
+from motord.importing.problems import Problems
+from motord.importing.rows import usable_rows
+from motord.importing.segments import GAP_ROWS, GAP_S, ConstantSegment, StretchFinder
+from motord.importing.source import RowSource
+from motord.recording.errors import RecordError
+
+REGULAR_SHARE = 0.9
+"""Share of spacings within half a period of the usual one, from which rows count as regular."""
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class Survey:
+    """rows: that can be used; first_ns, last_ns: their times; period_s: the usual time between two;
+    regular: whether it is always about that; counts_per_s: mean speed; stretches, in order."""
+
+    rows: int
+    first_ns: int
+    last_ns: int
+    period_s: float
+    regular: bool
+    counts_per_s: float
+    stretches: tuple[ConstantSegment, ...]
+
+
+def survey(source: RowSource, wiring: Wiring, mapping: ImportMap, progress: Progress) -> Survey:
+    """Read what must be known before the first row is written. Raises RecordError."""
+    stretches, held = StretchFinder(mapping.split, wiring.counts), Held()
+    medians_ns: list[float] = []
+    spacings = usual = rows = travelled = 0
+    first_ns = last_ns = last_position = None
+    for block in usable_rows(source, wiring, wiring.by, Problems(source.unit)):
+        t_ns, position = block.t_ns, block.position
+        spacing_ns = np.diff(t_ns, prepend=t_ns[:1] if last_ns is None else [last_ns])
+        spacing_ns = spacing_ns[spacing_ns > 0]
+        if spacing_ns.size:
+            medians_ns.append(float(np.median(spacing_ns)))
+            usual += int((np.abs(spacing_ns / medians_ns[-1] - 1) < 0.5).sum())
+            spacings += spacing_ns.size
+        start = position[:1] if last_position is None else [last_position]
+        travelled += int(np.abs(np.diff(position, prepend=start)).sum())
+        keys = [_key(name, held.fill(name, block.values[name])) for name in wiring.by]
+        gap_ns = max(GAP_S * 1e9, GAP_ROWS * float(np.median(medians_ns or [0.0])))
+        stretches.take(t_ns, position, np.array(keys).T.reshape(t_ns.size, -1), gap_ns)
+        first_ns = int(t_ns[0]) if first_ns is None else first_ns
+        last_ns, last_position = int(t_ns[-1]), int(position[-1])
+        rows += t_ns.size
+        progress(block.done)
+    if first_ns is None or last_ns is None or not medians_ns:
+        raise RecordError(
+            f"{source.path}: fewer than two rows in it have {wiring.position_field} and a time "
+            "later than the row before; see that the map names the right columns"
+        )
+    return Survey(
+        rows=rows,
+        first_ns=first_ns,
+        last_ns=last_ns,
+        period_s=float(np.median(medians_ns)) * 1e-9,
+        regular=usual >= REGULAR_SHARE * spacings,
+        counts_per_s=travelled / (last_ns - first_ns) * 1e9,
+        stretches=tuple(stretches.finish()),
+    )
+
+
+def _key(name: str, values: np.ndarray) -> np.ndarray:
+    """Return values that are equal within an operating point; nan outside of any."""
+    return np.where(values < 0, np.nan, values) if name == "plan_point" else values

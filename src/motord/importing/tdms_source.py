@@ -1,0 +1,210 @@
+"""LabVIEW's TDMS as a source of rows.
+
+Channels are copied one after the other into a scratch file, which is then read row by row: in
+memory is a piece of one channel at a time (all of it only where LabVIEW wrote it in one piece).
+"""
+
+import logging
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from motord.importing.mapping import TdmsMap
+from motord.importing.problems import Problems
+from motord.importing.source import BLOCK_ROWS, RawBlock, RowClock, WantedColumns
+from motord.recording.errors import RecordError
+
+MAGIC = b"TDSm"
+
+PIECE = 1 << 20
+"""Values of a channel that are read at once, unless there would be more than PIECES."""
+
+PIECES = 64
+
+WARNING_LENGTH = 120
+
+INCREMENT, START = "wf_increment", "wf_start_time"
+
+
+class TdmsSource:
+    """A TDMS file; scratch files go into the folder `scratch`. Use it as a context manager.
+
+    Raises RecordError for a file that is not TDMS, and where npTDMS is not installed.
+    """
+
+    unit = "row"
+
+    def __init__(self, path: Path, options: TdmsMap, scratch: Path) -> None:
+        self.path = path
+        self._group = options.group
+        self._scratch = scratch
+        self._spools: dict[int, BinaryIO] = {}
+        self.notes: list[str] = []
+        if not _begins_as_tdms(path):
+            raise RecordError(f"{path}: does not begin as a TDMS file does")
+        opener, console = _tdms()
+        with ExitStack() as stack:
+            warnings = _Warnings(self.notes)
+            console.addFilter(warnings)
+            stack.callback(console.removeFilter, warnings)
+            with _readable(path):
+                file = stack.enter_context(opener.open(stack.enter_context(path.open("rb"))))
+                self._channels = [c for group in file.groups() for c in group.channels()]
+                self._lengths = [len(channel) for channel in self._channels]
+            self._open = stack.pop_all()
+        self._rows = min(self._lengths, default=0)
+        self.names = tuple(f"{c.group_name}/{c.name}" for c in self._channels)
+
+    def close(self) -> None:
+        """Let go of the file and of the scratch files. May be called twice."""
+        self._open.close()
+
+    def __enter__(self) -> "TdmsSource":
+        return self
+
+    def __exit__(self, *unused: object) -> None:
+        self.close()
+
+    def places(self, name: str) -> list[int]:
+        """Return the index of each channel that is Group/Channel, or has that name in its group."""
+        full = [index for index, known in enumerate(self.names) if known == name]
+        return full or [
+            index
+            for index, channel in enumerate(self._channels)
+            if channel.name == name and self._group in (None, channel.group_name)
+        ]
+
+    def row_clock(self, columns: Sequence[int]) -> RowClock | None:
+        """Return the clock of the waveforms among the channels. Raises RecordError if they differ.
+
+        wf_increment is the time between values, wf_start_time that of the first.
+        """
+        found: RowClock | None = None
+        for index in columns:
+            properties = self._channels[index].properties
+            period_s = properties.get(INCREMENT)
+            if not isinstance(period_s, int | float) or not 0 < period_s < float("inf"):
+                continue
+            if found is None:
+                found = RowClock(_unix_ns(properties.get(START)), float(period_s))
+            elif abs(period_s / found.period_s - 1) > 1e-6:
+                raise RecordError(
+                    f"{self.path}: {self.names[index]} has a value every {period_s:g} s, others "
+                    f"every {found.period_s:g} s: they do not make rows; resample them first"
+                )
+        return found
+
+    def holds_dates(self, index: int) -> bool:
+        """Return whether a channel holds timestamps."""
+        return self._dtype(index).kind == "M"
+
+    def holds_whole_numbers(self, index: int) -> bool:
+        """Return whether a channel holds whole numbers."""
+        return self._dtype(index).kind in "iu"
+
+    def fix_rows(self, columns: Sequence[int]) -> None:
+        """Let rows end where the shortest of these channels ends."""
+        lengths = [self._lengths[index] for index in columns]
+        self._rows = min(lengths)
+        if self._rows < max(lengths):
+            words = f"the channels have {self._rows} to {max(lengths)} values: {self._rows} rows"
+            self.notes.append(words)
+
+    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
+        """Yield all rows."""
+        rows = self._rows
+        for w in wanted:
+            self._spool(w)
+        for start in range(0, rows, BLOCK_ROWS):
+            count = min(BLOCK_ROWS, rows - start)
+            columns = tuple(self._read(w, start, count) for w in wanted)
+            line = np.arange(start + 1, start + count + 1)
+            yield RawBlock(columns, line, (start + count) / rows)
+
+    def _dtype(self, index: int) -> "np.dtype[Any]":
+        with _readable(self.path):
+            dtype: np.dtype[Any] = np.dtype(self._channels[index].dtype)
+        if dtype.kind not in "fiubM":
+            raise RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
+        return dtype
+
+    def _spool(self, wanted: WantedColumns) -> None:
+        """Copy a channel into a scratch file, once."""
+        if wanted.index in self._spools:
+            return
+        dtype, channel = self._dtype(wanted.index), self._channels[wanted.index]
+        as_ns = dtype.kind == "M" or (wanted.as_time and dtype.kind in "iu")
+        scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - see close()
+        spool = self._open.enter_context(scratch)
+        self._spools[wanted.index] = spool
+        length = self._lengths[wanted.index]
+        piece = max(PIECE, -(-length // PIECES))
+        for start in range(0, length, piece):
+            with _readable(self.path):
+                values = channel.read_data(start, min(piece, length - start))
+            if dtype.kind == "M":
+                values = values.astype("M8[ns]")
+            np.ascontiguousarray(values.astype("i8" if as_ns else "f8")).tofile(spool)
+
+    def _read(self, wanted: WantedColumns, start: int, count: int) -> np.ndarray:
+        spool = self._spools[wanted.index]
+        spool.seek(8 * start)
+        return np.fromfile(spool, "i8" if wanted.as_time else "f8", count)
+
+
+def _tdms() -> tuple[Any, logging.Handler]:
+    """Return the class that opens TDMS files, and the handler that prints its warnings."""
+    try:
+        from nptdms import TdmsFile
+        from nptdms.log import log_manager
+    except ImportError as error:
+        raise RecordError(
+            "TDMS needs the package npTDMS: pip install 'motord[tdms]'; or save the file as CSV"
+        ) from error
+    return TdmsFile, log_manager.console_handler
+
+
+def _begins_as_tdms(path: Path) -> bool:
+    with _readable(path), path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+class _Warnings(logging.Filter):
+    """Turns what npTDMS warns of, which it would print, into notes: each kind once, in short."""
+
+    def __init__(self, notes: list[str]) -> None:
+        super().__init__()
+        self._notes = notes
+        self._told: set[object] = set()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.msg not in self._told:
+            self._told.add(record.msg)
+            self._notes.append(f"npTDMS: {record.getMessage()[:WARNING_LENGTH]}")
+        return False
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except RecordError:
+        raise
+    except OSError as error:
+        raise RecordError(f"{path}: cannot read it: {error.strerror or error}") from error
+    except Exception as error:  # npTDMS raises whatever a damaged file makes it stumble over
+        raise RecordError(
+            f"{path}: not a TDMS file that can be read ({type(error).__name__}: {error})"
+        ) from error
+
+
+def _unix_ns(start: object) -> int | None:
+    """Return the Unix ns of a waveform's start, None if there is none."""
+    if not isinstance(start, np.datetime64) or np.isnat(start):
+        return None
+    ns = int(start.astype("M8[ns]").astype(np.int64))
+    return ns if ns > 0 else None

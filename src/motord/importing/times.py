@@ -1,0 +1,76 @@
+"""Times of rows as ns that rise from row to row; rows whose times do not are left out."""
+
+import numpy as np
+
+from motord.importing.column_map import Wiring
+from motord.importing.problems import Problems
+from motord.importing.source import MISSING_NS, RawBlock
+
+STANDING = "same time as the row before: left out"
+BACK = "earlier than a row before: left out"
+
+FARTHEST_NS = 4 * 10**18
+"""Times beyond are none: the year 2096 in Unix time."""
+
+
+class TimeReader:
+    """Reads times block by block and keeps to those that rise."""
+
+    def __init__(self, wiring: Wiring) -> None:
+        self._wiring = wiring
+        self._first_line: int | None = None
+        self._base_s: float | None = None
+        self._latest_ns = int(MISSING_NS)
+
+    def convert(self, block: RawBlock) -> np.ndarray:
+        """Return the times in ns (n,), MISSING_NS for rows without."""
+        clock = self._wiring.clock
+        if clock is not None:
+            if self._first_line is None:
+                self._first_line = int(block.line[0])
+            since_ns = np.round((block.line - self._first_line) * (clock.period_s * 1e9))
+            ns: np.ndarray = since_ns.astype(np.int64) + (clock.start_ns or 0)
+            return ns
+        t = self._wiring.times(block.columns)
+        if t.dtype.kind == "i":
+            return np.where((t > -FARTHEST_NS) & (t < FARTHEST_NS), t, MISSING_NS)
+        if self._wiring.time_field == "t_ns":
+            t = t * 1e-9
+        known = np.abs(t) < FARTHEST_NS * 1e-9
+        if self._base_s is None and known.any():
+            self._base_s = float(np.floor(t[known][0]))
+        base_s = self._base_s or 0.0
+        since_ns = np.round((np.where(known, t, base_s) - base_s) * 1e9).astype(np.int64)
+        return np.where(known, since_ns + int(base_s) * 1_000_000_000, MISSING_NS)
+
+    def take(
+        self, block: RawBlock, after: RawBlock | None, problems: Problems
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the times (n,) and which rows to use (n,); `after` is the row after them."""
+        t_ns = self.convert(block)
+        use = t_ns != MISSING_NS
+        problems.add("no time: left out", block.line[~use])
+        follows_ns = None if after is None else self.convert(after)
+        ahead = self._ahead(t_ns, use, follows_ns)
+        problems.add("its time is ahead of the rows around it: left out", block.line[ahead])
+        use &= ~ahead
+        known = t_ns[use]
+        before = np.maximum.accumulate(np.concatenate([[self._latest_ns], known]))
+        self._latest_ns = int(before[-1])
+        lines = block.line[use]
+        problems.add(STANDING, lines[known == before[:-1]])
+        problems.add(BACK, lines[known < before[:-1]])
+        use[use] = known > before[:-1]
+        return t_ns, use
+
+    def _ahead(
+        self, t_ns: np.ndarray, use: np.ndarray, follows_ns: np.ndarray | None
+    ) -> np.ndarray:
+        """Return which rows are later than the next, which is itself later than the one before."""
+        after = follows_ns if follows_ns is not None else np.array([], np.int64)
+        known = np.concatenate([[self._latest_ns], t_ns[use], after[after != MISSING_NS]])
+        middle = known[1 : 1 + int(use.sum())]
+        follows = np.concatenate([known[2:], np.full(2, np.iinfo(np.int64).max)])[: middle.size]
+        ahead = np.zeros(t_ns.size, bool)
+        ahead[use] = (follows < middle) & (follows > known[: middle.size])
+        return ahead

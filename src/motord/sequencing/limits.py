@@ -1,0 +1,61 @@
+"""Torques and speeds that a bench can hold; refused before anything moves, by plan or by hand."""
+
+import math
+from collections.abc import Iterable
+
+from motord.config import Config
+from motord.sequencing.brake_servo import brake_torque_Nm
+from motord.sequencing.settings import PlanError
+
+SPEED_MARGIN = 0.8
+"""Part of the over-speed trip that may be asked for."""
+
+
+def check_held(config: Config, torques_Nm: Iterable[float], speeds_Hz: Iterable[float]) -> None:
+    """Refuse operating points beyond limits or brake. Raises PlanError."""
+    torques_Nm = tuple(torques_Nm)
+    for torque_Nm in torques_Nm:
+        check_torque(config, torque_Nm)
+    for speed_Hz in speeds_Hz:
+        check_speed(config, speed_Hz)
+        check_brake(config, max(torques_Nm, key=abs), speed_Hz)
+
+
+def check_torque(config: Config, torque_Nm: float) -> None:
+    """Refuse a torque that the loop would cut off. Raises PlanError."""
+    if not abs(torque_Nm) <= config.limits.torque_Nm:
+        raise PlanError(
+            f"{torque_Nm:g} Nm is above [limits] torque_Nm = {config.limits.torque_Nm:g}"
+        )
+
+
+def check_speed(config: Config, speed_Hz: float) -> None:
+    """Refuse a speed too near to the over-speed trip. Raises PlanError."""
+    speed_rad_s = 2 * math.pi * speed_Hz
+    if not abs(speed_rad_s) <= SPEED_MARGIN * config.limits.trip_speed_rad_s:
+        raise PlanError(
+            f"{speed_Hz:g} Hz is within 20 % of the over-speed trip, [limits] "
+            f"trip_speed_rad_s = {config.limits.trip_speed_rad_s:g} "
+            f"({speed_rad_s:.3g} rad/s asked)"
+        )
+
+
+def check_brake(config: Config, torque_Nm: float, speed_Hz: float) -> None:
+    """Refuse a torque that the brake cannot hold at a speed. Raises PlanError."""
+    most_Nm = abs(brake_torque_Nm(config.brake, 1.0, 2 * math.pi * speed_Hz))
+    if abs(torque_Nm) > most_Nm:
+        raise PlanError(
+            f"the brake holds at most {most_Nm:.3g} Nm at {speed_Hz:g} Hz "
+            f"([brake] torque_max_Nm, critical_speed_rad_s); {torque_Nm:g} asked"
+        )
+
+
+def check_drive(config: Config, speed_Hz: float) -> None:
+    """Refuse a speed beyond the external drive or near the over-speed trip. Raises PlanError."""
+    check_speed(config, speed_Hz)
+    speed_rad_s = 2 * math.pi * speed_Hz
+    if abs(speed_rad_s) > config.drive.speed_max_rad_s:
+        raise PlanError(
+            f"{speed_Hz:g} Hz is faster than the drive can turn, [drive] speed_max_rad_s = "
+            f"{config.drive.speed_max_rad_s:g} ({speed_rad_s:.3g} rad/s asked)"
+        )

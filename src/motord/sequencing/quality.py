@@ -1,0 +1,66 @@
+"""How well an operating point was taken, judged from its capture."""
+
+from motord.config import AccelerationConfig, DrivenConfig, MeshConfig, OscillationConfig
+from motord.sequencing.observation import Observation
+
+GOOD = "ok"
+"""Quality of an operating point that was taken as it should be."""
+
+MEAN_TOLERANCES = 2.0
+"""How far the mean speed may be off, in `speed_tolerance`."""
+TURN_TOLERANCES = 3.0
+"""How far the mean of any turn may be off."""
+MISSING_PART = 0.2
+"""Part of the periods that may be without a tick."""
+ERRORS_PART = 0.01
+"""Frames that may be lost or corrupt, for each tick."""
+
+
+def of_capture(seen: Observation, speed_Hz: float, how: MeshConfig | DrivenConfig) -> str:
+    """Return "ok", or what is wrong with the point captured at `speed_Hz`, in words.
+
+    `seen` is the observation at the end of its capture.
+    """
+    return _all_of(_speed(seen, speed_Hz, how.speed_tolerance), seen, how.temperature_C)
+
+
+def of_push(seen: Observation, moved_rad: float, push: AccelerationConfig) -> str:
+    """As `of_capture`, of a step of torque from a rest in which the rotor moved so far."""
+    moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
+    return _all_of(moved if moved_rad > push.rest_rad else "", seen, push.temperature_C)
+
+
+def of_swing(seen: Observation, swing: OscillationConfig) -> str:
+    """As `of_capture`, of a release of the bar, which is only taken once it was held still."""
+    return _all_of("", seen, swing.temperature_C)
+
+
+def _all_of(settled: str, seen: Observation, band_C: tuple[float, float] | None) -> str:
+    wrong = (settled, _noise(seen), _temperature(seen, band_C))
+    return "; ".join(filter(None, wrong)) or GOOD
+
+
+def _speed(seen: Observation, speed_Hz: float, tolerance: float) -> str:
+    off = abs(seen.point_speed_Hz / speed_Hz - 1.0)
+    if off > MEAN_TOLERANCES * tolerance:
+        return f"speed off by {100 * off:.1f} %"
+    range_Hz = (seen.point_slowest_Hz, seen.point_fastest_Hz)
+    furthest = max(abs(turn_Hz / speed_Hz - 1.0) for turn_Hz in range_Hz)
+    if furthest > TURN_TOLERANCES * tolerance:
+        return f"not settled: turns from {range_Hz[0]:.3g} to {range_Hz[1]:.3g} Hz"
+    return ""
+
+
+def _noise(seen: Observation) -> str:
+    periods = seen.point_ticks + seen.point_missed
+    if seen.point_missed > MISSING_PART * periods:
+        return f"{100 * seen.point_missed / periods:.0f} % of its ticks are missing"
+    if seen.point_link_errors > ERRORS_PART * seen.point_ticks:
+        return f"noisy: {seen.point_link_errors} frames lost or corrupt"
+    return ""
+
+
+def _temperature(seen: Observation, band_C: tuple[float, float] | None) -> str:
+    if band_C is None or band_C[0] <= seen.temperature_C <= band_C[1]:
+        return ""
+    return f"inverter at {seen.temperature_C:.1f} degC, outside {band_C[0]:g} to {band_C[1]:g}"

@@ -1,0 +1,168 @@
+"""Recordings of `align` through analysis, command line, bench file and report."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.config import Config, MotorConfig, load, packaged
+from motord.control.types import SETPOINT
+from motord.experiments.alignment import analysis
+from motord.experiments.calibration.estimate.calibrator import calibrate
+from motord.experiments.plans import build
+from motord.experiments.subject import Subject
+from motord.identification.operating_points import PointData
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
+from motord.virtual import VirtualBench
+from motord.virtual.plan import run_plan
+
+TRUTH = """
+[encoder]
+counts = 4096
+offset_rad = 4.4
+direction = -1
+"""
+SHORT = ("--set", "turns=1", "--set", "rests=17")
+
+
+def motord(*words: object):
+    return CliRunner().invoke(app, [*map(str, words)])
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bench whose encoder and phases are not what its file says, and a run of the plan."""
+    folder = tmp_path_factory.mktemp("align")
+    truth = packaged("report.rig.toml").read_text()
+    truth = truth.replace("\n[encoder]\ncounts = 4096\n", TRUTH)
+    truth = truth.replace("[inverter]\n", '[inverter]\nphase_order = "acb"\n')
+    (folder / "rig.toml").write_text(truth)
+    text = packaged("sim.toml").read_text().replace('"report.rig.toml"', '"rig.toml"')
+    (folder / "bench.toml").write_text(text)
+    done = motord(
+        "simulate", "align", "-c", folder / "bench.toml", "-o", folder / "run.mcap", *SHORT
+    )
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+def test_what_is_found_is_written_into_the_bench_file(bench: Path, tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text((bench / "bench.toml").read_text())
+    done = motord(
+        "analyse", "align", bench / "run.mcap", "--write", path,
+        "-o", tmp_path / "r.json", "--report", tmp_path / "r.html",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert 'phase_order = "acb"' in done.output
+    assert "encoder_direction = -1" in done.output
+    assert "the bench file has it otherwise" in done.output
+    assert f"wrote {path}" in done.output
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["schema"] == "motord.align/1"
+    assert result["torque_sensor"]["shows_direction"] is True
+    written = tomllib.loads(path.read_text())["motor"]
+    assert {name: written[name] for name in result["fields"]} == result["fields"]
+    turn_rad = np.pi / 4
+    off_rad = (written["encoder_offset_rad"] - 4.4 + turn_rad / 2) % turn_rad - turn_rad / 2
+    assert abs(off_rad) < 3 * result["encoder_offset_stderr_rad"] < 0.003
+    page = (tmp_path / "r.html").read_text()
+    assert page.count("<figure>") == 3
+    assert "<td>acb</td><td>abc</td>" in page
+
+
+def test_the_bench_calibrates_then_as_if_it_had_been_right(bench: Path, tmp_path: Path) -> None:
+    path = bench / "aligned.toml"
+    path.write_text((bench / "bench.toml").read_text())
+    assert motord("analyse", "align", bench / "run.mcap", "--write", path).exit_code == 0
+    config = load(path)
+    found = _calibrated(config)
+    assert found.alpha == pytest.approx((0.8, 1.118, 1.118), rel=0.005)
+    assert found.beta_A == pytest.approx((1.0, -0.5, -0.5), abs=0.03)
+    amplitude_Nm = {h.order: h.amplitude_Nm for h in found.harmonics}
+    assert amplitude_Nm[48] == pytest.approx(0.33, rel=0.02)
+
+
+def _calibrated(config: Config):
+    bench = VirtualBench(config, seed=5)
+    mesh = {"torques_Nm": [2, 4], "speeds_Hz": [0.8], "turns": 6, "settle_s": 1, "gain_steps": []}
+    blocks: list[np.ndarray] = []
+    points = run_plan(
+        bench, build("calibrate", config, mesh), lambda ticks, _: blocks.append(ticks)
+    )
+    ticks = np.concatenate(blocks)
+    data = [
+        PointData(p["torque_Nm"], p["speed_Hz"], ticks[ticks["plan_point"] == p["index"]])
+        for p in points
+    ]
+    return calibrate(data, config.motor, config.torque_sensor)
+
+
+@pytest.mark.parametrize(
+    ("off_points", "words"), [(0.0, "right, its zero within 0.00"), (4.0, "zero is +4.0")]
+)
+def test_a_bench_file_that_is_right_or_nearly(bench: Path, off_points: float, words: str) -> None:
+    run = open_run(bench / "run.mcap")
+    found = analysis.found_alignment([run], Subject.of_runs([run]))
+    told = load(bench / "bench.toml").motor.model_dump() | analysis.fields(found)
+    told["encoder_offset_rad"] = found.offset_rad + off_points * 2 * np.pi / 4096
+    [note] = analysis.notes(found, MotorConfig.model_validate(told))
+    assert words in note
+
+
+def test_the_result_is_json(bench: Path) -> None:
+    done = motord("analyse", "align", bench / "run.mcap", "--json")
+    assert json.loads(done.output)["rests_left_out"] < 10
+
+
+def test_notes_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> None:
+    run = open_run(bench / "run.mcap")
+    subject = Subject.of_runs([run])
+    found = analysis.found_alignment([run], subject)
+    odd = replace(
+        found,
+        answer=replace(found.answer, way=0),
+        gains=(1.0, 1.3, 1.0),
+        offset_stderr_rad=0.002,
+        left_out=found.rests.still.size // 2,
+    )
+    words = " ".join(analysis.notes(odd, subject.motor))
+    assert "does not show the rotor's swings" in words
+    assert "phase b: sensed current is 1.30 times the commanded one" in words
+    assert "stops are left out" in words
+    assert "the zero is not known well" in words
+
+
+def test_other_recordings_are_refused_in_one_line(bench: Path, tmp_path: Path) -> None:
+    done = motord(
+        "simulate", "verify", "-o", tmp_path / "v.mcap", "--set", "compensate=off",
+        "--set", "torques_Nm=3", "--set", "speeds_Hz=1", "--set", "turns=2",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    done = motord("analyse", "align", tmp_path / "v.mcap")
+    assert done.exit_code == 1
+    assert "is of the plan verify; needed: align" in done.stderr
+    (tmp_path / "motorless.toml").write_text("[bench]\n")
+    done = motord("analyse", "align", bench / "run.mcap", "--write", tmp_path / "motorless.toml")
+    assert done.exit_code == 1
+    assert "there is no table [motor] to write to" in done.stderr
+
+
+def test_runs_that_were_ended_early_count_for_nothing(bench: Path, tmp_path: Path) -> None:
+    config = load(bench / "bench.toml")
+    ticks, _ = VirtualBench(config, seed=1).run(np.zeros(1, SETPOINT), 100)
+    early = tmp_path / "early.mcap"
+    metadata = describe(config, (bench / "bench.toml").read_text(), plan={"name": "align"})
+    with RunWriter(early, metadata) as writer:
+        writer.ticks(ticks)
+    done = motord("analyse", "align", early)
+    assert done.exit_code == 1
+    assert "the plan was ended before a sweep was over: start it anew" in done.stderr
+    assert motord("analyse", "align", early, bench / "run.mcap").exit_code == 0

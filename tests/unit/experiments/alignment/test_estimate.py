@@ -1,0 +1,203 @@
+"""Phase order, direction and zero on simulated rigs where they are anything; and refusals."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from motord.config import Config, load
+from motord.experiments.alignment import estimate as alignment
+from motord.experiments.alignment.estimate import align
+from motord.experiments.alignment.rests import rests_of, unwrapped_rad
+from motord.experiments.alignment.rests_checks import torque_answer
+from motord.identification import IdentifyError
+from tests.campaigns.align import Case, random_case, sweeps_of
+
+SHORT = {"turns": 1, "rests": 17, "hold_s": 0.3}
+CONFIG = load()
+POINT_RAD = 2 * np.pi / CONFIG.motor.counts
+
+cases = st.builds(
+    Case,
+    offset_rad=st.floats(-7, 7),
+    direction=st.sampled_from([1, -1]),
+    phase_order=st.sampled_from(["abc", "acb"]),
+    standing_rad=st.floats(0, 6.3),
+    seed=st.integers(0, 2**31),
+)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(case=cases)
+@example(case=Case(0.0, 1, "abc", 0.0, 1))
+@example(case=Case(0.0, -1, "acb", 0.0, 1))
+@example(case=Case(np.pi / 8, -1, "abc", 0.0, 1))
+@example(case=Case(np.pi / 8, 1, "acb", 0.0, 1))
+def test_whatever_is_true_is_found(case: Case) -> None:
+    found = align(sweeps_of(CONFIG, case.truth(), case.seed, **SHORT), CONFIG.motor)
+    assert (found.phase_order, found.direction) == (case.phase_order, case.direction)
+    assert found.sign_seen
+    error = abs(case.error_points(found, CONFIG))
+    assert error < 0.5 + found.friction_rad / POINT_RAD
+    assert error < 3 * found.offset_stderr_rad / POINT_RAD
+    assert 0.2 < found.offset_stderr_rad / POINT_RAD < 0.7
+    assert found.pole_pairs == pytest.approx(8, abs=0.03)
+    assert found.gains == pytest.approx((1, 1, 1), abs=0.01)
+
+
+def told(**motor: object) -> Config:
+    content = load().model_dump()
+    content["motor"] |= motor
+    return Config.model_validate(content)
+
+
+def test_it_is_found_from_a_bench_that_was_told_otherwise() -> None:
+    case = random_case(3)
+    config = told(encoder_direction=-1, phase_order="acb", encoder_offset_rad=2.0)
+    found = align(sweeps_of(config, case.truth(), 3, **SHORT), config.motor)
+    assert (found.phase_order, found.direction) == (case.phase_order, case.direction)
+    assert abs(case.error_points(found, config)) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("motor", "truth"),
+    [
+        (
+            {"connection": "star", "pole_pairs": 5, "slots": 12},
+            {"connection": "star", "pole_pairs": 5, "cogging": [
+                {"order": 60, "amplitude_Nm": 0.1, "phase_rad": 0.3},
+                {"order": 12, "amplitude_Nm": 0.03},
+            ]},
+        ),
+        ({"pole_pairs": 20, "slots": 60}, {"pole_pairs": 20, "cogging": []}),
+    ],
+)  # fmt: skip
+def test_other_motors(motor: dict, truth: dict) -> None:
+    case, config = random_case(2), told(**motor)
+    found = align(sweeps_of(config, case.truth(motor=truth), 2, **SHORT), config.motor)
+    assert (found.phase_order, found.direction) == (case.phase_order, case.direction)
+    friction = found.friction_rad / POINT_RAD
+    assert abs(case.error_points(found, config)) < 0.5 + friction
+
+
+@pytest.fixture(scope="module")
+def sweeps() -> list[np.ndarray]:
+    return sweeps_of(CONFIG, random_case(1).truth(), 1, **SHORT)
+
+
+@pytest.mark.parametrize("pole_pairs", [4, 7, 9, 16])
+def test_pole_pairs_that_do_not_fit_are_refused(sweeps: list, pole_pairs: int) -> None:
+    words = rf"turned 1/8.00 of a turn .* is 8 pole pairs, and \[motor\] pole_pairs = {pole_pairs}"
+    with pytest.raises(IdentifyError, match=words):
+        align(sweeps, told(pole_pairs=pole_pairs, slots=6 * pole_pairs).motor)
+
+
+def test_an_encoder_of_another_resolution_is_refused(sweeps: list) -> None:
+    scaled = [_with(ticks, encoder_count=(ticks["encoder_count"] * 0.95).astype(int)) for ticks in
+              sweeps]  # fmt: skip
+    with pytest.raises(IdentifyError, match=r"no whole number of pole pairs .* counts"):
+        align(scaled, CONFIG.motor)
+
+
+def _with(ticks: np.ndarray, **columns: np.ndarray) -> np.ndarray:
+    changed = ticks.copy()
+    for name, values in columns.items():
+        changed[name] = values
+    return changed
+
+
+def test_current_sensors_in_another_order_are_named(sweeps: list) -> None:
+    swapped = [_with(t, i_b_A=t["i_c_A"], i_c_A=t["i_b_A"]) for t in sweeps]
+    words = "sensed as phase b is that commanded in phase c: exchange .* feedback_i_A"
+    with pytest.raises(IdentifyError, match=words):
+        align(swapped, CONFIG.motor)
+
+
+def test_a_current_sensor_that_is_turned_round_is_named(sweeps: list) -> None:
+    with pytest.raises(IdentifyError, match="phase a has the opposite sign of its command"):
+        align([_with(t, i_a_A=-t["i_a_A"]) for t in sweeps], CONFIG.motor)
+
+
+def test_a_phase_without_current_is_named(sweeps: list) -> None:
+    with pytest.raises(IdentifyError, match=r"phase c: 0.10 A are sensed for each ampere"):
+        align([_with(t, i_c_A=0.1 * t["i_c_A"]) for t in sweeps], CONFIG.motor)
+
+
+def test_without_a_torque_sensor_forwards_is_where_the_encoder_counts_up(sweeps: list) -> None:
+    noise = np.random.default_rng(1)
+    mute = [_with(t, torque_Nm=0.02 * noise.standard_normal(t.size)) for t in sweeps]
+    found = align(mute, CONFIG.motor)
+    assert not found.sign_seen
+    assert found.direction == CONFIG.motor.encoder_direction
+    true = random_case(1)
+    backwards = true.direction != found.direction
+    assert (found.phase_order == true.phase_order) != backwards
+    still = torque_answer([_with(t, torque_Nm=np.zeros(t.size)) for t in sweeps], 4096)
+    assert (still.way, still.explained) == (0, (0.0, 0.0))
+
+
+def test_few_stops_one_way_and_rotors_that_swing_are_refused(sweeps: list) -> None:
+    forwards = [sweeps[0], sweeps[2]]
+    with pytest.raises(IdentifyError, match="0 stops of a current vector backwards, at least 10"):
+        align(forwards, CONFIG.motor)
+    swing = [
+        _with(t, encoder_count=t["encoder_count"] + 20 * (np.arange(t.size) // 30 % 2))
+        for t in sweeps
+    ]
+    with pytest.raises(IdentifyError, match=r"at 0 of 36 stops forwards: set a longer hold_s"):
+        align(swing, CONFIG.motor)
+
+
+def test_a_rotor_that_slips_is_refused(sweeps: list) -> None:
+    """One that stays behind in every other sweep."""
+    stands = [
+        _with(t, encoder_count=np.full(t.size, 7)) if number % 2 else t
+        for number, t in enumerate(sweeps)
+    ]
+    with pytest.raises(IdentifyError, match="does not follow the current vector evenly"):
+        align(stands, CONFIG.motor)
+
+
+def test_no_zero_without_a_fundamental_nor_for_a_table(sweeps: list) -> None:
+    third = told(back_emf=[{"order": 3, "amplitude_V_s_per_rad": 0.1}])
+    with pytest.raises(IdentifyError, match="no order 1"):
+        align(sweeps, third.motor)
+    table = told(back_emf={"k_V_s_per_rad": CONFIG.motor.back_emf_table().tolist()})
+    with pytest.raises(IdentifyError, match="measured table"):
+        align(sweeps, table.motor)
+
+
+def test_one_sweep_of_less_than_a_turn_has_no_pole_pairs(sweeps: list) -> None:
+    cut = [t[: t.size * 7 // 10] for t in sweeps]
+    with pytest.raises(IdentifyError, match="no two stops a whole electrical turn apart"):
+        align(cut, CONFIG.motor)
+
+
+def test_angles_go_on_beyond_a_turn() -> None:
+    counts = np.array([90, 96, 3, 9, 97, 60])
+    steps = np.diff(unwrapped_rad(counts, 100)) * 100 / (2 * np.pi)
+    np.testing.assert_allclose(steps, [6, 7, 6, -12, -37], atol=1e-9)
+
+
+def test_stops_are_where_the_command_stays(sweeps: list) -> None:
+    rests = rests_of(sweeps, 4096, 8)
+    assert rests.way.size == 4 * 18
+    assert np.ptp(np.abs(rests.vector_A[rests.sweep == 3])) < 1e-5
+    turns = rests.electrical_rad[rests.sweep == 2] / (2 * np.pi)
+    np.testing.assert_allclose(turns - turns[0], np.arange(18) / 17, atol=1e-6)
+    assert rests_of([sweeps[0][:100]], 4096, 8).way.size == 0
+    assert torque_answer([sweeps[0][:100]], 4096).way == 0
+
+
+def test_ticks_between_samples_of_the_encoder_change_nothing(sweeps: list) -> None:
+    """Two ticks of three came without a new sample: they repeat the newest, its time included."""
+    plain, repeated = (
+        torque_answer([np.repeat(t, often) for t in sweeps], 4096) for often in (1, 3)
+    )
+    assert (plain.way, plain.explained) == (repeated.way, repeated.explained)
+
+
+def test_a_fit_that_does_not_end_is_refused(sweeps: list, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alignment, "ITERATIONS", 3)
+    with pytest.raises(IdentifyError, match="no encoder offset fits the rests"):
+        align(sweeps, CONFIG.motor)

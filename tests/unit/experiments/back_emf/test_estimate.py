@@ -1,0 +1,134 @@
+"""Back-EMF of driven rotors against the truth, over motors, encoders and what recordings lack."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motord.experiments.back_emf.estimate import measure
+from motord.identification import IdentifyError
+from motord.identification.cluster_robust_ls import Regressors
+from motord.identification.operating_points import PointData
+from tests.campaigns.back_emf import BOUND_PERCENT, errors, measured
+from tests.campaigns.driven import MOTORS, REPORT, Motor, inverter_apart, ticks_of
+
+
+def test_the_simulated_rig_within_the_bound() -> None:
+    found, truth = measured(REPORT, 1)
+    line_percent, table_percent, z = errors(found, truth)
+    assert line_percent < BOUND_PERCENT
+    assert table_percent < BOUND_PERCENT
+    assert np.sqrt((z**2).mean()) == pytest.approx(1.0, abs=0.3)
+    assert (found.order[found.kept] // 8).tolist()[:4] == [1, 3, 5, 7]
+    assert found.delay_s is not None
+    assert abs(found.delay_s[0]) < 4 * found.delay_s[1] < 5e-5
+    assert found.noise_V == pytest.approx(0.02, rel=0.1)
+    assert np.abs(found.offset_V).max() < 1e-3
+    assert found.fundamental == pytest.approx(0.206, rel=1e-3)
+
+
+@pytest.mark.parametrize("motor", MOTORS, ids=lambda motor: motor.name)
+def test_any_motor(motor: Motor) -> None:
+    found, truth = measured(motor, 2, apart=False, speeds_Hz=(0.87, 1.37), turns=9)
+    line_percent, table_percent, _ = errors(found, truth)
+    assert line_percent < 2 * BOUND_PERCENT  # a third of the turns
+    assert table_percent < 2 * BOUND_PERCENT
+    assert found.table().shape == (motor.counts, 3)
+
+
+@pytest.fixture(scope="module")
+def points() -> list[PointData]:
+    return ticks_of("back-emf", REPORT, 3, rate_Hz=4000, speeds_Hz=(0.6, 1.2), turns=8)[2]
+
+
+def test_an_age_that_the_recording_does_not_tell_is_found(points: list[PointData]) -> None:
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    late = []
+    for point in points:
+        ticks = point.ticks[4::4].copy()
+        for phase in "abc":
+            ticks[f"u_{phase}_V"] = point.ticks[f"u_{phase}_V"][2:-2:4][: ticks.size]
+        late.append(replace(point, ticks=ticks))
+    found = measure(late, motor)
+    assert found.delay_s is not None
+    assert found.delay_s[0] == pytest.approx(0.5e-3, abs=4 * found.delay_s[1])
+    angle = np.angle(1j * found.line[0, 0])
+    assert angle == pytest.approx(0.0, abs=4 * found.phase_stderr[0, 0] / 0.206)
+    alone = measure(late[:1], motor)
+    assert alone.delay_s is None
+    assert np.angle(1j * alone.line[0, 0]) == pytest.approx(-8 * 3.77 * 0.5e-3, rel=0.1)
+
+
+def test_samples_that_repeat_one_of_the_inverter_count_once(points: list[PointData]) -> None:
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    held = []
+    for point in points:
+        ticks = point.ticks.copy()
+        rows = np.arange(ticks.size) // 4 * 4
+        for phase in "abc":
+            ticks[f"u_{phase}_V"] = ticks[f"u_{phase}_V"][rows]
+        ticks["i_age_ns"] = ticks["t_ns"] - ticks["t_ns"][rows]
+        held.append(replace(point, ticks=ticks))
+    found = measure(held, motor)
+    every = measure([inverter_apart(point, 4, 1) for point in points], motor)
+    assert np.abs(found.line[0] - every.line[0]).max() < 0.003 * 0.206
+    assert found.stderr[0, 0] == pytest.approx(every.stderr[0, 0], rel=0.4)
+
+
+def test_an_order_that_is_no_multiple_of_the_pole_pairs_is_kept(points: list[PointData]) -> None:
+    motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
+    bent = []
+    for point in points:
+        ticks = point.ticks[::4].copy()
+        angle_rad = 2 * np.pi * ticks["encoder_count"] / 4096
+        ticks["u_b_V"] += 0.01 * ticks["speed_rad_s"] * np.sin(9 * angle_rad + 0.3)
+        bent.append(replace(point, ticks=ticks))
+    found = measure(bent, motor)
+    place = int(np.flatnonzero(found.order == 9)[0])
+    assert found.kept[place]
+    assert abs(found.line[place, 1]) == pytest.approx(0.01, rel=0.1)
+    assert abs(found.line[place, 0]) < 0.001
+
+
+def test_what_cannot_be_told_is_refused(points: list[PointData]) -> None:
+    config, _, _ = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)
+    motor, point = config.motor, points[1]
+    with pytest.raises(IdentifyError, match="no good operating point"):
+        measure([], motor)
+    without = replace(point, ticks=point.ticks[["t_ns", "encoder_count", "u_a_V"]])
+    with pytest.raises(IdentifyError, match="has no u_b_V, u_c_V: no phase voltages"):
+        measure([without], motor)
+    dead = point.ticks.copy()
+    dead["u_c_V"] = 0.0
+    with pytest.raises(IdentifyError, match="nothing was recorded in u_c_V"):
+        measure([replace(point, ticks=dead)], motor)
+    with pytest.raises(IdentifyError, match="samples a turn cannot show 8 periods"):
+        measure([replace(point, ticks=point.ticks[::220].copy())], motor)
+
+
+def test_standard_errors_know_of_noise_that_holds_over_a_turn() -> None:
+    rng = np.random.default_rng(1)
+    turn = np.repeat(np.arange(40), 100)
+    columns = np.column_stack([np.ones(4000), np.tile(np.linspace(-1, 1, 100), 40)])
+    truth = np.array([2.0, -1.0])
+    apart = []
+    for _ in range(200):
+        noise = rng.standard_normal(4000) + rng.standard_normal(40)[turn]
+        fit = Regressors.of(columns, turn).fit(columns @ truth + noise)
+        apart.append((fit.solution - truth) / np.sqrt(np.diag(fit.covariance)))
+    rms = np.sqrt((np.array(apart) ** 2).mean(axis=0))
+    assert rms[0] == pytest.approx(1.0, abs=0.25)
+    assert rms[1] < 1.2
+
+
+def test_one_more_column_is_the_same_as_fitting_it_too() -> None:
+    rng = np.random.default_rng(2)
+    turn = np.repeat(np.arange(10), 50)
+    columns = rng.standard_normal((500, 4))
+    more = columns @ np.array([0.3, 0.1, -0.2, 0.0]) + rng.standard_normal(500)
+    values = 0.7 * more + rng.standard_normal(500)
+    regressors = Regressors.of(columns, turn)
+    coefficient, variance = regressors.one_more(regressors.fit(values), more)
+    together = Regressors.of(np.column_stack([columns, more]), turn).fit(values)
+    assert coefficient == pytest.approx(together.solution[-1])
+    assert variance == pytest.approx(together.covariance[-1, -1], rel=0.05)

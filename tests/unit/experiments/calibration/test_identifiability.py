@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.experiments.calibration.estimate.identifiability import (
+    COMMON,
+    Gauge,
+    decide,
+    unit_product,
+)
+
+positive = st.floats(0.3, 3.0)
+
+
+@given(st.tuples(positive, positive, positive), st.floats(-0.5, 0.5))
+def test_unit_product_is_found(alpha: tuple[float, float, float], shift: float) -> None:
+    truth = np.array(alpha) / np.cbrt(np.prod(alpha))
+    base = truth - shift * COMMON
+    s = unit_product(base, COMMON)
+    assert np.allclose(base + s * COMMON, truth, atol=1e-6)
+
+
+def test_no_positive_gains_is_nan() -> None:
+    assert np.isnan(unit_product(np.array([-1.0, 1.0, 1.0]), np.array([0.0, 1.0, 0.0])))
+
+
+def information(alpha_common: float, beta_common: float) -> np.ndarray:
+    """Information on 3 gains, 3 offsets, age and a cogging order, with weak common directions."""
+    strong = np.eye(3) - np.outer(COMMON, COMMON)
+    matrix = np.eye(8)
+    matrix[:3, :3] = 1e6 * strong + alpha_common * np.outer(COMMON, COMMON)
+    matrix[3:6, 3:6] = 1e6 * strong + beta_common * np.outer(COMMON, COMMON)
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("alpha_common", "beta_common", "gain_seen", "offset_seen"),
+    [
+        (0.0, 0.0, False, False),
+        (1e5, 1e5, True, True),
+        (1e5, 0.0, True, False),
+        (1.0, 1e5, False, True),
+    ],
+)
+def test_what_the_data_show(
+    alpha_common: float, beta_common: float, gain_seen: bool, offset_seen: bool
+) -> None:
+    matrix = information(alpha_common, beta_common)
+    gauge = decide(matrix, matrix, rated_A=20.0)
+    assert (gauge.gain_direction is None) == gain_seen
+    assert gauge.offset_seen == offset_seen
+    if gauge.gain_direction is not None:
+        assert np.allclose(gauge.gain_direction, COMMON)
+    unseen = 2 - gain_seen - offset_seen
+    subspace = gauge.subspace(8)
+    assert subspace.shape == (8, 8 - unseen)
+    assert np.allclose(subspace.T @ subspace, np.eye(8 - unseen))
+    assert np.allclose(subspace.T @ gauge.gain_vector(8), 0)
+
+
+def test_weak_numbers_do_not_count_as_seen() -> None:
+    matrix = information(100.0, 25.0)  # standard errors 0.1, and 0.2 A of 20 A
+    gauge = decide(matrix, matrix, rated_A=20.0)
+    assert gauge == Gauge(gauge.gain_direction, offset_seen=False)
+    assert gauge.gain_direction is not None

@@ -1,0 +1,61 @@
+"""Commanded currents as functions of the encoder count."""
+
+import numpy as np
+import pytest
+
+from motord.experiments.calibration.estimate.instrumental_variables import (
+    commands_over_angle,
+    instruments,
+)
+from motord.identification.basis import Basis
+from motord.identification.operating_points import Samples
+from tests.unit.identification.synthetic_bench import motor
+
+COUNTS, SPEED_HZ = 256, 0.8
+ORDERS = np.array([8, 24])
+LINES_A = np.array([[3.0, 1.0 - 2.0j, 0.5j], [0.2j, 0.1, -0.3]])
+
+
+def samples(noise_A: float = 0.0) -> Samples:
+    t_s = np.arange(12_000) * 1e-3
+    theta = 2 * np.pi * SPEED_HZ * t_s
+    waves = np.exp(1j * np.outer(theta, ORDERS)) @ LINES_A
+    rng = np.random.default_rng(1)
+    return Samples(
+        torque_set_Nm=1.0,
+        speed_set_Hz=SPEED_HZ,
+        compensate=0,
+        t_s=t_s,
+        count=np.rint(theta / (2 * np.pi) * COUNTS).astype(int) % COUNTS,
+        torque_Nm=np.zeros(t_s.size),
+        i_A=np.zeros((t_s.size, 3)),
+        command_A=waves.real + rng.normal(scale=noise_A or 1e-12, size=(t_s.size, 3)),
+        turns=tuple((n * 1250, (n + 1) * 1250) for n in range(9)),
+    )
+
+
+@pytest.mark.parametrize("noise_A", [0.0, 0.1])
+def test_lines_are_those_of_the_commands(noise_A: float) -> None:
+    lines = commands_over_angle(samples(noise_A), COUNTS)
+    cell = np.sinc(ORDERS / COUNTS)[:, None]
+    assert lines.shape == ((COUNTS - 1) // 2 + 1, 3)
+    assert np.allclose(lines[ORDERS], LINES_A * cell, atol=0.01)
+    others = np.delete(np.abs(lines), ORDERS, axis=0)
+    assert others.max() < 0.03 + 0.1 * noise_A
+
+
+def test_tables_are_the_derivatives_of_the_currents() -> None:
+    basis = Basis.of(motor(counts=COUNTS), (16,))
+    lines = np.zeros((40, 3), complex)
+    lines[ORDERS] = LINES_A
+    i_A, rates = instruments(lines, basis, SPEED_HZ)
+    theta = 2 * np.pi * np.arange(COUNTS) / COUNTS
+    w = 2j * np.pi * SPEED_HZ * ORDERS[:, None]
+    waves = np.exp(1j * np.outer(theta, ORDERS))
+    current, rate, second = ((waves @ (LINES_A * w**n)).real for n in range(3))
+    assert np.allclose(i_A, current)
+    assert np.allclose(rates[:, :3], rate * basis.back_emf)
+    half = np.gradient(np.tile(basis.back_emf, (3, 1)), axis=0)[COUNTS : 2 * COUNTS] / 2
+    k_rate = 2 * half * COUNTS * SPEED_HZ
+    bend = (second * basis.back_emf + rate * k_rate / 2).sum(axis=1)
+    assert np.allclose(rates[:, 3], bend, atol=0.08 * np.abs(bend).max())

@@ -1,0 +1,106 @@
+"""Sums over turns, strip by strip, against the same in whole arrays."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from motord.config import TorqueSensorConfig
+from motord.experiments.calibration.estimate.normal_equations import STRIP, accumulate, sum_up_turns
+from motord.identification.basis import Basis, fill_columns, highpass
+from motord.identification.encoder_points import EncoderSums
+from motord.identification.operating_points import Samples
+from motord.identification.torque_sensor import MountInverse
+from tests.unit.identification.synthetic_bench import motor
+
+
+def samples(per_turn: int, turns: int, before: int) -> Samples:
+    rng = np.random.default_rng(per_turn)
+    n = before + per_turn * turns
+    count = ((np.arange(n) - before) * 64 // per_turn) % 64
+    edges = range(before, n + 1, per_turn)
+    return Samples(
+        torque_set_Nm=2.0,
+        speed_set_Hz=1.0,
+        compensate=0,
+        t_s=np.arange(n) / per_turn,
+        count=count,
+        torque_Nm=rng.normal(size=n),
+        i_A=rng.normal(size=(n, 3)),
+        command_A=rng.normal(size=(n, 3)),
+        turns=tuple(pairwise(edges)),
+    )
+
+
+def products_without_trend(rows: np.ndarray, t_s: np.ndarray) -> np.ndarray:
+    trend = np.column_stack([np.ones(t_s.size), t_s - t_s.mean()])
+    free = rows - trend @ np.linalg.lstsq(trend, rows, rcond=None)[0]
+    return free.T @ free
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("tau_s", [0.0, 0.7])
+def test_each_turn_is_the_products_of_its_columns(tau_s: float) -> None:
+    s = samples(STRIP // 8 + 3, 2, 5)
+    basis = Basis.of(motor(counts=64), (16,))
+    currents_A = np.concatenate([s.i_A, s.command_A], axis=1)
+    torque, currents = np.zeros((2, 24, 24)), np.zeros((2, 8, 8))
+    tables = basis.back_emf, basis.cogging, np.random.default_rng(3).normal(size=(64, 4))
+    state = np.zeros((2, basis.width - 1))
+    sum_up_turns(
+        s.count, s.t_s, currents_A, s.torque_Nm, np.array(s.turns), *tables, tau_s, state,
+        torque, currents,
+    )  # fmt: skip
+    columns = np.zeros((s.count.size, basis.width))
+    modelled = np.zeros((s.count.size, basis.width - 1))
+    fill_columns(s.count, s.t_s, currents_A, 0, *tables, modelled)
+    if tau_s:
+        dt_s = np.diff(s.t_s, prepend=s.t_s[0])
+        highpass(modelled, dt_s, tau_s, np.zeros((2, basis.width - 1)))
+    columns[:, :-1], columns[:, -1] = modelled, s.torque_Nm
+    for turn, (first, end) in enumerate(s.turns):
+        part = columns[first:end]
+        wanted = np.triu(part.T @ part)
+        assert np.allclose(np.triu(torque[turn, : basis.width, : basis.width]), wanted)
+        rows = np.insert(currents_A[first:end], 3, 1.0, axis=1)
+        assert np.allclose(np.triu(currents[turn, :7, :7]), np.triu(rows.T @ rows))
+
+
+def test_columns_are_freed_of_mean_and_slope_over_each_turn() -> None:
+    s = samples(2 * STRIP + 7, 3, 11)
+    basis = Basis.of(motor(counts=64), (16,))
+    sums = accumulate(s, basis, TorqueSensorConfig())
+    assert sums.torque.shape == (3, basis.width, basis.width)
+    assert (sums.samples == 2 * STRIP + 7).all()
+    assert np.allclose(sums.torque, np.swapaxes(sums.torque, 1, 2))
+    for turn, (first, end) in enumerate(s.turns):
+        k = basis.back_emf[s.count[first:end]]
+        rows = np.concatenate([s.i_A[first:end] * k, k], axis=1)
+        wanted = products_without_trend(rows, s.t_s[first:end])
+        assert np.allclose(sums.torque[turn, :6, :6], wanted)
+        assert np.allclose(sums.currents[turn, :3, :3], s.i_A[first:end].T @ s.i_A[first:end])
+
+
+@pytest.mark.kernel
+def test_encoder_sums_and_hits() -> None:
+    values = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    found = EncoderSums.of(np.array([2, 0, 2]), values, 4)
+    assert found.sums.tolist() == [[3.0, 4.0], [0.0, 0.0], [6.0, 8.0], [0.0, 0.0]]
+    assert found.hits.tolist() == [1, 0, 2, 0]
+
+
+@pytest.mark.kernel
+def test_filter_is_a_convolution_with_edges_held() -> None:
+    rng = np.random.default_rng(1)
+    taps, values = rng.normal(size=17), rng.normal(size=(40, 2))
+    t_s = np.arange(40) * 1e-3
+    filtered = MountInverse(taps, 1e-3).apply(t_s, values)
+    for column in range(2):
+        padded = np.pad(values[:, column], 8, mode="edge")
+        assert np.allclose(filtered[:, column], np.convolve(padded, taps, mode="valid"))
+    assert np.array_equal(MountInverse(taps, 1e-3).apply(t_s, values[:, 0]), filtered[:, 0])
+    kept = np.r_[0:20, 21:40]  # a sample is missing
+    straight = values.copy()
+    straight[20] = (values[19] + values[21]) / 2
+    wanted = MountInverse(taps, 1e-3).apply(t_s, straight)[kept]
+    assert np.allclose(MountInverse(taps, 1e-3).apply(t_s[kept], values[kept]), wanted)

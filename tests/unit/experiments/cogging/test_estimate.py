@@ -1,0 +1,168 @@
+"""Cogging torque of driven rotors against the truth, over motors, encoders and sensors."""
+
+from dataclasses import replace
+from math import lcm
+
+import numpy as np
+import pytest
+
+from motord.calibration import CalibratedMotor
+from motord.config import MotorConfig, TorqueSensorConfig
+from motord.experiments.cogging.average import compare, measure
+from motord.identification import IdentifyError
+from motord.identification.driven_rotor import stretches_of
+from motord.identification.operating_points import PointData
+from tests.campaigns.cogging import errors, measured, true_line
+from tests.campaigns.driven import MOTORS, REPORT, Motor
+from tests.unit.identification import synthetic_bench as synthetic
+from tests.unit.test_calibration import make
+
+
+def driven(bench: synthetic.Bench, *speeds_Hz: float, turns: float = 9.3) -> list[PointData]:
+    """Points of a rotor without current; the currents were not recorded."""
+    points = []
+    for row, speed_Hz in enumerate(speeds_Hz):
+        point = bench.point(0.0, speed_Hz, turns, seed=row + 3)
+        columns = ["t_ns", "encoder_count", "torque_Nm"]
+        points.append(replace(point, ticks=point.ticks[columns].copy()))
+    return points
+
+
+def no_current(**changes: object) -> synthetic.Truth:
+    return synthetic.Truth(alpha=(1.0, 1.0, 1.0), beta_A=(0.0, 0.0, 0.0), **changes)  # type: ignore[arg-type]
+
+
+def test_the_simulated_rig_is_measured_in_spite_of_belt_and_sensor() -> None:
+    found, truth = measured(REPORT, 1, speeds_Hz=(0.5, 1.0))
+    magnitude_percent, phase_points, time_percent, z = errors(found, truth)
+    assert magnitude_percent < 0.8  # two of the six speeds
+    assert phase_points < 0.2
+    assert time_percent < 0.5
+    assert found.speeds[0].speed_ripple > 0.1
+    assert np.sqrt((z**2).mean()) == pytest.approx(1.0, abs=0.6)
+    assert found.main_order == 48
+    assert np.abs(found.error_percent(found.speeds[0])).max() < 1.0
+
+
+@pytest.mark.parametrize("motor", MOTORS, ids=lambda motor: motor.name)
+def test_any_motor(motor: Motor) -> None:
+    found, truth = measured(motor, 2, speeds_Hz=(0.87, 1.13), turns=9)
+    main = lcm(motor.slots, motor.poles)
+    assert found.main_order == main
+    assert found.order[np.argmax(found.amplitude_Nm)] == main
+    assert {motor.slots, motor.poles, main} <= set(found.order[found.allowed].tolist())
+    for h in truth.motor.cogging:
+        place = int(np.flatnonzero(found.order == h.order)[0])
+        off_Nm = abs(found.line_Nm[place] - true_line(truth, h.order))
+        assert off_Nm < 5 * found.stderr_Nm[place] + 1e-4
+        assert found.stderr_Nm[place] < 1.5e-3
+
+
+@pytest.mark.parametrize("counts", [1000, 2001, 20_000])
+@pytest.mark.parametrize("highpass_s", [0.0, 0.5])
+def test_any_encoder_and_a_sensor_that_passes_the_mean(counts: int, highpass_s: float) -> None:
+    sensor = TorqueSensorConfig(highpass_time_constant_s=highpass_s)
+    bench = synthetic.Bench(
+        motor=synthetic.motor(counts=counts),
+        truth=no_current(),
+        sensor=sensor,
+        torque_noise_Nm=0.02,
+    )
+    found = measure(driven(bench, 0.5, 0.8), bench.motor, sensor)
+    for order, (amplitude_Nm, phase_rad) in bench.truth.cogging.items():
+        place = int(np.flatnonzero(found.order == order)[0])
+        assert found.amplitude_Nm[place] == pytest.approx(amplitude_Nm, abs=1.2e-3)
+        assert found.phase_rad[place] == pytest.approx(phase_rad, abs=0.03)
+
+
+def test_a_rotor_that_turns_backward_has_the_same_cogging_torque() -> None:
+    bench = synthetic.Bench(truth=no_current(), torque_noise_Nm=0.01)
+    forward = driven(bench, 0.7)
+    backward = []
+    for point in forward:
+        ticks = point.ticks[::-1].copy()
+        ticks["t_ns"] = point.ticks["t_ns"]
+        backward.append(replace(point, ticks=ticks))
+    rigid = TorqueSensorConfig()
+    there = measure(forward, bench.motor, rigid)
+    back = measure(backward, bench.motor, rigid)
+    assert np.abs(there.line_Nm - back.line_Nm).max() < 1e-4
+
+
+def test_an_order_that_nothing_explains_is_told_and_not_part_of_the_torque() -> None:
+    cogging = {48: (0.1, 0.2), 7: (0.05, 0.4)}
+    bench = synthetic.Bench(truth=no_current(cogging=cogging), torque_noise_Nm=0.02)
+    found = measure(driven(bench, 0.5, 0.8), bench.motor, bench.sensor)
+    assert found.order[~found.allowed].tolist() == [7]
+    place = int(np.flatnonzero(found.order == 7)[0])
+    assert found.amplitude_Nm[place] == pytest.approx(0.05, abs=2e-3)
+    assert found.peak_Nm == pytest.approx(0.1, abs=5e-3)
+
+
+def test_a_run_without_points_is_cut_into_steady_stretches() -> None:
+    bench = synthetic.Bench(truth=no_current(), torque_noise_Nm=0.02)
+    slow, fast = driven(bench, 0.5, 0.9, turns=5.4)
+    ticks = np.concatenate([slow.ticks, fast.ticks])
+    ticks["t_ns"][slow.ticks.size :] += slow.ticks["t_ns"][-1]
+    points = stretches_of(ticks, bench.motor, ["torque_Nm"])
+    assert [round(point.speed_Hz, 1) for point in points] == [0.5, 0.9]
+    found = measure(points, bench.motor, bench.sensor)
+    assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)
+
+
+def test_a_single_turn_is_better_than_nothing() -> None:
+    bench = synthetic.Bench(truth=no_current(), torque_noise_Nm=0.01)
+    points = stretches_of(driven(bench, 0.5, turns=1.4)[0].ticks, bench.motor, ["torque_Nm"])
+    found = measure(points, bench.motor, bench.sensor)
+    assert found.speeds[0].turns == 1
+    assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)
+
+
+def test_what_cannot_be_told_is_refused() -> None:
+    bench = synthetic.Bench(truth=no_current())
+    motor, sensor = bench.motor, bench.sensor
+    point = driven(bench, 0.7)[0]
+    with pytest.raises(IdentifyError, match="no good operating point"):
+        measure([], motor, sensor)
+    short = replace(point, ticks=point.ticks[:900])
+    with pytest.raises(IdentifyError, match=r"driven at 0\.7 Hz: no whole turn"):
+        measure([short], motor, sensor)
+    without = replace(point, ticks=point.ticks[["t_ns", "encoder_count"]])
+    with pytest.raises(IdentifyError, match="the recording has no torque_Nm: no measured torque"):
+        measure([without], motor, sensor)
+    zeros = point.ticks.copy()
+    zeros["torque_Nm"] = np.nan
+    with pytest.raises(IdentifyError, match="nothing was recorded in torque_Nm"):
+        measure([replace(point, ticks=zeros)], motor, sensor)
+    coarse = replace(point, ticks=point.ticks[::300].copy())
+    with pytest.raises(IdentifyError, match="fewer than 8 samples in a turn"):
+        measure([coarse], motor, sensor)
+    seldom = replace(point, ticks=point.ticks[::50].copy())
+    with pytest.raises(IdentifyError, match="48 slots and 16 poles have none below 16"):
+        measure([seldom], motor, sensor)
+    loaded = bench.point(2.0, 0.7, 6, seed=1)
+    with pytest.raises(IdentifyError, match="A turn with the rotor in i_a_A: this needs a run"):
+        measure([loaded], motor, sensor)
+
+
+def test_currents_that_only_have_an_offset_do_not_flow() -> None:
+    bench = synthetic.Bench(truth=synthetic.Truth(alpha=(1.0, 1.0, 1.0), beta_A=(0.0, 0.0, 0.0)))
+    point = bench.point(0.0, 0.7, 6, seed=1)
+    point.ticks["i_a_A"] += 1.25
+    assert measure([point], bench.motor, bench.sensor).speeds[0].turns >= 4
+
+
+def test_beside_a_calibration() -> None:
+    bench = synthetic.Bench(truth=no_current(cogging={48: (0.1, 0.2), 16: (0.05, 1.0)}))
+    found = measure(driven(bench, 0.5, 0.8), bench.motor, bench.sensor)
+    motor: MotorConfig = bench.motor
+    angle_rad = 2 * np.pi * np.arange(motor.counts) / motor.counts
+    late_rad = 0.3 * 2 * np.pi / motor.counts
+    tau_Nm = 1.01 * 0.1 * np.sin(48 * angle_rad + 0.2)
+    tau_Nm = tau_Nm + 0.05 * np.sin(16 * (angle_rad + late_rad) + 1.0)
+    calibration = make(motor=CalibratedMotor.of(motor), tau_cog_Nm=tuple(tau_Nm))
+    beside = compare(found, calibration)
+    assert beside.order.tolist() == [16, 48]
+    assert beside.magnitude_percent == pytest.approx([0.0, 1.0], abs=3.0)
+    assert beside.phase_points[0] == pytest.approx(0.3, abs=2.0)
+    assert 0.2 < beside.worst_percent < 3.0

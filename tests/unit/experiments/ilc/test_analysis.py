@@ -1,0 +1,164 @@
+"""Learning from recordings: two passes, what is refused, the command, the page."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.calibration import Calibration, load
+from motord.cli.analyse.learn import learn as command
+from motord.config import InverterConfig
+from motord.experiments.ilc.analysis import (
+    LearnPass,
+    finish,
+    learn_from_runs,
+    learn_report,
+    recorded_stairs,
+    reopen,
+    stairs,
+)
+from motord.experiments.ilc.estimate import Learning
+from motord.experiments.ilc.report import write
+from motord.experiments.subject import AnalysisError, Subject
+from motord.recording.captures import true_torque
+from motord.recording.reader import Run, open_run
+from motord.recording.writer import RunWriter
+from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
+from tests.unit.experiments.test_cli import run as invoke
+
+NOW = datetime(2026, 5, 1, tzinfo=UTC)
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Calibration]:
+    path, calibration = tmp_path_factory.mktemp("learn") / "one.mcap", true_calibration()
+    record_pass(path, calibration, seed=3)
+    return path, calibration
+
+
+def learned_from(path: Path, calibration: Calibration) -> LearnPass:
+    subject = Subject.of_config(nonlinear())
+    return learn_from_runs([open_run(path)], subject, calibration, NOW, Learning())
+
+
+def true_percent(run: Run) -> list[float]:
+    return [
+        float(100 / 6.0 * np.sqrt(np.cov(t.torque_Nm, aweights=t.weights)))
+        for t in true_torque(run)
+    ]
+
+
+def test_two_passes_smooth_the_true_torque(first: tuple[Path, Calibration], tmp_path: Path) -> None:
+    path, calibration = first
+    once = learned_from(path, calibration)
+    assert not once.finished
+    assert once.calibration.learned is not None
+    assert once.calibration.learned.places == ((3.0, 0.8), (3.0, 1.0))
+    assert once.calibration.learned.orders[:2] == (8, 16)
+    record_pass(tmp_path / "two.mcap", once.calibration, seed=4)
+    before, after = true_percent(open_run(path)), true_percent(open_run(tmp_path / "two.mcap"))
+    assert min(before) > 0.8
+    assert max(np.divide(after, before)) < 0.5
+    twice = learned_from(tmp_path / "two.mcap", once.calibration)
+    history = twice.points[0].history_percent
+    assert len(history) == 2
+    assert history[1] < 0.5 * history[0]
+    assert twice.calibration.learned is not None
+    assert twice.calibration.learned.runs == ("one.mcap", "two.mcap")
+    done = finish(twice, NOW)
+    assert done.finished
+    assert done.points[0].cos_Nm == once.points[0].cos_Nm
+    assert finish(done, NOW).calibration is done.calibration
+    again = reopen(done.calibration, NOW, Learning())
+    assert again.learned is not None
+    assert again.learned.points[0].gain == Learning().gain
+
+
+def test_a_run_with_another_calibration_is_refused(first: tuple[Path, Calibration]) -> None:
+    path, calibration = first
+    other = calibration.model_copy(update={"id": "f" * 16})
+    with pytest.raises(AnalysisError, match=f"was taken with calibration {calibration.id}"):
+        learned_from(path, other)
+
+
+def test_a_run_without_what_was_learned_is_refused(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    calibration = first[1]
+    record_pass(tmp_path / "v.mcap", calibration, 1, "verify", compensate="calibration", turns=2)
+    with pytest.raises(AnalysisError, match="not taken with everything applied"):
+        learned_from(tmp_path / "v.mcap", calibration)
+
+
+def test_another_mesh_than_that_which_was_learned_is_refused(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    once = learned_from(*first)
+    record_pass(tmp_path / "m.mcap", once.calibration, 1, speeds_Hz=[0.9])
+    with pytest.raises(AnalysisError, match=r"3 Nm, 0\.9 Hz is not a point of the mesh"):
+        learned_from(tmp_path / "m.mcap", once.calibration)
+
+
+def test_a_run_without_points_is_refused(first: tuple[Path, Calibration], tmp_path: Path) -> None:
+    metadata = {**open_run(first[0]).metadata}
+    with RunWriter(tmp_path / "empty.mcap", metadata):
+        pass
+    with pytest.raises(AnalysisError, match="nothing to learn from"):
+        learned_from(tmp_path / "empty.mcap", first[1])
+    with RunWriter(tmp_path / "untold.mcap", {**metadata, "config": ""}):
+        pass
+    assert recorded_stairs(open_run(tmp_path / "untold.mcap")) is None
+    with RunWriter(tmp_path / "no-delay.mcap", {**metadata, "config": "[inverter]\n"}):
+        pass
+    assert recorded_stairs(open_run(tmp_path / "no-delay.mcap")) is None
+
+
+def test_timing_of_the_currents_is_read_from_the_bench_file(
+    first: tuple[Path, Calibration],
+) -> None:
+    told = recorded_stairs(open_run(first[0]))
+    assert told is not None
+    assert (told.dead_s, told.lag_s) == pytest.approx((0.2e-3, 0.2e-3))
+    late = stairs(InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), sample_age_s=0.3e-3)
+    assert (late.dead_s, late.lag_s) == pytest.approx((0.7e-3, 0.1e-3))
+
+
+def test_the_command_writes_the_next_calibration_and_a_page(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    import typer
+
+    app = typer.Typer()
+    app.command()(command)
+    path, calibration = first
+    calibration.save(tmp_path / "c.json")
+    options = ("--calibration", tmp_path / "c.json", "-o", tmp_path / "n.json")
+    code, out, _ = invoke(app, path, *options, "--report", tmp_path / "r.html")
+    assert code == 0
+    assert "2 of 2 points go on" in out
+    assert load(tmp_path / "n.json").learned is not None
+    assert "Learning what the calibration leaves" in (tmp_path / "r.html").read_text()
+    code, out, _ = invoke(app, path, "--calibration", tmp_path / "c.json", "--finish", "--json")
+    told = json.loads(out)
+    assert told["schema"] == "motord.learn/1"
+    assert told["finished"]
+    assert told["points"][0]["correction_mNm"] == 0.0
+    code, _, error = invoke(app, path, "--calibration", tmp_path / "n.json")
+    assert code == 1
+    assert "name the calibration that was in force" in " ".join(error.split())
+
+
+def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
+    first: tuple[Path, Calibration], tmp_path: Path
+) -> None:
+    from motord.calibration import RmsErrors, RmsPoint
+
+    done = learned_from(*first)
+    rms = RmsErrors.of((RmsPoint(torque_Nm=3.0, speed_Hz=0.8, before=7.0),))
+    told = LearnPass(done.calibration.with_rms_error(rms), done.left)
+    report = learn_report(told)
+    assert report.panels[0][0] == "Without compensation"
+    write(tmp_path / "r.html", report)
+    assert "Without compensation (%)" in (tmp_path / "r.html").read_text()

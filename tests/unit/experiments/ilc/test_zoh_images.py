@@ -1,0 +1,89 @@
+"""What sampling folds into the torque, against a simulation in fine steps."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from motord.config import BackEmfHarmonic, MotorConfig, TorqueSensorConfig
+from motord.experiments.ilc.zoh_images import Staircase, seeming_lines
+from motord.identification.operating_points import Samples
+from motord.identification.torque_sensor import response
+
+COUNTS, SPEED_HZ, PERIOD_S, FINE = 1000, 1.0, 1e-3, 40
+MOTOR = MotorConfig(
+    name="m",
+    pole_pairs=5,
+    slots=15,
+    counts=COUNTS,
+    rated_torque_Nm=2.0,
+    connection="independent",
+    back_emf=(BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.2),),
+)
+STAIRS = Staircase(dead_s=0.2e-3, lag_s=0.15e-3)
+
+
+def commands(angle_rad: np.ndarray) -> np.ndarray:
+    lag = 2 * np.pi / 3 * np.arange(3)
+    turned = angle_rad[:, None]
+    return np.asarray(4 * np.sin(5 * turned - lag) + 1.5 * np.sin(35 * turned - 7 * lag + 0.3))
+
+
+def simulated(sensor: TorqueSensorConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return angle and sensor's torque at the samples of the second of two turns."""
+    samples = 2 * round(1 / PERIOD_S)
+    t_s = np.arange(samples * FINE) * PERIOD_S / FINE
+    held = commands(2 * np.pi * SPEED_HZ * np.arange(samples) * PERIOD_S)
+    tick = np.floor((t_s - STAIRS.dead_s) / PERIOD_S + 1e-9).astype(int)
+    wanted_A = held[np.maximum(tick, 0)]
+    decay = np.exp(-PERIOD_S / FINE / STAIRS.lag_s)
+    current_A = signal.lfilter([0, 1 - decay], [1, -decay], wanted_A, axis=0)
+    angle_rad = 2 * np.pi * SPEED_HZ * t_s
+    lag = 2 * np.pi / 3 * np.arange(3)
+    torque_Nm = (0.2 * np.sin(5 * angle_rad[:, None] - lag) * current_A).sum(axis=1)
+    w = 2 * np.pi * sensor.resonance_Hz
+    mount = ([w * w], [1, 2 * sensor.damping_ratio * w, w * w])
+    seen_Nm = signal.lsim(mount, torque_Nm - torque_Nm[-1], t_s)[1]
+    second = slice(samples // 2 * FINE, None, FINE)
+    return angle_rad[second], seen_Nm[second]
+
+
+@pytest.mark.parametrize("resonance_Hz", [700.0, 2500.0])
+def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float) -> None:
+    sensor = TorqueSensorConfig(resonance_Hz=resonance_Hz, damping_ratio=0.1)
+    angle_rad, seen_Nm = simulated(sensor)
+    count = np.rint(angle_rad / (2 * np.pi) * COUNTS).astype(int) % COUNTS
+    samples = Samples(
+        torque_set_Nm=1.0,
+        speed_set_Hz=SPEED_HZ,
+        compensate=7,
+        t_s=np.arange(count.size) * PERIOD_S,
+        count=count,
+        torque_Nm=seen_Nm,
+        i_A=commands(angle_rad),
+        command_A=commands(angle_rad),
+        turns=((0, count.size),),
+    )
+    order = np.array([30])
+    told = seeming_lines(samples, np.ones(3), MOTOR, sensor, STAIRS, order)
+    turn = np.exp(-1j * np.outer(order, angle_rad))
+    shown = 2 / count.size * (turn @ seen_Nm) / response(sensor, order * SPEED_HZ)
+    assert np.abs(told).min() > 0.005
+    # the torque itself: the commands' as they are held, delayed and lagged
+    real = np.array([base(o) for o in order])
+    np.testing.assert_allclose(shown - told, real, atol=0.02 * np.abs(told).max() + 5e-4)
+
+
+def base(order: int) -> complex:
+    """Return the line at `order` of the torque that the currents make without images."""
+    angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
+    spectrum = np.fft.fft(commands(angle_rad), axis=0)
+    turned = np.fft.fftfreq(COUNTS, 1 / COUNTS)
+    passed = np.nan_to_num(STAIRS.image(turned + 1e-12, PERIOD_S, 0), nan=1.0)
+    current_A = np.fft.ifft(spectrum * passed[:, None], axis=0)
+    torque = np.fft.fft((current_A * MOTOR.back_emf_table()).sum(axis=1))
+    return complex(2 / COUNTS * torque[order])
+
+
+def test_a_steady_current_has_no_images() -> None:
+    frequency_Hz = np.array([0.0])
+    assert STAIRS.image(frequency_Hz, PERIOD_S, 1)[0] == 0

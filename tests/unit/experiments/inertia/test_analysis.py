@@ -1,0 +1,213 @@
+"""Recordings of both experiments for the inertia, analysed, reported, and by the command."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from motord.calibration import CalibratedMotor, Calibration
+from motord.cli import app
+from motord.config import load, packaged
+from motord.experiments.inertia import analysis
+from motord.experiments.inertia.content import inertia_report
+from motord.experiments.inertia.report import write
+from motord.experiments.plans import build
+from motord.experiments.subject import AnalysisError, Subject
+from motord.recording.metadata import describe
+from motord.recording.reader import Run, open_run
+from motord.recording.writer import RunWriter
+from motord.virtual import VirtualBench
+from motord.virtual.plan import run_plan
+
+TRUTH_KG_M2 = 0.0105
+
+
+def record(bench_file: str, name: str, path: Path, **settings: object) -> Path:
+    config = load(packaged(bench_file))
+    plan = build(name, config, settings)
+    told = {"name": plan.name, "settings": plan.settings}
+    metadata = describe(config, packaged(bench_file).read_text(), plan=told)
+    with RunWriter(path, metadata) as writer:
+        run_plan(
+            VirtualBench(config, seed=7),
+            plan,
+            lambda ticks, truth: writer.ticks(ticks),
+            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
+        )
+    return path
+
+
+@pytest.fixture(scope="module")
+def swings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("inertia") / "swings.mcap"
+    return record("inertia.toml", "inertia-oscillation", path, repeats=3)
+
+
+@pytest.fixture(scope="module")
+def steps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("inertia") / "steps.mcap"
+    return record("sim.toml", "inertia-acceleration", path, repeats=4, rest_s=1.5)
+
+
+def invoke(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["analyse", "inertia", *map(str, arguments)])
+    return result.exit_code, result.output
+
+
+def test_oscillation_from_a_recording(swings: Path, tmp_path: Path) -> None:
+    code, output = invoke(swings, "-o", tmp_path / "j.json", "--report", tmp_path / "j.html")
+    assert code == 0, output
+    assert "spring constants" in output
+    assert "whole decay fitted" in output
+    result = json.loads((tmp_path / "j.json").read_text())
+    assert result["schema"] == "motord.inertia/1"
+    assert result["experiment"] == "inertia-oscillation"
+    assert result["inertia_kg_m2"] == pytest.approx(TRUTH_KG_M2, rel=2e-3)
+    low, high = result["interval_95_kg_m2"]
+    assert low < TRUTH_KG_M2 < high
+    assert len(result["releases"]) == 3
+    assert result["budget"][0]["source"] == "spring constants"
+    page = (tmp_path / "j.html").read_text()
+    for words in ("Figures 2.6 to 2.9", "Figure 2.4", "The report&#x27;s 6.6 %", "Figure 2.2"):
+        assert words in page
+    assert page.count("<svg") == 5
+
+
+def test_acceleration_from_a_recording(steps: Path, tmp_path: Path) -> None:
+    code, output = invoke(steps, "--json", "--report", tmp_path / "j.html")
+    assert code == 0, output
+    result = json.loads(output)
+    assert result["experiment"] == "inertia-acceleration"
+    error = result["inertia_kg_m2"] - TRUTH_KG_M2
+    assert abs(error) < 3 * result["uncertainty_kg_m2"]
+    assert len(result["steps"]) == 4
+    assert "high-pass undone" in (tmp_path / "j.html").read_text()
+    code, output = invoke(steps)
+    assert code == 0
+    assert "torque as commanded" in output
+
+
+def test_a_bench_file_says_what_the_springs_really_are(swings: Path, tmp_path: Path) -> None:
+    text = packaged("inertia.toml").read_text()
+    stiffer = text.replace("stiffness_N_per_m = 3", "stiffness_N_per_m = 4")
+    rig = packaged("inertia.rig.toml")
+    (tmp_path / "bench.toml").write_text(stiffer.replace('"inertia.rig.toml"', f'"{rig}"'))
+    code, output = invoke(swings, "--json", "-c", tmp_path / "bench.toml")
+    assert code == 0, output
+    assert json.loads(output)["inertia_kg_m2"] > 1.3 * TRUTH_KG_M2
+
+
+def test_a_motor_file_leaves_the_springs_as_recorded(steps: Path, tmp_path: Path) -> None:
+    motor = load().motor.model_dump(mode="json")
+    lines = [f"{k} = {json.dumps(v)}" for k, v in motor.items() if k != "back_emf"]
+    lines += ["back_emf = [{order = 1, amplitude_V_s_per_rad = 0.206}]"]
+    sensor = "[torque_sensor]\nhighpass_time_constant_s = 2.0\n"
+    (tmp_path / "motor.toml").write_text("[motor]\n" + "\n".join(lines) + "\n" + sensor)
+    code, output = invoke(steps, "--json", "-c", tmp_path / "motor.toml")
+    assert code == 0, output
+    assert json.loads(output)["inertia_kg_m2"] == pytest.approx(TRUTH_KG_M2, rel=0.03)
+
+
+def test_both_on_one_page_with_the_truth(swings: Path, steps: Path, tmp_path: Path) -> None:
+    runs = open_run(swings), open_run(steps)
+    subject = Subject.of_runs(runs[:1])
+    data = inertia_report(
+        subject,
+        ["swings.mcap", "steps.mcap"],
+        oscillation=analysis.oscillation(runs[:1], subject),
+        acceleration=analysis.acceleration(runs[1:], Subject.of_runs(runs[1:])),
+        truth_kg_m2=TRUTH_KG_M2,
+    )
+    write(tmp_path / "both.html", data)
+    page = (tmp_path / "both.html").read_text()
+    assert "off the truth (%)" in page
+    assert "true of the simulated rig" in page
+    assert page.index("by oscillation") < page.index("by acceleration")
+    assert (tmp_path / "both.html").stat().st_size < 1_500_000
+
+
+def test_a_swing_with_the_stator_needs_to_know_its_cogging_torque(
+    swings: Path, tmp_path: Path
+) -> None:
+    text = packaged("inertia.toml").read_text()
+    bench = tmp_path / "bench.toml"
+    rig = packaged("inertia.rig.toml")
+    bench.write_text(
+        text.replace("[plans.inertia-oscillation]", "[plans.inertia-oscillation]\nstator = true")
+        .replace('"inertia.rig.toml"', f'"{rig}"')
+    )  # fmt: skip
+    code, output = invoke(swings, "-c", bench)
+    assert code == 1
+    assert "a swing cannot tell the two apart" in " ".join(output.split())
+    calibrated(tmp_path / "cal.json")
+    code, output = invoke(swings, "-c", bench, "--calibration", tmp_path / "cal.json", "--json")
+    assert code == 0, output
+    found = json.loads(output)["inertia_kg_m2"]
+    # the table is of a torque that was not there: it must make a difference, no more
+    assert found != pytest.approx(TRUTH_KG_M2, rel=2e-3)
+    assert found == pytest.approx(TRUTH_KG_M2, rel=0.2)
+
+
+def calibrated(path: Path) -> None:
+    from datetime import UTC, datetime
+
+    motor = load(packaged("inertia.toml")).motor
+    angle_rad = 2 * np.pi * np.arange(motor.counts) / motor.counts
+    Calibration(
+        created=datetime.now(UTC),
+        motor=CalibratedMotor.of(motor),
+        method="joint",
+        alpha=(1.0, 1.0, 1.0),
+        alpha_stderr=(0.0, 0.0, 0.0),
+        beta_A=(0.0, 0.0, 0.0),
+        beta_stderr_A=(0.0, 0.0, 0.0),
+        tau_cog_Nm=tuple((0.1 * np.sin(48 * angle_rad)).tolist()),
+        condition_number=1.0,
+    ).save(path)
+
+
+def test_a_recording_that_marks_nothing_is_searched_for_releases(
+    swings: Path, tmp_path: Path
+) -> None:
+    marked = open_run(swings)
+    bare = tmp_path / "bare.mcap"
+    with RunWriter(bare, {**marked.metadata, "plan": {}}) as writer:
+        for block in marked.blocks():
+            writer.ticks(block)
+    code, output = invoke(bare)
+    assert code == 1
+    assert "--experiment" in output
+    bench = packaged("inertia.toml")
+    code, output = invoke(bare, "--experiment", "inertia-oscillation", "-c", bench, "--json")
+    assert code == 0, output
+    result = json.loads(output)
+    assert len(result["releases"]) + len(result["disturbed"]) == 3
+    assert result["inertia_kg_m2"] == pytest.approx(TRUTH_KG_M2, rel=2e-3)
+    code, output = invoke(bare, "--experiment", "inertia-acceleration")
+    assert code == 1
+    assert "no good step" in output
+
+
+def test_other_recordings_are_refused(swings: Path, steps: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.mcap"
+    for plan, message in (({"name": "verify"}, "is of the plan verify"), ({}, "names no plan")):
+        config = load()
+        metadata = describe(config, packaged("sim.toml").read_text(), plan=plan)
+        other.unlink(missing_ok=True)
+        with RunWriter(other, metadata):
+            pass
+        with pytest.raises(AnalysisError, match=message):
+            analysis.experiment_of([open_run(other)])
+    with pytest.raises(AnalysisError, match="analyse them apart"):
+        analysis.experiment_of([open_run(swings), open_run(steps)])
+    with pytest.raises(AnalysisError, match="no recording"):
+        analysis.experiment_of([])
+
+
+def test_settings_that_cannot_be_read_are_refused(swings: Path) -> None:
+    run: Run = open_run(swings)
+    run.metadata["plan"]["settings"]["springs"] = "six"
+    with pytest.raises(AnalysisError, match="name a bench file with -c"):
+        analysis.oscillation([run], Subject.of_runs([run]))

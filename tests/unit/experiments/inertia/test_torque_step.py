@@ -1,0 +1,87 @@
+"""Steps of torque: made-up ones whose inertia is known, and those of the simulated rig."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motord.config import AccelerationConfig, TorqueSensorConfig, load
+from motord.experiments.inertia.torque_step import PushData, accelerate, read_push
+from motord.identification import IdentifyError
+from tests.unit.experiments.inertia.inertia_runs import pushes
+
+J, VISCOUS, COULOMB = 0.0105, 0.004, 0.03
+DIRECT = TorqueSensorConfig()
+PIEZO = TorqueSensorConfig(highpass_time_constant_s=2.0)
+
+
+def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> PushData:
+    """1 s at rest, 1 Nm ramped up and down within 0.3 s, coasting; exact but for the encoder."""
+    h = 1e-4
+    t_s = np.arange(0, 1.6, h)
+    torque_Nm = np.interp(t_s, [1.0, 1.1, 1.2, 1.3], [0, 1, 1, 0], 0, 0)
+    angle = speed = measured = 0.0
+    angles, sensed = np.empty_like(t_s), np.empty_like(t_s)
+    tau_s = sensor.highpass_time_constant_s
+    before = 0.0
+    for n, torque in enumerate(torque_Nm):
+        friction = COULOMB if speed > 0 or torque > COULOMB else torque
+        speed += h / J * (torque - friction - VISCOUS * speed)
+        angle += h * speed
+        if tau_s:
+            measured += torque - before - h * measured / tau_s + h * drift_Nm_per_s
+            before = torque
+        angles[n], sensed[n] = angle, measured if tau_s else torque
+    every = slice(None, None, 10)
+    count = np.rint(sign * angles[every] * 4096 / (2 * np.pi)).astype(int) % 4096
+    t_ns = np.rint(t_s[every] * 1e9).astype(np.int64)
+    return PushData(0, t_ns, count, sign * sensed[every], sign * torque_Nm[every])
+
+
+@pytest.mark.parametrize("sensor", [DIRECT, PIEZO])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign: int) -> None:
+    found = read_push(made_up(sensor, sign), 4096, sensor)
+    assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
+    assert found.commanded_kg_m2 == pytest.approx(J, rel=2e-3)
+    assert found.viscous_Nm_s_per_rad == pytest.approx(VISCOUS, abs=1.5e-3)
+    assert found.friction_Nm == pytest.approx(COULOMB, abs=0.01)
+    assert 1.02 * J < found.plain_kg_m2 < 1.4 * J  # friction passes for inertia
+    assert found.fitted_rad.size == found.fitted_s.size < found.t_s.size
+
+
+def test_what_drifts_before_the_step_is_taken_off() -> None:
+    settled = read_push(made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
+    assert settled.inertia_kg_m2 == pytest.approx(J, rel=5e-3)
+
+
+def test_the_simulated_rig_within_what_is_stated() -> None:
+    config = load()
+    found = accelerate(pushes(4, 6), 4096, config.torque_sensor, config.plans.inertia_acceleration)
+    assert found.inertia_kg_m2 == pytest.approx(0.0105, abs=2.5 * found.uncertainty_kg_m2)
+    assert 0.003 < found.uncertainty_kg_m2 / 0.0105 < 0.02
+    assert found.sources[0].source == "gain of the torque sensor"
+    assert abs(found.plain_kg_m2 / 0.0105 - 1) > 0.03
+    assert len(found.pushes) == 6
+
+
+def test_one_step_alone_has_its_own_error() -> None:
+    found = accelerate([made_up(DIRECT)], 4096, DIRECT, AccelerationConfig())
+    assert {s.source for s in found.sources} == {"gain of the torque sensor", "repetition"}
+    assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
+
+
+def test_what_tells_no_inertia_is_refused() -> None:
+    good = made_up(PIEZO)
+    with pytest.raises(IdentifyError, match="no good step"):
+        accelerate([], 4096, PIEZO, AccelerationConfig())
+    cases = (
+        (replace(good, torque_set_Nm=0 * good.torque_set_Nm), "no step of torque from rest"),
+        (replace(good, count=0 * good.count), "did not turn on in one direction"),
+        (replace(good, torque_Nm=-good.torque_Nm), "its sign"),
+        (replace(good, t_ns=good.t_ns // 10), r"at rest for 0.1 s only"),
+        (replace(good, t_ns=good.t_ns[::-1]), "times do not rise"),
+    )
+    for data, message in cases:
+        with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
+            read_push(data, 4096, PIEZO)

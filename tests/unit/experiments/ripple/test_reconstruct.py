@@ -1,0 +1,53 @@
+from pathlib import Path
+
+import pytest
+
+from motord.calibration import load as load_calibration
+from motord.cli.analyse import app as analyse
+from motord.config import load, packaged
+from motord.experiments.calibration import recordings
+from motord.experiments.subject import Subject
+from motord.recording.reader import open_run
+from tests.unit.experiments.conftest import Recorded
+from tests.unit.experiments.test_cli import run
+
+
+def explained(recorded: Recorded, path: Path) -> list:
+    calibration = load_calibration(recorded.calibration)
+    return recordings.explained([open_run(path)], Subject.of_config(load()), calibration)
+
+
+def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded) -> None:
+    for point in explained(recorded, recorded.off):
+        measured = point.measured.rms_percent
+        assert point.reconstructed.rms_percent == pytest.approx(measured, rel=0.01)
+        assert point.rest_percent < 0.03 * measured
+        assert 0.999 < point.share <= 1.0
+        assert 0.2e-3 < point.current_age_s < 0.4e-3  # of a period of 1 ms
+
+
+def test_what_is_left_is_told_apart_with_compensation(recorded: Recorded) -> None:
+    for point in explained(recorded, recorded.on):
+        assert point.reconstructed.rms_percent == pytest.approx(point.measured.rms_percent, rel=0.2)
+        assert point.rest_percent < 0.7 * point.measured.rms_percent
+
+
+def test_verify_with_the_calibration_tells_the_shares(recorded: Recorded, tmp_path: Path) -> None:
+    report, output = tmp_path / "v.html", tmp_path / "v.json"
+    files = ("-o", output, "--report", report)
+    chosen = ("--calibration", recorded.calibration)
+    code, out, _ = run(analyse, "verify", recorded.off, recorded.on, *chosen, *files)
+    assert code == 0
+    assert "not explained by them" in " ".join(out.split())
+    assert "share_explained" in output.read_text()
+    assert "Where the ripple comes from" in report.read_text()
+
+
+def test_a_calibration_of_another_motor_is_refused(recorded: Recorded, tmp_path: Path) -> None:
+    bench = tmp_path / "b.toml"
+    text = packaged("sim.toml").read_text().replace("report.rig.toml", "package:report.rig.toml")
+    bench.write_text(text.replace('serial = "sim-1"', 'serial = "other"'))
+    chosen = ("--calibration", recorded.calibration, "-c", bench)
+    code, _, err = run(analyse, "verify", recorded.off, *chosen)
+    assert code == 1
+    assert "another motor" in err

@@ -1,0 +1,139 @@
+"""A small `sensitivity` plan on the simulated bench, analysed from its recording."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.calibration import load
+from motord.cli.analyse import app as analyse
+from motord.config import load as load_bench
+from motord.config import packaged
+from motord.experiments.plans import build
+from motord.experiments.sensitivity.analysis import sensitivity, theory_alone
+from motord.experiments.sensitivity.content import sensitivity_report
+from motord.experiments.sensitivity.report import write
+from motord.experiments.sensitivity.result import Sensitivity
+from motord.experiments.subject import AnalysisError, Subject
+from motord.identification import IdentifyError
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
+from motord.virtual import VirtualBench, run_plan
+from tests.unit.experiments.conftest import Recorded
+from tests.unit.experiments.test_cli import run
+
+SETTINGS = {
+    "turns": 4, "settle_s": 0.5, "alpha_a_steps": 5, "beta_a_steps": 5, "cogging_steps": 5,
+    "delta_epsilon_steps": 3, "again_torques_Nm": [1.5, 4.5], "again_speeds_Hz": [0.6, 0.9],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recording(recorded: Recorded, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sensitivity") / "sensitivity.mcap"
+    config = load_bench()
+    bench = VirtualBench(config, seed=8, calibration=load(recorded.calibration))
+    with RunWriter(path, describe(config, packaged("sim.toml").read_text())) as writer:
+        run_plan(
+            bench,
+            build("sensitivity", config, SETTINGS),
+            lambda ticks, truth: writer.ticks(ticks),
+            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
+        )
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(recording: Path) -> Sensitivity:
+    runs = [open_run(recording)]
+    return sensitivity(runs, Subject.of_runs(runs))
+
+
+def test_practice_agrees_with_theory(result: Sensitivity) -> None:
+    assert [one.what for one in result.series] == [
+        "alpha_a", "beta_a_A", "cogging", "delta_epsilon",
+    ]  # fmt: skip
+    for one in result.series:
+        assert one.worst_difference_percent < 0.2, one.what
+    for one in result.series[:2]:
+        for branch in one.branches:
+            assert branch is not None
+            assert branch.slope == pytest.approx(branch.theory_slope, rel=0.05)
+    assert 0.05 < result.series[0].floor_percent < 0.4
+
+
+def test_errors_that_were_induced_are_found_again(result: Sensitivity) -> None:
+    again = result.again
+    assert again is not None
+    assert again.alpha == pytest.approx([0.8, 1.118, 1.118], abs=1e-4)
+    assert again.found.alpha == pytest.approx(again.alpha, rel=5e-3)
+    assert again.found.beta_A == pytest.approx(again.beta_A, abs=0.05)  # of 10 turns in all
+    errors = np.abs(again.found.beta_A - again.beta_A) / again.found.beta_stderr_A
+    assert (errors < 3.5).all()
+    assert (again.cost_percent < 0.2).all()
+
+
+def test_the_theory_is_of_the_cogging_torque_that_was_compensated(
+    result: Sensitivity, recorded: Recorded
+) -> None:
+    table = np.array(load(recorded.calibration).tau_cog_Nm)
+    alone = theory_alone(result.subject, table, 3.0)
+    for what, within in alone.theory.within.items():
+        assert result.theory.within[what] == pytest.approx(within, rel=2e-3), what
+
+
+def test_the_report_holds_what_was_found(result: Sensitivity, tmp_path: Path) -> None:
+    page = tmp_path / "s.html"
+    write(page, sensitivity_report(result))
+    text = page.read_text()
+    for figure in ("Figure 4.3", "Figure 4.4", "Figures 4.6 to 4.9", "Table 4.2", "24.1 %"):
+        assert figure in text
+    assert text.count("<figure>") == 4
+
+
+def test_from_the_command_line(recording: Path, tmp_path: Path) -> None:
+    output, report = tmp_path / "s.json", tmp_path / "s.html"
+    arguments = ("sensitivity", recording, "-o", output, "--report", report)
+    code, out, _ = run(analyse, *arguments)
+    assert code == 0
+    assert "induced, and calibrated again" in " ".join(out.split())
+    content = json.loads(output.read_text())
+    assert content["schema"] == "motord.sensitivity/1"
+    assert content["torque_Nm"] == 3.0
+    assert content["series"][0]["what"] == "alpha_a"
+    assert report.exists()
+
+
+def test_theory_alone_from_the_command_line(recorded: Recorded, tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(packaged("sim.toml").read_text().replace('rig = "report.rig.toml"\n', ""))
+    arguments = ("sensitivity", "-c", bench, "--calibration", recorded.calibration, "--json")
+    code, out, _ = run(analyse, *arguments, "--torque", 2)
+    content = json.loads(out)
+    assert code == 0
+    assert content["torque_Nm"] == 2.0
+    assert content["series"] == []
+    assert content["again"] is None
+    low, high = content["theory"]["within"]["alpha_a"]
+    assert 0.8 < low < 0.94 < 1.06 < high < 1.2
+    page = tmp_path / "theory.html"
+    assert run(analyse, *arguments[:-1], "--report", page)[0] == 0
+    assert page.read_text().count("<figure>") == 2
+
+
+def test_what_has_no_induced_errors_is_refused(recorded: Recorded) -> None:
+    runs = [open_run(recorded.on)]
+    with pytest.raises(AnalysisError, match="record the plan `sensitivity`"):
+        sensitivity(runs, Subject.of_runs(runs))
+    runs = [open_run(recorded.off)]
+    with pytest.raises(IdentifyError, match="install a calibration"):
+        sensitivity(runs, Subject.of_runs(runs))
+
+
+def test_options_that_contradict_are_refused(recorded: Recorded) -> None:
+    code, _, err = run(analyse, "sensitivity")
+    assert (code, "--calibration" in err) == (1, True)
+    code, _, err = run(analyse, "sensitivity", recorded.on, "--torque", 2)
+    assert (code, "leave out" in err) == (1, True)

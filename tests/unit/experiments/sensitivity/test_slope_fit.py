@@ -1,0 +1,47 @@
+"""Lines through the branches of a measured error."""
+
+import numpy as np
+import pytest
+
+from motord.experiments.sensitivity.slope_fit import series
+
+
+def measured(floor: float, *, shift: float = 0.0, noise: float = 0.0) -> object:
+    value = np.round(np.linspace(0.8, 1.2, 9), 12)
+    theory = np.where(value < 1, 18.0 * (1 - value), 16.0 * (value - 1))
+    x = value - 1 - shift
+    true = np.hypot(np.where(x < 0, -18.0 * x, 16.0 * x), floor)
+    rms = true + noise * np.random.default_rng(1).normal(size=9)
+    mixed = np.random.default_rng(2).permutation(9)
+    columns = (value, rms, np.full(9, max(noise, 1e-3)), theory)
+    return series("alpha_a", 1.0, *(column[mixed] for column in columns))
+
+
+def test_branches_have_the_slopes_of_the_theory_beside_them() -> None:
+    found = measured(0.1)
+    below, above = found.branches
+    assert list(found.value) == sorted(found.value)
+    assert below.slope == pytest.approx(-18, rel=0.01)
+    assert above.slope == pytest.approx(16, rel=0.01)
+    assert (below.theory_slope, above.theory_slope) == (pytest.approx(-18), pytest.approx(16))
+    assert below.used.sum() == above.used.sum() == 4  # the one in the middle is on neither line
+    assert found.floor_percent == pytest.approx(0.1)
+    assert found.worst_difference_percent < 1e-9
+
+
+def test_the_lines_meet_where_the_ripple_is_least() -> None:
+    value, rms = measured(0.0, shift=0.01).meeting
+    assert value == pytest.approx(1.01, abs=1e-6)
+    assert rms == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_slope_is_as_sure_as_its_points() -> None:
+    quiet, noisy = (measured(0.0, noise=noise).branches[0].slope_stderr for noise in (1e-4, 0.05))
+    assert 100 * quiet > noisy > 10 * quiet
+    assert abs(measured(0.0, noise=0.05).branches[0].slope + 18) < 4 * noisy
+
+
+def test_a_branch_under_the_floor_has_no_line() -> None:
+    found = measured(3.0)
+    assert found.branches == (None, None)
+    assert found.meeting is None

@@ -1,0 +1,126 @@
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from motord.calibration import load
+from motord.cli.analyse import app as analyse
+from motord.cli.calibration import app as calibration
+from motord.config import packaged
+from motord.recording.writer import RunWriter
+from tests.unit.experiments.conftest import Recorded
+
+
+def run(app: object, *arguments: object) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, [str(a) for a in arguments])  # type: ignore[arg-type]
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+def test_calibrate_writes_file_and_report(recorded: Recorded, tmp_path: Path) -> None:
+    output, report = tmp_path / "c.json", tmp_path / "c.html"
+    code, out, _ = run(analyse, "calibrate", recorded.off, "-o", output, "--report", report)
+    assert code == 0
+    assert f"wrote {output}" in out.replace("\n", "")
+    assert "older than the recording says" in " ".join(out.split())
+    written = load(output)
+    assert written.runs == ("off.mcap",)
+    assert written.alpha == pytest.approx((0.8, 1.118, 1.118), rel=5e-3)
+    assert written.rms_error_percent.before is not None
+    text = report.read_text()
+    assert "residual estimator" in text
+    assert "truth" in text
+
+
+def test_calibrate_as_json_and_by_the_other_method(recorded: Recorded) -> None:
+    code, out, _ = run(analyse, "calibrate", recorded.off, "--method", "residual", "--json")
+    assert code == 0
+    content = json.loads(out)
+    assert content["method"] == "residual"
+    assert abs(content["alpha"][0] - 0.8) > 0.008
+
+
+def test_compare_with_the_last_calibration(recorded: Recorded, tmp_path: Path) -> None:
+    report = tmp_path / "c.html"
+    arguments = ("calibrate", recorded.off, "--beside", recorded.calibration, "--report", report)
+    assert run(analyse, *arguments)[0] == 0
+    assert f"calibration {load(recorded.calibration).id}" in report.read_text()
+
+
+def test_verify_before_and_after(recorded: Recorded, tmp_path: Path) -> None:
+    output, report = tmp_path / "v.json", tmp_path / "v.html"
+    arguments = ("verify", recorded.off, recorded.on, "-o", output, "--report", report)
+    code, out, _ = run(analyse, *arguments)
+    assert code == 0
+    assert "before: mean" in out
+    result = json.loads(output.read_text())
+    assert len(result["points"]) == 8
+    errors = result["rms_error_percent"]
+    assert errors["before"]["mean"] > 5
+    assert errors["after"]["max"] < 0.5
+    assert json.loads(run(analyse, "verify", recorded.on, "--json")[1])["points"][0]["turns"] == 4
+    assert "without compensation" in " ".join(run(analyse, "verify", recorded.off)[1].split())
+
+
+def test_a_bench_file_overrides_what_the_run_says(recorded: Recorded) -> None:
+    assert run(analyse, "verify", recorded.on, "-c", packaged("sim.toml"))[0] == 0
+
+
+def test_what_is_wrong_is_one_line(recorded: Recorded, tmp_path: Path) -> None:
+    sim, empty = packaged("sim.toml"), tmp_path / "empty.mcap"
+    (tmp_path / "text.mcap").write_text("no recording")
+    with RunWriter(empty, {"bench": "x"}):
+        pass
+    other = load(recorded.calibration).model_dump(mode="json", by_alias=True)
+    other["motor"]["name"] = "other"
+    other["id"] = ""
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    cases = {
+        ("verify", tmp_path / "none.mcap"): "none.mcap",
+        ("verify", tmp_path / "text.mcap"): "not an MCAP file",
+        ("calibrate", empty): "does not say which motor",
+        ("verify", empty, "-c", sim): "no good operating point",
+        ("calibrate", empty, "-c", sim): "no good operating point",
+        ("verify", recorded.on, "-c", tmp_path / "none.toml"): "none.toml",
+        ("verify", recorded.on, "-o", tmp_path / "no" / "v.json"): "No such file",
+        ("calibrate", recorded.off, "-o", tmp_path / "no" / "c.json"): "cannot write it",
+        ("calibrate", recorded.off, "--beside", tmp_path / "text.mcap"): "no valid JSON",
+        (
+            "calibrate", recorded.off, "--beside", tmp_path / "other.json",
+            "--report", tmp_path / "r.html",
+        ): "made for another motor: name is 'other' there",
+    }  # fmt: skip
+    for arguments, words in cases.items():
+        code, _, error = run(analyse, *arguments)
+        assert code == 1, arguments
+        assert error.startswith("motord: ")
+        assert error.count("\n") == 1
+        assert words in error
+
+
+def test_show_a_calibration(recorded: Recorded, tmp_path: Path) -> None:
+    code, out, _ = run(calibration, "show", recorded.calibration)
+    assert code == 0
+    for words in (" old (", "axial-flux 48/16", "alpha 0.", "order   48", "RMS before"):
+        assert words in out
+    content = json.loads(run(calibration, "show", recorded.calibration, "--json")[1])
+    assert content["schema"] == "motord.calibration/1"
+    code, _, error = run(calibration, "show", tmp_path / "none.json")
+    assert code == 1
+    assert "cannot read it" in error
+
+
+def test_list_a_folder(recorded: Recorded, tmp_path: Path) -> None:
+    folder = recorded.calibration.parent
+    (folder / "else.json").write_text("{}")
+    code, out, _ = run(calibration, "list", "--dir", folder)
+    assert code == 0
+    assert load(recorded.calibration).id in out
+    rows = json.loads(run(calibration, "list", "--dir", folder, "--json")[1])
+    assert [row["in_force"] for row in rows] == [False]
+    assert "no calibration in" in run(calibration, "list", "--dir", tmp_path)[1]
+    code, _, error = run(calibration, "list", "--dir", tmp_path / "none")
+    assert code == 1
+    assert "no such folder" in error

@@ -1,0 +1,108 @@
+"""Whole turns and stretches of steady speed in positions of any origin."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from motord.identification import IdentifyError
+from motord.identification.turning import steadiest, stretches, unwrapped, whole_turns
+
+TURN = 2 * np.pi
+
+
+def record(counts: int, position_rad: np.ndarray) -> np.ndarray:
+    ticks = np.zeros(position_rad.size, [("encoder_count", "i4"), ("angle_rad", "f4")])
+    ticks["encoder_count"] = np.rint(position_rad / TURN * counts).astype(int) % counts
+    ticks["angle_rad"] = position_rad % TURN
+    return ticks
+
+
+@given(
+    counts=st.integers(16, 20_000),
+    start=st.floats(0, TURN),
+    turns=st.floats(1.2, 9),
+    direction=st.sampled_from([1, -1]),
+)
+def test_counts_run_on_over_turns(counts: int, start: float, turns: float, direction: int) -> None:
+    position_rad = start + direction * np.linspace(0, turns * TURN, 1500)
+    found, grid = unwrapped(record(counts, position_rad), counts, "here")
+    off = found - position_rad
+    assert grid == counts
+    assert np.abs(off - TURN * np.rint(off / TURN)).max() <= np.pi / counts + 1e-9
+    assert np.ptp(off) < TURN / counts + 1e-9
+    whole = whole_turns(found)
+    assert len(whole) >= int(turns - 1 / counts) - 1
+    assert {turn.direction for turn in whole} <= {direction}
+
+
+def test_an_angle_alone_will_do() -> None:
+    position_rad = np.linspace(1.0, 20.0, 500)
+    ticks = record(100, position_rad)
+    ticks["encoder_count"] = 0
+    for columns in (["encoder_count", "angle_rad"], ["angle_rad"]):
+        found, grid = unwrapped(ticks[columns], 100, "here")
+        assert grid == 0
+        assert found - found[0] == pytest.approx(position_rad - 1.0, abs=1e-5)
+
+
+def test_no_angle_is_told() -> None:
+    with pytest.raises(IdentifyError, match="here: no encoder_count and no angle_rad that moves"):
+        unwrapped(np.zeros(10, [("encoder_count", "i4"), ("angle_rad", "f4")]), 100, "here")
+
+
+def test_counts_of_another_encoder_are_told() -> None:
+    ticks = record(4096, np.linspace(0, 20, 500))
+    with pytest.raises(IdentifyError, match="the motor has 1000 counts a turn"):
+        unwrapped(ticks, 1000, "here")
+
+
+def test_turns_go_from_zero_point_to_zero_point() -> None:
+    position_rad = np.linspace(0.3 * TURN, 4.6 * TURN, 4301)
+    turns = whole_turns(position_rad)
+    assert len(turns) == 3
+    for turn in turns:
+        assert position_rad[turn.first] / TURN % 1 == pytest.approx(0, abs=2e-3)
+        assert 999 <= turn.end - turn.first <= 1001
+
+
+def test_turns_that_hardly_meet_the_zero_point_count_from_the_start() -> None:
+    position_rad = np.linspace(0.5 * TURN, 2.55 * TURN, 2051)
+    for turns in (whole_turns(position_rad), whole_turns(-position_rad)):
+        assert [turn.end - turn.first for turn in turns] == [1000, 1000]
+
+
+def test_a_rotor_that_trembles_on_the_zero_point_makes_no_turns() -> None:
+    trembling = 0.01 * np.sin(np.arange(3000) / 20)
+    turning = np.linspace(0, 3.2 * TURN, 3200)
+    position_rad = np.concatenate([trembling, turning])
+    turns = whole_turns(position_rad)
+    assert len(turns) == 3
+    assert all(900 < turn.end - turn.first < 1100 for turn in turns)
+
+
+def test_a_slow_start_is_left_out() -> None:
+    t_s = np.arange(20_000) * 1e-3
+    speed_Hz = np.minimum(t_s / 5, 1.0)
+    position_rad = TURN * np.cumsum(speed_Hz) * 1e-3
+    turns = steadiest(t_s, whole_turns(position_rad))
+    assert 13 <= len(turns) <= 17
+    durations = [t_s[turn.end] - t_s[turn.first] for turn in turns]
+    assert max(durations) / min(durations) < 1.2
+
+
+def test_each_speed_and_each_direction_is_a_stretch() -> None:
+    speeds = np.repeat([0.5, 1.0, 1.5, -1.0], [8000, 6000, 4000, 5000])
+    t_s = np.arange(speeds.size) * 1e-3
+    groups = stretches(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
+    long = [group for group in groups if len(group) >= 3]
+    assert [group[0].direction for group in long] == [1, 1, 1, -1]
+    assert [len(group) for group in long] == [3, 6, 6, 5]  # the first zero is passed after a turn
+
+
+def test_of_turns_that_are_all_different_the_commoner_direction_counts() -> None:
+    speeds = np.concatenate([np.linspace(0.2, 2, 4000), -np.linspace(0.2, 1, 2500)])
+    t_s = np.arange(speeds.size) * 1e-3
+    turns = steadiest(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
+    assert len(turns) >= 2
+    assert {turn.direction for turn in turns} == {1}

@@ -1,0 +1,384 @@
+"""CSV in the ways it is written, and what becomes of rows that lack something."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from motord.config import ConfigError
+from motord.recording.errors import RecordError
+from motord.schema import Flag
+from tests.unit.importing.tables import MAP, START_NS, imported, turning, write_csv, write_motor
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal", "encoding"),
+    [
+        (",", ".", "utf-8"),
+        (";", ",", "utf-8"),
+        (";", ".", "latin-1"),
+        ("\t", ",", "utf-16"),
+        ("\t", ".", "utf-8-sig"),
+        ("|", ".", "utf-8"),
+        (" ", ".", "utf-8"),
+    ],
+)
+def test_every_way_of_writing_gives_the_same_ticks(
+    tmp_path: Path, delimiter: str, decimal: str, encoding: str
+) -> None:
+    columns = turning()
+    source = write_csv(tmp_path / "a.csv", columns, delimiter, decimal, "bench 3\n\n", encoding)
+    done, run = imported(tmp_path, source)
+    ticks = run.ticks()
+    assert done.ticks == ticks.size == 4000
+    assert not done.problems
+    np.testing.assert_array_equal(ticks["t_ns"], START_NS + np.arange(4000) * 1_000_000)
+    np.testing.assert_allclose(ticks["torque_Nm"], columns["Iq"] * 0.02, rtol=1e-5)
+    count = np.rint(columns["Position[rad]"] / (2 * np.pi) * 4096).astype(int) % 4096
+    assert (np.abs(ticks["encoder_count"] - count) <= 1).all()
+    assert (ticks["encoder_count"] == count).mean() > 0.99
+    assert np.isnan(ticks["i_a_A"]).all()
+    np.testing.assert_array_equal(ticks["tick"], np.arange(4000))
+    assert not ticks["missed"].any()
+
+
+def test_what_is_wrong_is_told_by_line(tmp_path: Path) -> None:
+    t = turning()["Time"]
+    edit = {
+        7: ",,",
+        100: f"{t[99]},1.0,75",
+        200: f"{t[100]},1.6,75",
+        300: "9000,2.3,75",
+        400: f"{t[400]},{2 * np.pi * t[400] + 0.4},n/a",
+        500: f"{t[500]},3.5",
+        600: f"{t[600]},,75",
+        700: f"{t[700]},inf,75",
+        800: "# a comment",
+        900: "",
+    }
+    source = write_csv(tmp_path / "a.csv", turning(), edit=edit)
+    done, run = imported(tmp_path, source)
+    assert set(done.problems) == {
+        "line 9: no time: left out",
+        "line 102: same time as the row before: left out",
+        "line 202: earlier than a row before: left out",
+        "line 302: its time is ahead of the rows around it: left out",
+        "line 402: no torque_Nm: kept as nan",
+        "line 502: other than 3 cells in it: left out",
+        "lines 602, 702: no angle_rad: left out",
+    }
+    ticks = run.ticks()
+    left_out = [7, 100, 200, 300, 500, 600, 700, 800, 900]
+    np.testing.assert_array_equal(ticks["tick"], np.delete(np.arange(4000), left_out))
+    assert done.missed == ticks["missed"][-1] == len(left_out)
+    assert ((ticks["flags"] & Flag.AFTER_GAP) > 0).sum() == len(left_out)
+    assert np.flatnonzero(np.isnan(ticks["torque_Nm"])).size == 1
+    event = run.events()[0]
+    assert event["kind"] == "import"
+    assert sum(p["count"] for p in event["data"]["problems"]) == 8
+
+
+def test_many_of_a_kind_are_counted(tmp_path: Path) -> None:
+    edit = {row: f"{row / 1000},{2 * np.pi * row / 1000:.6f}," for row in range(10, 1010)}
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", turning(), edit=edit))
+    assert done.problems == ("lines 12, 13, 14, 15, 16 and 995 more: no torque_Nm: kept as nan",)
+    assert run.operating_points()[0]["quality"] == "ok"
+
+
+def test_strict_fails_and_leaves_nothing(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning(), edit={7: ",,"})
+    with pytest.raises(RecordError, match="line 9: no time"):
+        imported(tmp_path, source, strict=True)
+    assert not list(tmp_path.glob("run.mcap*"))
+
+
+def test_nothing_is_overwritten(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning())
+    for name in ("run.mcap", "run.mcap.part"):
+        (tmp_path / name).write_text("precious")
+        with pytest.raises(RecordError, match="exists already"):
+            imported(tmp_path, source)
+        assert (tmp_path / name).read_text() == "precious"
+        (tmp_path / name).unlink()
+
+
+def test_set_points_hold_and_split(tmp_path: Path) -> None:
+    columns = turning(9000)
+    torque = np.repeat([1.0, 2.0, 1.0], 3000)
+    columns |= {"M": torque, "n": np.full(9000, 1.0), "flags": np.repeat([0, 48, 0], 3000)}
+    columns["M"] = torque
+    text = MAP + 'torque_set_Nm = "M"\nspeed_set_Hz = "n"\nflags = "flags"\n'
+    text += '[split]\nby = ["torque_set_Nm", "speed_set_Hz"]\n'
+    row = 3500
+    edit = {row: f"{row / 1000},{2 * np.pi * row / 1000 + 0.4:.6f},75,,1,48"}
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns, edit=edit), text)
+    assert done.problems == (f"line {row + 2}: no torque_set_Nm: the value before holds",)
+    points = run.operating_points()
+    assert [p["torque_Nm"] for p in points] == [1.0, 2.0, 1.0]
+    assert [p["speed_Hz"] for p in points] == [1.0] * 3
+    assert [p["compensate"] for p in points] == [0, 3, 0]
+    assert [(p["tick_start"], p["tick_end"]) for p in points] == [
+        (0, 2999), (3000, 5999), (6000, 8999),
+    ]  # fmt: skip
+    ticks = run.ticks()
+    np.testing.assert_array_equal(ticks["plan_point"], np.repeat([0, 1, 2], 3000))
+    np.testing.assert_array_equal(ticks["torque_set_Nm"], torque)
+
+
+def test_short_stretches_are_no_good_points(tmp_path: Path) -> None:
+    columns = turning(7500)
+    columns["M"] = np.concatenate([np.full(2700, 1.0), np.linspace(1, 2, 300), np.full(4500, 2.0)])
+    text = MAP + '[split]\nby = ["M"]\nmin_turns = 3\nsettle_s = 0.1\n'
+    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    first, second = run.operating_points()
+    assert first["quality"] == "1 whole turns from zero point to zero point, 3 are needed"
+    assert second["quality"] == "ok"
+    assert second["tick_start"] == 3099
+    assert second["torque_source"] == "mean of the measured torque"
+    assert second["torque_Nm"] == pytest.approx(1.5, abs=0.02)
+
+
+def test_a_tolerance_spares_noise_of_the_set_point(tmp_path: Path) -> None:
+    columns = turning(6000)
+    noise = 0.01 * np.sin(np.arange(6000))
+    columns["M"] = np.repeat([1.0, 2.0], 3000) + noise
+    text = MAP + 'torque_set_Nm = "M"\n[split]\nby = ["torque_set_Nm"]\ntolerance = 0.05\n'
+    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    assert [(p["tick_start"], p["tick_end"]) for p in run.operating_points()] == [
+        (0, 2999), (3000, 5999),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+@pytest.mark.parametrize("wrapping", ["none", "zero", "middle"])
+def test_angles_in_any_range(tmp_path: Path, turn: int, wrapping: str) -> None:
+    columns = turning()
+    angle = turn * columns["Position[rad]"] - 7.0
+    shift = {"none": 0.0, "zero": 0.0, "middle": np.pi}[wrapping]
+    columns["Position[rad]"] = (
+        angle if wrapping == "none" else (angle + shift) % (2 * np.pi) - shift
+    )
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+    ticks = run.ticks()
+    expected = angle % (2 * np.pi)
+    difference = (ticks["angle_rad"] - expected + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(difference).max() < 1e-4
+    assert (ticks["angle_rad"] >= 0).all()
+    assert (ticks["angle_rad"] < 2 * np.pi).all()
+    assert ticks["speed_rad_s"] == pytest.approx(turn * 2 * np.pi, rel=2e-3)
+    assert run.operating_points()[0]["turns"] == pytest.approx(3.999, abs=1e-3)
+    assert done.notes[0].startswith("utf-8, delimiter ','")
+
+
+def test_counts_of_an_incremental_encoder(tmp_path: Path) -> None:
+    write_motor(tmp_path, counts=2001)
+    columns = turning()
+    angle = columns.pop("Position[rad]")
+    columns["n"] = np.rint(-angle / (2 * np.pi) * 2001)
+    text = MAP.replace('angle_rad = "Position[rad]"', 'encoder_count = "n"')
+    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    ticks = run.ticks()
+    np.testing.assert_array_equal(ticks["encoder_count"], columns["n"] % 2001)
+    assert ticks["speed_rad_s"][50:] == pytest.approx(-2 * np.pi, rel=0.05)
+
+
+def test_positions_of_another_range_are_refused(tmp_path: Path) -> None:
+    columns = turning(6000)
+    columns["Position[rad]"] = np.degrees(columns["Position[rad]"]) % 360
+    source = write_csv(tmp_path / "a.csv", columns)
+    with pytest.raises(RecordError, match=r"starts again, but a turn has 6\.2832 rad"):
+        imported(tmp_path, source)
+    columns["Position[rad]"] = np.floor(columns["Position[rad]"] / 360 * 2000)
+    text = MAP.replace("angle_rad", "encoder_count")
+    with pytest.raises(RecordError, match="says that a turn has 4096 counts"):
+        imported(tmp_path, write_csv(source, columns), text)
+
+
+def test_unix_times_are_exact(tmp_path: Path) -> None:
+    t_ns = 1_700_000_000_123_456_789 + np.arange(3000) * 1_000_001
+    rows = "\n".join(f"{t},{2 * np.pi * n / 1000:.6f}" for n, t in enumerate(t_ns))
+    (tmp_path / "a.csv").write_text(f"stamp,angle\n{rows}\n")
+    text = 'motor = "motor.toml"\n[columns]\nt_ns = "stamp"\nangle_rad = "angle"\n'
+    _, run = imported(tmp_path, tmp_path / "a.csv", text)
+    np.testing.assert_array_equal(run.ticks()["t_ns"], t_ns)
+
+
+def test_dates_are_times(tmp_path: Path) -> None:
+    stamps = np.datetime64("2007-05-01T12:00:00.000", "ns") + np.arange(3000) * np.timedelta64(
+        1_000_000, "ns"
+    )
+    rows = [f"{str(t)[:26]};{2 * np.pi * n / 1000:.6f}" for n, t in enumerate(stamps)]
+    rows[5] = "yesterday;0.03"
+    rows[7] = rows[7].replace("T", " ").replace(";", "Z;")
+    (tmp_path / "a.csv").write_text("stamp;angle\n" + "\n".join(rows) + "\n")
+    text = 'motor = "motor.toml"\n[columns]\nt_s = "stamp"\nangle_rad = "angle"\n'
+    done, run = imported(tmp_path, tmp_path / "a.csv", text)
+    assert done.problems == ("line 7: no time: left out",)
+    expected = START_NS + np.delete(np.arange(3000), 5) * 1_000_000
+    np.testing.assert_array_equal(run.ticks()["t_ns"], expected)
+
+
+def test_rows_without_time_have_a_period(tmp_path: Path) -> None:
+    columns = turning()
+    del columns["Time"]
+    text = MAP.replace('t_s = "Time"\n', "").replace("[columns]", "period_s = 0.001\n[columns]")
+    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    np.testing.assert_array_equal(run.ticks()["t_ns"], START_NS + np.arange(4000) * 1_000_000)
+
+
+def test_a_table_without_names(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning(), ";", ",")
+    source.write_text("recorded;2007-05-01\n\n" + source.read_text().split("\n", 1)[1])
+    text = 'motor = "motor.toml"\n[columns]\nt_s = 1\nangle_rad = {position = 2}\n'
+    done, _ = imported(tmp_path, source, text)
+    assert done.ticks == 4000
+    (tmp_path / "run.mcap").unlink()
+    with pytest.raises(RecordError, match="torque_Nm: there is no column 4, the file has 3"):
+        imported(tmp_path, source, text + "torque_Nm = 4\n")
+
+
+def test_columns_that_are_not_there_are_guessed(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning())
+    with pytest.raises(RecordError, match=r"no column 'position \[rad\]'; did you mean 'Position"):
+        imported(tmp_path, source, MAP.replace('"Position[rad]"', '"position [rad]"'))
+    columns = turning() | {"x": np.zeros(4000)}
+    text = source.read_text()
+    source = write_csv(source, columns)
+    source.write_text(source.read_text().replace(",x\n", ",Iq\n"))
+    with pytest.raises(RecordError, match=r"2 columns 'Iq' \(columns 3, 4\)"):
+        imported(tmp_path, source)
+    source.write_text(text)
+    with pytest.raises(RecordError, match="by: 'load' is neither mapped nor a column"):
+        imported(tmp_path, source, MAP + '[split]\nby = ["load"]\n')
+
+
+def test_quoted_cells_and_units(tmp_path: Path) -> None:
+    columns = turning(3000)
+    rows = [
+        f'"{t:.3f}","{a:.6f}","{q:.4f}","fine, so far"'
+        for t, a, q in zip(*columns.values(), strict=True)
+    ]
+    header = '"Time","Position[rad]","Iq","remark"\ns,rad,A,\n'
+    (tmp_path / "a.csv").write_text(header + "\n".join(rows) + "\n")
+    done, _ = imported(tmp_path, tmp_path / "a.csv")
+    assert (done.ticks, done.problems) == (3000, ())
+
+
+def test_gaps_end_operating_points(tmp_path: Path) -> None:
+    columns = turning(8000)
+    columns["Time"] = columns["Time"] + np.repeat([0.0, 20.0], 4000)
+    done, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+    assert len(run.operating_points()) == 2
+    assert done.missed == 20_000
+    assert (tmp_path / "run.mcap").exists()
+
+
+def test_irregular_rows_miss_nothing(tmp_path: Path) -> None:
+    columns = turning()
+    pace = np.random.default_rng(1).exponential(0.001, 4000) + 1e-5
+    columns["Time"] = np.cumsum(pace)
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+    assert done.missed == 0
+    assert any("not evenly spaced" in note for note in done.notes)
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (("t_s =", "t_x ="), r"map\.toml:4: columns\.t_x: no field of a tick"),
+        (("angle_rad", "speed_rad_s"), r"must have encoder_count or angle_rad"),
+        (("[columns]", "period_s = 1.0\n[columns]"), "give one of t_s, t_ns"),
+        (("0.02", "0"), "scale must not be 0"),
+        (("motor.toml", "missing.toml"), "motor: there is no file"),
+        (("[columns]", "[constants]\nt_s = 1\n[columns]"), "t_s is both in"),
+        (("[columns]", "[constants]\nt_ns = 1\n[columns]"), "cannot be constant"),
+        (("[columns]", "[csv]\nencoding = 'utf-99'\n[columns]"), "no encoding of this name"),
+        (("[columns]", "[csv]\ndelimiter = ','\ndecimal = ','\n[columns]"), "both be a comma"),
+        (('"Time"', "[1]"), r"map\.toml:4: columns\.t_s"),
+    ],
+)
+def test_maps_that_cannot_be(tmp_path: Path, edit: tuple[str, str], words: str) -> None:
+    source = write_csv(tmp_path / "a.csv", turning(100))
+    with pytest.raises(ConfigError, match=words):
+        imported(tmp_path, source, MAP.replace(*edit))
+
+
+def test_a_tick_of_the_source_counts(tmp_path: Path) -> None:
+    columns = turning() | {"k": np.arange(4000) + 17}
+    source = write_csv(tmp_path / "a.csv", columns)
+    done, run = imported(tmp_path, source, MAP + 'tick = "k"\n')
+    assert run.ticks()["tick"][0] == 17
+    assert done.missed == 0
+    (tmp_path / "run.mcap").unlink()
+    source = write_csv(source, columns | {"k": np.arange(4000) // 2})
+    with pytest.raises(RecordError, match="line 3: tick does not rise"):
+        imported(tmp_path, source, MAP + 'tick = "k"\n')
+
+
+def test_what_it_is_of_travels_with_it(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning())
+    _, run = imported(tmp_path, source, 'notes = "from the attic"\n' + MAP)
+    assert run.metadata["notes"] == "from the attic"
+    assert run.metadata["source"]["file"] == "a.csv"
+    assert len(run.metadata["source"]["sha256"]) == 64
+    assert run.metadata["map"].endswith(MAP)
+    assert run.metadata["motor"]["slots"] == 48
+
+
+def test_times_without_a_date_end_with_the_file(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning())
+    done, run = imported(tmp_path, source, MAP.replace("start = 2007-05-01T12:00:00Z\n", ""))
+    assert run.ticks()["t_ns"][-1] == source.stat().st_mtime_ns
+    assert any("as old as the file" in note for note in done.notes)
+
+
+def test_probable_mistakes_are_pointed_out(tmp_path: Path) -> None:
+    columns = turning()
+    columns["Time"] = np.floor(columns["Time"] * 100) / 100
+    columns["Iq"] = columns["Iq"] * 1000
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns))
+    assert any("give period_s" in note for note in done.notes)
+    assert any("is its scale right?" in note for note in done.notes)
+    (tmp_path / "run.mcap").unlink()
+    columns = turning()
+    columns["Time"] = columns["Time"] % 2
+    del columns["Iq"]
+    text = "\n".join(MAP.splitlines()[:-1])
+    done, _ = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    assert any("must be cut apart" in note for note in done.notes)
+    assert any(note.startswith("no torque:") for note in done.notes)
+    assert done.ticks == 2000
+
+
+def test_files_that_are_no_tables(tmp_path: Path) -> None:
+    source = tmp_path / "a.csv"
+    with pytest.raises(RecordError, match=r"a\.csv: No such file"):
+        imported(tmp_path, source)
+    for content, words in (
+        (b"", "has no lines of text"),
+        (b"\0\1" * 100, "not a table of text"),
+        (b"Time,Position[rad],Iq\n", "no rows of numbers"),
+        (b"Time,Position[rad],Iq\n1,2,3\n" + b"4" * 4_000_000, "line 3 is longer than"),
+        (b"Time,Position[rad],Iq\n1,2,3\n1,2,3\n", "fewer than two rows"),
+    ):
+        source.write_bytes(content)
+        with pytest.raises(RecordError, match=words):
+            imported(tmp_path, source)
+
+
+def test_a_bench_file_names_the_motor(tmp_path: Path) -> None:
+    source = write_csv(tmp_path / "a.csv", turning())
+    _, run = imported(tmp_path, source, MAP.replace("motor.toml", "package:sim.toml"))
+    assert run.metadata["motor"]["name"] == "axial-flux 48/16"
+    assert run.metadata["config"].startswith("# The packaged simulated bench")
+
+
+def test_channels_of_a_table_may_be_in_other_units(tmp_path: Path) -> None:
+    columns = turning() | {"n": np.full(4000, 60.0)}
+    text = MAP + 'speed_Hz = {column = "n", scale = 0.016666666666666666}\n'
+    text += "[constants]\nspeed_set_Hz = 1.0\nstate = 2\n"
+    _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), text)
+    ticks = run.ticks()
+    assert ticks["speed_rad_s"] == pytest.approx(2 * np.pi)
+    assert ticks["speed_set_rad_s"] == pytest.approx(2 * np.pi)
+    assert (ticks["state"] == 2).all()

@@ -1,0 +1,60 @@
+"""A bench of first-order dynamics for plans: speed follows torque and brake, no kernel, no rig."""
+
+import numpy as np
+
+from motord.config import BrakeConfig
+from motord.schema import TICK_DTYPE, State
+from motord.sequencing import Demand
+from motord.sequencing.brake_servo import brake_torque_Nm
+
+PERIOD_NS = 10_000_000
+LOOK_TICKS = 2
+
+
+class FakeBench:
+    """Torque ramps at 10 Nm/s; the brake is `brake_factor` times as strong as told, and slow."""
+
+    def __init__(self, brake: BrakeConfig, brake_factor: float = 1.0) -> None:
+        self.brake, self.brake_factor = brake, brake_factor
+        self.state = State.OFF
+        self.trip_bits = 0
+        self.obeys = True
+        self.torque_Nm = self.speed_rad_s = self.angle_rad = self.excitation = 0.0
+        self.fastest_rad_s = 0.0
+        self.number = 0
+        self.t_ns = 1_700_000_000_000_000_000
+        self._demand = Demand()
+
+    def look(self, demand: Demand) -> np.ndarray:
+        """Apply `demand` for two ticks and return them."""
+        if self.obeys and demand.enabled and not self._demand.enabled:
+            self.state = State.ENABLED
+        self._demand = demand
+        block = np.zeros(LOOK_TICKS, TICK_DTYPE)
+        for row in block:
+            self._advance(demand)
+            row["tick"], row["t_ns"] = self.number, self.t_ns
+            row["angle_rad"] = self.angle_rad % (2 * np.pi)
+            row["speed_rad_s"] = self.speed_rad_s
+            row["state"], row["trip_bits"] = self.state, self.trip_bits
+            row["torque_set_Nm"], row["plan_point"] = self.torque_Nm, demand.plan_point
+        return block
+
+    def _advance(self, demand: Demand) -> None:
+        dt_s = PERIOD_NS * 1e-9
+        self.number += 1
+        self.t_ns += PERIOD_NS
+        target_Nm = demand.torque_Nm if demand.enabled and self.state is State.ENABLED else 0.0
+        step_Nm = 10.0 * dt_s
+        self.torque_Nm += float(np.clip(target_Nm - self.torque_Nm, -step_Nm, step_Nm))
+        if self.state is State.ENABLED and not demand.enabled and self.torque_Nm == 0.0:
+            self.state = State.READY
+        self.excitation += (demand.brake - self.excitation) * dt_s / 0.2
+        for _ in range(10):
+            load_Nm = self.brake_factor * brake_torque_Nm(
+                self.brake, self.excitation, self.speed_rad_s
+            )
+            net_Nm = self.torque_Nm - load_Nm - 0.01 * self.speed_rad_s
+            self.speed_rad_s = max(self.speed_rad_s + net_Nm / 0.0105 * dt_s / 10, 0.0)
+        self.fastest_rad_s = max(self.fastest_rad_s, self.speed_rad_s)
+        self.angle_rad += self.speed_rad_s * dt_s

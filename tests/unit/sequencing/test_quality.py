@@ -1,0 +1,106 @@
+"""What makes an operating point a poor one, judged from ticks."""
+
+import numpy as np
+import pytest
+
+from motord.config import MeshConfig
+from motord.schema import TICK_DTYPE
+from motord.sequencing import TickWatcher
+from motord.sequencing.quality import of_capture
+from tests.unit.sequencing.test_executor import Runner
+
+RATE_HZ = 1000
+LOOK = 20
+
+
+def captured(speeds_Hz, missed=0, link_errors=0, temperature_C=40.0, before=300):
+    """Return what is seen at the end of a capture at these speeds, tick by tick."""
+    speeds_Hz = np.concatenate([np.full(2 * RATE_HZ, speeds_Hz[0]), speeds_Hz])
+    ticks = np.zeros(speeds_Hz.size, TICK_DTYPE)
+    ticks["tick"] = np.arange(ticks.size)
+    ticks["t_ns"] = ticks["tick"] * (1_000_000_000 // RATE_HZ)
+    ticks["speed_rad_s"] = 2 * np.pi * speeds_Hz
+    ticks["angle_rad"] = np.cumsum(ticks["speed_rad_s"] / RATE_HZ) % (2 * np.pi)
+    ticks["plan_point"] = -1
+    ticks["plan_point"][2 * RATE_HZ :] = 3
+    ticks["temperature_C"] = temperature_C
+    for name, more in (("missed", missed), ("link_errors", link_errors)):
+        ticks[name] = before
+        ticks[name][-LOOK:] += more
+    watcher = TickWatcher()
+    seen = [watcher.take(ticks[first : first + LOOK]) for first in range(0, ticks.size, LOOK)]
+    return seen[-1]
+
+
+def quality(*arguments, band_C=None, **more):
+    mesh = MeshConfig(speed_tolerance=0.02, temperature_C=band_C)
+    return of_capture(captured(*arguments, **more), 1.0, mesh)
+
+
+def steady(speed_Hz, seconds=4.0):
+    return np.full(round(seconds * RATE_HZ), speed_Hz)
+
+
+@pytest.mark.parametrize(
+    ("speed_Hz", "words"),
+    [(1.0, "ok"), (1.039, "ok"), (0.961, "ok"), (1.045, "speed off by 4.5 %"),
+     (0.955, "speed off by 4.5 %")],
+)  # fmt: skip
+def test_the_mean_speed_counts(speed_Hz, words):
+    assert quality(steady(speed_Hz)) == words
+
+
+@pytest.mark.parametrize(("drift", "good"), [(0.05, True), (0.08, False)])
+def test_a_speed_that_drifts_about_the_right_mean_has_not_settled(drift, good):
+    speeds_Hz = np.concatenate([steady(1 - drift), steady(1 + drift)])
+    said = quality(speeds_Hz)
+    assert said == "ok" if good else said == "not settled: turns from 0.92 to 1.08 Hz"
+
+
+def test_ripple_within_a_turn_is_none_of_it():
+    angle_rad = np.linspace(0, 8 * np.pi, 4 * RATE_HZ)
+    assert quality(1 + 0.3 * np.sin(48 * angle_rad)) == "ok"
+
+
+@pytest.mark.parametrize(("missed", "good"), [(900, True), (1100, False)])
+def test_ticks_that_are_missing_count_from_the_beginning_of_the_capture(missed, good):
+    said = quality(steady(1.0), missed=missed)
+    assert said == "ok" if good else said == "22 % of its ticks are missing"
+
+
+@pytest.mark.parametrize(("errors", "good"), [(40, True), (41, False)])
+def test_frames_that_are_lost_make_it_noisy(errors, good):
+    said = quality(steady(1.0), link_errors=errors)
+    assert said == "ok" if good else said == "noisy: 41 frames lost or corrupt"
+
+
+@pytest.mark.parametrize(
+    ("temperature_C", "band_C", "good"),
+    [
+        (40.0, None, True), (float("nan"), None, True), (40.0, (40.0, 50.0), True),
+        (50.0, (40.0, 50.0), True), (39.9, (40.0, 50.0), False), (50.1, (40.0, 50.0), False),
+        (float("nan"), (40.0, 50.0), False),
+    ],
+)  # fmt: skip
+def test_a_temperature_out_of_band_is_told(temperature_C, band_C, good):
+    said = quality(steady(1.0), temperature_C=temperature_C, band_C=band_C)
+    assert said == "ok" if good else "outside 40 to 50" in said
+
+
+def test_all_that_is_wrong_is_told():
+    said = quality(steady(1.2), missed=2000, temperature_C=20.0, band_C=(40.0, 50.0))
+    assert [part[:5] for part in said.split("; ")] == ["speed", "33 % ", "inver"]
+
+
+def test_a_cold_inverter_is_given_three_chances():
+    settings = {"torques_Nm": [2.0], "speeds_Hz": [1.0], "turns": 2, "settle_s": 0.1}
+    runner = Runner(settings={**settings, "temperature_C": [30.0, 50.0]})
+    runner.finish()
+    takes = [(p["take"], p["quality"].partition(",")[0]) for p in runner.executor.points]
+    assert takes == [(1, "inverter at 0.0 degC"), (2, "inverter at 0.0 degC"),
+                     (3, "inverter at 0.0 degC")]  # fmt: skip
+
+
+def test_a_band_that_is_upside_down_is_refused():
+    with pytest.raises(ValueError, match="lower temperature comes first"):
+        MeshConfig(temperature_C=(50.0, 40.0))
