@@ -19,7 +19,7 @@ from motord.demo.learn import (
     learned_report,
     verify_virtual,
 )
-from motord.experiments.ilc.report import write
+from motord.experiments.ilc.report import page
 from motord.experiments.plans import build
 from motord.virtual.mesh import processors
 from tests.campaigns import seeds
@@ -66,7 +66,7 @@ def main() -> int:
         print(f"pass {number}: mean {np.mean(values):.3f} %, worst {max(values):.3f} %")
     print(f"{learned.bench_s:.0f} s of learning; all in {time.monotonic() - began_s:.0f} s")
     if given.report:
-        write(given.report, learned_report(learned))
+        page(learned_report(learned)).write(given.report)
     low, high = BEFORE_PERCENT
     kept = all(low <= error <= high for error in before.values())
     kept &= max(after.values()) <= AFTER_PERCENT

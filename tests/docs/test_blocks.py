@@ -12,8 +12,9 @@ import typer
 from motord import config
 from motord.cli import app
 from motord.config import Config
+from motord.config.experiments import plan_kinds
 from motord.config.faults import Timeline
-from motord.experiments.plans import PLANS, build
+from motord.experiments.plans import build
 from motord.importing.mapping import ImportMap
 from tests.docs.blocks import (
     COMMANDS,
@@ -125,7 +126,7 @@ def check_motord(words: list[str]) -> None:
     names = parse(words)
     if names[:2] in (["plan", "start"], ["simulate"]) or names[:1] == ["simulate"]:
         plan = words[len(names)]
-        assert plan in PLANS, f"no plan {plan}"
+        assert plan in plan_kinds(), f"no plan {plan}"
         build(plan, config.load(), settings_of(words))
 
 

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.experiments.plans import PLANS
+from motord.config.experiments import plan_kinds
 from tests.unit.service.live_service import endpoint
 from tests.unit.test_cli_text import ALL
 
@@ -29,8 +29,8 @@ FILES = [
     "latency -c {} --seconds 0",
     "simulate calibrate -c {} -o new.mcap",
     "simulate verify --calibration {} -o new.mcap",
-    *(f"analyse {name} {{}}" for name in PLANS if name != "learn"),
-    *(f"analyse {name} {{}} -c good.toml --json" for name in PLANS if name != "learn"),
+    *(f"analyse {name} {{}}" for name in plan_kinds() if name != "learn"),
+    *(f"analyse {name} {{}} -c good.toml --json" for name in plan_kinds() if name != "learn"),
     "analyse learn none.mcap --calibration {}",
     "analyse learn {} --calibration good.json",
     "analyse sensitivity --calibration {}",

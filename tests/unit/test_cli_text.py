@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.cli.console import plain_console, text_column
-from motord.experiments.plans import PLANS
+from motord.config.experiments import plan_kinds
 
 CLI = Path(__file__).parents[2] / "src" / "motord" / "cli"
 
@@ -83,7 +83,7 @@ def test_nothing_with_markup_is_made_elsewhere(path):
     assert marked <= allowed.get(str(path.relative_to(CLI)), set())
 
 
-@pytest.mark.parametrize("name", PLANS)
+@pytest.mark.parametrize("name", plan_kinds())
 def test_every_plan_has_an_analysis_of_its_name(name):
     result = CliRunner().invoke(app, ["analyse", name, "--help"])
     assert result.exit_code == 0

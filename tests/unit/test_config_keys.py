@@ -16,6 +16,7 @@ import pytest
 from pydantic import BaseModel
 
 from motord.config import AccelerationConfig, Config, OscillationConfig, load, packaged
+from motord.config.experiments import PlansConfig, plans_model
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import accelerate
 from motord.experiments.plans import build
@@ -53,10 +54,15 @@ def models(kind: Any) -> Iterator[type[BaseModel]]:
         yield from models(part)
 
 
+def sections(kind: Any) -> Iterator[type[BaseModel]]:
+    for model in models(kind):
+        yield plans_model() if model is PlansConfig else model
+
+
 def keys(model: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:
     for name, field in model.model_fields.items():
         yield f"{prefix}{name}"
-        for section in models(field.annotation):
+        for section in sections(field.annotation):
             yield from keys(section, f"{prefix}{name}.")
 
 

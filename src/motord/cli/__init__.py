@@ -28,7 +28,7 @@ COMMANDS = {
     "set": "motord.cli.operate:set_",
     "plan": "motord.cli.plan:app",
     "learn": "motord.cli.learn:learn",
-    "analyse": "motord.cli.analyse:app",
+    "analyse": "motord.cli.analysis_command:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
     "record": "motord.cli.record:app",

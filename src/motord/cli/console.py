@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
+from typer.core import TyperGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,9 +46,10 @@ def print_json(obj: Any) -> None:
     print(json.dumps(obj, indent=2, allow_nan=True))  # noqa: T201
 
 
-def group(summary: str) -> typer.Typer:
+def group(summary: str, kind: type[TyperGroup] = TyperGroup) -> typer.Typer:
     """Return a group of commands with this help."""
     return typer.Typer(
+        cls=kind,
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,

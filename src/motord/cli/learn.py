@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.analyse.inputs import Output, Report, explained, say_files
-from motord.cli.analyse.learn import Gain, HighestOrder, print_pass, summary
+from motord.cli.analysis_command import Output, Report, errors_in_one_line, print_files, print_text
 from motord.cli.command import in_command
 from motord.cli.console import fail, print_json
 from motord.cli.plan import follow
 from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon
 from motord.cli.settings import settings_of
+from motord.experiments.ilc.command import Gain, HighestOrder, summary, text
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -53,10 +53,14 @@ def learn(
 
     from motord.experiments.ilc.analysis import finish, learn_report, reopen
     from motord.experiments.ilc.estimate import Learning
-    from motord.experiments.ilc.report import write
+    from motord.experiments.ilc.report import page
 
     learning = Learning(gain=gain, highest_order=highest_order)
-    with daemon(bench, connect) as client, in_command(client, force=force) as command, explained():
+    with (
+        daemon(bench, connect) as client,
+        in_command(client, force=force) as command,
+        errors_in_one_line(),
+    ):
         calibration = _in_force(client)
         chosen = settings_of(client, "learn", settings or [])
         if again:
@@ -75,12 +79,12 @@ def learn(
         if output:
             calibration.save(output)
         if report:
-            write(report, learn_report(done))
+            page(learn_report(done)).write(report)
     if as_json:
         print_json(done.to_json())
     else:
-        print_pass(done)
-        say_files(output, report)
+        print_text(text(done))
+        print_files(output, report)
 
 
 def _in_force(client: "Client") -> "Calibration":

@@ -34,6 +34,7 @@ from motord.config.devices import (
     ModbusConfig,
     RegisterKind,
 )
+from motord.config.experiments import PlansConfig
 from motord.config.inertia import (
     AccelerationConfig,
     EffectiveMass,
@@ -54,7 +55,6 @@ from motord.config.plans import (
     DrivenConfig,
     LearnConfig,
     MeshConfig,
-    PlansConfig,
     SensitivityConfig,
 )
 from motord.config.reading import (

@@ -14,8 +14,8 @@ from motord.config.devices import (
     InverterConfig,
     shares_line,
 )
+from motord.config.experiments import Plans
 from motord.config.motor import MotorConfig, TorqueSensorConfig
-from motord.config.plans import PlansConfig
 from motord.config.timing import (
     JUMP_MAX_RAD,
     RAMP_DOWN_MAX_S,
@@ -237,7 +237,7 @@ class Config(Section):
     limits: LimitsConfig = LimitsConfig()
     recording: RecordingConfig = RecordingConfig()
     zenoh: ZenohConfig = ZenohConfig()
-    plans: PlansConfig = PlansConfig()
+    plans: Plans
 
     @model_validator(mode="after")
     def _sim_is_all_or_nothing(self) -> "Config":

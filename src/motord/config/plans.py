@@ -2,10 +2,9 @@
 
 from typing import Annotated
 
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from motord.config.base import MAX_VALUES, Finite, NonNegative, Positive, Section, TemperatureBand
-from motord.config.inertia import AccelerationConfig, OscillationConfig
 
 SMALLEST_GAIN_STEP = 0.05
 """Change of a phase's gain below which the common gain hardly shows."""
@@ -141,23 +140,3 @@ class AlignConfig(Section):
     hold_s: Annotated[float, Field(ge=0.2, le=10)] = 0.4
     move_s: Annotated[float, Field(ge=0.04, le=10)] = 0.1
     brake: Annotated[float, Field(ge=0, le=1)] = 0.4
-
-
-def _with_dashes(name: str) -> str:
-    return name.replace("_", "-")
-
-
-class PlansConfig(Section):
-    """`[plans.*]`: defaults of each experiment, under the plan's name."""
-
-    model_config = ConfigDict(alias_generator=_with_dashes, populate_by_name=True)
-
-    calibrate: CalibrateConfig = CalibrateConfig()
-    verify: MeshConfig = MeshConfig()
-    cogging: DrivenConfig = DrivenConfig()
-    back_emf: DrivenConfig = DrivenConfig(speeds_Hz=(0.53, 0.87, 1.37))
-    inertia_oscillation: OscillationConfig = OscillationConfig()
-    inertia_acceleration: AccelerationConfig = AccelerationConfig()
-    sensitivity: SensitivityConfig = SensitivityConfig()
-    learn: LearnConfig = LearnConfig()
-    align: AlignConfig = AlignConfig()

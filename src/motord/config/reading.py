@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from motord.config.base import ConfigError, Section
 from motord.config.bench import Config
+from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
 
 
@@ -124,7 +125,7 @@ def _suggestion(model: type[BaseModel], keys: list[str]) -> str:
             return ""
         if not issubclass(field.annotation, BaseModel):
             return ""
-        known = field.annotation
+        known = field.annotation if field.annotation is not PlansConfig else plans_model()
     near = difflib.get_close_matches(keys[-1], list(known.model_fields), 1, 0.5)
     return f"; did you mean {near[0]}?" if near else f"; known: {', '.join(known.model_fields)}"
 

@@ -5,7 +5,7 @@ import numpy as np
 from motord.demo.judge import CELLS, Verdict
 from motord.demo.run import Demo
 from motord.experiments.calibration.content import estimate_of_result, estimate_of_truth
-from motord.experiments.calibration.report import CalibrationReport, View, write
+from motord.experiments.calibration.report import CalibrationReport, View, page
 from motord.identification.ripple import spectrum
 from motord.report.plots.torque import Ripple
 
@@ -14,7 +14,7 @@ HIGHEST_ORDER = 300
 
 def write_report(demo: Demo) -> None:
     """Write the page of a demo. Raises OSError."""
-    write(demo.files.report, _contents(demo))
+    page(_contents(demo)).write(demo.files.report)
 
 
 def _contents(demo: Demo) -> CalibrationReport:

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from motord.config import (
@@ -14,7 +15,7 @@ from motord.config import (
     load_motor,
     read_toml,
 )
-from motord.recording.reader import Run
+from motord.recording.reader import Run, open_run
 
 
 class AnalysisError(Exception):
@@ -53,6 +54,29 @@ class Subject:
                     "analyse them one by one, or name the bench file that holds for both with -c"
                 )
         return subjects[0]
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """Recordings that are analysed together, and the bench or motor file that was named, if any."""
+
+    runs: tuple[Run, ...]
+    config: Path | None = None
+
+    @classmethod
+    def open(cls, paths: Sequence[Path], config: Path | None = None) -> "Recordings":
+        """Open the files. Raises RecordError, OSError."""
+        return cls(tuple(open_run(path) for path in paths), config)
+
+    @property
+    def names(self) -> list[str]:
+        """Return the files' names."""
+        return [run.path.name for run in self.runs]
+
+    @cached_property
+    def subject(self) -> Subject:
+        """Return what they are of. Raises AnalysisError, ConfigError."""
+        return Subject.of_file(self.config) if self.config else Subject.of_runs(self.runs)
 
 
 def _recorded(run: Run) -> Subject:

@@ -14,7 +14,7 @@ import numpy as np
 
 from motord.api.errors import Code, RpcError
 from motord.api.requests import REQUESTS, parse
-from motord.experiments.plans import PLANS
+from motord.config.experiments import plan_kinds
 from motord.schema import Trip
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation
@@ -100,7 +100,7 @@ class Rpc:
     def _right(self, rng: random.Random, name: str) -> dict[str, Any]:
         """Return a request of the right form, now and then with the right token."""
         token = rng.choice((self.token, self.token, "guess", "a" * 32))
-        kind = rng.choice(sorted(PLANS))
+        kind = rng.choice(sorted(plan_kinds()))
         own = getattr(self.service.config.plans, kind.replace("-", "_")).model_dump(mode="json")
         some = rng.sample(sorted(own), rng.randrange(min(4, len(own))))
         forms: dict[str, dict[str, Any]] = {

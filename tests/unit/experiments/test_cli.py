@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.calibration import load
-from motord.cli.analyse import app as analyse
+from motord.cli.analysis_command import app as analyse
 from motord.cli.calibration import app as calibration
 from motord.config import packaged
 from motord.recording.writer import RunWriter

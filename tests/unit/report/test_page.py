@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.report import page, write
+from motord.experiments.calibration.report import page
 from motord.report.html import Page
 from motord.report.style import PALETTE, drawing, figure
 from motord.report.svg import inline
@@ -57,7 +57,7 @@ def structure(html: str) -> Structure:
 
 
 def test_page_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
-    write(tmp_path / "r.html", content())
+    page(content()).write(tmp_path / "r.html")
     html = (tmp_path / "r.html").read_text()
     found = structure(html)
     assert len(found.ids) == len(set(found.ids))

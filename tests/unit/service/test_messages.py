@@ -13,7 +13,7 @@ from motord.api.errors import RpcError
 from motord.api.messages import Event
 from motord.api.requests import REQUESTS, parse
 from motord.config.base import MAX_VALUES
-from motord.config.plans import PlansConfig
+from motord.config.experiments import plans_model
 
 VALID = {
     "lease/acquire": {"holder": "anna@bench"},
@@ -164,7 +164,7 @@ def lists(schema, definitions, where=""):
 
 def test_no_request_makes_a_plan_of_any_length():
     """A dry run needs no lease, and the supervisor builds the plan."""
-    schema = PlansConfig.model_json_schema()
+    schema = plans_model().model_json_schema()
     found = dict(lists(schema, schema["$defs"]))
     assert ".calibrate.torques_Nm" in found
     assert [where for where, most in found.items() if most > MAX_VALUES] == []

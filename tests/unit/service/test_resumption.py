@@ -6,7 +6,8 @@ import pytest
 
 from motord.api.errors import RpcError
 from motord.config import load
-from motord.experiments.plans import PLANS, build
+from motord.config.experiments import plan_kinds
+from motord.experiments.plans import build
 from motord.recording.mcap_file import part_of
 from motord.recording.writer import RunWriter
 from motord.schema import Compensate
@@ -272,7 +273,7 @@ def test_a_journal_that_cannot_be_read_is_told(days):
     assert any("journal: cannot read" in m for m in days.daemon().messages())
 
 
-@pytest.mark.parametrize("name", sorted(PLANS))
+@pytest.mark.parametrize("name", sorted(plan_kinds()))
 def test_every_plan_is_made_again_from_its_own_settings(name):
     plan = build(name, load())
     again = build(name, load(), plan.settings)

@@ -8,7 +8,8 @@ import pytest
 
 from motord.config import ConfigError, load, packaged
 from motord.config.back_emf import BackEmfTable
-from motord.experiments.plans import PLANS, build
+from motord.config.experiments import plan_kinds
+from motord.experiments.plans import build
 from motord.virtual import preflight
 from motord.virtual.preflight import forecasts
 from motord.virtual.told import as_told
@@ -128,7 +129,7 @@ def test_a_release_by_a_simulated_hand_can_be_tried_out():
     assert each.fine
 
 
-@pytest.mark.parametrize("name", [n for n in PLANS if n != "sensitivity"])
+@pytest.mark.parametrize("name", [n for n in plan_kinds() if n != "sensitivity"])
 def test_every_plan_can_be_tried_out_or_says_why_not(name):
     settings = {"compensate": "off"} if name == "verify" else {}
     plan = build(name, load(), settings)

@@ -1,1 +1,23 @@
 """Alignment of phases and encoder: order and direction of the phases, zero of the encoder."""
+
+from motord.config import AlignConfig
+from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+
+EXPERIMENT = Experiment(
+    plans=(
+        PlanKind(
+            "align",
+            "a current vector turned by hand, for phase order, encoder direction and encoder zero",
+            AlignConfig(),
+            make="motord.experiments.alignment.plan:make",
+        ),
+    ),
+    analyses=(
+        AnalysisKind(
+            "align",
+            "Find phase order, encoder direction and encoder zero from a run of the plan align.",
+            command="motord.experiments.alignment.command:ANALYSIS",
+        ),
+    ),
+    position=10,
+)

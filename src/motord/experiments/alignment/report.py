@@ -1,7 +1,6 @@
 """The report of an alignment: what was found, how the rotor followed, what the zero rests on."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -43,12 +42,12 @@ class AlignReport:
     notes: tuple[str, ...]
 
 
-def write(path: Path, data: AlignReport) -> None:
-    """Write a page of its own. Raises OSError."""
-    page = Page(data.title, data.lead)
-    page.table([], data.facts)
-    fill(page, data)
-    page.write(path)
+def page(data: AlignReport) -> Page:
+    """Return a page of its own."""
+    made = Page(data.title, data.lead)
+    made.table([], data.facts)
+    fill(made, data)
+    return made
 
 
 def fill(page: Page, data: AlignReport) -> None:

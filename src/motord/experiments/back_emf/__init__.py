@@ -1,1 +1,23 @@
 """Back-EMF of the phases from a rotor driven without current."""
+
+from motord.config import DrivenConfig
+from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+
+EXPERIMENT = Experiment(
+    plans=(
+        PlanKind(
+            "back-emf",
+            "rotor driven from outside without current, for the back-EMF of the phases",
+            DrivenConfig(speeds_Hz=(0.53, 0.87, 1.37)),
+            make="motord.experiments.back_emf.plan:make",
+        ),
+    ),
+    analyses=(
+        AnalysisKind(
+            "back-emf",
+            "Measure the back-EMF; -o writes the table that `[motor] back_emf` may name.",
+            command="motord.experiments.back_emf.command:ANALYSIS",
+        ),
+    ),
+    position=50,
+)

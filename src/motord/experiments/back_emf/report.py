@@ -1,7 +1,6 @@
 """The report of a back-EMF run: waves over the electrical period, harmonics."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -78,9 +77,9 @@ def fill(page: Page, data: BackEmfReport) -> None:
     page.points([*items, *data.notes])
 
 
-def write(path: Path, data: BackEmfReport) -> None:
-    """Write a page of its own. Raises OSError."""
-    page = Page(data.title, data.lead)
-    page.table([], data.facts)
-    fill(page, data)
-    page.write(path)
+def page(data: BackEmfReport) -> Page:
+    """Return a page of its own."""
+    made = Page(data.title, data.lead)
+    made.table([], data.facts)
+    fill(made, data)
+    return made

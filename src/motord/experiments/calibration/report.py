@@ -1,7 +1,6 @@
 """The report of a calibration: what it found, and the torque before and after it."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -106,11 +105,6 @@ def fill(made: Page, data: CalibrationReport) -> None:
     if data.estimates:
         _gains(made, data)
         _cogging(made, data)
-
-
-def write(path: Path, data: CalibrationReport) -> None:
-    """Write the report, one self-contained HTML file. Raises OSError."""
-    page(data).write(path)
 
 
 def _key_figures(made: Page, data: CalibrationReport) -> None:

@@ -1,1 +1,23 @@
 """Cogging torque from a rotor driven without current."""
+
+from motord.config import DrivenConfig
+from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+
+EXPERIMENT = Experiment(
+    plans=(
+        PlanKind(
+            "cogging",
+            "rotor driven from outside without current, for the cogging torque",
+            DrivenConfig(),
+            make="motord.experiments.cogging.plan:make",
+        ),
+    ),
+    analyses=(
+        AnalysisKind(
+            "cogging",
+            "Measure the cogging torque from a rotor that was driven without current.",
+            command="motord.experiments.cogging.command:ANALYSIS",
+        ),
+    ),
+    position=40,
+)

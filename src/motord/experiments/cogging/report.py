@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -107,12 +106,12 @@ def fill(page: Page, data: CoggingRunReport) -> None:
         _beside(page, data, data.beside)
 
 
-def write(path: Path, data: CoggingRunReport) -> None:
-    """Write a page of its own. Raises OSError."""
-    page = Page(data.title, data.lead)
-    page.table([], data.facts)
-    fill(page, data)
-    page.write(path)
+def page(data: CoggingRunReport) -> Page:
+    """Return a page of its own."""
+    made = Page(data.title, data.lead)
+    made.table([], data.facts)
+    fill(made, data)
+    return made
 
 
 def _at(speed: SpeedRow) -> str:

@@ -1,7 +1,6 @@
 """The report of learning: ripple over the mesh before and after, and pass by pass."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from motord.experiments.ilc.plots import convergence, corrections
 from motord.report.html import Page
@@ -26,11 +25,11 @@ class LearnReport:
     torque_meaning: str = "measured torque, freed of noise and of what sampling folds into it,"
 
 
-def write(path: Path, data: LearnReport) -> None:
-    """Write a page of its own. Raises OSError."""
-    page = Page(data.title, data.lead)
-    fill(page, data)
-    page.write(path)
+def page(data: LearnReport) -> Page:
+    """Return a page of its own."""
+    made = Page(data.title, data.lead)
+    fill(made, data)
+    return made
 
 
 def fill(page: Page, data: LearnReport) -> None:

@@ -1,1 +1,30 @@
 """Moment of inertia, by free oscillation between springs and by acceleration."""
+
+from motord.config import AccelerationConfig, OscillationConfig
+from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+
+EXPERIMENT = Experiment(
+    plans=(
+        PlanKind(
+            "inertia-oscillation",
+            "a bar between springs, deflected by hand and let go, for the moment of inertia",
+            OscillationConfig(),
+            make="motord.experiments.inertia.plan_oscillation:make",
+        ),
+        PlanKind(
+            "inertia-acceleration",
+            "steps of torque from rest without the brake, for the moment of inertia",
+            AccelerationConfig(),
+            make="motord.experiments.inertia.plan_acceleration:make",
+        ),
+    ),
+    analyses=(
+        AnalysisKind(
+            "inertia",
+            "Find the moment of inertia from releases of a bar or from steps of torque.",
+            command="motord.experiments.inertia.command:ANALYSIS",
+            aliases=("inertia-oscillation", "inertia-acceleration"),
+        ),
+    ),
+    position=60,
+)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -31,15 +31,13 @@ from motord.identification import IdentifyError
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
 
-Experiment = Literal["inertia-oscillation", "inertia-acceleration"]
-
-OSCILLATION: Experiment = "inertia-oscillation"
-ACCELERATION: Experiment = "inertia-acceleration"
+OSCILLATION = "inertia-oscillation"
+ACCELERATION = "inertia-acceleration"
 
 _Settings = TypeVar("_Settings", bound=Section)
 
 
-def experiment_of(runs: Sequence[Run], named: Experiment | None = None) -> Experiment:
+def experiment_of(runs: Sequence[Run], named: str | None = None) -> str:
     """Return which experiment the runs are of; `named` is that of runs that do not say.
 
     Raises AnalysisError if they are of another, or of both.

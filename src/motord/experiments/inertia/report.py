@@ -1,7 +1,6 @@
 """The report of a moment of inertia: by oscillation, by acceleration, or both."""
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from motord.experiments.inertia.plots import Periods, Pushes, Swings, periods, pushes, swings
 from motord.experiments.inertia.plots_budget import (
@@ -73,14 +72,14 @@ class InertiaReport:
     title: str = field(default="Moment of inertia")
 
 
-def write(path: Path, data: InertiaReport) -> None:
-    """Write a page of its own. Raises OSError."""
-    page = Page(data.title, data.lead)
-    _cards(page, data)
-    fill(page, data)
-    page.heading("About these figures")
-    page.table((), data.facts)
-    page.write(path)
+def page(data: InertiaReport) -> Page:
+    """Return a page of its own."""
+    made = Page(data.title, data.lead)
+    _cards(made, data)
+    fill(made, data)
+    made.heading("About these figures")
+    made.table((), data.facts)
+    return made
 
 
 def fill(page: Page, data: InertiaReport) -> None:

@@ -1,1 +1,24 @@
 """Sensitivity of torque ripple to errors of gains, offsets and cogging torque."""
+
+from motord.config import SensitivityConfig
+from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+
+EXPERIMENT = Experiment(
+    plans=(
+        PlanKind(
+            "sensitivity",
+            "known errors of gains, offsets and cogging torque, for what each costs in ripple",
+            SensitivityConfig(),
+            make="motord.experiments.sensitivity.plan:make",
+        ),
+    ),
+    analyses=(
+        AnalysisKind(
+            "sensitivity",
+            "Compare the ripple that induced errors make with theory, and calibrate from them "
+            "again.",
+            command="motord.experiments.sensitivity.command:ANALYSIS",
+        ),
+    ),
+    position=70,
+)

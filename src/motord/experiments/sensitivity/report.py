@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -63,13 +62,13 @@ class SensitivityReport:
     again: Recalibration | None = None
 
 
-def write(path: Path, data: SensitivityReport) -> None:
-    """Write a page of its own, one self-contained HTML file. Raises OSError."""
-    page = Page(data.title, data.lead)
-    fill(page, data)
-    page.heading("About these figures")
-    page.table((), data.facts)
-    page.write(path)
+def page(data: SensitivityReport) -> Page:
+    """Return a page of its own."""
+    made = Page(data.title, data.lead)
+    fill(made, data)
+    made.heading("About these figures")
+    made.table((), data.facts)
+    return made
 
 
 def fill(page: Page, data: SensitivityReport) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from motord.api.errors import RpcError
 from motord.api.requests import PlanResume, PlanStart, RpcRequest, WithToken, parse
-from motord.experiments.plans import PLANS
+from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
@@ -163,7 +163,7 @@ class Experiments:
                     "summary": kind.summary,
                     "settings": getattr(own, name.replace("-", "_")).model_dump(mode="json"),
                 }
-                for name, kind in PLANS.items()
+                for name, kind in plan_kinds().items()
             ]
         }
 

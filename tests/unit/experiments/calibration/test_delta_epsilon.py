@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.cli.analyse import app as analyse
+from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.calibration.recordings import calibrator
 from motord.experiments.plans import build

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motord.calibration import Calibration, load
-from motord.cli.analyse.learn import learn as command
+from motord.cli.analysis_command import app
 from motord.config import InverterConfig
 from motord.experiments.ilc.analysis import (
     LearnPass,
@@ -20,7 +20,7 @@ from motord.experiments.ilc.analysis import (
     stairs,
 )
 from motord.experiments.ilc.estimate import Learning
-from motord.experiments.ilc.report import write
+from motord.experiments.ilc.report import page
 from motord.experiments.subject import AnalysisError, Subject
 from motord.recording.captures import true_torque
 from motord.recording.reader import Run, open_run
@@ -128,24 +128,20 @@ def test_timing_of_the_currents_is_read_from_the_bench_file(
 def test_the_command_writes_the_next_calibration_and_a_page(
     first: tuple[Path, Calibration], tmp_path: Path
 ) -> None:
-    import typer
-
-    app = typer.Typer()
-    app.command()(command)
     path, calibration = first
     calibration.save(tmp_path / "c.json")
     options = ("--calibration", tmp_path / "c.json", "-o", tmp_path / "n.json")
-    code, out, _ = invoke(app, path, *options, "--report", tmp_path / "r.html")
+    code, out, _ = invoke(app, "learn", path, *options, "--report", tmp_path / "r.html")
     assert code == 0
     assert "2 of 2 points go on" in out
     assert load(tmp_path / "n.json").learned is not None
     assert "Learning what the calibration leaves" in (tmp_path / "r.html").read_text()
-    code, out, _ = invoke(app, path, "--calibration", tmp_path / "c.json", "--finish", "--json")
+    code, out, _ = invoke(app, "learn", path, *options[:2], "--finish", "--json")
     told = json.loads(out)
     assert told["schema"] == "motord.learn/1"
     assert told["finished"]
     assert told["points"][0]["correction_mNm"] == 0.0
-    code, _, error = invoke(app, path, "--calibration", tmp_path / "n.json")
+    code, _, error = invoke(app, "learn", path, "--calibration", tmp_path / "n.json")
     assert code == 1
     assert "name the calibration that was in force" in " ".join(error.split())
 
@@ -160,5 +156,5 @@ def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
     told = LearnPass(done.calibration.with_rms_error(rms), done.left)
     report = learn_report(told)
     assert report.panels[0][0] == "Without compensation"
-    write(tmp_path / "r.html", report)
+    page(report).write(tmp_path / "r.html")
     assert "Without compensation (%)" in (tmp_path / "r.html").read_text()

@@ -12,7 +12,7 @@ from motord.cli import app
 from motord.config import load, packaged
 from motord.experiments.inertia import analysis
 from motord.experiments.inertia.content import inertia_report
-from motord.experiments.inertia.report import write
+from motord.experiments.inertia.report import page
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
 from motord.recording.metadata import describe
@@ -120,11 +120,11 @@ def test_both_on_one_page_with_the_truth(swings: Path, steps: Path, tmp_path: Pa
         acceleration=analysis.acceleration(runs[1:], Subject.of_runs(runs[1:])),
         truth_kg_m2=TRUTH_KG_M2,
     )
-    write(tmp_path / "both.html", data)
-    page = (tmp_path / "both.html").read_text()
-    assert "off the truth (%)" in page
-    assert "true of the simulated rig" in page
-    assert page.index("by oscillation") < page.index("by acceleration")
+    page(data).write(tmp_path / "both.html")
+    text = (tmp_path / "both.html").read_text()
+    assert "off the truth (%)" in text
+    assert "true of the simulated rig" in text
+    assert text.index("by oscillation") < text.index("by acceleration")
     assert (tmp_path / "both.html").stat().st_size < 1_500_000
 
 

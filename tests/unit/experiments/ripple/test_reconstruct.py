@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from motord.calibration import load as load_calibration
-from motord.cli.analyse import app as analyse
+from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
 from motord.experiments.calibration import recordings
 from motord.experiments.subject import Subject

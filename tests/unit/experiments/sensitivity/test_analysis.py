@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from motord.calibration import load
-from motord.cli.analyse import app as analyse
+from motord.cli.analysis_command import app as analyse
 from motord.config import load as load_bench
 from motord.config import packaged
 from motord.experiments.plans import build
 from motord.experiments.sensitivity.analysis import sensitivity, theory_alone
 from motord.experiments.sensitivity.content import sensitivity_report
-from motord.experiments.sensitivity.report import write
+from motord.experiments.sensitivity.report import page as page_of
 from motord.experiments.sensitivity.result import Sensitivity
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
@@ -86,7 +86,7 @@ def test_the_theory_is_of_the_cogging_torque_that_was_compensated(
 
 def test_the_report_holds_what_was_found(result: Sensitivity, tmp_path: Path) -> None:
     page = tmp_path / "s.html"
-    write(page, sensitivity_report(result))
+    page_of(sensitivity_report(result)).write(page)
     text = page.read_text()
     for figure in ("Figure 4.3", "Figure 4.4", "Figures 4.6 to 4.9", "Table 4.2", "24.1 %"):
         assert figure in text

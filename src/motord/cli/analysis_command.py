@@ -1,0 +1,171 @@
+"""`motord analyse KIND`: one skeleton for the analyses of all registered experiments."""
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from inspect import Parameter, Signature
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from motord.atomic_write import write_whole
+from motord.cli.console import fail, group, plain_console, print_json
+from motord.config.experiments import AnalysisKind, analysis_kinds
+
+if TYPE_CHECKING:
+    from motord.experiments.analysis import Analysis
+    from motord.report.text import Table
+
+Output = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the result, JSON.")
+]
+Report = Annotated[
+    Path | None, typer.Option("--report", metavar="FILE", help="Write a page with pictures, HTML.")
+]
+BenchFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", "-c", metavar="FILE",
+        help="Bench file or motor file; without it, what the recordings say of themselves.",
+    ),
+]  # fmt: skip
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+
+
+class _Analyses(TyperGroup):
+    """Imports an analysis only when it is asked for."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order of the registry."""
+        return list(analysis_kinds())
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command, or None if there is none of that name."""
+        for kind in analysis_kinds().values():
+            if cmd_name in (kind.name, *kind.aliases):
+                alone = group("")
+                alone.command(cmd_name)(_command(kind))
+                command = typer.main.get_command(alone)
+                command.name = cmd_name
+                return command
+        return None
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the names with their summaries, which import nothing."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(kind.name, kind.summary) for kind in analysis_kinds().values()])
+
+
+app = group("Identify, verify, report.", _Analyses)
+
+
+@app.callback()
+def _root() -> None: ...
+
+
+def _command(kind: AnalysisKind) -> Callable[..., None]:
+    """Return the command's function, with the options that all share and the estimate's own."""
+    analysis: Analysis[Any] = resolve_name(kind.command)
+    own = list(inspect.signature(analysis.estimate).parameters.values())[1:]
+    named = any(one.name == "command" for one in own)
+    own = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in own if one.name != "command"]
+    needed = analysis.needs_recordings
+
+    def run(context: typer.Context, **given: Any) -> None:
+        options = {one.name: given[one.name] for one in own}
+        if named:
+            options["command"] = context.info_name
+        _run(analysis, given["runs"] or [], given["config"], options, given)
+
+    keyword = Parameter.KEYWORD_ONLY
+    runs = typer.Argument(metavar="RUN..." if needed else "[RUN...]", help="Recordings, .mcap.")
+    kind_of_runs = list[Path] if needed else list[Path] | None
+    parameters = [
+        Parameter("context", keyword, annotation=typer.Context),
+        Parameter(
+            "runs", keyword, annotation=Annotated[kind_of_runs, runs],
+            default=Parameter.empty if needed else None,
+        ),
+        Parameter("output", keyword, default=None, annotation=Output),
+        Parameter("report", keyword, default=None, annotation=Report),
+        *own,
+        Parameter("config", keyword, default=None, annotation=BenchFile),
+        Parameter("as_json", keyword, default=False, annotation=AsJson),
+    ]  # fmt: skip
+    run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
+    run.__doc__ = "\n\n".join(part for part in (kind.summary, analysis.details) if part)
+    return run
+
+
+def _run(
+    analysis: "Analysis[Any]",
+    paths: list[Path],
+    config: Path | None,
+    options: dict[str, Any],
+    given: dict[str, Any],
+) -> None:
+    """Estimate, write what is asked for, print."""
+    from motord.experiments.subject import Recordings
+
+    output, report = given["output"], given["report"]
+    with errors_in_one_line():
+        recordings = Recordings.open(paths, config)
+        result = analysis.estimate(recordings, **options)
+        if output and analysis.save:
+            analysis.save(result, output)
+        elif output:
+            text = json.dumps(analysis.json(result, recordings), indent=analysis.indent)
+            write_whole(output, text + "\n")
+        if report:
+            analysis.report(result, recordings).write(report)
+    if given["as_json"]:
+        print_json(analysis.json(result, recordings))
+        return
+    print_text(analysis.text(result, recordings))
+    print_files(output, report)
+
+
+def print_files(*files: Path | None) -> None:
+    """Print which files were written."""
+    for file in files:
+        if file is not None:
+            typer.echo(f"wrote {file}")
+
+
+def print_text(parts: "Iterable[str | Table]") -> None:
+    """Print lines and tables."""
+    from rich.table import Table as RichTable
+
+    console = plain_console()
+    for part in parts:
+        if isinstance(part, str):
+            console.print(part, highlight=False, soft_wrap=True)
+            continue
+        table = RichTable(title=part.title)
+        for column, heading in enumerate(part.header):
+            table.add_column(heading, justify="left" if column in part.left else "right")
+        for row in part.rows:
+            table.add_row(*row)
+        console.print(table)
+
+
+@contextmanager
+def errors_in_one_line() -> Iterator[None]:
+    """Turn what can be wrong with the files or the data into one line on stderr."""
+    from motord.calibration import CalibrationError
+    from motord.config import ConfigError
+    from motord.experiments.subject import AnalysisError
+    from motord.identification import IdentifyError
+    from motord.recording.errors import RecordError
+
+    try:
+        yield
+    except (AnalysisError, CalibrationError, ConfigError, IdentifyError, RecordError) as error:
+        fail(str(error))
+    except OSError as error:
+        fail(f"{error.filename}: {error.strerror}")

@@ -1,0 +1,56 @@
+"""What a kind of `motord analyse` is made of; the command line makes a command of each.
+
+An experiment's `command.py` names its estimate, with the options that it takes, its report and
+what the terminal shows; opening recordings, options that all share, files and errors are common.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from motord.experiments.subject import Recordings
+from motord.report.html import Page
+from motord.report.text import Table
+
+Result = TypeVar("Result")
+
+
+def encode(value: Any) -> Any:
+    """Return a result as JSON has it: the one encoder of all experiments.
+
+    Of a dataclass, what its class attribute `JSON` names, fields and properties, by default all
+    fields; of an array its values.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        names = getattr(value, "JSON", None) or tuple(one.name for one in fields(value))
+        return {name: encode(getattr(value, name)) for name in names}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): encode(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [encode(part) for part in value]
+    return value
+
+
+@dataclass(frozen=True)
+class Analysis(Generic[Result]):
+    """A kind of `motord analyse`.
+
+    estimate: `Recordings` to result; its further parameters, annotated for typer, are the command's
+    own options, but for `command`, the name by which it was called. json: the result as `--json`
+    prints it; report: its page; text: what the terminal shows. save: writes what `-o` asks for,
+    by default the JSON, with `indent`. details: more of the command's help.
+    """
+
+    estimate: Callable[..., Result]
+    json: Callable[[Result, Recordings], dict[str, Any]]
+    report: Callable[[Result, Recordings], Page]
+    text: Callable[[Result, Recordings], Iterable[str | Table]]
+    save: Callable[[Result, Path], None] | None = None
+    indent: int | None = 1
+    details: str = ""
+    needs_recordings: bool = True

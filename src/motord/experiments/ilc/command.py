@@ -1,0 +1,82 @@
+"""`motord analyse learn`: a pass of learning, from its recording to a better calibration."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from motord.calibration import load
+from motord.experiments.analysis import Analysis
+from motord.experiments.ilc.analysis import LearnPass, learn_from_runs, learn_report
+from motord.experiments.ilc.analysis import finish as finished
+from motord.experiments.ilc.estimate import Learning
+from motord.experiments.ilc.report import page
+from motord.experiments.subject import Recordings
+from motord.report.text import Table
+
+Gain = Annotated[
+    float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
+]
+HighestOrder = Annotated[
+    int, typer.Option(min=1, help="Highest order to learn, as far as the loop's rate allows.")
+]
+
+
+def estimate(
+    recordings: Recordings,
+    calibration: Annotated[
+        Path, typer.Option(metavar="FILE", help="The calibration that was in force.")
+    ],
+    gain: Gain = 0.7,
+    highest_order: HighestOrder = 256,
+    finish: Annotated[
+        bool, typer.Option("--finish", help="Settle at the best that was measured.")
+    ] = False,
+) -> LearnPass:
+    """Return the pass. Raises AnalysisError, CalibrationError, IdentifyError."""
+    now = datetime.now(UTC)
+    learning = Learning(gain=gain, highest_order=highest_order)
+    applied = load(calibration)
+    done = learn_from_runs(recordings.runs, recordings.subject, applied, now, learning)
+    return finished(done, now) if finish else done
+
+
+def text(done: LearnPass) -> Iterator[str | Table]:
+    """Yield what the passes so far left at each point, and whether to go on."""
+    learned = done.calibration.learned
+    assert learned is not None
+    yield Table(
+        "RMS error of the measured torque, % of rated, pass by pass",
+        ("torque", "speed", "passes", "correction (mNm)", "next"),
+        [
+            (
+                f"{torque_Nm:g} Nm",
+                f"{speed_Hz:g} /s",
+                " > ".join(f"{value:.2f}" for value in point.history_percent),
+                f"{1e3 * point.amplitude_Nm:.1f}",
+                "settled" if point.gain == 0 else f"gain {point.gain:.2g}",
+            )
+            for (torque_Nm, speed_Hz), point in zip(learned.places, learned.points, strict=True)
+        ],
+    )
+    yield summary(done)
+
+
+def summary(done: LearnPass) -> str:
+    """Return the newest pass in a line."""
+    errors = [left.rms_percent for left in done.left]
+    still = sum(point.gain > 0 for point in done.points)
+    next_step = f"{still} of {len(done.points)} points go on" if still else "all have settled"
+    mean = sum(errors) / len(errors)
+    return f"RMS error {mean:.2f} % mean, {max(errors):.2f} % worst; {next_step}"
+
+
+ANALYSIS = Analysis(
+    estimate,
+    json=lambda done, _: done.to_json(),
+    report=lambda done, _: page(learn_report(done)),
+    text=lambda done, _: text(done),
+    save=lambda done, path: done.calibration.save(path),
+)

@@ -1,0 +1,114 @@
+"""`motord analyse sensitivity`: what errors of a calibration cost, in theory and in practice."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from motord.calibration import load
+from motord.experiments.analysis import Analysis
+from motord.experiments.sensitivity import analysis
+from motord.experiments.sensitivity.content import sensitivity_report
+from motord.experiments.sensitivity.report import page
+from motord.experiments.sensitivity.result import Again, Sensitivity
+from motord.experiments.subject import AnalysisError, Recordings
+from motord.report.text import Table
+
+
+def estimate(
+    recordings: Recordings,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Without recordings: theory for this calibration."),
+    ] = None,
+    torque_Nm: Annotated[
+        float | None,
+        typer.Option("--torque", metavar="NM", min=1e-6, help="Set-point of the theory alone."),
+    ] = None,
+) -> Sensitivity:
+    """Return theory and practice. Raises AnalysisError, CalibrationError, IdentifyError."""
+    if recordings.runs:
+        if calibration is not None or torque_Nm is not None:
+            raise AnalysisError(
+                "recordings tell calibration and torque themselves: leave out those options"
+            )
+        return analysis.sensitivity(recordings.runs, recordings.subject)
+    if calibration is None or recordings.config is None:
+        raise AnalysisError(
+            "name recordings, or a bench with -c and a calibration with --calibration for theory"
+        )
+    made, subject = load(calibration), recordings.subject
+    made.check_motor(subject.motor)
+    table_Nm = np.array(made.tau_cog_Nm)
+    return analysis.theory_alone(subject, table_Nm, torque_Nm or analysis.DEFAULT_TORQUE_Nm)
+
+
+def _text(result: Sensitivity, _: Recordings) -> Iterator[str | Table]:
+    theory = result.theory
+    yield Table(
+        f"theory at {theory.torque_Nm:g} Nm, % of rated RMS",
+        ("error alone", "at the ends of its interval", "at most 1 %"),
+        [
+            (
+                what,
+                ", ".join(f"{value:g}: {percent:.2f}" for value, percent in theory.ends[what]),
+                f"{low:.3f} to {high:.3f}",
+            )
+            for what, (low, high) in theory.within.items()
+        ],
+        left=(0, 1, 2),
+    )
+    yield from _practice(result)
+    if result.again is not None:
+        yield _again(result.again)
+
+
+def _practice(result: Sensitivity) -> Iterator[str | Table]:
+    rows = [
+        (
+            f"{one.what} {side}",
+            str(int(branch.used.sum())),
+            f"{branch.slope:.2f} +- {1.96 * branch.slope_stderr:.2f}",
+            f"{branch.theory_slope:.2f}",
+        )
+        for one in result.series
+        for side, branch in zip(("below", "above"), one.branches, strict=True)
+        if branch is not None
+    ]
+    if result.series and not rows:
+        yield "fewer than two points a side are clear of the ripple without any error"
+    if rows:
+        yield Table(
+            f"measured at {result.theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s",
+            ("branch", "points", "slope (% per unit)", "theory"),
+            rows,
+        )
+
+
+def _again(again: Again) -> Table:
+    found = again.found
+    return Table(
+        "errors that were induced, and calibrated again",
+        ("phase", "alpha", "found", "beta (A)", "found (A)"),
+        [
+            (
+                "abc"[p],
+                f"{again.alpha[p]:.4f}",
+                f"{found.alpha[p]:.4f} +- {1.96 * found.alpha_stderr[p]:.4f}",
+                f"{again.beta_A[p]:.4f}",
+                f"{found.beta_A[p]:.4f} +- {1.96 * found.beta_stderr_A[p]:.4f}",
+            )
+            for p in range(3)
+        ],
+    )
+
+
+ANALYSIS = Analysis(
+    estimate,
+    json=lambda result, _: result.to_json(),
+    report=lambda result, _: page(sensitivity_report(result)),
+    text=_text,
+    needs_recordings=False,
+)
