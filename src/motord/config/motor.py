@@ -50,6 +50,11 @@ class MotorConfig(Section):
                 raise ValueError(f"{name}: the back-EMF table has a phase that is zero all over")
         return self
 
+    @property
+    def poles(self) -> int:
+        """Return the number of poles."""
+        return 2 * self.pole_pairs
+
     def rated_current_A(self) -> float:
         """Return the peak of the phase currents that make rated torque with least copper loss."""
         k = self.back_emf_table()

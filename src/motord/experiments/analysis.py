@@ -21,12 +21,13 @@ Result = TypeVar("Result")
 def encode(value: Any) -> Any:
     """Return a result as JSON has it: the one encoder of all experiments.
 
-    Of a dataclass, what its class attribute `JSON` names, fields and properties, by default all
-    fields; of an array its values.
+    Of a dataclass, the fields and properties that its class attribute `JSON` names, or gives for
+    other names if it is a mapping; by default all fields. Of an array its values.
     """
     if is_dataclass(value) and not isinstance(value, type):
-        names = getattr(value, "JSON", None) or tuple(one.name for one in fields(value))
-        return {name: encode(getattr(value, name)) for name in names}
+        names = getattr(value, "JSON", None) or [one.name for one in fields(value)]
+        pairs = names.items() if isinstance(names, Mapping) else zip(names, names, strict=True)
+        return {name: encode(getattr(value, attribute)) for name, attribute in pairs}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):
@@ -34,6 +35,17 @@ def encode(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [encode(part) for part in value]
     return value
+
+
+def header(recordings: Recordings, schema: str, *motor: str) -> dict[str, Any]:
+    """Return how the JSON of a result begins: of what it is; motor: fields of `[motor]` in it."""
+    subject = recordings.subject
+    return {
+        "schema": schema,
+        "bench": subject.bench,
+        "motor": {name: getattr(subject.motor, name) for name in motor},
+        "runs": recordings.names,
+    }
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The page of `motord reproduce`: every figure and table of the report from our own data."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from motord.demo.learn import learned_report
@@ -13,7 +14,6 @@ from motord.experiments.calibration.content import (
     shares_of,
 )
 from motord.experiments.cogging import report as cogging_run
-from motord.experiments.cogging.analysis import cogging_report
 from motord.experiments.ilc import report as learn
 from motord.experiments.inertia import report as inertia
 from motord.experiments.inertia.content import inertia_report
@@ -51,8 +51,7 @@ def write_page(folder: Path, found: Found) -> Path:
     _inertia(made, found)
     names = tuple(run.name for run in found.runs)
     made.part("Chapter 3: cogging torque")
-    comparison = found.calibration, found.comparison
-    cogging_run.fill(made, cogging_report(found.subject, names, found.cogging, *comparison))
+    cogging_run.fill(made, replace(found.cogging, comparison=found.comparison))
     back_emf.fill(made, back_emf_report(found.subject, names, found.back_emf))
     _calibration(made, found)
     made.part("Chapter 4: sensitivity of the calibration")

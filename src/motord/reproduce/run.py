@@ -20,8 +20,8 @@ from motord.experiments.back_emf.analysis import measured_back_emf
 from motord.experiments.back_emf.estimate import MeasuredBackEmf
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.recordings import calibrator, explained
-from motord.experiments.cogging.analysis import compared, measured_cogging
-from motord.experiments.cogging.average import Comparison, MeasuredCogging
+from motord.experiments.cogging.command import measured_cogging
+from motord.experiments.cogging.estimate import Comparison, MeasuredCogging, compare
 from motord.experiments.inertia import analysis as inertia_analysis
 from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.inertia.torque_step import Acceleration
@@ -163,8 +163,7 @@ def reproduce(folder: Path, seed: int, quick: bool, progress: Progress) -> Found
         practice = _sensitivity(main, calibration, progress)
         learned = _learn(bent, bent_calibration, quick, pool, progress)
     cogging, back_emf = driven
-    comparison = compared(cogging, calibration, main.subject)
-    assert comparison is not None
+    comparison = compare(cogging, calibration)
     benches = (swing, main, bent)
     return Found(
         oscillation, acceleration, swing.subject, swing.truth, main.subject, main.truth,

@@ -12,7 +12,7 @@ from motord.cli import app
 from motord.config import BackEmfTable, Config, MotorConfig, load, packaged
 from motord.control import parameters
 from motord.experiments.back_emf import analysis as back_emf_analysis
-from motord.experiments.cogging import analysis as cogging_analysis
+from motord.experiments.cogging import command as cogging_command
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
@@ -227,14 +227,14 @@ def test_columns_that_are_not_there(runs: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     subject = Subject.of_runs([run])
     currents = ("i_a_A", "i_b_A", "i_c_A", "i_age_ns")
-    measured = cogging_analysis.measured_cogging([Narrow(run, "encoder_count", *currents)], subject)  # type: ignore[list-item]
+    measured = cogging_command.measured_cogging([Narrow(run, "encoder_count", *currents)], subject)  # type: ignore[list-item]
     assert measured.amplitude_Nm[measured.order == 48] == pytest.approx(0.33, abs=5e-3)
     for missing, words in (
         (("torque_Nm",), "the recording has no torque_Nm"),
         (("encoder_count", "angle_rad"), "has neither encoder_count nor angle_rad"),
     ):
         with pytest.raises(AnalysisError, match=words):
-            cogging_analysis.measured_cogging([Narrow(run, *missing)], subject)  # type: ignore[list-item]
+            cogging_command.measured_cogging([Narrow(run, *missing)], subject)  # type: ignore[list-item]
 
 
 def test_a_mesh_is_no_driven_run(tmp_path: Path) -> None:
@@ -289,8 +289,8 @@ def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) 
 def test_notes_of_a_cogging_run(runs: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     subject = Subject.of_runs([run])
-    measured = cogging_analysis.measured_cogging([run], subject)
-    assert cogging_analysis.notes(measured) == []
+    measured = cogging_command.measured_cogging([run], subject)
+    assert measured.notes == []
     changed = measured.__class__(
         **{
             **vars(measured),
@@ -299,7 +299,7 @@ def test_notes_of_a_cogging_run(runs: Path) -> None:
             "speeds": measured.speeds[:1],
         }
     )
-    words = cogging_analysis.notes(changed)
+    words = changed.notes
     assert "main order 7200 is too high" in words[0]
     assert "stand out of the noise: 48" in words[1]
     assert "few turns" in words[2]

@@ -65,7 +65,7 @@ def errors(speeds: Sequence[tuple[str, np.ndarray]], span_deg: float) -> Figure:
         return picture
 
 
-def beside_calibration(
+def with_calibration(
     measured_Nm: np.ndarray,
     calibrated_Nm: np.ndarray,
     error_percent: np.ndarray,

@@ -8,7 +8,7 @@ import pytest
 
 from motord.calibration import CalibratedMotor
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.cogging.average import compare, measure
+from motord.experiments.cogging.estimate import compare, measure
 from motord.identification import IdentifyError
 from motord.identification.driven_rotor import stretches_of
 from motord.identification.operating_points import PointData
