@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.experiments.back_emf.analysis import measured_back_emf
+from motord.experiments.back_emf.command import measured_back_emf
 from motord.experiments.cogging.command import measured_cogging
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from motord.demo.learn import learned_report
 from motord.experiments.back_emf import report as back_emf
-from motord.experiments.back_emf.analysis import back_emf_report
 from motord.experiments.calibration import report as calibration_page
 from motord.experiments.calibration.content import (
     calibration_report,
@@ -49,10 +48,9 @@ def write_page(folder: Path, found: Found) -> Path:
         made.subheading(name)
         _table(made, ones)
     _inertia(made, found)
-    names = tuple(run.name for run in found.runs)
     made.part("Chapter 3: cogging torque")
     cogging_run.fill(made, replace(found.cogging, comparison=found.comparison))
-    back_emf.fill(made, back_emf_report(found.subject, names, found.back_emf))
+    back_emf.fill(made, found.back_emf)
     _calibration(made, found)
     made.part("Chapter 4: sensitivity of the calibration")
     sensitivity.fill(made, sensitivity_report(found.sensitivity))

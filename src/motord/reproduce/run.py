@@ -16,8 +16,8 @@ from motord.atomic_write import write_whole
 from motord.calibration import Calibration
 from motord.config import packaged
 from motord.demo.learn import Learned, learn_virtual
-from motord.experiments.back_emf.analysis import measured_back_emf
-from motord.experiments.back_emf.estimate import MeasuredBackEmf
+from motord.experiments.back_emf.command import measured_back_emf
+from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.recordings import calibrator, explained
 from motord.experiments.cogging.command import measured_cogging

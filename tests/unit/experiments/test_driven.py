@@ -11,7 +11,8 @@ from motord.calibration import CalibratedMotor
 from motord.cli import app
 from motord.config import BackEmfTable, Config, MotorConfig, load, packaged
 from motord.control import parameters
-from motord.experiments.back_emf import analysis as back_emf_analysis
+from motord.experiments.analysis import encode
+from motord.experiments.back_emf import command as back_emf_command
 from motord.experiments.cogging import command as cogging_command
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.plans import build
@@ -243,27 +244,23 @@ def test_a_mesh_is_no_driven_run(tmp_path: Path) -> None:
     record(path, "calibrate", load(), **mesh)
     run = open_run(path)
     with pytest.raises(IdentifyError, match="needs a run without current"):
-        back_emf_analysis.measured_back_emf([run], Subject.of_runs([run]))
+        back_emf_command.measured_back_emf([run], Subject.of_runs([run]))
 
 
 def test_phases_in_the_other_order_and_unlike_phases_are_noted(runs: Path) -> None:
     run = open_run(runs / "emf.mcap")
     subject = Subject.of_runs([run])
-    found = back_emf_analysis.measured_back_emf([run], subject)
-    assert back_emf_analysis.notes(found) == []
+    found = back_emf_command.measured_back_emf([run], subject)
+    assert found.notes == []
     swapped = found.__class__(**{**vars(found), "line": found.line[:, [0, 2, 1]]})
-    assert "phases b and c follow in the other order" in back_emf_analysis.notes(swapped)[0]
+    assert "phases b and c follow in the other order" in swapped.notes[0]
     unlike = found.__class__(**{**vars(found), "line": found.line * [1.0, 1.0, 1.02]})
-    assert "use the table" in back_emf_analysis.notes(unlike)[0]
+    assert "use the table" in unlike.notes[0]
     alone = found.__class__(**{**vars(found), "delay_s": None})
-    assert "all speeds are alike" in back_emf_analysis.notes(alone)[0]
+    assert "all speeds are alike" in alone.notes[0]
     bent = found.__class__(**{**vars(found), "order": found.order + 1})
-    assert (
-        "no multiple of the pole pairs"
-        in back_emf_analysis.notes(
-            bent.__class__(**{**vars(bent), "order": np.append([8], found.order[1:] + 1)})
-        )[-1]
-    )
+    bent = bent.__class__(**{**vars(bent), "order": np.append([8], found.order[1:] + 1)})
+    assert "no multiple of the pole pairs" in bent.notes[-1]
 
 
 def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) -> None:
@@ -274,8 +271,8 @@ def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) 
     turned = Subject(plain.bench, MotorConfig.model_validate(content), plain.sensor)
     results = []
     for subject in (plain, turned):
-        found = back_emf_analysis.measured_back_emf([run], subject)
-        results.append(back_emf_analysis.back_emf_json(subject, ["x"], found))
+        found = back_emf_command.measured_back_emf([run], subject)
+        results.append(encode(found))
     assert results[0]["k_V_s_per_rad"] == results[1]["k_V_s_per_rad"]
     kept = [
         {"order": h["order"], "amplitude_V_s_per_rad": h["amplitude_V_s_per_rad"],

@@ -1,14 +1,21 @@
 """`motord analyse back-emf`: back-EMF of a rotor driven from outside without current."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
 
-from motord.experiments.analysis import Analysis
-from motord.experiments.back_emf.analysis import back_emf_json, back_emf_report, measured_back_emf
-from motord.experiments.back_emf.estimate import MeasuredBackEmf
-from motord.experiments.back_emf.report import page
-from motord.experiments.subject import Recordings
+from motord.experiments.analysis import Analysis, encode, header
+from motord.experiments.back_emf.estimate import measure
+from motord.experiments.back_emf.fit import VOLTAGES
+from motord.experiments.back_emf.report import report
+from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.driven_recordings import driven_points
+from motord.experiments.subject import Recordings, Subject
+from motord.recording.reader import Run
 from motord.report.text import Table
+
+
+def measured_back_emf(runs: Iterable[Run], subject: Subject) -> MeasuredBackEmf:
+    """Return the back-EMF over all driven points. Raises AnalysisError, IdentifyError."""
+    return measure(driven_points(runs, subject, VOLTAGES), subject.motor)
 
 
 def estimate(recordings: Recordings) -> MeasuredBackEmf:
@@ -16,25 +23,19 @@ def estimate(recordings: Recordings) -> MeasuredBackEmf:
     return measured_back_emf(recordings.runs, recordings.subject)
 
 
-def _json(found: MeasuredBackEmf, recordings: Recordings) -> dict[str, Any]:
-    return back_emf_json(recordings.subject, recordings.names, found)
-
-
-def _text(found: MeasuredBackEmf, recordings: Recordings) -> Iterator[str | Table]:
-    result = _json(found, recordings)
+def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | Table]:
     yield Table(
         f"back-EMF, {found.motor.name}, mean of the phases",
         ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)"),
         [
             (
-                str(row["order"]),
-                f"{1e3 * row['amplitude_V_s_per_rad']:.3f} +- "
-                f"{1.96e3 * row['stderr_V_s_per_rad']:.3f}",
-                f"{100 * row['amplitude_V_s_per_rad'] / found.fundamental:.3f}",
-                f"{row['phase_rad']:.4f} +- {1.96 * row['phase_stderr_rad']:.4f}",
+                str(h.order),
+                f"{1e3 * h.amplitude_V_s_per_rad:.3f} +- {1.96e3 * h.stderr_V_s_per_rad:.3f}",
+                f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
+                f"{h.phase_rad:.4f} +- {1.96 * h.phase_stderr_rad:.4f}",
             )
-            for row in result["harmonics"]
-            if row["in_table"]
+            for h in found.harmonics
+            if h.in_table
         ],
     )
     if found.delay_s is not None:
@@ -42,16 +43,17 @@ def _text(found: MeasuredBackEmf, recordings: Recordings) -> Iterator[str | Tabl
             f"- voltages: {1e6 * found.delay_s[0]:.0f} +- {1.96e6 * found.delay_s[1]:.0f} us older "
             "than the recording says (accounted for)"
         )
-    for note in result["notes"]:
+    for note in found.notes:
         yield f"- {note}"
 
 
 ANALYSIS = Analysis(
     estimate,
-    json=_json,
-    report=lambda found, recordings: page(
-        back_emf_report(recordings.subject, recordings.names, found)
-    ),
+    json=lambda found, recordings: {
+        **header(recordings, "motord.back-emf/1", "name", "serial", "pole_pairs", "counts"),
+        **encode(found),
+    },
+    report=report,
     text=_text,
     indent=None,
 )

@@ -9,7 +9,6 @@ it turns the waves in proportion to the speed.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from motord.experiments.back_emf.fit import (
     joined,
     voltage_samples,
 )
+from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit
 from motord.identification.driven_rotor import Driven, prepare, require
@@ -54,43 +54,8 @@ OTHER_ORDERS = 256
 
 MOST_OTHERS = 16
 
-
-@dataclass(frozen=True)
-class MeasuredBackEmf:
-    """k of the phases. Lines: phase p is Re(sum_h line[h, p] exp(j order[h] theta)), V s/rad.
-
-    order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
-    the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
-    how much the voltages are older than the recording says, and its standard error, None where
-    the speeds are too much alike to tell. noise_V (3,). speeds_Hz, turns: of each point.
-    """
-
-    motor: MotorConfig
-    order: np.ndarray
-    line: np.ndarray
-    stderr: np.ndarray
-    phase_stderr: np.ndarray
-    kept: np.ndarray
-    offset_V: np.ndarray
-    delay_s: tuple[float, float] | None
-    noise_V: np.ndarray
-    speeds_Hz: tuple[float, ...]
-    turns: tuple[int, ...]
-
-    @property
-    def fundamental(self) -> float:
-        """Mean amplitude of the phases' fundamental (V s/rad)."""
-        first = int(np.flatnonzero(self.order == self.motor.pole_pairs)[0])
-        return float(np.abs(self.line[first]).mean())
-
-    def table(self) -> np.ndarray:
-        """Return k at encoder angles 2 pi n / counts, shape (counts, 3), of the kept orders."""
-        counts = self.motor.counts
-        angle_rad = 2 * np.pi * np.arange(counts) / counts
-        k = np.zeros((counts, 3))
-        for h, line in zip(self.order[self.kept], self.line[self.kept], strict=True):
-            k += (np.exp(1j * h * angle_rad)[:, None] * line).real
-        return k
+LEAST_VARIANCE = 1e-300
+"""Of data without noise: what its weight is the inverse of."""
 
 
 def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
@@ -165,9 +130,8 @@ def _encoder_variance(driven: Driven, order: np.ndarray, pole_pairs: int) -> np.
     motion = driven.motion
     shift = np.stack([np.abs(order - pole_pairs), order + pole_pairs])
     shift = np.where(shift <= motion.ripple_orders, shift, 0)
-    variance: np.ndarray = (ENCODER_SHARE * 0.5 * motion.ripple_stderr_rad * shift) ** 2
-    both: np.ndarray = variance.sum(axis=0)
-    return both
+    variance = (ENCODER_SHARE * 0.5 * motion.ripple_stderr_rad * shift) ** 2
+    return np.asarray(variance.sum(axis=0))
 
 
 def _average(fits: list[list[ClusterFit]], encoder: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -183,7 +147,7 @@ def _average(fits: list[list[ClusterFit]], encoder: np.ndarray) -> tuple[np.ndar
     variance = np.array([[np.diag(fit.covariance)[:-1] for fit in point] for point in fits])
     component = np.moveaxis(variance[..., 0::2] + variance[..., 1::2], 2, 1) / 2
     largest = np.abs(line).max(axis=1, keepdims=True)
-    weight = 1 / (component + encoder[:, :, None] * largest**2)
+    weight = 1 / np.maximum(component + encoder[:, :, None] * largest**2, LEAST_VARIANCE)
     mean = (weight * line).sum(axis=0) / weight.sum(axis=0)
     spread = np.ones(mean.shape[0])
     if len(fits) > 1:

@@ -12,11 +12,11 @@ PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
 
 def waves(
     measured: np.ndarray,
-    told: np.ndarray,
+    configured: np.ndarray,
     pole_pairs: int,
     harmonics: Sequence[tuple[int, float, float]],
 ) -> Figure:
-    """Return k (counts, 3), measured and told, over a period; (order, amplitude, error) as bars."""
+    """Return k (counts, 3) over a period, and its harmonics, (order, amplitude, error), as bars."""
     with drawing():
         picture = figure(3.2)
         left, right = picture.subplots(1, 2, width_ratios=[1.2, 1.0])
@@ -26,7 +26,9 @@ def waves(
         for phase, (colour, name) in enumerate(PHASES):
             k = measured[:shown, phase]
             left.plot(degrees, k, color=colour, label=f"phase {name}", linewidth=1.8)
-            left.plot(degrees, told[:shown, phase], color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
+            left.plot(
+                degrees, configured[:shown, phase], color=INK, linewidth=0.8, linestyle=(0, (4, 3))
+            )
         left.set_xlim(0, 360)
         left.set_xticks(range(0, 361, 60))
         left.set_xlabel("electrical angle from the zero point (degrees)")

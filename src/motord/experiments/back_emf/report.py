@@ -1,53 +1,35 @@
 """The report of a back-EMF run: waves over the electrical period, harmonics."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from motord.experiments.back_emf.plots import waves
+from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.calibration.content import facts
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
 
-@dataclass(frozen=True)
-class BackEmfRow:
-    """An electrical order of the phases' mean, its standard error, and whether it is kept."""
-
-    order: int
-    amplitude_V_s_per_rad: float
-    phase_rad: float
-    stderr_V_s_per_rad: float
-    in_table: bool
+def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
+    """Return a page of its own."""
+    subject = recordings.subject
+    page = Page("Back-EMF of a driven rotor", f"{subject.motor.name} on bench {subject.bench}")
+    page.table([], facts(None, subject, recordings.names))
+    fill(page, found)
+    return page
 
 
-@dataclass(frozen=True)
-class BackEmfReport:
-    """All that goes into the page.
-
-    k_V_s_per_rad (counts, 3): measured; told_V_s_per_rad (counts, 3): what the bench file says.
-    delay_s: age of the voltages beyond the recorded, and its standard error.
-    """
-
-    title: str
-    lead: str
-    facts: tuple[tuple[str, str], ...]
-    pole_pairs: int
-    k_V_s_per_rad: np.ndarray
-    told_V_s_per_rad: np.ndarray
-    harmonics: tuple[BackEmfRow, ...]
-    delay_s: tuple[float, float] | None
-    notes: tuple[str, ...]
-
-
-def fill(page: Page, data: BackEmfReport) -> None:
+def fill(page: Page, found: MeasuredBackEmf) -> None:
     """Add the back-EMF run to a page."""
     page.heading("Back-EMF, measured by driving the rotor")
-    fundamental = data.harmonics[0].amplitude_V_s_per_rad
+    harmonics, measured = found.harmonics, found.table()
+    configured = found.motor.back_emf_table()
+    fundamental = harmonics[0].amplitude_V_s_per_rad
     page.picture(
         waves(
-            data.k_V_s_per_rad,
-            data.told_V_s_per_rad,
-            data.pole_pairs,
-            [(h.order, h.amplitude_V_s_per_rad, h.stderr_V_s_per_rad) for h in data.harmonics],
+            measured,
+            configured,
+            found.motor.pole_pairs,
+            [(h.order, h.amplitude_V_s_per_rad, h.stderr_V_s_per_rad) for h in harmonics],
         ),
         "Back-EMF over speed (V s/rad) of the three phases over the first electrical period, and "
         "the amplitude of each electrical order in percent of the fundamental, with 95 % limits "
@@ -62,24 +44,16 @@ def fill(page: Page, data: BackEmfReport) -> None:
                 f"{100 * h.amplitude_V_s_per_rad / fundamental:.3f}",
                 f"{h.phase_rad:.4f}",
             ]
-            for h in data.harmonics
+            for h in harmonics
             if h.in_table
         ],
         numbers=True,
     )
-    apart = np.abs(data.k_V_s_per_rad - data.told_V_s_per_rad).max() / fundamental
+    apart = np.abs(measured - configured).max() / fundamental
     items = [f"Largest difference from the bench file: {100 * apart:.2f} % of the fundamental."]
-    if data.delay_s is not None:
+    if found.delay_s is not None:
         items.append(
-            f"The voltages are {1e6 * data.delay_s[0]:.0f} \u00b1 {1.96e6 * data.delay_s[1]:.0f} "
+            f"The voltages are {1e6 * found.delay_s[0]:.0f} \u00b1 {1.96e6 * found.delay_s[1]:.0f} "
             "\u00b5s older than the recording says (accounted for)."
         )
-    page.points([*items, *data.notes])
-
-
-def page(data: BackEmfReport) -> Page:
-    """Return a page of its own."""
-    made = Page(data.title, data.lead)
-    made.table([], data.facts)
-    fill(made, data)
-    return made
+    page.points([*items, *found.notes])

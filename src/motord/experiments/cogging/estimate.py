@@ -110,7 +110,7 @@ class MeasuredCogging:
     @property
     def amplitude_Nm(self) -> np.ndarray:
         """Amplitudes (n,) of amplitude sin(order theta + phase)."""
-        return np.abs(self.line_Nm)
+        return np.asarray(np.abs(self.line_Nm))
 
     @property
     def phase_rad(self) -> np.ndarray:

@@ -19,9 +19,8 @@ from motord.report.html import Page
 def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
     """Return a page of its own."""
     subject = recordings.subject
-    page = Page(
-        "Cogging torque of a driven rotor", f"{subject.motor.name} on bench {subject.bench}"
-    )
+    lead = f"{subject.motor.name} on bench {subject.bench}"
+    page = Page("Cogging torque of a driven rotor", lead)
     page.table([], facts(None, subject, recordings.names))
     fill(page, measured)
     return page
@@ -30,11 +29,12 @@ def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
 def fill(page: Page, measured: MeasuredCogging) -> None:
     """Add the cogging run to a page."""
     speeds = measured.speed_results
+    slots, poles = measured.motor.slots, measured.motor.poles
     page.heading("Cogging torque, measured by driving the rotor")
     page.paragraph(
-        f"{measured.motor.slots} slots and {measured.motor.poles} poles have their main order at "
-        f"{measured.main_order} per turn, Q 2p / HCF(Q, 2p) (Poels 2008, eq. (3.1)). A slot out of place adds multiples of "
-        f"{measured.motor.poles}, a magnet out of place multiples of {measured.motor.slots}."
+        f"{slots} slots and {poles} poles have their main order at {measured.main_order} per "
+        "turn, Q 2p / HCF(Q, 2p) (Poels 2008, eq. (3.1)). A slot out of place adds multiples of "
+        f"{poles}, a magnet out of place multiples of {slots}."
     )
     page.picture(
         spectra([(_at(s), s.spectrum_Nm) for s in speeds], _allowed(measured)),
@@ -105,9 +105,8 @@ def _origin(harmonic: MeanHarmonic, measured: MeasuredCogging) -> str:
         return "neither slots nor poles"
     if harmonic.order % measured.main_order == 0:
         return "slots and poles"
-    return (
-        "slot out of place" if harmonic.order % measured.motor.poles == 0 else "magnet out of place"
-    )
+    slot = harmonic.order % measured.motor.poles == 0
+    return "slot out of place" if slot else "magnet out of place"
 
 
 def _comparison(page: Page, measured: MeasuredCogging, other: Comparison) -> None:

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.back_emf.estimate import measure
+from motord.experiments.back_emf.estimate import _average, measure
 from motord.identification import IdentifyError
-from motord.identification.cluster_robust_ls import Regressors
+from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.operating_points import PointData
 from tests.campaigns.back_emf import BOUND_PERCENT, errors, measured
 from tests.campaigns.driven import MOTORS, REPORT, Motor, inverter_apart, ticks_of
@@ -132,3 +132,13 @@ def test_one_more_column_is_the_same_as_fitting_it_too() -> None:
     together = Regressors.of(np.column_stack([columns, more]), turn).fit(values)
     assert coefficient == pytest.approx(together.solution[-1])
     assert variance == pytest.approx(together.covariance[-1, -1], rel=0.05)
+
+
+def test_without_noise_the_lines_are_averaged_all_the_same() -> None:
+    """Data that is fitted exactly has no variance to weigh it by."""
+    solution = np.array([1.0, 0.5, 0.0])
+    exact = ClusterFit(solution, np.zeros((3, 3)), np.zeros(8), 0.0)
+    line, stderr = _average([[exact] * 3, [exact] * 3], np.zeros((2, 1)))
+    assert line.tolist() == [[1.0 - 0.5j] * 3]
+    assert np.isfinite(stderr).all()
+    assert stderr.max() < 1e-12

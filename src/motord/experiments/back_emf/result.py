@@ -1,0 +1,176 @@
+"""What a back-EMF run gives: the back-EMF of the phases, its harmonics and its table."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from motord.config import SEQUENCE, MotorConfig
+
+UNBALANCED = 0.002
+"""Part of the fundamental by which a phase may differ from the mean of the three."""
+
+
+@dataclass(frozen=True)
+class BackEmfHarmonic:
+    """An order of one phase: amplitude sin(order theta + phase), theta = 2 pi count / counts."""
+
+    order: int
+    amplitude_V_s_per_rad: float
+    phase_rad: float
+    stderr_V_s_per_rad: float
+
+
+@dataclass(frozen=True)
+class ElectricalHarmonic(BackEmfHarmonic):
+    """An electrical order of the phases' mean, in the convention of `[motor] back_emf`."""
+
+    phase_stderr_rad: float
+    in_table: bool
+
+
+@dataclass(frozen=True)
+class MeasuredBackEmf:
+    """k of the phases. Lines: phase p is Re(sum_h line[h, p] exp(j order[h] theta)), V s/rad.
+
+    order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
+    the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
+    how much the voltages are older than the recording says, and its standard error, None where
+    the speeds are too much alike to tell. noise_V (3,). speeds_Hz, turns: of each point.
+    """
+
+    JSON: ClassVar[dict[str, str]] = {
+        **{name: name for name in ("speeds_Hz", "turns", "harmonics", "phases")},
+        **{name: name for name in ("offset_V", "noise_V")},
+        "delay_s": "fitted_delay_s",
+        "delay_stderr_s": "delay_stderr_s",
+        "notes": "notes",
+        "k_V_s_per_rad": "rounded_table",
+    }
+
+    motor: MotorConfig
+    order: np.ndarray
+    line: np.ndarray
+    stderr: np.ndarray
+    phase_stderr: np.ndarray
+    kept: np.ndarray
+    offset_V: np.ndarray
+    delay_s: tuple[float, float] | None
+    noise_V: np.ndarray
+    speeds_Hz: tuple[float, ...]
+    turns: tuple[int, ...]
+
+    @property
+    def fundamental(self) -> float:
+        """Mean amplitude of the phases' fundamental (V s/rad)."""
+        first = int(np.flatnonzero(self.order == self.motor.pole_pairs)[0])
+        return float(np.abs(self.line[first]).mean())
+
+    @property
+    def fitted_delay_s(self) -> float | None:
+        """Age of the voltages beyond the recorded."""
+        return self.delay_s[0] if self.delay_s else None
+
+    @property
+    def delay_stderr_s(self) -> float | None:
+        """Standard error of that age."""
+        return self.delay_s[1] if self.delay_s else None
+
+    @property
+    def rounded_table(self) -> np.ndarray:
+        """`table()` to a nanovolt second per radian, for files."""
+        return self.table().round(9)
+
+    @property
+    def electrical(self) -> np.ndarray:
+        """Places of the orders that are multiples of the pole pairs."""
+        return np.flatnonzero(self.order % self.motor.pole_pairs == 0)
+
+    @property
+    def balanced(self) -> np.ndarray:
+        """Mean of the phases, each turned back to phase a, at the electrical orders."""
+        harmonic = self.order[self.electrical] // self.motor.pole_pairs
+        sequence = SEQUENCE[self.motor.phase_order]
+        back = np.exp(2j * np.pi / 3 * sequence * np.outer(harmonic, np.arange(3)))
+        return np.asarray((self.line[self.electrical] * back).mean(axis=1))
+
+    @property
+    def harmonics(self) -> tuple[ElectricalHarmonic, ...]:
+        """The electrical orders of the phases' mean."""
+        return tuple(
+            self._harmonic(place, line)
+            for place, line in zip(self.electrical, self.balanced, strict=True)
+        )
+
+    def _harmonic(self, place: int, line: complex) -> ElectricalHarmonic:
+        order = int(self.order[place])
+        turned = order * self.motor.encoder_offset_rad
+        stderr = float(np.sqrt((self.stderr[place] ** 2).sum()) / 3)
+        sideways = self.phase_stderr[place] ** 2 - self.stderr[place] ** 2
+        phase_stderr = float(np.hypot(stderr, np.sqrt(max(sideways.mean(), 0.0))))
+        return ElectricalHarmonic(
+            order=order // self.motor.pole_pairs,
+            amplitude_V_s_per_rad=float(np.abs(line)),
+            phase_rad=float(np.angle(1j * line * np.exp(-1j * turned))),
+            stderr_V_s_per_rad=stderr,
+            phase_stderr_rad=min(phase_stderr / max(float(np.abs(line)), 1e-300), np.pi),
+            in_table=bool(self.kept[place]),
+        )
+
+    @property
+    def phases(self) -> dict[str, list[BackEmfHarmonic]]:
+        """Each phase's own orders per turn, of those that are kept."""
+        return {
+            "abc"[phase]: [
+                BackEmfHarmonic(
+                    int(self.order[place]),
+                    float(np.abs(self.line[place, phase])),
+                    float(np.angle(1j * self.line[place, phase])),
+                    float(self.stderr[place, phase]),
+                )
+                for place in np.flatnonzero(self.kept)
+            ]
+            for phase in range(3)
+        }
+
+    @property
+    def notes(self) -> list[str]:
+        """What is worth knowing of the result, in sentences."""
+        found = []
+        places = self.electrical
+        turned = np.exp(-2j * np.pi / 3 * SEQUENCE[self.motor.phase_order] * np.arange(3))
+        own = self.line[places[0]]
+        if abs((own * turned).mean()) > abs((own * turned.conj()).mean()):
+            found.append(
+                "phases b and c follow in the other order than [motor] says: change its "
+                "phase_order, or encoder_direction (the plan `align` finds which); harmonics are "
+                "a mean of the wrong phases, the table is right"
+            )
+        else:
+            back = self.balanced[0]
+            apart = float(np.abs(own * turned.conj() - back).max() / np.abs(back))
+            noise = 4 * float(self.stderr[places[0]].max() / np.abs(back))
+            if apart > max(UNBALANCED, noise):
+                found.append(
+                    f"a phase differs from the mean of the three by {100 * apart:.2f} % of the "
+                    "fundamental: use the table, not the harmonics"
+                )
+        if self.delay_s is None:
+            found.append(
+                "all speeds are alike: an age of the voltages that the recording does not state "
+                "would turn the waves, and cannot be seen; drive at speeds 1.3 times apart or more"
+            )
+        others = self.order[self.kept & (self.order % self.motor.pole_pairs != 0)]
+        if others.size:
+            listed = ", ".join(str(order) for order in others)
+            found.append(f"orders per turn that are no multiple of the pole pairs: {listed}")
+        return found
+
+    def table(self) -> np.ndarray:
+        """Return k at encoder angles 2 pi n / counts, shape (counts, 3), of the kept orders."""
+        counts = self.motor.counts
+        angle_rad = 2 * np.pi * np.arange(counts) / counts
+        k = np.zeros((counts, 3))
+        for h, line in zip(self.order[self.kept], self.line[self.kept], strict=True):
+            k += (np.exp(1j * h * angle_rad)[:, None] * line).real
+        return k
