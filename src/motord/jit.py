@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 KERNEL_PACKAGES = ("control", "rig", "identification", "experiments/calibration/estimate")
 """Folders of kernels and of what they import, sub-folders included."""
 KERNEL_MODULES = (
-    "config/timing.py", "experiments/inertia/decay_kernel.py", "hal/sim/rig.py", "jit.py",
+    "config/timing.py", "hal/sim/rig.py", "jit.py",
     "learned.py", "loop/tick_kernel.py", "schema.py", "shm/histogram.py", "shm/tables.py",
     "shm/timing.py", "virtual/bench.py", "virtual/drive.py", "virtual/faults.py",
 )  # fmt: skip

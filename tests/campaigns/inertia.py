@@ -12,12 +12,12 @@ import numpy as np
 
 from motord.config import load
 from motord.experiments.inertia.error_budget import budget
-from motord.experiments.inertia.free_decay import mean_frequency
 from motord.experiments.inertia.oscillation import Oscillation, Release, combine, waves_of
-from motord.experiments.inertia.results import DIFFERENCE, explanations
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import accelerate
+from motord.identification.free_decay import mean_frequency
 from motord.identification.ripple import harmonics_table
+from motord.reproduce.cad_difference import DIFFERENCE, explanations
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds
 from tests.unit.experiments.inertia.inertia_runs import (

@@ -6,6 +6,7 @@ what the terminal shows; opening recordings, options that all share, files and e
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -22,12 +23,12 @@ def encode(value: Any) -> Any:
     """Return a result as JSON has it: the one encoder of all experiments.
 
     Of a dataclass, the fields and properties that its class attribute `JSON` names, or gives for
-    other names if it is a mapping; by default all fields. Of an array its values.
+    other names if it is a mapping, dots between; by default all fields. Of an array its values.
     """
     if is_dataclass(value) and not isinstance(value, type):
         names = getattr(value, "JSON", None) or [one.name for one in fields(value)]
         pairs = names.items() if isinstance(names, Mapping) else zip(names, names, strict=True)
-        return {name: encode(getattr(value, attribute)) for name, attribute in pairs}
+        return {name: encode(attrgetter(attribute)(value)) for name, attribute in pairs}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, Mapping):

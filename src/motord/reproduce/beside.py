@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from motord.experiments.inertia.oscillation import REPORTS_WAY
-from motord.experiments.inertia.results import CAD_KG_M2, MEASURED_KG_M2, explanations
+from motord.experiments.inertia.oscillation import POELS2008_METHOD
 from motord.experiments.ripple.reconstruct import Explained
+from motord.reproduce.cad_difference import CAD_KG_M2, MEASURED_KG_M2, explanations
 from motord.reproduce.run import Found
 
 TABLE_4_2 = {
@@ -51,7 +51,7 @@ def as_json(found: Found) -> dict[str, Any]:
 
 def _inertia(found: Found) -> Iterator[Row]:
     one, truth = found.oscillation, found.inertia_truth.rotor.inertia_kg_m2
-    own = next(r for r in one.readings if r.label == REPORTS_WAY)
+    own = next(r for r in one.readings if r.label == POELS2008_METHOD)
     yield Row(
         "2.2.3",
         "inertia by oscillation",

@@ -15,10 +15,10 @@ from motord.experiments.calibration.content import (
 from motord.experiments.cogging import report as cogging_run
 from motord.experiments.ilc import report as learn
 from motord.experiments.inertia import report as inertia
-from motord.experiments.inertia.content import inertia_report
 from motord.experiments.sensitivity import report as sensitivity
 from motord.experiments.sensitivity.content import sensitivity_report
 from motord.report.html import Page
+from motord.reproduce import cad_difference
 from motord.reproduce.beside import Row, as_json, chapters
 from motord.reproduce.run import Found, save_summary
 
@@ -72,14 +72,10 @@ def _table(made: Page, rows: list[Row]) -> None:
 
 def _inertia(made: Page, found: Found) -> None:
     made.part("Chapter 2: moment of inertia")
-    content = inertia_report(
-        found.inertia_subject,
-        tuple(run.name for run in found.runs[:2]),
-        oscillation=found.oscillation,
-        acceleration=found.acceleration,
-        truth_kg_m2=found.inertia_truth.rotor.inertia_kg_m2,
-    )
-    inertia.fill(made, content)
+    truth_kg_m2 = found.inertia_truth.rotor.inertia_kg_m2
+    inertia.fill(made, found.oscillation, truth_kg_m2)
+    cad_difference.fill(made)
+    inertia.fill(made, found.acceleration, truth_kg_m2)
 
 
 def _calibration(made: Page, found: Found) -> None:

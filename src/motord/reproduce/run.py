@@ -22,7 +22,7 @@ from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.recordings import calibrator, explained
 from motord.experiments.cogging.command import measured_cogging
 from motord.experiments.cogging.estimate import Comparison, MeasuredCogging, compare
-from motord.experiments.inertia import analysis as inertia_analysis
+from motord.experiments.inertia import command as inertia
 from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.inertia.torque_step import Acceleration
 from motord.experiments.plans import build
@@ -181,10 +181,10 @@ def _part(progress: Progress, stage: str, first: float, last: float, fraction: f
 def _inertia(swing: _Bench, main: _Bench, progress: Progress) -> tuple[Oscillation, Acceleration]:
     stage = partial(_part, progress, STAGES[0])
     run = swing.take("inertia-oscillation", partial(stage, 0.0, 0.4))
-    oscillation = inertia_analysis.oscillation([run], swing.subject)
+    oscillation = inertia.oscillation([run], swing.subject)
     stage(0.0, 0.6, 1.0)
     run = main.take("inertia-acceleration", partial(stage, 0.6, 0.9))
-    acceleration = inertia_analysis.acceleration([run], main.subject)
+    acceleration = inertia.acceleration([run], main.subject)
     stage(0.0, 1.0, 1.0)
     return oscillation, acceleration
 

@@ -1,29 +1,161 @@
 """`motord analyse inertia`: the moment of inertia, by oscillation or by acceleration."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import typer
 
-from motord.calibration import load
-from motord.experiments.analysis import Analysis
-from motord.experiments.inertia import analysis
-from motord.experiments.inertia.content import inertia_report
-from motord.experiments.inertia.oscillation import Oscillation
-from motord.experiments.inertia.report import page
-from motord.experiments.inertia.torque_step import Acceleration
-from motord.experiments.subject import AnalysisError, Recordings
-from motord.report.html import Page
+from motord.calibration import load as load_calibration
+from motord.config import (
+    AccelerationConfig,
+    MotorFile,
+    OscillationConfig,
+    PlansConfig,
+    Section,
+    load,
+    read_toml,
+)
+from motord.experiments.analysis import Analysis, encode
+from motord.experiments.inertia.oscillation import (
+    Oscillation,
+    Release,
+    combine,
+    find_releases,
+    read_release,
+    waves_of,
+)
+from motord.experiments.inertia.report import report
+from motord.experiments.inertia.springs import SpringSetup
+from motord.experiments.inertia.torque_step import Acceleration, StepData, accelerate
+from motord.experiments.subject import AnalysisError, Recordings, Subject
+from motord.identification import IdentifyError
+from motord.identification.operating_points import good_points
+from motord.recording.reader import Run
 from motord.report.text import Table
 
+OSCILLATION = "inertia-oscillation"
+ACCELERATION = "inertia-acceleration"
 
-@dataclass(frozen=True)
-class _Result:
-    oscillation: Oscillation | None = None
-    acceleration: Acceleration | None = None
+_Settings = TypeVar("_Settings", bound=Section)
+
+
+def experiment_of(runs: Sequence[Run], named: str | None = None) -> str:
+    """Return which experiment the runs are of; `named` is that of runs that do not say.
+
+    Raises AnalysisError if they are of another, or of both.
+    """
+    unnamed = all(not run.metadata.get("plan", {}).get("name") for run in runs)
+    if named is not None and unnamed and runs:
+        return named
+    names = {str(run.metadata.get("plan", {}).get("name", "")) for run in runs}
+    for known in (OSCILLATION, ACCELERATION):
+        if names == {known}:
+            return known
+    if names == {OSCILLATION, ACCELERATION}:
+        raise AnalysisError("recordings of both experiments for the inertia; analyse them apart")
+    for run in runs:
+        name = str(run.metadata.get("plan", {}).get("name", ""))
+        if name not in (OSCILLATION, ACCELERATION):
+            if name:
+                said, hint = f"is of the plan {name}", ""
+            else:
+                said, hint = "names no plan", ", or --experiment to say which it is"
+            needed = f"{OSCILLATION} or {ACCELERATION}"
+            raise AnalysisError(f"{run.path}: {said}; needed: {needed}{hint}")
+    raise AnalysisError("no recording")
+
+
+def plans_of(path: Path | None) -> PlansConfig | None:
+    """Return `[plans.*]` of a bench file; None for a motor file, which has none, or no file.
+
+    Raises ConfigError.
+    """
+    if path is None or set(read_toml(path)[1]) <= set(MotorFile.model_fields):
+        return None
+    return load(path).plans
+
+
+def oscillation(
+    runs: Sequence[Run],
+    subject: Subject,
+    settings: OscillationConfig | None = None,
+    cogging_Nm: np.ndarray | None = None,
+) -> Oscillation:
+    """Return the inertia from releases of a bar between springs.
+
+    settings: what bar and springs are, by default what the recordings say. cogging_Nm (counts,):
+    known cogging torque, for a motor whose stator is in place. Raises IdentifyError, AnalysisError.
+    """
+    settings = settings or _recorded(runs[0], OscillationConfig)
+    setup = SpringSetup.of(settings)
+    counts = subject.motor.counts
+    if settings.stator and cogging_Nm is None:
+        raise AnalysisError(
+            "the stator was in place: its cogging torque pulls as the springs do, and a frequency "
+            "cannot tell the two apart; give a calibration that knows it, or take the stator off"
+        )
+    waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
+    releases: list[Release] = []
+    for run in runs:
+        if run.operating_points():
+            for ticks in _captures(run, ("t_ns", "encoder_count")):
+                place = len(releases), ticks["t_ns"], ticks["encoder_count"]
+                releases.append(read_release(*place, counts, setup, waves))
+        else:
+            releases += _searched(run, counts, setup, waves, len(releases))
+    return combine(releases, setup, waves)
+
+
+def _searched(
+    run: Run, counts: int, setup: SpringSetup, waves: np.ndarray | None, first: int
+) -> list[Release]:
+    """Return the releases of a recording that marks none; what is no swing is passed over."""
+    ticks = run.ticks(("t_ns", "encoder_count"))
+    found: list[Release] = []
+    for part in find_releases(ticks["t_ns"], ticks["encoder_count"], counts):
+        place = first + len(found), ticks["t_ns"][part], ticks["encoder_count"][part]
+        with suppress(IdentifyError):
+            found.append(read_release(*place, counts, setup, waves))
+    return found
+
+
+def acceleration(
+    runs: Sequence[Run], subject: Subject, settings: AccelerationConfig | None = None
+) -> Acceleration:
+    """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
+    settings = settings or _recorded(runs[0], AccelerationConfig)
+    columns = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
+    steps = [
+        StepData(number, *(ticks[name] for name in columns))
+        for number, ticks in enumerate(t for run in runs for t in _captures(run, columns))
+    ]
+    return accelerate(steps, subject.motor.counts, subject.sensor, settings)
+
+
+def _recorded(run: Run, kind: type[_Settings]) -> _Settings:
+    """Return the settings that the plan ran with. Raises AnalysisError if they are not there."""
+    given = run.metadata.get("plan", {}).get("settings", {})
+    known = {name: value for name, value in given.items() if name in kind.model_fields}
+    try:
+        return kind.model_validate(known)
+    except ValueError:
+        raise AnalysisError(
+            f"{run.path}: its plan's settings cannot be read; name a bench file with -c"
+        ) from None
+
+
+def _captures(run: Run, columns: tuple[str, ...]) -> Iterator[np.ndarray]:
+    """Yield the ticks of each good operating point, in time order."""
+    for point in good_points(run.operating_points()):
+        ticks = run.ticks(
+            ("plan_point", *columns),
+            from_ns=int(point["t_start_ns"]),
+            to_ns=int(point["t_end_ns"]),
+        )
+        yield ticks[ticks["plan_point"] == int(point["index"])]
 
 
 def estimate(
@@ -39,78 +171,68 @@ def estimate(
         typer.Option(help="Which it is, for recordings that name no plan: imported ones."),
     ] = None,
     command: str = "inertia",
-) -> _Result:
+) -> Oscillation | Acceleration:
     """Return the moment of inertia. Raises AnalysisError, CalibrationError, IdentifyError."""
     runs, subject = recordings.runs, recordings.subject
-    plans = analysis.plans_of(recordings.config)
+    plans = plans_of(recordings.config)
     named = None if command == "inertia" else command
-    found = analysis.experiment_of(runs, experiment or named)
+    found = experiment_of(runs, experiment or named)
     if named not in (None, found):
         raise AnalysisError(f"these are recordings of {found}: motord analyse {found} RUN...")
-    if found == analysis.OSCILLATION:
-        settings = plans.inertia_oscillation if plans is not None else None
-        cogging_Nm = np.array(load(calibration).tau_cog_Nm) if calibration else None
-        return _Result(oscillation=analysis.oscillation(runs, subject, settings, cogging_Nm))
-    settings = plans.inertia_acceleration if plans is not None else None
-    return _Result(acceleration=analysis.acceleration(runs, subject, settings))
+    if found == ACCELERATION:
+        return acceleration(runs, subject, plans.inertia_acceleration if plans else None)
+    cogging_Nm = np.array(load_calibration(calibration).tau_cog_Nm) if calibration else None
+    return oscillation(runs, subject, plans.inertia_oscillation if plans else None, cogging_Nm)
 
 
-def _json(result: _Result, recordings: Recordings) -> dict[str, Any]:
-    subject, names = recordings.subject, recordings.names
-    if result.oscillation is not None:
-        return analysis.oscillation_json(result.oscillation, subject, names)
-    assert result.acceleration is not None
-    return analysis.acceleration_json(result.acceleration, subject, names)
+def _json(found: Oscillation | Acceleration, recordings: Recordings) -> dict[str, Any]:
+    return {
+        "schema": "motord.inertia/1",
+        "experiment": OSCILLATION if isinstance(found, Oscillation) else ACCELERATION,
+        "bench": recordings.subject.bench,
+        "motor": recordings.subject.motor.name,
+        "runs": recordings.names,
+        **encode(found),
+    }
 
 
-def _report(result: _Result, recordings: Recordings) -> Page:
-    return page(
-        inertia_report(
-            recordings.subject,
-            recordings.names,
-            oscillation=result.oscillation,
-            acceleration=result.acceleration,
-        )
-    )
-
-
-def _text(found: _Result, recordings: Recordings) -> Iterator[str | Table]:
-    result = _json(found, recordings)
-    value, u = result["inertia_kg_m2"], result["uncertainty_kg_m2"]
+def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Table]:
+    value, u = found.inertia_kg_m2, found.uncertainty_kg_m2
+    oscillated = isinstance(found, Oscillation)
     yield (
-        f"J = {1e3 * value:.4f} +- {1e3 * 1.96 * u:.4f} e-3 kg m2 "
-        f"(95 %; {100 * 1.96 * u / value:.2f} %), {result['experiment']}"
+        f"J = {1e3 * value:.4f} +- {1e3 * 1.96 * u:.4f} e-3 kg m2 (95 %; {196 * u / value:.2f} %), "
+        f"{OSCILLATION if oscillated else ACCELERATION}"
     )
-    if result.get("disturbed"):
-        numbers = ", ".join(str(index + 1) for index in result["disturbed"])
-        yield f"left out, as they fit worse than the others: release {numbers}"
+    if isinstance(found, Oscillation):
+        if found.disturbed:
+            numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
+            yield f"left out, as they fit worse than the others: release {numbers}"
+        sources = [(one.source, one.uncertainty) for one in found.budget.shares]
+        readings = [(one.label, one.inertia_kg_m2) for one in found.readings]
+    else:
+        sources = [(one.source, one.uncertainty) for one in found.sources]
+        readings = [
+            ("torque as commanded", found.commanded_kg_m2),
+            ("as commanded, friction neglected, eq. (2.1)", found.plain_kg_m2),
+        ]
     yield Table(
         "where the uncertainty comes from",
         ("source", "standard uncertainty, %"),
-        [(row["source"], f"{100 * row['uncertainty']:.3f}") for row in result["budget"]],
+        [(source, f"{100 * uncertainty:.3f}") for source, uncertainty in sources],
         left=(0,),
     )
     yield Table(
         "other readings of the same recordings",
         ("reading", "J (e-3 kg m2)"),
-        [(label, f"{1e3 * reading:.4f}") for label, reading in _readings(result)],
+        [(label, f"{1e3 * reading:.4f}") for label, reading in readings],
         left=(0,),
     )
-
-
-def _readings(result: dict[str, Any]) -> list[tuple[str, float]]:
-    if "readings" in result:
-        return [(row["label"], row["inertia_kg_m2"]) for row in result["readings"]]
-    return [
-        ("torque as commanded", result["commanded_kg_m2"]),
-        ("as commanded, friction neglected, eq. (2.1)", result["plain_kg_m2"]),
-    ]
 
 
 ANALYSIS = Analysis(
     estimate,
     json=_json,
-    report=_report,
+    report=report,
     text=_text,
     details="-c FILE: a bench file also says what bar and springs are, instead of the recording.",
 )

@@ -9,7 +9,14 @@ from math import sqrt
 
 import numpy as np
 
-from motord.experiments.inertia.springs import HEAVY, UNLOADED, SpringSetup, mass_factors
+from motord.experiments.inertia.springs import (
+    HEAVY,
+    UNLOADED,
+    SpringSetup,
+    mass_factors,
+    one_spring_a_side,
+    shorter_bar,
+)
 
 DRAWS = 200_000
 """Draws of the Monte Carlo; they are drawn PIECE at a time."""
@@ -43,6 +50,13 @@ class Share:
     sensitivity: float
     uncertainty: float
 
+    @property
+    def JSON(self) -> dict[str, str]:
+        """How JSON names what there is: the width of a normal source is its standard error."""
+        width = "standard_error" if self.source == FREQUENCY else "half_width"
+        names = ("source", "inputs", "half_width", "sensitivity", "uncertainty")
+        return {width if name == "half_width" else name: name for name in names}
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -58,6 +72,11 @@ class Budget:
     interval_kg_m2: tuple[float, float]
     shares: tuple[Share, ...]
     draws: int
+
+    @property
+    def monte_carlo(self) -> dict[str, float]:
+        """Mean and standard deviation of the draws."""
+        return {"mean_kg_m2": self.mean_kg_m2, "std_kg_m2": self.std_kg_m2, "draws": self.draws}
 
 
 def budget(
@@ -97,7 +116,7 @@ def deviated_kg_m2(
     levers: np.ndarray | float = 0.0,
     mass: float = 0.0,
 ) -> float:
-    """Return the inertia if what was told is off by these parts; springs (n,), levers (m,)."""
+    """Return the inertia if the bench file is off by these parts; springs (n,), levers (m,)."""
     return replace(
         setup,
         stiffness_N_per_m=setup.stiffness_N_per_m * (1 + np.asarray(springs)),
@@ -107,7 +126,7 @@ def deviated_kg_m2(
 
 
 class _Inputs:
-    """Deviations of all inputs from what was told: (draws, inputs), in the order of SOURCES.
+    """Deviations of all inputs from the bench file: (draws, inputs), in the order of SOURCES.
 
     They are in parts; that of the effective mass is added to each spring's factor.
     """
@@ -135,8 +154,7 @@ class _Inputs:
             own = rng.uniform(-width, width, (draws, count))
             common = rng.uniform(-width, width, (draws, 1))
             columns.append(sqrt(1 - shared) * own + sqrt(shared) * common)
-        deviations: np.ndarray = np.concatenate(columns, axis=1)
-        return deviations
+        return np.concatenate(columns, axis=1)
 
     def inertia_kg_m2(self, deviations: np.ndarray) -> np.ndarray:
         """Return the inertia (draws,) for deviations (draws, inputs)."""
@@ -149,8 +167,7 @@ class _Inputs:
         factors = mass_factors(s.effective_mass, stiffness, mass_kg, frequency_rad_s) + factor
         springs = stiffness / frequency_rad_s**2 - factors * mass_kg
         whole = (square_m2 * springs).sum(axis=1)
-        inertia: np.ndarray = whole - s.bar_inertia_kg_m2 * (1 + bar[:, 0])
-        return inertia
+        return np.asarray(whole - s.bar_inertia_kg_m2 * (1 + bar[:, 0]))
 
     def shares(self, inertia_kg_m2: float, step: float = 1e-4) -> list[Share]:
         """Return each source's part of the uncertainty, to first order."""
@@ -169,7 +186,7 @@ class _Inputs:
 
 @dataclass(frozen=True)
 class Curves:
-    """Change of the inertia (parts) over errors of what was told: Poels 2008, Figures 2.6 - 2.9.
+    """Change of the inertia (parts) over errors of the bench file: Poels 2008, Figures 2.6 - 2.9.
 
     Over `stiffness` (a,), `lever` (a,), `mass` (a,) errors in parts: stiffness_change (n, a) with
     the first spring wrong, the first two, ...; lever_change (m, a) likewise; mass_change (a,).
@@ -222,3 +239,55 @@ def curves(
         factor_change=-(factor - HEAVY) * swinging / heavy,
         wave_factor=float(np.mean(setup.counting("wave").factors(frequency_rad_s))),
     )
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A change of the set-up, and the budget that it would have."""
+
+    JSON = ("label", "period_s", "uncertainty")
+
+    label: str
+    setup: SpringSetup
+    period_s: float
+    budget: Budget
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard uncertainty of the inertia in parts of it."""
+        return self.budget.uncertainty_kg_m2 / self.budget.inertia_kg_m2
+
+
+def improvements(
+    setup: SpringSetup,
+    inertia_kg_m2: float,
+    frequency_stderr: float,
+    damping_ratio: float,
+    damping_stderr: float,
+) -> tuple[Improvement, ...]:
+    """Return what the changes proposed in Poels 2008, section 2.3.2, would bring.
+
+    frequency_stderr: in parts; damping_stderr: of the damping ratio, which makes the undamped
+    frequency uncertain. Errors of ruler and balance stay what they are: N/m, m and kg.
+    """
+    undamped = damping_ratio * damping_stderr
+    made = (
+        ("as it is", setup, undamped),
+        ("one spring a side", one_spring_a_side(setup), undamped),
+        ("bar half as long", shorter_bar(setup, 0.5), undamped),
+        ("no brake disc", setup, 0.0),
+        ("all three", shorter_bar(one_spring_a_side(setup), 0.5), 0.0),
+    )
+    found = []
+    for label, changed, uncertain in made:
+        frequency_rad_s = changed.frequency_rad_s(inertia_kg_m2)
+        stderr_rad_s = frequency_rad_s * sqrt(frequency_stderr**2 + uncertain**2)
+        found.append(
+            Improvement(
+                label,
+                changed,
+                2 * np.pi / frequency_rad_s,
+                budget(changed, frequency_rad_s, stderr_rad_s, draws=20_000),
+            )
+        )
+    return tuple(found)

@@ -3,22 +3,32 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot
+from typing import ClassVar
 
 import numpy as np
 
-from motord.experiments.inertia.error_budget import Budget, Curves, budget, curves
-from motord.experiments.inertia.free_decay import Decay, fit_decay, mean_frequency
-from motord.experiments.inertia.results import Improvement, improvements
+from motord.experiments.inertia.error_budget import (
+    Budget,
+    Curves,
+    Improvement,
+    budget,
+    curves,
+    improvements,
+)
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.swings import FivePeriods, Swing, find_swing, five_periods
 from motord.identification import IdentifyError
+from motord.identification.free_decay import Decay, fit_decay, mean_frequency
+from motord.identification.log_decrement import FivePeriods, Swing, find_swing, five_periods
 
-WORDS = {"wave": "waves in the springs", "heavy": "m/3", "unloaded": "4m/\u03c0\u00b2"}
-"""Models of the effective mass in words."""
+EFFECTIVE_MASS_LABELS = {
+    "wave": "waves in the springs",
+    "heavy": "m/3",
+    "unloaded": "4m/\u03c0\u00b2",
+}
+"""Models of the effective mass."""
 
-REPORTS_WAY = "five periods, damped, m/3"
+POELS2008_METHOD = "five periods, damped, m/3"
 """How Poels 2008 reads the swings."""
-
 
 DISTURBED = 1.25
 """How much worse than those that fit best (a quarter of them) a release may fit and be used."""
@@ -27,9 +37,30 @@ COGGING_UNCERTAINTY = 0.01
 """Standard uncertainty of a known cogging torque, in parts of it."""
 
 
+STILL_S = 0.1
+"""How long a bar is still before it is let go."""
+
+STILL_COUNTS = 2
+"""Counts that a bar may move by and be still."""
+
+
 @dataclass(frozen=True)
 class Release:
     """One release as it was read: swing, five periods of it, and the fit of its whole decay."""
+
+    JSON: ClassVar[dict[str, str]] = {
+        "index": "index",
+        "period_s": "five.period_s",
+        "decrement": "five.decrement",
+        "damping_ratio": "five.damping_ratio",
+        **{
+            name: f"decay.{name}"
+            for name in (
+                "frequency_rad_s", "frequency_stderr_rad_s", "cubic_per_rad2", "viscous_per_s",
+                "coulomb_rad_s2",
+            )
+        },
+    }  # fmt: skip
 
     index: int
     swing: Swing
@@ -55,6 +86,24 @@ class Oscillation:
     of the set-up would bring. disturbed: releases that were left out, as they fit worse.
     """
 
+    JSON: ClassVar[dict[str, str]] = {
+        "inertia_kg_m2": "inertia_kg_m2",
+        "uncertainty_kg_m2": "uncertainty_kg_m2",
+        "interval_95_kg_m2": "budget.interval_kg_m2",
+        "monte_carlo": "budget.monte_carlo",
+        "effective_mass": "setup.effective_mass",
+        "effective_mass_factor": "effective_mass_factor",
+        "stiffness_Nm_per_rad": "setup.stiffness_Nm",
+        "frequency_rad_s": "frequency_rad_s",
+        "frequency_stderr_rad_s": "frequency_stderr_rad_s",
+        "damping_ratio": "damping_ratio",
+        "budget": "budget.shares",
+        "disturbed": "disturbed_indices",
+        "readings": "readings",
+        "improvements": "improvements",
+        "releases": "releases",
+    }
+
     setup: SpringSetup
     stator: bool
     releases: tuple[Release, ...]
@@ -70,6 +119,21 @@ class Oscillation:
     def inertia_kg_m2(self) -> float:
         """The motor's moment of inertia."""
         return self.budget.inertia_kg_m2
+
+    @property
+    def uncertainty_kg_m2(self) -> float:
+        """Its standard uncertainty (GUM)."""
+        return self.budget.uncertainty_kg_m2
+
+    @property
+    def effective_mass_factor(self) -> np.ndarray:
+        """Part of each spring's mass that swings (n,)."""
+        return self.setup.factors(self.frequency_rad_s)
+
+    @property
+    def disturbed_indices(self) -> list[int]:
+        """Numbers of the releases that were left out."""
+        return [release.index for release in self.disturbed]
 
     @property
     def damping_ratio(self) -> float:
@@ -151,19 +215,19 @@ def _readings(releases: Sequence[Release], setup: SpringSetup) -> tuple[InertiaR
     heavy = setup.counting("heavy")
     five = [release.five for release in releases]
     cubic = [release.decay.cubic_per_rad2 for release in releases]
-    words = WORDS[setup.effective_mass]
+    model = EFFECTIVE_MASS_LABELS[setup.effective_mass]
     undamped = [f.frequency_rad_s(damped=False) for f in five]
     damped = [f.frequency_rad_s() for f in five]
     small = [f.frequency_rad_s(cubic_per_rad2=c) for f, c in zip(five, cubic, strict=True)]
-    ways = (
+    methods = (
         ("five periods, damping neglected, m/3", heavy, undamped),
-        (REPORTS_WAY, heavy, damped),
-        (f"five periods, damped, {words}", setup, damped),
-        (f"five periods, damped, at small amplitude, {words}", setup, small),
-        (f"whole decay fitted, {words}", setup, [r.decay.frequency_rad_s for r in releases]),
+        (POELS2008_METHOD, heavy, damped),
+        (f"five periods, damped, {model}", setup, damped),
+        (f"five periods, damped, at small amplitude, {model}", setup, small),
+        (f"whole decay fitted, {model}", setup, [r.decay.frequency_rad_s for r in releases]),
     )
     readings = []
-    for label, counted, frequencies_rad_s in ways:
+    for label, counted, frequencies_rad_s in methods:
         values = np.array([counted.inertia_kg_m2(w) for w in frequencies_rad_s])
         std = float(values.std(ddof=1)) if values.size > 1 else 0.0
         readings.append(InertiaReading(label, float(values.mean()), std))
@@ -182,3 +246,41 @@ def _uncertain_cogging(release: Release, setup: SpringSetup, cogging_Nm: np.ndar
     """Return by how much the frequency is uncertain, in parts, as the cogging torque is."""
     changed = fit_decay(release.swing, setup.stiffness_Nm, cogging_Nm * (1 + COGGING_UNCERTAINTY))
     return abs(changed.frequency_rad_s / release.decay.frequency_rad_s - 1)
+
+
+def find_releases(t_ns: np.ndarray, count: np.ndarray, counts: int) -> list[slice]:
+    """Return the samples of each stretch that begins with a still bar and goes on until the next.
+
+    t_ns, count (n,); counts: of the encoder's turn. A stretch need not be a swing: the bar may have
+    been pulled. Without any stillness, all samples are one stretch.
+    """
+    t_s = (np.asarray(t_ns, np.int64) - int(t_ns[0])) * 1e-9
+    still = _still(t_s, np.asarray(count, np.int64), counts)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    begins, ends = edges[::2], edges[1::2]
+    if begins.size == 0:
+        return [slice(0, t_s.size)]
+    begins = np.maximum(begins, np.searchsorted(t_s, t_s[ends - 1] - STILL_S))
+    stops = [*begins[1:], t_s.size]
+    return [
+        slice(int(begin), int(stop))
+        for begin, end, stop in zip(begins, ends, stops, strict=True)
+        if stop > end
+    ]
+
+
+def _still(t_s: np.ndarray, count: np.ndarray, counts: int) -> np.ndarray:
+    """Return (n,) whether a sample belongs to STILL_S during which the angle hardly changes."""
+    steps = np.diff(count)
+    steps -= counts * np.rint(steps / counts).astype(np.int64)
+    angle = np.concatenate([[0], np.cumsum(steps)])
+    still = np.zeros(count.size, bool)
+    size = max(int(np.searchsorted(t_s, STILL_S)), 2)
+    if count.size < size:
+        return still
+    windows = np.lib.stride_tricks.sliding_window_view(angle, size)
+    calm = np.flatnonzero(windows.max(axis=1) - windows.min(axis=1) <= STILL_COUNTS)
+    marks = np.zeros(count.size + 1, np.int64)
+    np.add.at(marks, calm, 1)
+    np.add.at(marks, calm + size, -1)
+    return np.asarray(np.cumsum(marks)[:-1] > 0)

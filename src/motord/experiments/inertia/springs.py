@@ -1,7 +1,7 @@
 """Bar and springs on the rotor: from the frequency of the swing to the inertia of the motor."""
 
 from dataclasses import dataclass, replace
-from math import pi
+from math import pi, sqrt
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class SpringSetup:
-    """What is on the rotor, as told: n springs at m levers.
+    """What is on the rotor by the bench file: n springs at m levers.
 
     stiffness_N_per_m, mass_kg, lever (n,): lever is the number from 0 of the spring's lever in
     levers_m (m,).
@@ -129,5 +129,38 @@ def mass_factors(
         )
     small = x < 0.02
     safe = np.where(small, 1.0, x)
-    factors: np.ndarray = np.where(small, HEAVY + x**2 / 45, (1 - safe / np.tan(safe)) / safe**2)
-    return factors
+    return np.asarray(np.where(small, HEAVY + x**2 / 45, (1 - safe / np.tan(safe)) / safe**2))
+
+
+def one_spring_a_side(setup: SpringSetup) -> SpringSetup:
+    """Return the set-up with two springs as stiff as all are now, each as heavy as one is.
+
+    They are measured to as many N/m as each one now, and weighed together on the same balance.
+    """
+    stiffness = float(setup.stiffness_N_per_m.sum()) / 2
+    mass_kg = float(setup.mass_kg.mean())
+    square_m2 = setup.stiffness_Nm / setup.stiffness_N_per_m.sum()
+    t = setup.tolerances
+    return replace(
+        setup,
+        stiffness_N_per_m=np.full(2, stiffness),
+        mass_kg=np.full(2, mass_kg),
+        lever=np.zeros(2, int),
+        levers_m=np.array([sqrt(square_m2)]),
+        tolerances=replace(
+            t,
+            stiffness=t.stiffness * float(setup.stiffness_N_per_m.mean()) / stiffness,
+            mass=t.mass * float(setup.mass_kg.sum()) / (2 * mass_kg) if mass_kg else t.mass,
+        ),
+    )
+
+
+def shorter_bar(setup: SpringSetup, part: float) -> SpringSetup:
+    """Return the set-up with a bar of the same section, `part` as long; lengths to as many m."""
+    t = setup.tolerances
+    return replace(
+        setup,
+        levers_m=part * setup.levers_m,
+        bar_inertia_kg_m2=part**3 * setup.bar_inertia_kg_m2,
+        tolerances=replace(t, lever=t.lever / part),
+    )

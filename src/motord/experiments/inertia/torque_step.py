@@ -10,6 +10,7 @@ Coulomb, theta(t) is linear in what is asked for:
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,14 +21,14 @@ LEAST_REST_S = 0.3
 """Rest before a step that the sensor's drift is taken from."""
 
 MOVED_RAD = 0.02
-"""Way from which on the rotor slides: before, friction is what the torque happens to be."""
+"""Angle from which on the rotor slides: before, friction is what the torque happens to be."""
 
 LEAST_WAY_RAD = 0.3
-"""Shortest way that an inertia is taken from."""
+"""Shortest angle that an inertia is taken from."""
 
 
 @dataclass(frozen=True)
-class PushData:
+class StepData:
     """One step as it was recorded: samples (n,) from the rest before it on."""
 
     index: int
@@ -38,13 +39,18 @@ class PushData:
 
 
 @dataclass(frozen=True)
-class Push:
+class TorqueStep:
     """One step: inertia by the torque sensor, and others to compare with.
 
     stderr_kg_m2: of the fit alone. commanded_kg_m2: the same fit with the commanded torque for the
     measured one; plain_kg_m2: eq. (2.1), from commanded torque, time and angle, damping neglected.
     t_s, angle_rad, torque_Nm (n,) since the beginning of the step; fitted_rad (m,) at fitted_s.
     """
+
+    JSON = (
+        "inertia_kg_m2", "stderr_kg_m2", "commanded_kg_m2", "plain_kg_m2", "viscous_Nm_s_per_rad",
+        "friction_Nm",
+    )  # fmt: skip
 
     index: int
     inertia_kg_m2: float
@@ -72,7 +78,16 @@ class TorqueSource:
 class Acceleration:
     """The motor's inertia by acceleration; sources: of its uncertainty, largest first."""
 
-    pushes: tuple[Push, ...]
+    JSON: ClassVar[dict[str, str]] = {
+        **{
+            name: name
+            for name in ("inertia_kg_m2", "uncertainty_kg_m2", "commanded_kg_m2", "plain_kg_m2")
+        },
+        "budget": "sources",
+        "steps": "steps",
+    }
+
+    steps: tuple[TorqueStep, ...]
     inertia_kg_m2: float
     uncertainty_kg_m2: float
     commanded_kg_m2: float
@@ -81,7 +96,7 @@ class Acceleration:
 
 
 def accelerate(
-    data: Sequence[PushData],
+    data: Sequence[StepData],
     counts: int,
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
@@ -93,10 +108,10 @@ def accelerate(
     """
     if not data:
         raise IdentifyError("no good step in there")
-    pushes = tuple(read_push(step, counts, sensor) for step in data)
-    value = _both_ways(pushes)
-    values = np.array([p.inertia_kg_m2 for p in pushes])
-    scatter = float(values.std(ddof=1)) if values.size > 1 else pushes[0].stderr_kg_m2
+    steps = tuple(read_step(step, counts, sensor) for step in data)
+    value = _both_ways(steps)
+    values = np.array([p.inertia_kg_m2 for p in steps])
+    scatter = float(values.std(ddof=1)) if values.size > 1 else steps[0].stderr_kg_m2
     tau_s = sensor.highpass_time_constant_s
     sources = [
         TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3)),
@@ -106,31 +121,31 @@ def accelerate(
         longer = sensor.model_copy(
             update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
         )
-        changed = _both_ways([read_push(step, counts, longer) for step in data])
+        changed = _both_ways([read_step(step, counts, longer) for step in data])
         sources.append(TorqueSource("its time constant", abs(changed / value - 1) / sqrt(3)))
     return Acceleration(
-        pushes=pushes,
+        steps=steps,
         inertia_kg_m2=value,
         uncertainty_kg_m2=value * sqrt(sum(s.uncertainty**2 for s in sources)),
-        commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in pushes])),
-        plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in pushes])),
+        commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
+        plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
         sources=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
     )
 
 
-def _both_ways(pushes: Sequence[Push]) -> float:
+def _both_ways(steps: Sequence[TorqueStep]) -> float:
     """Return the mean over both directions, of as many as there are."""
-    ways = [
-        [p.inertia_kg_m2 for p in pushes if bool(p.angle_rad[-1] > p.angle_rad[0]) is forwards]
+    directions = [
+        [p.inertia_kg_m2 for p in steps if bool(p.angle_rad[-1] > p.angle_rad[0]) is forwards]
         for forwards in (True, False)
     ]
-    return float(np.mean([np.mean(way) for way in ways if way]))
+    return float(np.mean([np.mean(one) for one in directions if one]))
 
 
-def read_push(data: PushData, counts: int, sensor: TorqueSensorConfig) -> Push:
+def read_step(data: StepData, counts: int, sensor: TorqueSensorConfig) -> TorqueStep:
     """Return what one step tells. Raises IdentifyError naming it."""
     name = f"step {data.index + 1}"
-    t_s, begin = _since_push(data, name)
+    t_s, begin = _since_step(data, name)
     angle_rad = np.unwrap(data.count * (2 * pi / counts))[begin:]
     angle_rad -= angle_rad[0]
     measured_Nm = _torque_since(t_s, data.torque_Nm.astype(float), begin, sensor)
@@ -145,7 +160,7 @@ def read_push(data: PushData, counts: int, sensor: TorqueSensorConfig) -> Push:
         raise IdentifyError(f"{name}: the rotor does not follow the measured torque; its sign?")
     q, _, _ = _fit(t_s, angle_rad, commanded_Nm, sliding)
     stop = int(np.flatnonzero(commanded_Nm)[-1])
-    return Push(
+    return TorqueStep(
         index=data.index,
         inertia_kg_m2=float(1 / p[2]),
         stderr_kg_m2=float(errors[2] / p[2] ** 2),
@@ -161,7 +176,7 @@ def read_push(data: PushData, counts: int, sensor: TorqueSensorConfig) -> Push:
     )
 
 
-def _since_push(data: PushData, name: str) -> tuple[np.ndarray, int]:
+def _since_step(data: StepData, name: str) -> tuple[np.ndarray, int]:
     """Return times (s) from the step on, and the sample at which it begins."""
     pushed = np.flatnonzero(data.torque_set_Nm)
     begin = int(pushed[0]) - 1 if pushed.size else 0

@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from motord.experiments.inertia.error_budget import budget, curves
-from motord.experiments.inertia.results import (
+from motord.experiments.inertia.error_budget import budget, curves, improvements
+from motord.experiments.inertia.springs import Tolerances, one_spring_a_side, shorter_bar
+from motord.reproduce.cad_difference import (
     DIFFERENCE,
     MEASURED_KG_M2,
     explanations,
-    improvements,
-    one_spring_a_side,
     reports_setup,
-    shorter_bar,
 )
-from motord.experiments.inertia.springs import Tolerances
 from tests.unit.experiments.inertia.inertia_runs import told
 
 FREQUENCY_RAD_S = 47.0

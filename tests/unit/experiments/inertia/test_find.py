@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from motord.experiments.inertia.find import find_releases
-from motord.experiments.inertia.swings import find_swing
+from motord.experiments.inertia.oscillation import find_releases
+from motord.identification.log_decrement import find_swing
 
 COUNTS = 4096
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.experiments.inertia.oscillation import REPORTS_WAY, combine, read_release, waves_of
+from motord.experiments.inertia.oscillation import POELS2008_METHOD, combine, read_release, waves_of
 from motord.identification import IdentifyError
 from tests.campaigns.inertia import covered, with_stator
 from tests.unit.experiments.inertia.inertia_runs import (
@@ -29,13 +29,15 @@ def test_within_a_fifth_of_a_percent_of_the_truth() -> None:
 
 def test_the_reports_reading_is_high_by_amplitude_and_effective_mass() -> None:
     readings = {r.label: r for r in combine(releases(1, 6), told()).readings}
-    assert readings[REPORTS_WAY].inertia_kg_m2 / TRUTH_KG_M2 - 1 == pytest.approx(0.016, abs=0.003)
+    assert readings[POELS2008_METHOD].inertia_kg_m2 / TRUTH_KG_M2 - 1 == pytest.approx(
+        0.016, abs=0.003
+    )
     waves = readings["five periods, damped, waves in the springs"]
     assert waves.inertia_kg_m2 / TRUTH_KG_M2 - 1 == pytest.approx(0.0067, abs=0.002)
     small = readings["five periods, damped, at small amplitude, waves in the springs"]
     assert small.inertia_kg_m2 == pytest.approx(TRUTH_KG_M2, rel=2e-3)
     undamped = readings["five periods, damping neglected, m/3"]
-    assert undamped.inertia_kg_m2 > readings[REPORTS_WAY].inertia_kg_m2
+    assert undamped.inertia_kg_m2 > readings[POELS2008_METHOD].inertia_kg_m2
     for reading in readings.values():
         assert 0 < reading.std_kg_m2 < 2e-3 * TRUTH_KG_M2
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import AccelerationConfig, TorqueSensorConfig, load
-from motord.experiments.inertia.torque_step import PushData, accelerate, read_push
+from motord.experiments.inertia.torque_step import StepData, accelerate, read_step
 from motord.identification import IdentifyError
 from tests.unit.experiments.inertia.inertia_runs import pushes
 
@@ -15,7 +15,7 @@ DIRECT = TorqueSensorConfig()
 PIEZO = TorqueSensorConfig(highpass_time_constant_s=2.0)
 
 
-def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> PushData:
+def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> StepData:
     """1 s at rest, 1 Nm ramped up and down within 0.3 s, coasting; exact but for the encoder."""
     h = 1e-4
     t_s = np.arange(0, 1.6, h)
@@ -35,13 +35,13 @@ def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0
     every = slice(None, None, 10)
     count = np.rint(sign * angles[every] * 4096 / (2 * np.pi)).astype(int) % 4096
     t_ns = np.rint(t_s[every] * 1e9).astype(np.int64)
-    return PushData(0, t_ns, count, sign * sensed[every], sign * torque_Nm[every])
+    return StepData(0, t_ns, count, sign * sensed[every], sign * torque_Nm[every])
 
 
 @pytest.mark.parametrize("sensor", [DIRECT, PIEZO])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign: int) -> None:
-    found = read_push(made_up(sensor, sign), 4096, sensor)
+    found = read_step(made_up(sensor, sign), 4096, sensor)
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.commanded_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.viscous_Nm_s_per_rad == pytest.approx(VISCOUS, abs=1.5e-3)
@@ -51,7 +51,7 @@ def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign:
 
 
 def test_what_drifts_before_the_step_is_taken_off() -> None:
-    settled = read_push(made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
+    settled = read_step(made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
     assert settled.inertia_kg_m2 == pytest.approx(J, rel=5e-3)
 
 
@@ -62,7 +62,7 @@ def test_the_simulated_rig_within_what_is_stated() -> None:
     assert 0.003 < found.uncertainty_kg_m2 / 0.0105 < 0.02
     assert found.sources[0].source == "gain of the torque sensor"
     assert abs(found.plain_kg_m2 / 0.0105 - 1) > 0.03
-    assert len(found.pushes) == 6
+    assert len(found.steps) == 6
 
 
 def test_one_step_alone_has_its_own_error() -> None:
@@ -84,4 +84,4 @@ def test_what_tells_no_inertia_is_refused() -> None:
     )
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
-            read_push(data, 4096, PIEZO)
+            read_step(data, 4096, PIEZO)

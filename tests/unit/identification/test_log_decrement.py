@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from motord.experiments.inertia.decay_kernel import swing_angles
-from motord.experiments.inertia.free_decay import fit_decay, mean_frequency
-from motord.experiments.inertia.swings import find_swing, five_periods
 from motord.identification import IdentifyError
+from motord.identification.free_decay import fit_decay, mean_frequency, swing_angles
+from motord.identification.log_decrement import find_swing, five_periods
 
 COUNTS = 4096
 STIFFNESS_NM = 50.0

@@ -1,4 +1,4 @@
-"""A swing as the encoder saw it: release, crossings, turning points; five periods, decrement."""
+"""Logarithmic decrement and period of a free oscillation, from its crossings and turning points."""
 
 from dataclasses import dataclass
 from itertools import pairwise
