@@ -73,7 +73,7 @@ def test_oscillation_from_a_recording(swings: Path, tmp_path: Path) -> None:
     for words in ("Figures 2.6 to 2.9", "Figure 2.4", "Figure 2.2"):
         assert words in page
     assert "CAD" not in page  # what Poels 2008 measured is for the page of `motord reproduce` alone
-    assert page.count("<svg") == 5
+    assert page.count("<svg") == 4
 
 
 def test_acceleration_from_a_recording(steps: Path, tmp_path: Path) -> None:
