@@ -15,7 +15,7 @@ import numpy as np
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.recordings import calibrator
 from motord.experiments.plans import build
-from motord.experiments.sensitivity.analysis import sensitivity
+from motord.experiments.sensitivity.estimate import sensitivity
 from motord.experiments.sensitivity.result import Sensitivity
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run

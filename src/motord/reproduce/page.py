@@ -16,7 +16,6 @@ from motord.experiments.cogging import report as cogging_run
 from motord.experiments.ilc import report as learn
 from motord.experiments.inertia import report as inertia
 from motord.experiments.sensitivity import report as sensitivity
-from motord.experiments.sensitivity.content import sensitivity_report
 from motord.report.html import Page
 from motord.reproduce import cad_difference
 from motord.reproduce.beside import Row, as_json, chapters
@@ -53,7 +52,7 @@ def write_page(folder: Path, found: Found) -> Path:
     back_emf.fill(made, found.back_emf)
     _calibration(made, found)
     made.part("Chapter 4: sensitivity of the calibration")
-    sensitivity.fill(made, sensitivity_report(found.sensitivity))
+    sensitivity.fill(made, found.sensitivity)
     _remains(made, found)
     made.heading("About these figures")
     made.table((), _facts(found))

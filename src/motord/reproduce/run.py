@@ -27,7 +27,7 @@ from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.inertia.torque_step import Acceleration
 from motord.experiments.plans import build
 from motord.experiments.ripple.reconstruct import Explained
-from motord.experiments.sensitivity.analysis import sensitivity
+from motord.experiments.sensitivity.estimate import sensitivity
 from motord.experiments.sensitivity.result import Sensitivity
 from motord.experiments.subject import Subject
 from motord.recording.reader import Run, open_run

@@ -8,10 +8,9 @@ import numpy as np
 import typer
 
 from motord.calibration import load
-from motord.experiments.analysis import Analysis
-from motord.experiments.sensitivity import analysis
-from motord.experiments.sensitivity.content import sensitivity_report
-from motord.experiments.sensitivity.report import page
+from motord.experiments.analysis import Analysis, encode
+from motord.experiments.sensitivity.estimate import DEFAULT_TORQUE_Nm, sensitivity, theory_alone
+from motord.experiments.sensitivity.report import report
 from motord.experiments.sensitivity.result import Again, Sensitivity
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.text import Table
@@ -32,9 +31,9 @@ def estimate(
     if recordings.runs:
         if calibration is not None or torque_Nm is not None:
             raise AnalysisError(
-                "recordings tell calibration and torque themselves: leave out those options"
+                "recordings hold calibration and torque themselves: leave out those options"
             )
-        return analysis.sensitivity(recordings.runs, recordings.subject)
+        return sensitivity(recordings.runs, recordings.subject)
     if calibration is None or recordings.config is None:
         raise AnalysisError(
             "name recordings, or a bench with -c and a calibration with --calibration for theory"
@@ -42,7 +41,7 @@ def estimate(
     made, subject = load(calibration), recordings.subject
     made.check_motor(subject.motor)
     table_Nm = np.array(made.tau_cog_Nm)
-    return analysis.theory_alone(subject, table_Nm, torque_Nm or analysis.DEFAULT_TORQUE_Nm)
+    return theory_alone(subject, table_Nm, torque_Nm or DEFAULT_TORQUE_Nm)
 
 
 def _text(result: Sensitivity, _: Recordings) -> Iterator[str | Table]:
@@ -69,7 +68,7 @@ def _practice(result: Sensitivity) -> Iterator[str | Table]:
     rows = [
         (
             f"{one.what} {side}",
-            str(int(branch.used.sum())),
+            str(branch.points),
             f"{branch.slope:.2f} +- {1.96 * branch.slope_stderr:.2f}",
             f"{branch.theory_slope:.2f}",
         )
@@ -107,8 +106,8 @@ def _again(again: Again) -> Table:
 
 ANALYSIS = Analysis(
     estimate,
-    json=lambda result, _: result.to_json(),
-    report=lambda result, _: page(sensitivity_report(result)),
+    json=lambda result, _: {"schema": "motord.sensitivity/1", **encode(result)},
+    report=report,
     text=_text,
     needs_recordings=False,
 )

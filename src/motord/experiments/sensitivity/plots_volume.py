@@ -1,13 +1,12 @@
 """RMS error over gain, offset and cogging factor together: slices, and the surface of a limit."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColormap
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
+from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.report.style import AFTER, INK, SOFT, drawing, figure
 
 NAMES = ("\u03b1a", "\u03b2a (A)", "cogging factor")
@@ -17,32 +16,24 @@ _SMOOTH = LinearSegmentedColormap.from_list("smooth", ["#0d4f7c", "#3f8fbe", "#d
 _ROUGH = LinearSegmentedColormap.from_list("rough", ["#f6e7cf", "#ec9a62", "#b23a1e", "#6d1410"])
 
 
-@dataclass(frozen=True)
-class Slices:
-    """axes: values of the three errors, rising; rms_percent: shape (n0, n1, n2)."""
-
-    axes: tuple[np.ndarray, np.ndarray, np.ndarray]
-    rms_percent: np.ndarray
-    limit_percent: float = 1.0
-
-
-def slices(volume: Slices) -> Figure:
+def slices(volume: Volume, limit_percent: float) -> Figure:
     """Return nine slices: each error in turn at both ends and in the middle of its interval."""
+    values = volume.alpha_a, volume.beta_a_A, volume.cogging
     with drawing():
         picture = figure(7.6)
         grid = picture.subplots(3, 3)
-        levels, colours = _scale(float(volume.rms_percent.max()), volume.limit_percent)
+        levels, colours = _scale(float(volume.rms_percent.max()), limit_percent)
         for fixed in range(3):
             across, up = (n for n in range(3) if n != fixed)
-            places = (0, volume.axes[fixed].size // 2, volume.axes[fixed].size - 1)
+            places = (0, values[fixed].size // 2, values[fixed].size - 1)
             for column, place in enumerate(places):
                 axes = grid[fixed, column]
                 rms = np.take(volume.rms_percent, place, axis=fixed).T
-                x, y = volume.axes[across], volume.axes[up]
+                x, y = values[across], values[up]
                 filled = _fill(axes, x, y, rms, levels, colours)
-                if rms.min() < volume.limit_percent < rms.max():
-                    axes.contour(x, y, rms, [volume.limit_percent], colors=[INK], linewidths=1.6)
-                axes.set_title(_at(fixed, float(volume.axes[fixed][place])))
+                if rms.min() < limit_percent < rms.max():
+                    axes.contour(x, y, rms, [limit_percent], colors=[INK], linewidths=1.6)
+                axes.set_title(_at(fixed, float(values[fixed][place])))
                 axes.set_xlabel(NAMES[across])
                 axes.grid(visible=False)
             grid[fixed, 0].set_ylabel(NAMES[up])
@@ -78,22 +69,15 @@ def _at(fixed: int, value: float) -> str:
     return f"{name} = {value:g}" + (f" {unit.rstrip(')')}" if unit else "")
 
 
-@dataclass(frozen=True)
-class Limit:
-    """Points of a closed surface, (n, m) each, in the order of NAMES."""
-
-    points: tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-def limit(surface: Limit) -> Figure:
+def limit(surface: Surface) -> Figure:
     """Return the surface from two sides."""
     with drawing():
         picture = figure(4.4)
         for place, azimuth_deg in enumerate((-58, 32)):
             axes = picture.add_subplot(1, 2, place + 1, projection="3d")
             axes.plot_surface(
-                *surface.points, color=AFTER, edgecolor=SOFT, linewidth=0.25, rstride=1, cstride=1,
-                alpha=0.9, shade=True,
+                surface.alpha_a, surface.beta_a_A, surface.cogging, color=AFTER, edgecolor=SOFT,
+                linewidth=0.25, rstride=1, cstride=1, alpha=0.9, shade=True,
             )  # fmt: skip
             axes.view_init(elev=22, azim=azimuth_deg)
             axes.set_xlabel(NAMES[0])

@@ -1,10 +1,11 @@
-"""Measured ripple over one induced error: two branches, a line fitted to each, theory beside.
+"""Slopes of the measured ripple over one induced error: a line fitted to each of two branches.
 
 Poels 2008, Figures 4.6 to 4.9. Near the ideal the ripple that no model explains rounds the corner
 off; points of which it is a good part belong to neither line.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,11 +21,24 @@ class Branch:
     theory_slope: of a line through the theory of the same points; used (n,): which they are.
     """
 
+    JSON: ClassVar[dict[str, str]] = {
+        "points": "points",
+        "slope_percent": "slope",
+        "slope_stderr_percent": "slope_stderr",
+        "theory_slope_percent": "theory_slope",
+        "at_ideal_percent": "at_ideal",
+    }
+
     slope: float
     slope_stderr: float
     at_ideal: float
     theory_slope: float
     used: np.ndarray
+
+    @property
+    def points(self) -> int:
+        """Number of points that it goes through."""
+        return int(self.used.sum())
 
 
 @dataclass(frozen=True)
@@ -33,6 +47,11 @@ class Series:
 
     branches: below and above `ideal`; None where fewer than two points are clear of the floor.
     """
+
+    JSON = (
+        "what", "value", "measured_percent", "stderr_percent", "theory_percent", "floor_percent",
+        "worst_difference_percent", "meeting", "branches",
+    )  # fmt: skip
 
     what: str
     ideal: float

@@ -11,11 +11,10 @@ from motord.cli.analysis_command import app as analyse
 from motord.config import load as load_bench
 from motord.config import packaged
 from motord.experiments.plans import build
-from motord.experiments.sensitivity.analysis import sensitivity, theory_alone
-from motord.experiments.sensitivity.content import sensitivity_report
-from motord.experiments.sensitivity.report import page as page_of
+from motord.experiments.sensitivity.estimate import sensitivity, theory_alone
+from motord.experiments.sensitivity.report import report
 from motord.experiments.sensitivity.result import Sensitivity
-from motord.experiments.subject import AnalysisError, Subject
+from motord.experiments.subject import AnalysisError, Recordings, Subject
 from motord.identification import IdentifyError
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
@@ -86,7 +85,7 @@ def test_the_theory_is_of_the_cogging_torque_that_was_compensated(
 
 def test_the_report_holds_what_was_found(result: Sensitivity, tmp_path: Path) -> None:
     page = tmp_path / "s.html"
-    page_of(sensitivity_report(result)).write(page)
+    report(result, Recordings(())).write(page)
     text = page.read_text()
     for figure in ("Figure 4.3", "Figure 4.4", "Figures 4.6 to 4.9", "Table 4.2", "24.1 %"):
         assert figure in text

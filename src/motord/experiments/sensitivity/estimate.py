@@ -45,7 +45,7 @@ def theory(motor: MotorConfig, tau_cog_Nm: np.ndarray, torque_Nm: float) -> Theo
 
 
 def theory_alone(subject: Subject, tau_cog_Nm: np.ndarray, torque_Nm: float) -> Sensitivity:
-    """Return the theory with no recording beside it. Raises IdentifyError."""
+    """Return the theory without any recording. Raises IdentifyError."""
     return Sensitivity(subject, (), 0.0, theory(subject.motor, tau_cog_Nm, torque_Nm), (), None)
 
 
@@ -57,11 +57,11 @@ class _Induced:
 
     @classmethod
     def of(cls, point: Mapping[str, Any]) -> "_Induced":
-        told = point.get("induced", {})
+        given = point.get("induced", {})
         return cls(
-            tuple(told.get("gain", cls.gain)),
-            tuple(told.get("offset_A", cls.offset_A)),
-            float(told.get("cogging", cls.cogging)),
+            tuple(given.get("gain", cls.gain)),
+            tuple(given.get("offset_A", cls.offset_A)),
+            float(given.get("cogging", cls.cogging)),
         )
 
     @property
@@ -95,7 +95,7 @@ class _Measured:
 def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     """Return theory and practice from recordings of the `sensitivity` plan.
 
-    Raises AnalysisError where no errors were induced, IdentifyError for what cannot be told.
+    Raises AnalysisError where no errors were induced, IdentifyError for what cannot be identified.
     """
     applied, places = _what_was_applied(runs, subject)
     share = tuple(applied.gain.tolist()) if subject.motor.connection == "star" else None
@@ -164,13 +164,13 @@ def _again(
     put in its place: it would have read the wanted currents while the wrong ones flowed.
     """
     calibrator, induced = Calibrator(subject.motor, subject.sensor), None
-    for point, told in _points(runs):
-        if told.values:
+    for point, mixed in _points(runs):
+        if mixed.values:
             continue
-        if induced not in (None, told):
+        if induced not in (None, mixed):
             raise AnalysisError("errors induced in several mixtures: analyse them one by one")
-        induced = told
-        ticks = applied.with_sensors_in_error(point.ticks, told.gain, told.offset_A)
+        induced = mixed
+        ticks = applied.with_sensors_in_error(point.ticks, mixed.gain, mixed.offset_A)
         calibrator.add(PointData(point.torque_Nm, point.speed_Hz, ticks, point.compensate))
     if induced is None:
         return None
