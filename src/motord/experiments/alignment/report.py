@@ -1,92 +1,68 @@
 """The report of an alignment: what was found, how the rotor followed, what the zero rests on."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from motord.experiments.alignment.plots import followed, rests, torque_sign
+from motord.experiments.alignment.result import AlignmentResult
+from motord.experiments.calibration.content import facts
+from motord.experiments.subject import Recordings
 from motord.report.html import Page
 
 
-@dataclass(frozen=True)
-class AlignReport:
-    """All that goes into the page.
-
-    fields: (name, value) of `[motor]` as found; told: as they were. Over all n stops: vector_turns,
-    encoder_turns (n,), amplitude_A (n,), way (n,) 1 or -1, still (n,). Over the m stops at which
-    the rotor rested: electrical_deg, apart_points and left_points (m,), in encoder points.
-    motion_Nm, torque_Nm (k,): torque that the motion takes, and that was measured.
-    """
-
-    title: str
-    lead: str
-    facts: tuple[tuple[str, str], ...]
-    fields: tuple[tuple[str, str], ...]
-    told: tuple[str, ...]
-    stderr_points: float
-    pole_pairs: float
-    friction_Nm: float
-    friction_points: float
-    counts: int
-    vector_turns: np.ndarray
-    encoder_turns: np.ndarray
-    amplitude_A: np.ndarray
-    way: np.ndarray
-    still: np.ndarray
-    electrical_deg: np.ndarray
-    apart_points: np.ndarray
-    left_points: np.ndarray
-    motion_Nm: np.ndarray
-    torque_Nm: np.ndarray
-    explained: float
-    notes: tuple[str, ...]
-
-
-def page(data: AlignReport) -> Page:
+def report(result: AlignmentResult, recordings: Recordings) -> Page:
     """Return a page of its own."""
-    made = Page(data.title, data.lead)
-    made.table([], data.facts)
-    fill(made, data)
-    return made
+    lead = f"{result.motor.name} on bench {recordings.subject.bench}"
+    page = Page("Phase order, encoder direction and zero", lead)
+    page.table([], facts(None, recordings.subject, recordings.names))
+    fill(page, result)
+    return page
 
 
-def fill(page: Page, data: AlignReport) -> None:
+def fill(page: Page, result: AlignmentResult) -> None:
     """Add the alignment to a page."""
+    found = result.alignment
+    stops, points = found.rests, result.points(1.0)
+    still, amplitude_A = stops.still, np.abs(stops.vector_A)
     page.heading("Encoder and phases, found by turning a current vector")
     page.table(
-        ["[motor]", "found", "as it was told"],
-        [[name, value, told] for (name, value), told in zip(data.fields, data.told, strict=True)],
+        ["[motor]", "found", "bench file"],
+        [[name, str(new), str(result.configured[name])] for name, new in result.fields.items()],
     )
     page.points(
         [
-            f"Zero known to \u00b1{1.96 * data.stderr_points:.2f} encoder points (95 %), and to a "
-            "whole electrical turn.",
-            f"The rotor turns 1/{data.pole_pairs:.3f} of a turn for each electrical turn.",
-            f"Friction leaves {1e3 * data.friction_Nm:.0f} mNm at rest, RMS, which takes a single "
-            f"stop {data.friction_points:.2f} encoder points off.",
-            *data.notes,
+            f"Zero known to \u00b1{1.96 * result.offset_stderr_points:.2f} encoder points (95 %), "
+            "and to a whole electrical turn.",
+            f"The rotor turns 1/{found.pole_pairs:.3f} of a turn for each electrical turn.",
+            f"Friction leaves {1e3 * found.friction_Nm:.0f} mNm at rest, RMS, which takes a single "
+            f"stop {result.friction_points:.2f} encoder points off.",
+            *result.notes,
         ]
     )
     page.picture(
-        followed(data.vector_turns, data.encoder_turns, data.amplitude_A, data.way),
+        followed(
+            stops.electrical_rad / (2 * np.pi),
+            stops.encoder_rad / (2 * np.pi),
+            amplitude_A,
+            stops.way,
+        ),
         "Where the rotor was at each stop of the current vector. It goes down where the encoder "
         "counts against the order of the phases; the slope is one over the pole pairs.",
     )
     page.picture(
         rests(
-            data.electrical_deg,
-            data.apart_points,
-            data.left_points,
-            data.way[data.still],
-            data.amplitude_A[data.still],
+            np.degrees(found.angle_rad * result.motor.pole_pairs) % 360,
+            points * found.apart_rad,
+            points * found.left_rad,
+            stops.way[still],
+            amplitude_A[still],
         ),
         "How far the rotor rested from where the vector alone would take it, in encoder points, "
         "and what is left once cogging torque, unequal currents and their offsets are taken into "
         "account: friction.",
     )
     page.picture(
-        torque_sign(data.motion_Nm, data.torque_Nm),
-        "Torque that the rotor's swings take, by its inertia and damping, and the torque that the "
-        f"sensor measured: {100 * data.explained:.0f} % of its variance. A rising line: the way "
-        "called forwards is that of positive torque.",
+        torque_sign(found.answer.motion_Nm, found.answer.torque_Nm),
+        "Torque that the rotor's swings take, by its inertia and damping, and the torque that "
+        f"the sensor measured: {100 * found.answer.explained[0]:.0f} % of its variance. A rising "
+        "line: the way called forwards is that of positive torque.",
     )

@@ -91,10 +91,10 @@ def _practice(page: Page, result: Sensitivity) -> None:
     place = f"{result.theory.torque_Nm:g} Nm and {result.speed_Hz:g} turns/s"
     page.picture(
         traces([_trace(one) for one in result.series]),
-        f"RMS error measured at {place} after a calibration, with one error induced at a time; bars are 95 % intervals. Poels 2008, "
-        "Figures 4.6 to 4.9. \u03b4\u03b5 is what the compensation takes it for, in parts of what "
-        "it is: the currents, and with them the cogging torque that they cancel, are wrong by its "
-        "inverse.",
+        f"RMS error measured at {place} after a calibration, with one error induced at a time; "
+        "bars are 95 % intervals. Poels 2008, Figures 4.6 to 4.9. \u03b4\u03b5 is what the "
+        "compensation takes it for, in parts of what it is: the currents, and with them the "
+        "cogging torque that they cancel, are wrong by its inverse.",
     )
     worst_percent = max(one.worst_difference_percent for one in result.series)
     page.paragraph(
