@@ -55,10 +55,11 @@ unit: $(VENV)/dev.stamp   ## tests
 unit-quick: $(VENV)/dev.stamp
 	@$(BIN)/python tests/run.py --quick --jobs $(JOBS)
 
-pictures: $(VENV)/demo.stamp ## draw the pictures of the README anew
+pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	@out=$$(mktemp -d) && $(BIN)/motord demo --json --out $$out >/dev/null && \
 	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
+	@$(BIN)/python tools/architecture.py
 
 bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 	@$(BIN)/python -m tests.benchmarks.run --json bench.json
