@@ -10,7 +10,7 @@ import numpy as np
 from motord.recording.errors import RecordError
 from motord.recording.mcap_file import PART
 from motord.recording.reader import open_run
-from motord.sequencing.executor import final
+from motord.sequencing.capture import final
 
 MISSING_LIMIT_S = 1.5
 RATE_Hz, SLACK_S = 500, 0.1

@@ -1,153 +1,113 @@
-"""Take one speed of the externally driven rotor: drive, wait until it is steady, capture."""
+"""One speed of the rotor that is driven from outside."""
 
 import math
-from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Any
 
 from motord.config import DrivenConfig
 from motord.schema import State
+from motord.sequencing.capture import account, capture
+from motord.sequencing.demand import Demand, OperatingPoint
+from motord.sequencing.motions import (
+    Capture,
+    Motion,
+    guarded,
+    hold,
+    near_speed,
+    restartable,
+    within,
+)
 from motord.sequencing.observation import Observation
-from motord.sequencing.quality import of_capture
-from motord.sequencing.steps import Advance, Demand, OperatingPoint, Outcome
+from motord.sequencing.quality import quality_at_speed
 
-APPROACH_s = 2.0
+APPROACH_S = 2.0
 """How long a drive is expected to take to a speed, for the estimate."""
 
 
-class Phase(Enum):
-    """What a point is waiting for."""
-
-    SPIN_UP = "coming from above"
-    SPEED = "waiting for the speed"
-    SETTLE = "settling"
-    CAPTURE = "capturing"
+def driven_point_s(driven: DrivenConfig, fastest_Hz: float, point: OperatingPoint) -> float:
+    """Return an estimate of the time that `driven_point` takes (s)."""
+    turns = point.turns + (3 if _from_Hz(point, driven, fastest_Hz) > point.speed_Hz else 1)
+    return APPROACH_S + driven.settle_s + turns / point.speed_Hz
 
 
-@dataclass
-class DrivePoint:
-    """Asks the drive for a speed, waits until the rotor's mean is steady, marks `turns` turns.
+@restartable
+def driven_point(point: OperatingPoint, driven: DrivenConfig, fastest_Hz: float) -> Motion[Capture]:
+    """Drive the rotor until its mean speed is steady, then capture `point.turns` turns.
 
-    from_Hz: speed that it comes from; none if that is not above the point's.
+    It comes from a higher speed, at most `fastest_Hz`.
     """
+    seen = yield from guarded(
+        _steady_turns(point, driven, _from_Hz(point, driven, fastest_Hz)), _stopped
+    )
+    return account(point, seen, quality_at_speed(seen, point.speed_Hz, driven), driven=True)
 
-    point: OperatingPoint
-    driven: DrivenConfig
-    from_Hz: float = 0.0
-    phase: Phase = Phase.SPIN_UP
-    _phase_began_ns: int = 0
-    _began_ns: int = 0
-    _steady_Hz: float = 0.0
 
-    @property
-    def label(self) -> str:
-        """Speed and phase in words."""
-        return f"driven at {self.point.speed_Hz:g} Hz: {self.phase.value}"
+def _from_Hz(point: OperatingPoint, driven: DrivenConfig, fastest_Hz: float) -> float:
+    return min(driven.spin_up * point.speed_Hz, fastest_Hz)
 
-    def begin(self, seen: Observation) -> None:
-        """Start over with the speed."""
-        self._began_ns = seen.t_ns
-        above = self.from_Hz > self.point.speed_Hz
-        self._enter(Phase.SPIN_UP if above else Phase.SPEED, seen)
 
-    def seconds(self) -> float:
-        """Return approach, settling and turns together (s)."""
-        turns = self.point.turns + (3 if self.from_Hz > self.point.speed_Hz else 1)
-        return APPROACH_s + self.driven.settle_s + turns / self.point.speed_Hz
+def _stopped(seen: Observation) -> str:
+    return f"{seen.demand.label}: the bench was stopped" if seen.state is State.OFF else ""
 
-    def advance(self, seen: Observation, demand: Demand) -> Advance:
-        """Go through the phases."""
-        demand = replace(
-            demand,
-            enabled=False,
-            torque_Nm=0.0,
-            brake=0.0,
-            speed_Hz=self.point.speed_Hz,
-            drive_rad_s=2 * math.pi * self.point.speed_Hz,
-            plan_point=-1,
-        )
-        if seen.state is State.OFF:
-            return Advance(demand, Outcome.FAILED, f"{self.label}: the bench was stopped")
-        elapsed_s = (seen.t_ns - self._phase_began_ns) * 1e-9
-        if self.phase is Phase.SPIN_UP:
-            return self._spin_up(seen, demand, elapsed_s)
-        if self.phase is Phase.SPEED:
-            return self._reach_speed(seen, demand, elapsed_s)
-        if self.phase is Phase.SETTLE:
-            return self._settle(seen, demand, elapsed_s)
-        return self._capture(seen, demand, elapsed_s)
 
-    def _enter(self, phase: Phase, seen: Observation) -> None:
-        self.phase, self._phase_began_ns = phase, seen.t_ns
+def _steady_turns(
+    point: OperatingPoint, driven: DrivenConfig, from_Hz: float
+) -> Motion[Observation]:
+    began = yield None
+    name = f"driven at {point.speed_Hz:g} Hz"
 
-    def _spin_up(self, seen: Observation, demand: Demand, elapsed_s: float) -> Advance:
-        """Go faster than the point; a belt that slips may not get all the way there."""
-        fast = seen.turn_speed_Hz > 0.5 * (self.point.speed_Hz + self.from_Hz)
-        if fast or elapsed_s > self.driven.settle_timeout_s / 3:
-            self._enter(Phase.SPEED, seen)
-            return Advance(demand)
-        return Advance(replace(demand, drive_rad_s=2 * math.pi * self.from_Hz))
-
-    def _reach_speed(self, seen: Observation, demand: Demand, elapsed_s: float) -> Advance:
-        # the mean over a turn tells nothing of this point before a turn has passed
-        off = abs(seen.turn_speed_Hz / self.point.speed_Hz - 1.0)
-        if elapsed_s > 1.0 / self.point.speed_Hz and off < self.driven.speed_tolerance:
-            self._steady_Hz = seen.turn_speed_Hz
-            self._enter(Phase.SETTLE, seen)
-        return Advance(demand) if self._in_time(seen) else self._too_late(seen, demand)
-
-    def _settle(self, seen: Observation, demand: Demand, elapsed_s: float) -> Advance:
-        """Wait while the mean speed holds still; start over from the speed it has moved to."""
-        moved = abs(seen.turn_speed_Hz - self._steady_Hz) / self.point.speed_Hz
-        if moved > self.driven.settle_tolerance:
-            self._enter(Phase.SPEED, seen)
-            return Advance(demand) if self._in_time(seen) else self._too_late(seen, demand)
-        if elapsed_s < self.driven.settle_s:
-            return Advance(demand)
-        self._enter(Phase.CAPTURE, seen)
-        return Advance(replace(demand, plan_point=self.point.index))
-
-    def _in_time(self, seen: Observation) -> bool:
-        return (seen.t_ns - self._began_ns) * 1e-9 <= self.driven.settle_timeout_s
-
-    def _too_late(self, seen: Observation, demand: Demand) -> Advance:
-        speed_Hz, wanted_Hz = seen.turn_speed_Hz, self.point.speed_Hz
-        if abs(speed_Hz) < 0.1 * wanted_Hz:
-            hint = "does the drive answer, is the belt on?"
-        elif speed_Hz < 0:
-            hint = "it turns the other way: reverse the drive, or [motor] encoder_direction"
-        elif abs(speed_Hz / wanted_Hz - 1.0) < self.driven.speed_tolerance:
-            hint = "it does not hold still: does the belt slip?"
-        else:
-            hint = "does the belt slip, is the drive's scale right?"
-        return Advance(
-            demand,
-            Outcome.FAILED,
-            f"driven at {wanted_Hz:g} Hz: the rotor turned at {speed_Hz:.3g} Hz after "
-            f"{self.driven.settle_timeout_s:g} s; {hint}",
+    def demand(label: str, speed_Hz: float = point.speed_Hz) -> Demand:
+        return Demand(
+            speed_Hz=point.speed_Hz,
+            drive_rad_s=2 * math.pi * speed_Hz,
+            label=f"{name}: {label}",
         )
 
-    def _capture(self, seen: Observation, demand: Demand, elapsed_s: float) -> Advance:
-        demand = replace(demand, plan_point=self.point.index)
-        if seen.plan_point != self.point.index or abs(seen.point_turns) < self.point.turns:
-            if elapsed_s > 3.0 * self.point.turns / self.point.speed_Hz + 5.0:
-                return Advance(demand, Outcome.FAILED, f"{self.label}: the rotor stopped turning")
-            return Advance(demand)
-        return Advance(replace(demand, plan_point=-1), Outcome.DONE, point=self._account(seen))
+    if from_Hz > point.speed_Hz:
+        above_Hz = 0.5 * (point.speed_Hz + from_Hz)
+        yield from _spin_up(
+            demand("coming from above", from_Hz), above_Hz, driven.settle_timeout_s / 3
+        )
+    while True:
+        reached = yield from within(
+            driven.settle_timeout_s,
+            _reach_speed(demand("waiting for the speed"), driven.speed_tolerance),
+            lambda seen: f"{name}: {_why_not_reached(seen, driven)}",
+            since=began,
+        )
+        if (yield from _is_steady(demand("settling"), reached, driven)):
+            return (yield from capture(point, demand("capturing")))
 
-    def _account(self, seen: Observation) -> dict[str, Any]:
-        """Return the operating point as it was taken (topic `/operating_point`)."""
-        return {
-            "index": self.point.index,
-            "torque_Nm": 0.0,
-            "speed_Hz": self.point.speed_Hz,
-            "tick_start": seen.point_first_tick,
-            "tick_end": seen.tick,
-            "t_start_ns": seen.point_first_t_ns,
-            "t_end_ns": seen.t_ns,
-            "turns": round(seen.point_turns, 3),
-            "speed_mean_Hz": round(seen.point_speed_Hz, 5),
-            "driven": True,
-            "compensate": 0,
-            "quality": of_capture(seen, self.point.speed_Hz, self.driven),
-        }
+
+def _spin_up(demand: Demand, above_Hz: float, limit_s: float) -> Motion[None]:
+    """Go faster than the point; a belt that slips may not get all the way there."""
+    began = seen = yield None
+    while seen.turn_speed_Hz <= above_Hz and seen.since_s(began) <= limit_s:
+        seen = yield demand
+
+
+def _reach_speed(demand: Demand, tolerance: float) -> Motion[Observation]:
+    began = yield None
+    return (yield from hold(demand, near_speed(demand.speed_Hz, tolerance, since=began)))
+
+
+def _is_steady(demand: Demand, reached: Observation, driven: DrivenConfig) -> Motion[bool]:
+    """Return whether the mean speed stayed where it was `reached`, for the settling time."""
+    while True:
+        seen = yield demand
+        moved = abs(seen.turn_speed_Hz - reached.turn_speed_Hz) / demand.speed_Hz
+        if moved > driven.settle_tolerance:
+            return False
+        if seen.since_s(reached) >= driven.settle_s:
+            return True
+
+
+def _why_not_reached(seen: Observation, driven: DrivenConfig) -> str:
+    speed_Hz, wanted_Hz = seen.turn_speed_Hz, seen.demand.speed_Hz
+    if abs(speed_Hz) < 0.1 * wanted_Hz:
+        hint = "does the drive answer, is the belt on?"
+    elif speed_Hz < 0:
+        hint = "it turns the other way: reverse the drive, or [motor] encoder_direction"
+    elif abs(speed_Hz / wanted_Hz - 1.0) < driven.speed_tolerance:
+        hint = "it does not hold still: does the belt slip?"
+    else:
+        hint = "does the belt slip, is the drive's scale right?"
+    return f"the rotor turned at {speed_Hz:.3g} Hz after {driven.settle_timeout_s:g} s; {hint}"

@@ -1,26 +1,15 @@
-"""Walks through a plan: one observation in, one demand out. The same in virtual and real time."""
+"""Carries out a plan: one observation in, one demand out. The same in virtual and real time."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from enum import Enum
 from typing import Any
 
 from motord.schema import State, Trip
+from motord.sequencing.capture import final
+from motord.sequencing.demand import NOTHING_INDUCED, Demand
+from motord.sequencing.motions import Capture, Motion, MotionFailed, Restarted, ramp_down
 from motord.sequencing.observation import Observation
-from motord.sequencing.quality import GOOD
-from motord.sequencing.steps import (
-    NOTHING_INDUCED,
-    Advance,
-    Demand,
-    Outcome,
-    Plan,
-    Rest,
-    Step,
-    Steps,
-)
-
-TAKES_MAX = 3
-"""A point of poor quality is taken again until it is good or was taken so often."""
+from motord.sequencing.plan import Plan
 
 
 class PlanState(Enum):
@@ -35,15 +24,6 @@ class PlanState(Enum):
     FAILED = "failed"
 
 
-def _only(step: Step) -> Steps:
-    yield step
-
-
-def final(point: Mapping[str, Any]) -> bool:
-    """Return whether an operating point, as it was taken, is not to be taken again."""
-    return point.get("quality", GOOD) == GOOD or int(point.get("take", 1)) >= TAKES_MAX
-
-
 class Executor:
     """Carries out one plan. Call `advance` with each observation until `finished`.
 
@@ -55,18 +35,18 @@ class Executor:
         self.plan = plan
         self.state = PlanState.RUNNING
         self.message = ""
-        self.points: list[dict[str, Any]] = []
+        self.points: list[Capture] = []
         self.points_done = 0
-        self._take = 1
-        self._steps = plan.steps()
-        self._step: Step | None = None
+        self._motion: Motion[None] = plan.motion(plan.points)
+        self._begun = False
+        self._restart = False
         self._demand = Demand()
         self._end = PlanState.DONE
-        self._enabled_once = False
+        self._was_enabled = False
         self._began_ns = 0
         self._now_ns = 0
-        self._seconds_done = 0.0
-        self._step_began_ns = 0
+        self._point_began_ns = 0
+        self._points_done_s = 0.0
 
     @property
     def finished(self) -> bool:
@@ -77,22 +57,12 @@ class Executor:
         """Return what the bench should do now."""
         self._now_ns = seen.t_ns
         self._began_ns = self._began_ns or seen.t_ns
-        if self.finished:
-            return self._demand
-        if self._lost_the_bench(seen):
+        self._point_began_ns = self._point_began_ns or seen.t_ns
+        if self.finished or self._lost_the_bench(seen):
             return self._demand
         if self.state in (PlanState.PAUSING, PlanState.PAUSED):
             return self._rest_in_pause(seen)
-        if self._step is None:
-            self._next_step(seen, None)
-        elif self._step_began_ns == 0:
-            self._begin_step(seen)
-        while self._step is not None:
-            advance = self._step.advance(seen, self._demand)
-            self._demand = advance.demand
-            if advance.outcome is Outcome.RUNNING:
-                break
-            self._finish_step(seen, advance)
+        self._demand = self._next_demand(replace(seen, demand=self._demand))
         return self._demand
 
     def pause(self) -> None:
@@ -104,8 +74,8 @@ class Executor:
         """Go on after `pause`."""
         if self.state in (PlanState.PAUSING, PlanState.PAUSED):
             self.state = PlanState.RUNNING
-            if self._step is not None:
-                self._step_began_ns = 0
+            self._restart = self._begun
+            self._point_began_ns = 0
 
     def abort(self, why: str = "aborted by the operator") -> None:
         """Ramp down, disable and end."""
@@ -115,16 +85,12 @@ class Executor:
     def progress(self) -> dict[str, Any]:
         """Return what an operator wants to see (Zenoh key `plan`)."""
         elapsed_s = (self._now_ns - self._began_ns) * 1e-9
-        within_s = 0.0
-        if self._step is not None and self._step_began_ns:
-            step_s = self._step.seconds()
-            within_s = min((self._now_ns - self._step_began_ns) * 1e-9, step_s)
-        done_s = self._seconds_done + within_s
+        done_s = self._points_done_s + self._under_way_s()
         fraction = 1.0 if self.state is PlanState.DONE else min(done_s / self.plan.seconds, 0.999)
         return {
             "plan": self.plan.name,
             "state": self.state.value,
-            "step": self._step.label if self._step is not None else "",
+            "step": self._demand.label,
             "message": self.message,
             "points": len(self.plan.points),
             "points_done": self.points_done,
@@ -135,46 +101,51 @@ class Executor:
             "torque_set_Nm": self._demand.torque_Nm,
         }
 
-    def _next_step(self, seen: Observation, result: dict[str, Any] | None) -> None:
+    def _under_way_s(self) -> float:
+        """Return how much of the estimated time of the point under way has passed."""
+        if self._point_began_ns == 0 or self.finished or self.state is PlanState.ENDING:
+            return 0.0
+        left = self.plan.points[self.points_done :]
+        part_s = self.plan.point_s(left[0]) if left else self.plan.ends_s
+        return min((self._now_ns - self._point_began_ns) * 1e-9, part_s)
+
+    def _next_demand(self, seen: Observation) -> Demand:
+        """Carry on the motion until it demands something."""
         try:
-            self._step = next(self._steps) if self._step is None else self._steps.send(result)
+            asked = self._carry_on(seen)
+            while not isinstance(asked, Demand):
+                if asked is not None:
+                    self._note(asked)
+                asked = self._motion.send(seen)
+            return asked
         except StopIteration:
-            self._step = None
-            self.state = self._end
-            return
-        self._begin_step(seen)
-
-    def _begin_step(self, seen: Observation) -> None:
-        assert self._step is not None
-        self._step_began_ns = seen.t_ns
-        self._step.begin(seen)
-
-    def _finish_step(self, seen: Observation, advance: Advance) -> None:
-        assert self._step is not None
-        if advance.outcome is Outcome.FAILED:
+            return self._stop_here(self._end, self.message)
+        except MotionFailed as failed:
             if self.state is PlanState.ENDING:
-                self._stop_here(PlanState.FAILED, advance.message)
-            else:
-                self._wind_down(PlanState.FAILED, advance.message)
-                self._next_step(seen, None)
-            return
-        if advance.point is not None:
-            point = {**advance.point, "take": self._take}
-            self.points.append(point)
-            if not final(point):
-                self._take += 1
-                self._begin_step(seen)
-                return
+                return self._stop_here(PlanState.FAILED, str(failed))
+            self._wind_down(PlanState.FAILED, str(failed))
+            return self._next_demand(seen)
+
+    def _carry_on(self, seen: Observation) -> Demand | Capture | None:
+        if not self._begun:
+            self._begun = True
+            return next(self._motion)
+        if self._restart:
+            self._restart = False
+            return self._motion.throw(Restarted())
+        return self._motion.send(seen)
+
+    def _note(self, captured: Capture) -> None:
+        self.points.append(captured)
+        self._point_began_ns = self._now_ns
+        if final(captured):
+            self._points_done_s += self.plan.point_s(self.plan.points[self.points_done])
             self.points_done += 1
-        self._take = 1
-        self._seconds_done += self._step.seconds()
-        self._enabled_once = self._enabled_once or seen.state is State.ENABLED
-        self._next_step(seen, advance.point)
 
     def _wind_down(self, end: PlanState, why: str) -> None:
         self.state, self._end, self.message = PlanState.ENDING, end, why
-        self._steps = _only(Rest())
-        self._step = None
+        self._motion = ramp_down()
+        self._begun = self._restart = False
 
     def _lost_the_bench(self, seen: Observation) -> bool:
         """End at once if the bench tripped, or left ENABLED without being asked."""
@@ -182,15 +153,16 @@ class Executor:
             causes = ", ".join(t.name or "" for t in Trip if t & seen.trip_bits)
             self._stop_here(PlanState.FAILED, f"the bench tripped: {causes}")
             return True
-        expected = self._enabled_once and self.state is PlanState.RUNNING and self._demand.enabled
-        if expected and seen.state in (State.OFF, State.READY):
+        expected = self.state is PlanState.RUNNING and self._demand.enabled
+        if expected and self._was_enabled and seen.state in (State.OFF, State.READY):
             self._stop_here(PlanState.ABORTED, "the bench was disabled or stopped")
             return True
+        self._was_enabled |= expected and seen.state is State.ENABLED
         return False
 
-    def _stop_here(self, state: PlanState, why: str) -> None:
-        self.state, self.message, self._step = state, why, None
-        self._demand = Demand()
+    def _stop_here(self, state: PlanState, message: str) -> Demand:
+        self.state, self.message, self._demand = state, message, Demand()
+        return self._demand
 
     def _rest_in_pause(self, seen: Observation) -> Demand:
         self._demand = replace(

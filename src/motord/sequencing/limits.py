@@ -1,4 +1,4 @@
-"""Torques and speeds that a bench can hold; refused before anything moves, by plan or by hand."""
+"""Torques and speeds that a bench can hold; refused before anything moves."""
 
 import math
 from collections.abc import Iterable
@@ -11,7 +11,9 @@ SPEED_MARGIN = 0.8
 """Part of the over-speed trip that may be asked for."""
 
 
-def check_held(config: Config, torques_Nm: Iterable[float], speeds_Hz: Iterable[float]) -> None:
+def check_operating_points(
+    config: Config, torques_Nm: Iterable[float], speeds_Hz: Iterable[float]
+) -> None:
     """Refuse operating points beyond limits or brake. Raises PlanError."""
     torques_Nm = tuple(torques_Nm)
     for torque_Nm in torques_Nm:

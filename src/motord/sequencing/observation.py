@@ -1,17 +1,18 @@
-"""What a plan sees of the bench: a short account of the ticks since it last looked."""
+"""What a plan sees of the bench: a summary of the ticks since the observation before."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from motord.schema import State
+from motord.sequencing.demand import Demand
 
 WINDOW_TURNS = 1.0
 """The speed that counts is the mean over the last whole turn: ripple must not move the brake.
 
 Speeds are means of the ticks' own estimates, not angle over time: a loop that was kept from running
-has no ticks, and its rotor's path meanwhile says nothing of the operating point.
+has no ticks, and the rotor's path meanwhile says nothing of the operating point.
 """
 
 WINDOW_BLOCKS = 500
@@ -34,7 +35,7 @@ class Observation:
     point_first_t_ns: int
     point_turns: float  # turned since then
     point_speed_Hz: float  # mean of the ticks since then
-    turned_rad: float = 0.0  # since the first look, backwards negative
+    turned_rad: float = 0.0  # since the first observation, backwards negative
     lowest_rad: float = 0.0  # of turned_rad within the block
     highest_rad: float = 0.0
     point_ticks: int = 0  # since the first tick with this plan_point
@@ -43,6 +44,11 @@ class Observation:
     point_slowest_Hz: float = 0.0  # of the means over whole turns since then
     point_fastest_Hz: float = 0.0
     temperature_C: float = float("nan")  # of the inverter
+    demand: Demand = field(default_factory=Demand)  # in force meanwhile
+
+    def since_s(self, earlier: "Observation") -> float:
+        """Return the time since an earlier observation (s)."""
+        return (self.t_ns - earlier.t_ns) * 1e-9
 
 
 class TickWatcher:

@@ -1,13 +1,13 @@
-"""How well an operating point was taken, judged from its capture."""
+"""Quality of an operating point, from the observation at the end of its capture."""
 
-from motord.config import AccelerationConfig, DrivenConfig, MeshConfig, OscillationConfig
+from motord.config import DrivenConfig, MeshConfig
 from motord.sequencing.observation import Observation
 
 GOOD = "ok"
 """Quality of an operating point that was taken as it should be."""
 
 MEAN_TOLERANCES = 2.0
-"""How far the mean speed may be off, in `speed_tolerance`."""
+"""How far the mean speed may be off, in tolerances of speed."""
 TURN_TOLERANCES = 3.0
 """How far the mean of any turn may be off."""
 MISSING_PART = 0.2
@@ -16,31 +16,21 @@ ERRORS_PART = 0.01
 """Frames that may be lost or corrupt, for each tick."""
 
 
-def of_capture(seen: Observation, speed_Hz: float, how: MeshConfig | DrivenConfig) -> str:
-    """Return "ok", or what is wrong with the point captured at `speed_Hz`, in words.
-
-    `seen` is the observation at the end of its capture.
-    """
-    return _all_of(_speed(seen, speed_Hz, how.speed_tolerance), seen, how.temperature_C)
+def quality(seen: Observation, band_C: tuple[float, float] | None, fault: str = "") -> str:
+    """Return "ok", or what is wrong with a capture: `fault`, noise, the inverter's temperature."""
+    faults = (fault, _noise(seen), _temperature_fault(seen, band_C))
+    return "; ".join(filter(None, faults)) or GOOD
 
 
-def of_push(seen: Observation, moved_rad: float, push: AccelerationConfig) -> str:
-    """As `of_capture`, of a step of torque from a rest in which the rotor moved so far."""
-    moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
-    return _all_of(moved if moved_rad > push.rest_rad else "", seen, push.temperature_C)
+def quality_at_speed(
+    seen: Observation, speed_Hz: float, settings: MeshConfig | DrivenConfig
+) -> str:
+    """Return the `quality` of a capture at `speed_Hz`."""
+    fault = _speed_fault(seen, speed_Hz, settings.speed_tolerance)
+    return quality(seen, settings.temperature_C, fault)
 
 
-def of_swing(seen: Observation, swing: OscillationConfig) -> str:
-    """As `of_capture`, of a release of the bar, which is only taken once it was held still."""
-    return _all_of("", seen, swing.temperature_C)
-
-
-def _all_of(settled: str, seen: Observation, band_C: tuple[float, float] | None) -> str:
-    wrong = (settled, _noise(seen), _temperature(seen, band_C))
-    return "; ".join(filter(None, wrong)) or GOOD
-
-
-def _speed(seen: Observation, speed_Hz: float, tolerance: float) -> str:
+def _speed_fault(seen: Observation, speed_Hz: float, tolerance: float) -> str:
     off = abs(seen.point_speed_Hz / speed_Hz - 1.0)
     if off > MEAN_TOLERANCES * tolerance:
         return f"speed off by {100 * off:.1f} %"
@@ -60,7 +50,7 @@ def _noise(seen: Observation) -> str:
     return ""
 
 
-def _temperature(seen: Observation, band_C: tuple[float, float] | None) -> str:
+def _temperature_fault(seen: Observation, band_C: tuple[float, float] | None) -> str:
     if band_C is None or band_C[0] <= seen.temperature_C <= band_C[1]:
         return ""
     return f"inverter at {seen.temperature_C:.1f} degC, outside {band_C[0]:g} to {band_C[1]:g}"

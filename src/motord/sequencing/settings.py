@@ -5,7 +5,7 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import ValidationError
 
-from motord.config import Section
+from motord.config import Config, Section
 from motord.schema import Compensate
 
 Settings = TypeVar("Settings", bound=Section)
@@ -15,17 +15,20 @@ class PlanError(Exception):
     """A plan that cannot be run; the message says which setting and why."""
 
 
-def chosen(name: str, own: Settings, given: Mapping[str, Any], *others: str) -> Settings:
-    """Return the bench's `own` settings of plan `name` with those `given` in their place.
+def chosen(
+    config: Config, name: str, section: type[Settings], given: Mapping[str, Any], *others: str
+) -> Settings:
+    """Return the settings of `[plans.NAME]`, a `section`, with those `given` in their place.
 
-    others: names that the plan knows beside the settings, for the message. Raises PlanError.
+    others: names that the plan knows besides these settings, for the message. Raises PlanError.
     """
+    own = config.plans.of(name, section)
     try:
-        return type(own).model_validate({**own.model_dump(), **given})
+        return section.model_validate({**own.model_dump(), **given})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"])
-        known = ", ".join([*type(own).model_fields, *others])
+        known = ", ".join([*section.model_fields, *others])
         raise PlanError(f"{name}: setting {key}: {first['msg']}; settings are: {known}") from None
 
 
@@ -38,12 +41,12 @@ COMPENSATE: dict[Compensation, Compensate] = {
     "currents": Compensate.CURRENTS,
     "cogging": Compensate.COGGING,
 }
-"""What of the calibration is applied, by the words of settings and requests."""
+"""What of the calibration is applied, by the values of settings and requests."""
 
 
-def compensation(word: object) -> Compensate:
-    """Return the flags that a word stands for. Raises PlanError."""
+def compensation(setting: object) -> Compensate:
+    """Return the flags that a setting stands for. Raises PlanError."""
     for known, flags in COMPENSATE.items():
-        if word == known:
+        if setting == known:
             return flags
-    raise PlanError(f"compensate = {word!r}: one of {', '.join(COMPENSATE)}")
+    raise PlanError(f"compensate = {setting!r}: one of {', '.join(COMPENSATE)}")

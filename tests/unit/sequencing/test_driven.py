@@ -8,8 +8,7 @@ import pytest
 from motord.config import load
 from motord.experiments.plans import build
 from motord.schema import State
-from motord.sequencing import Demand, Executor, PlanError, TickWatcher
-from motord.sequencing.executor import PlanState
+from motord.sequencing import Demand, Executor, PlanError, PlanState, TickWatcher
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 from tests.unit.control.bench import make_config

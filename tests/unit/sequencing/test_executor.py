@@ -7,8 +7,7 @@ import pytest
 from motord.config import BrakeConfig
 from motord.experiments.plans import build
 from motord.schema import State, Trip
-from motord.sequencing import Demand, Executor, PlanError, TickWatcher
-from motord.sequencing.executor import PlanState
+from motord.sequencing import Demand, Executor, PlanError, PlanState, TickWatcher
 from tests.unit.control.bench import make_config
 from tests.unit.sequencing.fakes import FakeBench
 

@@ -6,7 +6,7 @@ import pytest
 from motord.config import MeshConfig
 from motord.schema import TICK_DTYPE
 from motord.sequencing import TickWatcher
-from motord.sequencing.quality import of_capture
+from motord.sequencing.quality import quality_at_speed
 from tests.unit.sequencing.test_executor import Runner
 
 RATE_HZ = 1000
@@ -34,7 +34,7 @@ def captured(speeds_Hz, missed=0, link_errors=0, temperature_C=40.0, before=300)
 
 def quality(*arguments, band_C=None, **more):
     mesh = MeshConfig(speed_tolerance=0.02, temperature_C=band_C)
-    return of_capture(captured(*arguments, **more), 1.0, mesh)
+    return quality_at_speed(captured(*arguments, **more), 1.0, mesh)
 
 
 def steady(speed_Hz, seconds=4.0):

@@ -1,52 +1,36 @@
 """Operating points of poor quality are taken again, whatever plan they belong to."""
 
-from dataclasses import replace
-
 import pytest
 
 from motord.schema import State
-from motord.sequencing import Executor, OperatingPoint, Plan
-from motord.sequencing.executor import TAKES_MAX, PlanState, final
-from motord.sequencing.steps import Advance, Demand, Outcome
+from motord.sequencing import Demand, Executor, OperatingPoint, Plan, PlanState
+from motord.sequencing.capture import TAKES_MAX, final, retaken_if_poor
 from tests.unit.sequencing.test_executor import Runner
 
 
-class Scripted:
-    """A step that gives a point of the next quality each time that it is begun."""
-
-    label = "scripted"
-
-    def __init__(self, index, qualities):
-        self.index, self.qualities, self.begun = index, list(qualities), 0
-
-    def begin(self, seen):
-        self.begun += 1
-
-    def seconds(self):
-        return 1.0
-
-    def advance(self, seen, demand):
-        point = {"index": self.index, "quality": self.qualities[self.begun - 1]}
-        return Advance(replace(demand, torque_Nm=1.0), Outcome.DONE, point=point)
-
-
 def run(*qualities):
-    """Return the executor after a plan of points with these qualities, and its steps."""
-    steps = [Scripted(index, each) for index, each in enumerate(qualities)]
-    results = []
+    """Return the executor after a plan of points with these qualities, take by take.
 
-    def make(points):
-        for step in steps:
-            result = yield step
-            results.append(result)
+    Then how often each point was begun, and what the plan got of it.
+    """
+    begun, results = [0] * len(qualities), {}
 
-    points = tuple(OperatingPoint(i, 1.0, 1.0, 1) for i in range(len(steps)))
-    executor = Executor(Plan("scripted", points, make, lambda points: 1.0, {}))
+    def scripted(index):
+        yield Demand(torque_Nm=1.0)
+        begun[index] += 1
+        return {"index": index, "quality": qualities[index][begun[index] - 1]}
+
+    def motion(points):
+        for point in points:
+            results[point.index] = yield from retaken_if_poor(scripted, point.index)
+
+    points = tuple(OperatingPoint(i, 1.0, 1.0, 1) for i in range(len(qualities)))
+    executor = Executor(Plan("scripted", points, motion, lambda point: 1.0, {}))
     runner = Runner()
     block = runner.bench.look(Demand())
     while not executor.finished:
         executor.advance(runner.watcher.take(block))
-    return executor, steps, results
+    return executor, begun, results
 
 
 @pytest.mark.parametrize(
@@ -59,8 +43,8 @@ def run(*qualities):
     ],
 )
 def test_a_poor_point_is_taken_again_until_it_is_good_or_it_is_enough(qualities, takes):
-    executor, [first, second], results = run(qualities, ["ok"])
-    assert (first.begun, second.begun) == (takes, 1)
+    executor, begun, results = run(qualities, ["ok"])
+    assert begun == [takes, 1]
     assert [(p["index"], p["take"]) for p in executor.points] == [
         *((0, n + 1) for n in range(takes)), (1, 1),
     ]  # fmt: skip
@@ -68,7 +52,7 @@ def test_a_poor_point_is_taken_again_until_it_is_good_or_it_is_enough(qualities,
     assert executor.points_done == executor.progress()["points_done"] == 2
     assert executor.state is PlanState.DONE
     assert [final(p) for p in executor.points[:takes]] == [False] * (takes - 1) + [True]
-    assert results[0]["quality"] == qualities[-1]  # the step's maker hears of the last one only
+    assert results[0]["quality"] == qualities[-1]  # the plan gets the last one only
 
 
 def test_points_of_older_recordings_are_their_only_take():

@@ -102,7 +102,7 @@ def test_a_bug_in_a_plan_ends_the_plan_as_failed(service, caplog, monkeypatch):
     service.run_s(2.0, token)
     assert service.bench.state is State.ENABLED
     with monkeypatch.context() as patch:
-        patch.setattr(service.bench.plans._executor._step, "advance", buggy)
+        patch.setattr(service.bench.plans._executor, "advance", buggy)
         service.step(3)
         check_safe(service, caplog, "in a look at the bench")
     assert service.bench.plans.view.state == "failed"

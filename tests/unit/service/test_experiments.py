@@ -5,8 +5,8 @@ import pytest
 from motord.api.errors import RpcError
 from motord.hal.base import DeviceError, DeviceReading
 from motord.schema import Compensate, State
+from motord.sequencing import NOTHING_INDUCED
 from motord.sequencing.settings import COMPENSATE
-from motord.sequencing.steps import NOTHING_INDUCED
 from motord.service.bench.slow_devices import SlowDevice
 from tests.unit.service.virtual_service import START_NS, VirtualService
 

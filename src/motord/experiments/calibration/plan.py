@@ -1,7 +1,41 @@
-"""The plan `calibrate`."""
+"""`calibrate`: the mesh without compensation, and points at which one phase's current is scaled."""
 
-from functools import partial
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from motord.sequencing import mesh
+from motord.config import CalibrateConfig, Config
+from motord.sequencing import Induced, OperatingPoint, Plan
+from motord.sequencing.mesh import mesh_plan
 
-make = partial(mesh.make, "calibrate")
+
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan over the mesh of `[plans.calibrate]` with `settings`. Raises PlanError."""
+    return mesh_plan("calibrate", CalibrateConfig, config, settings, "off", _gain_points)
+
+
+def _gain_points(mesh: CalibrateConfig) -> tuple[OperatingPoint, ...]:
+    """Return the points at which one phase's current is scaled, phase by phase in turn.
+
+    Then the phases' torques no longer add up to a constant, and their common gain shows.
+    """
+    first_index = len(mesh.torques_Nm) * len(mesh.speeds_Hz)
+    torques_Nm = mesh.gain_torques_Nm or (_middle(mesh.torques_Nm),)
+    scaled = [(torque_Nm, step) for torque_Nm in torques_Nm for step in mesh.gain_steps]
+    points = []
+    for number, (torque_Nm, step) in enumerate(scaled):
+        a, b, c = (step if phase == number % 3 else 1.0 for phase in range(3))
+        points.append(
+            OperatingPoint(
+                first_index + number,
+                torque_Nm,
+                _middle(mesh.speeds_Hz),
+                mesh.turns,
+                Induced(gain=(a, b, c)),
+            )
+        )
+    return tuple(points)
+
+
+def _middle(values: Sequence[float]) -> float:
+    """Return the value in the middle, of two the larger."""
+    return sorted(values)[len(values) // 2]

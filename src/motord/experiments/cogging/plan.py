@@ -1,7 +1,13 @@
-"""The plan `cogging`."""
+"""`cogging`: the rotor driven from outside without current."""
 
-from functools import partial
+from collections.abc import Mapping
+from typing import Any
 
-from motord.sequencing import driven_rotor
+from motord.config import Config
+from motord.sequencing import Plan
+from motord.sequencing.driven_rotor import driven_plan
 
-make = partial(driven_rotor.make, "cogging")
+
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan of `[plans.cogging]` with `settings`. Raises PlanError."""
+    return driven_plan("cogging", config, settings)

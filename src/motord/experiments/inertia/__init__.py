@@ -9,13 +9,13 @@ EXPERIMENT = Experiment(
             "inertia-oscillation",
             "a bar between springs, deflected by hand and let go, for the moment of inertia",
             OscillationConfig(),
-            make="motord.experiments.inertia.plan_oscillation:make",
+            make="motord.experiments.inertia.plan:make_oscillation",
         ),
         PlanKind(
             "inertia-acceleration",
             "steps of torque from rest without the brake, for the moment of inertia",
             AccelerationConfig(),
-            make="motord.experiments.inertia.plan_acceleration:make",
+            make="motord.experiments.inertia.plan:make_acceleration",
         ),
     ),
     analyses=(

@@ -1,7 +1,13 @@
-"""The plan `verify`."""
+"""`verify`: the mesh with the installed calibration applied."""
 
-from functools import partial
+from collections.abc import Mapping
+from typing import Any
 
-from motord.sequencing import mesh
+from motord.config import Config, MeshConfig
+from motord.sequencing import Plan
+from motord.sequencing.mesh import mesh_plan
 
-make = partial(mesh.make, "verify")
+
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan over the mesh of `[plans.verify]` with `settings`. Raises PlanError."""
+    return mesh_plan("verify", MeshConfig, config, settings, "on")

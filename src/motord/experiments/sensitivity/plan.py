@@ -11,20 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from motord.config import BrakeConfig, Config, MeshConfig, SensitivityConfig
-from motord.sequencing.brake_servo import BrakeServo
-from motord.sequencing.limits import check_held
-from motord.sequencing.operating_point import TakePoint
-from motord.sequencing.settings import Compensation, PlanError, chosen, compensation
-from motord.sequencing.steps import (
-    NOTHING_INDUCED,
-    Enable,
-    Induced,
-    OperatingPoint,
-    Plan,
-    Rest,
-    Steps,
-)
+from motord.config import Config, MeshConfig, SensitivityConfig
+from motord.sequencing import NOTHING_INDUCED, Induced, OperatingPoint, Plan, PlanError
+from motord.sequencing.limits import check_operating_points
+from motord.sequencing.mesh import operating_points, serpentine
+from motord.sequencing.operating_point import operating_point_s
+from motord.sequencing.settings import Compensation, chosen, compensation
 
 NAME = "sensitivity"
 
@@ -46,13 +38,13 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
             f"{NAME}: the drive takes current along q alone, so the phases cannot have errors of "
             "their own induced"
         )
-    own = chosen(NAME, config.plans.sensitivity, given)
+    own = chosen(config, NAME, SensitivityConfig, given)
     taken = points(own)
     if not taken:
         raise PlanError(f"{NAME}: all steps are 0 and there is no mesh: nothing to do")
     for point in taken:
-        check_held(config, (_mean_torque_Nm(point),), (point.speed_Hz,))
-    hold = MeshConfig(
+        check_operating_points(config, (_mean_torque_Nm(point),), (point.speed_Hz,))
+    mesh = MeshConfig(
         turns=own.turns,
         settle_s=own.settle_s,
         settle_timeout_s=own.settle_timeout_s,
@@ -61,8 +53,8 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=NAME,
         points=taken,
-        make_steps=partial(_steps, hold, config.brake),
-        estimate_s=partial(_seconds, hold, config.brake),
+        motion=partial(operating_points, mesh, config.brake, int(compensation(COMPENSATE))),
+        point_s=partial(operating_point_s, mesh, config.brake),
         settings={**own.model_dump(mode="json"), "compensate": COMPENSATE},
     )
 
@@ -75,9 +67,8 @@ def points(own: SensitivityConfig) -> tuple[OperatingPoint, ...]:
     singles = list(dict.fromkeys(_singles(own)))
     places = [(own.torque_Nm, own.speed_Hz, induced) for induced in singles]
     again = Induced(gain=own.again_alpha, offset_A=own.again_beta_A)
-    for row, torque_Nm in enumerate(own.again_torques_Nm):
-        speeds_Hz = own.again_speeds_Hz if row % 2 == 0 else own.again_speeds_Hz[::-1]
-        places += [(torque_Nm, speed_Hz, again) for speed_Hz in speeds_Hz]
+    mesh = serpentine(own.again_torques_Nm, own.again_speeds_Hz)
+    places += [(torque_Nm, speed_Hz, again) for torque_Nm, speed_Hz in mesh]
     return tuple(
         OperatingPoint(index, torque_Nm, speed_Hz, own.turns, induced)
         for index, (torque_Nm, speed_Hz, induced) in enumerate(places)
@@ -85,7 +76,7 @@ def points(own: SensitivityConfig) -> tuple[OperatingPoint, ...]:
 
 
 def _singles(own: SensitivityConfig) -> Iterator[Induced]:
-    """Yield the errors of one kind each, with what the gauge gives the other phases."""
+    """Yield errors of one kind each; gains have the product 1, offsets the sum 0."""
     for a in _steps_of(own.alpha_a, own.alpha_a_steps):
         other = float(a**-0.5)
         yield Induced(gain=(a, other, other))
@@ -107,16 +98,3 @@ def _steps_of(interval: tuple[float, float], steps: int) -> list[float]:
 def _mean_torque_Nm(point: OperatingPoint) -> float:
     """Return about what torque the currents of a point make."""
     return point.torque_Nm * sum(point.induced.gain) / 3
-
-
-def _steps(hold: MeshConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]) -> Steps:
-    servo = BrakeServo(brake)
-    yield Enable(compensate=int(compensation(COMPENSATE)))
-    for point in points:
-        yield TakePoint(point, hold, servo)
-    yield Rest()
-
-
-def _seconds(hold: MeshConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]) -> float:
-    servo = BrakeServo(brake)
-    return 1.5 + sum(TakePoint(point, hold, servo).seconds() for point in points)

@@ -11,7 +11,6 @@ from motord.schema import State
 from motord.sequencing.brake_servo import BrakeServo
 from motord.sequencing.limits import check_brake, check_drive, check_speed, check_torque
 from motord.sequencing.observation import Observation
-from motord.sequencing.operating_point import BRAKE_LEAD_TIME_CONSTANTS
 from motord.sequencing.settings import COMPENSATE, PlanError
 from motord.service.bench.setpoint import Setpoint
 
@@ -136,12 +135,7 @@ class Hand:
         if speed_Hz is None or torque_Nm == 0.0:
             return 0.0
         before, s.brake = s.brake, self._servo.excitation(torque_Nm, speed_Hz)
-        rising = s.brake > before + 0.01
-        return (
-            BRAKE_LEAD_TIME_CONSTANTS * self._config.brake.excitation_time_constant_s
-            if rising
-            else 0.0
-        )
+        return self._servo.lead_s(before, s.brake)
 
 
 def _check_signs(torque_Nm: float, speed_Hz: float) -> None:

@@ -13,8 +13,8 @@ import numpy as np
 from motord.api.messages import SetpointView
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request
+from motord.sequencing import NOTHING_INDUCED
 from motord.sequencing.settings import COMPENSATE, Compensation
-from motord.sequencing.steps import NOTHING_INDUCED
 
 RAD_PER_TURN = 2 * np.pi
 UNSEEN_NS = 200_000_000

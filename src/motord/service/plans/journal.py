@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from motord.sequencing.executor import final
+from motord.sequencing.capture import final
 
 FORMAT = 1
 ENDS = ("done", "aborted", "failed")

@@ -23,7 +23,7 @@ from motord.recording.file_names import file_name, numbers, stem_of
 from motord.recording.mcap_file import part_of
 from motord.recording.reader import open_run
 from motord.sequencing import Plan, PlanError
-from motord.sequencing.executor import final
+from motord.sequencing.capture import final
 from motord.service.plans.journal import JournalSegment, PlanNote, Story
 from motord.service.plans.journal_file import Journal
 

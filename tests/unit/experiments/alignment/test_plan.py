@@ -5,7 +5,7 @@ import pytest
 
 from motord.config import Config, load
 from motord.control.types import SETPOINT
-from motord.experiments.alignment.sweep import vector_A
+from motord.experiments.alignment.plan import vector_A
 from motord.experiments.plans import build
 from motord.schema import State
 from motord.sequencing import Demand, Executor, PlanError, TickWatcher

@@ -4,8 +4,7 @@ import pytest
 
 from motord.config import load
 from motord.experiments.plans import build
-from motord.sequencing import PlanError
-from motord.sequencing.steps import NOTHING_INDUCED
+from motord.sequencing import NOTHING_INDUCED, PlanError
 
 
 def test_the_common_gain_is_measured_in_the_middle_of_the_mesh() -> None:

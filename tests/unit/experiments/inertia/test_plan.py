@@ -8,8 +8,7 @@ import pytest
 from motord.config import OscillationConfig, load, packaged
 from motord.experiments.plans import build
 from motord.schema import TICK_DTYPE, State
-from motord.sequencing import Executor, PlanError, TickWatcher
-from motord.sequencing.executor import PlanState
+from motord.sequencing import Executor, PlanError, PlanState, TickWatcher
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
 

@@ -6,8 +6,8 @@ import pytest
 from motord.config import load
 from motord.experiments.plans import build
 from motord.schema import Compensate
-from motord.sequencing import PlanError
-from motord.sequencing.steps import NOTHING_INDUCED
+from motord.sequencing import NOTHING_INDUCED, PlanError
+from tests.unit.sequencing.test_executor import Runner
 
 
 def test_every_error_has_its_steps_and_the_ideal_is_taken_once() -> None:
@@ -40,8 +40,9 @@ def test_all_is_compensated_as_far_as_it_is_known() -> None:
     plan = build("sensitivity", load())
     assert plan.settings["compensate"] == "calibration"
     assert build("sensitivity", load(), plan.settings).points == plan.points
-    first = next(plan.steps())
-    assert first.compensate == Compensate.CURRENTS | Compensate.COGGING
+    runner = Runner(name="sensitivity", settings={"turns": 2})
+    runner.until(lambda: runner.demand.enabled)
+    assert runner.demand.compensate == Compensate.CURRENTS | Compensate.COGGING
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,34 @@
+"""A plan: its operating points, and the motion that takes them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from motord.sequencing.demand import OperatingPoint
+from motord.sequencing.motions import Motion
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An experiment: its points, what takes them or some of them, and about how long each takes.
+
+    needs: the device that it cannot do without, "brake", "drive" or "" for none; ends_s: time
+    before the first point and after the last. All in it can be pickled.
+    """
+
+    name: str
+    points: tuple[OperatingPoint, ...]
+    motion: Callable[[tuple[OperatingPoint, ...]], Motion[None]]
+    point_s: Callable[[OperatingPoint], float]
+    settings: dict[str, Any]
+    needs: str = "brake"
+    ends_s: float = 1.5
+
+    @property
+    def seconds(self) -> float:
+        """An estimate of the whole time (s)."""
+        return self.ends_s + sum(map(self.point_s, self.points))
+
+    def part(self, points: tuple[OperatingPoint, ...]) -> "Plan":
+        """Return the same experiment for `points` alone; they keep their numbers."""
+        return replace(self, points=points)
