@@ -5,6 +5,7 @@ import itertools
 import pytest
 
 from motord.config import BrakeConfig
+from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.schema import State, Trip
 from motord.sequencing import Demand, Executor, PlanError, PlanState, TickWatcher
@@ -109,6 +110,23 @@ def test_pause_ramps_to_zero_and_the_point_is_taken_again() -> None:
     runner.finish()
     assert runner.executor.state is PlanState.DONE
     assert [p["index"] for p in runner.executor.points] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("name", plan_kinds())
+def test_every_plan_can_be_paused_again_and_again(name: str) -> None:
+    config = make_config()
+    bench, watcher, demand = FakeBench(config.brake), TickWatcher(), Demand()
+    executor = Executor(build(name, config))
+    labels = []
+    for look in range(3000):
+        if look % 307 in (3, 300):
+            executor.pause()
+        demand = executor.advance(watcher.take(bench.look(demand)))
+        if executor.state is PlanState.PAUSED:
+            executor.resume()
+        labels.append(demand.label)
+    assert len(set(labels)) > 1
+    assert executor.finished or all(labels)
 
 
 def test_a_trip_ends_the_plan_and_names_the_cause() -> None:

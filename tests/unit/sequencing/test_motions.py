@@ -73,7 +73,9 @@ def test_a_wait_counts_from_the_observation_at_hand(for_s: float, looks: int) ->
 
 
 @pytest.mark.parametrize(("limit_s", "late"), [(0.19, True), (0.21, False)])
-def test_a_motion_that_has_not_ended_when_the_time_is_over_fails(limit_s: float, late: bool) -> None:
+def test_a_motion_that_has_not_ended_when_the_time_is_over_fails(
+    limit_s: float, late: bool
+) -> None:
     motion = within(limit_s, wait(Demand(), 0.3), lambda seen: f"late at {seen.t_ns}")
     if late:
         with pytest.raises(MotionFailed, match="late at 1200000000"):
