@@ -1,10 +1,10 @@
 """Captures: ticks that carry the number of an operating point, and the account of how it went."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, ParamSpec
 
-from motord.sequencing.demand import Demand, OperatingPoint
+from motord.sequencing.demand import NOTHING_INDUCED, Demand, OperatingPoint
 from motord.sequencing.motions import Capture, Motion, hold, within
 from motord.sequencing.observation import Observation
 from motord.sequencing.quality import GOOD
@@ -65,6 +65,7 @@ def account(
     has in the place of `turns` and `speed_mean_Hz`.
     """
     load = {"driven": True} if driven else {"brake": round(seen.demand.brake, 5)}
+    induced = {} if point.induced == NOTHING_INDUCED else {"induced": asdict(point.induced)}
     return {
         "index": point.index,
         "torque_Nm": point.torque_Nm,
@@ -78,5 +79,6 @@ def account(
         **load,
         "compensate": seen.demand.compensate,
         "quality": quality,
+        **induced,
         **particular,
     }

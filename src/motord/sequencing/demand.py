@@ -1,6 +1,7 @@
 """What plans are about: operating points, and what is demanded of the bench."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -50,3 +51,7 @@ class Demand:
     plan_point: int = -1
     induced: Induced = NOTHING_INDUCED
     label: str = ""
+
+    def labelled(self, label: str, **changes: Any) -> "Demand":
+        """Return this demand with `changes`, and `label` after its own."""
+        return replace(self, label=f"{self.label}: {label}", **changes)

@@ -52,29 +52,26 @@ def _steady_turns(
     point: OperatingPoint, driven: DrivenConfig, from_Hz: float
 ) -> Motion[Observation]:
     began = yield None
-    name = f"driven at {point.speed_Hz:g} Hz"
-
-    def demand(label: str, speed_Hz: float = point.speed_Hz) -> Demand:
-        return Demand(
-            speed_Hz=point.speed_Hz,
-            drive_rad_s=2 * math.pi * speed_Hz,
-            label=f"{name}: {label}",
-        )
-
+    demand = Demand(
+        speed_Hz=point.speed_Hz,
+        drive_rad_s=2 * math.pi * point.speed_Hz,
+        label=f"driven at {point.speed_Hz:g} Hz",
+    )
     if from_Hz > point.speed_Hz:
-        above_Hz = 0.5 * (point.speed_Hz + from_Hz)
         yield from _spin_up(
-            demand("coming from above", from_Hz), above_Hz, driven.settle_timeout_s / 3
+            demand.labelled("coming from above", drive_rad_s=2 * math.pi * from_Hz),
+            0.5 * (point.speed_Hz + from_Hz),
+            driven.settle_timeout_s / 3,
         )
     while True:
         reached = yield from within(
             driven.settle_timeout_s,
-            _reach_speed(demand("waiting for the speed"), driven.speed_tolerance),
-            lambda seen: f"{name}: {_why_not_reached(seen, driven)}",
+            _reach_speed(demand.labelled("waiting for the speed"), driven.speed_tolerance),
+            lambda seen: f"{demand.label}: {_why_not_reached(seen, driven)}",
             since=began,
         )
-        if (yield from _is_steady(demand("settling"), reached, driven)):
-            return (yield from capture(point, demand("capturing")))
+        if (yield from _is_steady(demand.labelled("settling"), reached, driven)):
+            return (yield from capture(point, demand.labelled("capturing")))
 
 
 def _spin_up(demand: Demand, above_Hz: float, limit_s: float) -> Motion[None]:

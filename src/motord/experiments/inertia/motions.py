@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from functools import partial
 
 from motord.config import AccelerationConfig, BrakeConfig, OscillationConfig
 from motord.schema import State
@@ -55,44 +56,29 @@ def torque_step(
     The capture begins with the rest and ends with the coasting.
     """
     began = yield None
-    name = f"step {point.index + 1}, {point.torque_Nm:g} Nm"
-    limit_s = own.timeout_s + own.rest_s
-
-    def demand(label: str, torque_Nm: float = 0.0, plan_point: int = point.index) -> Demand:
-        return replace(
-            began.demand,
-            enabled=True,
-            torque_Nm=torque_Nm,
-            brake=0.0,
-            plan_point=plan_point,
-            label=f"{name}: {label}",
-        )
-
-    yield from within(
-        limit_s,
-        _stop(replace(demand("stopping the rotor", plan_point=-1), brake=1.0)),
-        _not_at_rest,
+    free = replace(
+        began.demand,
+        enabled=True,
+        torque_Nm=0.0,
+        brake=0.0,
+        plan_point=-1,
+        label=f"step {point.index + 1}, {point.torque_Nm:g} Nm",
     )
+    captured = replace(free, plan_point=point.index)
+    limit_s = own.timeout_s + own.rest_s
+    yield from within(limit_s, _stop(free.labelled("stopping the rotor", brake=1.0)), _not_at_rest)
     yield from wait(
-        demand("releasing the brake", plan_point=-1),
+        free.labelled("releasing the brake"),
         RELEASE_TIME_CONSTANTS * brake.excitation_time_constant_s,
     )
-    moved_rad = yield from within(
-        limit_s, _rest(demand("resting"), own.rest_s), _not_at_rest, since=began
+    rest = _rest(captured.labelled("resting"), own.rest_s)
+    moved_rad = yield from within(limit_s, rest, _not_at_rest, since=began)
+    accelerate = hold(
+        captured.labelled("accelerating", torque_Nm=point.torque_Nm),
+        lambda seen: abs(seen.speed_Hz) >= own.stop_speed_Hz,
     )
-    yield from within(
-        limit_s,
-        hold(
-            demand("accelerating", point.torque_Nm),
-            lambda seen: abs(seen.speed_Hz) >= own.stop_speed_Hz,
-        ),
-        lambda seen: (
-            f"{seen.demand.label}: {own.stop_speed_Hz:g} Hz not reached; is the rotor free, and "
-            "torque_Nm more than friction and cogging torque?"
-        ),
-        since=began,
-    )
-    seen = yield from wait(demand("coasting"), own.coast_s)
+    yield from within(limit_s, accelerate, partial(_too_slow, own.stop_speed_Hz), since=began)
+    seen = yield from wait(captured.labelled("coasting"), own.coast_s)
     moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
     fault = moved if moved_rad > own.rest_rad else ""
     turns = round(abs(seen.point_turns), 3)
@@ -116,6 +102,13 @@ def _rest(demand: Demand, for_s: float) -> Motion[float]:
         highest_rad = max(highest_rad, seen.highest_rad)
         if seen.since_s(began) >= for_s:
             return highest_rad - lowest_rad
+
+
+def _too_slow(speed_Hz: float, seen: Observation) -> str:
+    return (
+        f"{seen.demand.label}: {speed_Hz:g} Hz not reached; is the rotor free, and torque_Nm more "
+        "than friction and cogging torque?"
+    )
 
 
 def _not_at_rest(seen: Observation) -> str:
@@ -161,25 +154,22 @@ def _release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
 
     At rest the bar is still, too: then it is pulled, which is no release since it stays there.
     """
-    name = f"release {point.index + 1}"
-
-    def captured(label: str) -> Demand:
-        return Demand(plan_point=point.index, label=f"{name}: {label}")
-
-    free = Demand(label=f"{name}: deflect the bar and hold it still")
+    idle = Demand(label=f"release {point.index + 1}")
+    captured = replace(idle, plan_point=point.index)
+    hold_still = "deflect the bar and hold it still"
+    free = idle.labelled(hold_still)
     while True:
         bar = _Deflection((yield from _still(free, own)).turned_rad)
-        left = yield from _leaves(captured("let go"), bar, own)
-        came_back = yield from _comes_back(captured("moving"), bar, own)
+        left = yield from _leaves(captured.labelled("let go"), bar, own)
+        came_back = yield from _comes_back(captured.labelled("moving"), bar, own)
         if came_back and bar.furthest_rad >= 2 * own.deflection_min_rad:
             break
         if came_back:
-            least = f" (by {own.deflection_min_rad:g} rad at least)"
-            free = replace(free, label=f"{name}: deflect the bar and hold it still{least}")
+            free = idle.labelled(f"{hold_still} (by {own.deflection_min_rad:g} rad at least)")
         yield free
     range_rad = _Range(FADED_S)
     seen = yield from hold(
-        captured("swinging"),
+        captured.labelled("swinging"),
         lambda seen: (
             range_rad(seen) < 2 * own.amplitude_min_rad or seen.since_s(left) > own.swing_max_s
         ),

@@ -48,7 +48,7 @@ def make_acceleration(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=ACCELERATION,
         points=tuple(
-            OperatingPoint(index, torque_Nm, 0.0, 0, aim=f"a step of torque of {torque_Nm:g} Nm")
+            OperatingPoint(index, torque_Nm, 0.0, 0, aim=f"a torque step of {torque_Nm:g} Nm")
             for index, torque_Nm in enumerate(torques_Nm)
         ),
         motion=partial(torque_steps, own, config.brake, int(flags)),
