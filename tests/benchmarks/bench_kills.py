@@ -18,8 +18,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, numbers
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import file_name, numbers, part_of
 from motord.recording.reader import open_run
 from tests.benchmarks.figure import Figure
 from tests.support.stalls import Stalls

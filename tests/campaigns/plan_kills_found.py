@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import PART
+from motord.recording.file_names import PART
 from motord.recording.reader import open_run
 from motord.sequencing.capture import final
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from motord.config import MotorFile
 from motord.importing.column_map import Wiring
-from motord.importing.csv_source import CsvSource
+from motord.importing.csv.source import CsvSource
 from motord.importing.mapping import ImportMap, load_map, load_mapped_motor
 from motord.importing.point_builder import PointTeller
 from motord.importing.problems import Problems
@@ -18,10 +18,10 @@ from motord.importing.remarks import on_rows, on_speed_and_points, on_torque
 from motord.importing.rows import usable_rows
 from motord.importing.source import RowSource
 from motord.importing.survey import Survey, survey
-from motord.importing.tdms_source import MAGIC, TdmsSource
+from motord.importing.tdms import MAGIC, TdmsSource
 from motord.importing.ticks import TickMaker
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
 
 UNIX_FROM_NS = 10**17

@@ -15,7 +15,7 @@ import numpy as np
 
 from motord.config import Config, RecordingConfig
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import PART, part_of
+from motord.recording.file_names import PART, part_of
 from motord.recording.writer import RunWriter
 from motord.schema import State, Trip
 from motord.shm.ring import RingReader

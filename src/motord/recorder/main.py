@@ -18,8 +18,8 @@ from pathlib import Path
 
 from motord.config import Config, ConfigError, load
 from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxWanted, path_of
+from motord.recorder.crash_recovery import Leftovers
 from motord.recorder.launch import BACKLOG_MAX_BYTES
-from motord.recorder.leftovers import Leftovers
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError

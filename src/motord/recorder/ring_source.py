@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, newest_others, numbers
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import file_name, newest_others, numbers, part_of
 from motord.recording.reader import open_run
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader

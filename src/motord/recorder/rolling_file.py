@@ -6,8 +6,7 @@ from pathlib import Path
 
 from motord.config import RecordingConfig
 from motord.recording.errors import RecordError
-from motord.recording.file_names import next_file
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import next_file, part_of
 from motord.recording.storage import MB, free_bytes, too_little_space
 from motord.recording.writer import RunWriter
 from motord.wire.ticks.blocks import Block

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from motord.recording.errors import RecordError
+from motord.recording.file_names import part_of, require_free
 from motord.recording.json_encoding import to_json
-from motord.recording.mcap_file import part_of
 from motord.recording.reader import Run
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import Block
@@ -61,8 +61,7 @@ def export(
 @contextmanager
 def _complete_or_absent(output: Path) -> Iterator[Path]:
     """Give another name to write to, which becomes `output` when the body has succeeded."""
-    if output.exists():
-        raise RecordError(f"{output}: exists already; choose another name or remove it")
+    require_free(output)
     part = part_of(output)
     try:
         yield part

@@ -1,12 +1,39 @@
-"""Names of the files of a recording: NAME-000.mcap, NAME-001.mcap and so on."""
+"""Names of files: NAME-000.mcap, NAME-001.mcap and so on, with `.part` until they are whole."""
 
 import re
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
-from motord.recording.mcap_file import PART
+from motord.recording.errors import RecordError
 
+PART = ".part"
 _SUFFIX = ".mcap"
+STAMP = r"\d{8}T\d{9}Z"
+"""Pattern of what `stamp` returns."""
+
+
+def stamp(t_ns: int) -> str:
+    """Return a Unix time in ns as in the names of files: UTC with ms."""
+    moment = datetime.fromtimestamp(t_ns / 1e9, UTC)
+    return f"{moment:%Y%m%dT%H%M%S}{moment.microsecond // 1000:03d}Z"
+
+
+def part_of(path: Path) -> Path:
+    """Return the name that the file `path` has until it is whole."""
+    return path.with_name(path.name + PART)
+
+
+def whole_of(part: Path) -> Path:
+    """Return the name that an unfinished file is to have; that of a finished one is its own."""
+    return part.with_name(part.name.removesuffix(PART))
+
+
+def require_free(*paths: Path) -> None:
+    """Raise RecordError if one of `paths` exists: nothing is ever overwritten."""
+    for path in paths:
+        if path.exists():
+            raise RecordError(f"{path}: exists already; choose another name or remove it")
 
 
 def file_name(stem: Path, number: int) -> Path:
@@ -22,26 +49,18 @@ def stem_of(path: Path) -> Path | None:
 
 def numbers(stem: Path) -> list[int]:
     """Return the numbers that files of `stem` have, finished or not, in ascending order."""
-    found = set()
-    if stem.parent.is_dir():
-        for path in stem.parent.iterdir():
-            name = path.name.removesuffix(PART)
-            if name.startswith(f"{stem.name}-") and name.endswith(_SUFFIX):
-                number = name[len(stem.name) + 1 : -len(_SUFFIX)]
-                if number.isdecimal():
-                    found.add(int(number))
-    return sorted(found)
+    pattern = re.compile(rf"{re.escape(stem.name)}-(\d+){re.escape(_SUFFIX)}({re.escape(PART)})?")
+    names = [path.name for path in _beside(stem)]
+    return sorted({int(match[1]) for match in map(pattern.fullmatch, names) if match})
 
 
 def newest_others(stem: Path, count: int) -> list[Path]:
     """Return the files beside `stem` that are not of it and were written last, newest first."""
     written = []
-    if stem.parent.is_dir():
-        for path in stem.parent.iterdir():
-            whole = path.with_name(path.name.removesuffix(PART))
-            if stem_of(whole) not in (None, stem):
-                with suppress(FileNotFoundError):  # it has just been given its name
-                    written.append((path.stat().st_mtime_ns, path))
+    for path in _beside(stem):
+        if stem_of(whole_of(path)) not in (None, stem):
+            with suppress(FileNotFoundError):  # it has just been given its name
+                written.append((path.stat().st_mtime_ns, path))
     return [path for _, path in sorted(written, reverse=True)[:count]]
 
 
@@ -49,3 +68,7 @@ def next_file(stem: Path) -> Path:
     """Return the name after the highest that is taken."""
     taken = numbers(stem)
     return file_name(stem, taken[-1] + 1 if taken else 0)
+
+
+def _beside(stem: Path) -> list[Path]:
+    return list(stem.parent.iterdir()) if stem.parent.is_dir() else []

@@ -56,7 +56,7 @@ def from_strings(strings: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def mended(strings: Mapping[str, str]) -> dict[str, str]:
+def repaired(strings: Mapping[str, str]) -> dict[str, str]:
     """Return the strings of a metadata record with what is not JSON any more as plain text."""
     claimed = strings.get(JSON_KEYS, "").split(",")
     good = [key for key in claimed if key in strings and _is_json(strings[key])]

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from motord.recording import topics
-from motord.recording.chunk_decoder import Single
-from motord.recording.chunk_source import ChunkSource, Span
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
+from motord.recording.mcap.chunk_decoder import SingleMessage
+from motord.recording.mcap.chunk_source import ChunkSource, Span
 from motord.recording.table import Table
 from motord.recording.topics import Topic
 from motord.recording.writer import FORMAT, METADATA, METADATA_END
@@ -93,16 +93,6 @@ class Run:
         """Return what a simulated rig really did, shape (n,); none if the rig was real."""
         return self.truth_table.whole(columns, Span(from_ns, to_ns))
 
-    def truth_blocks(
-        self,
-        columns: Iterable[str] | None = None,
-        *,
-        from_ns: int | None = None,
-        to_ns: int | None = None,
-    ) -> Iterator[Block]:
-        """Yield what a simulated rig really did, chunk by chunk, shape (n,) with n > 0."""
-        return self.truth_table.blocks(columns, Span(from_ns, to_ns))
-
     def events(self) -> list[dict[str, Any]]:
         """Return the events in the order in which they were written."""
         return self._objects(topics.EVENTS)
@@ -136,7 +126,7 @@ class Run:
             bytes(part.payload)
             for parts in self.source.parts(self.source.chunks(channel))
             for part in parts
-            if isinstance(part, Single) and part.channel == channel
+            if isinstance(part, SingleMessage) and part.channel == channel
         )
         try:
             return [json.loads(payload) for payload in payloads]

@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from motord.recording import topics
-from motord.recording.chunk import Index, chunk_record
-from motord.recording.chunk_decoder import ChunkError, chunk_head, messages
-from motord.recording.chunk_source import ChunkSource
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
-from motord.recording.json_encoding import mended, to_strings
-from motord.recording.mcap_file import PART, Container
+from motord.recording.file_names import whole_of
+from motord.recording.json_encoding import repaired, to_strings
+from motord.recording.mcap.chunk_builder import Index, make_chunk
+from motord.recording.mcap.chunk_decoder import ChunkError, chunk_head, messages
+from motord.recording.mcap.chunk_source import ChunkSource
+from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.reader import Run, open_run
 
 METADATA_RECOVERED = "motord.recovered"
@@ -31,7 +32,7 @@ class Recovery:
 
 def default_output(path: Path) -> Path:
     """Return the name of the clean file of `path`, as in `run.recovered.mcap`."""
-    name = path.name.removesuffix(PART).removesuffix(".mcap")
+    name = whole_of(path).name.removesuffix(".mcap")
     return path.with_name(f"{name}.recovered.mcap")
 
 
@@ -42,33 +43,33 @@ def recover(path: Path, output: Path, go_on: Callable[[], bool] = lambda: True) 
     it was not to go on; then there is no `output`.
     """
     run = open_run(path)
-    container = Container(output)
+    output_file = McapFile(output)
     try:
-        ticks, chunks = _copy(run, container, go_on)
+        ticks, chunks = _copy(run, output_file, go_on)
         damage = run.damage
         account = {
             "from": path.name,
             "missing": str(damage) if damage else "nothing",
             "bytes_lost": damage.bytes_lost if damage else 0,
         }
-        container.metadata(METADATA_RECOVERED, to_strings(account))
-        container.finish()
+        output_file.metadata(METADATA_RECOVERED, to_strings(account))
+        output_file.finish()
     except RecordError:
-        container.discard()
+        output_file.discard()
         raise
     finally:
-        container.abandon()
+        output_file.abandon()
     return Recovery(output, ticks, chunks, damage)
 
 
-def _copy(run: Run, container: Container, go_on: Callable[[], bool]) -> tuple[int, int]:
+def _copy(run: Run, output_file: McapFile, go_on: Callable[[], bool]) -> tuple[int, int]:
     """Copy everything that is readable; return the numbers of ticks and of chunks."""
     source = run.source
     for name, strings in source.structure.metadata.items():
-        container.metadata(name, mended(strings))
+        output_file.metadata(name, repaired(strings))
     for channel in source.structure.channels.values():
         schema = source.structure.schemas.get(channel.schema_id)
-        container.channel(schema, channel)
+        output_file.channel(schema, channel)
     ticks, chunks, tick_channel = 0, 0, source.number(topics.TICKS.name)
     for entry, record, content in source.contents(source.chunks()):
         if not go_on():
@@ -80,7 +81,9 @@ def _copy(run: Run, container: Container, go_on: Callable[[], bool]) -> tuple[in
             continue
         if not index:
             continue
-        container.chunk(_rewritten(record, content, index), index)
+        head = chunk_head(record)  # its times are under no checksum: the messages have them
+        compressed = bytes(record[head.data_offset :])
+        output_file.chunk(make_chunk(content, head.compression, compressed, index), index)
         chunks += 1
         ticks += len(index.get(tick_channel or 0, ()))
     return ticks, chunks
@@ -92,11 +95,3 @@ def _index(source: ChunkSource, content: memoryview) -> dict[int, Index]:
     for part in messages(content, source.layouts):
         index.setdefault(part.channel, []).append(part.index())
     return {channel: np.concatenate(parts) for channel, parts in index.items()}
-
-
-def _rewritten(record: memoryview, content: memoryview, index: dict[int, Index]) -> bytes:
-    """Return the chunk with the times of its messages; only its content is under its checksum."""
-    head = chunk_head(record)
-    times = np.concatenate([entries[:, 0] for entries in index.values()])
-    compressed = bytes(record[head.data_offset :])
-    return chunk_record(content, head.compression, compressed, int(times.min()), int(times.max()))

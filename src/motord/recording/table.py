@@ -4,12 +4,12 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from motord.recording.chunk_decoder import DecodedRows
-from motord.recording.chunk_source import ALWAYS, ChunkSource, Span
-from motord.recording.compression import CONTENT_MAX_BYTES
 from motord.recording.errors import RecordError
-from motord.recording.message_array import MessageRows
-from motord.recording.structure import ChunkEntry
+from motord.recording.mcap.chunk_decoder import MessageBlock
+from motord.recording.mcap.chunk_source import ALWAYS, ChunkSource, Span
+from motord.recording.mcap.compression import CONTENT_MAX_BYTES
+from motord.recording.mcap.message_array import MessageArray
+from motord.recording.mcap.structure import ChunkEntry
 from motord.schema import Record
 from motord.wire.ticks.blocks import Block, BlockCodec
 from motord.wire.ticks.lanes import Lanes
@@ -19,7 +19,7 @@ from motord.wire.ticks.pattern import Bytes
 class Table:
     """The messages of `layout` in `source`; of none, with the columns of `record`, if None."""
 
-    def __init__(self, source: ChunkSource, layout: MessageRows | None, record: Record) -> None:
+    def __init__(self, source: ChunkSource, layout: MessageArray | None, record: Record) -> None:
         self._source = source
         self._layout = layout
         self._codec = BlockCodec(record) if layout is None else layout.codec
@@ -49,7 +49,7 @@ class Table:
         return self._blocks(self.dtype(columns), self._chunks(span), span)
 
     def last(self, columns: Iterable[str] | None = None) -> Block:
-        """Return the last message, shape (1,), or none, shape (0,), reading as little as need be.
+        """Return the last message, shape (1,), or none, shape (0,), reading as little as possible.
 
         Raises as `blocks` does.
         """
@@ -63,8 +63,8 @@ class Table:
         """Return all messages within `span`, shape (n,). Raises as `blocks` does."""
         dtype, chunks = self.dtype(columns), self._chunks(span)
         sizes = [chunk.content_size for chunk in chunks]
-        row_size = self._layout.size if self._layout else 1
-        most = sum(size // row_size for size in sizes if size <= CONTENT_MAX_BYTES)
+        message_size = self._layout.size if self._layout else 1
+        most = sum(size // message_size for size in sizes if size <= CONTENT_MAX_BYTES)
         out = np.empty(most, dtype)  # what is not used costs nothing
         lanes, count = self._codec.lanes(dtype), 0
         for runs in self._runs(chunks, span):
@@ -91,8 +91,8 @@ class Table:
         if layout is None:
             return
         for parts in self._source.parts(chunks):
-            rows = (p.rows for p in parts if isinstance(p, DecodedRows) and p.layout is layout)
-            yield [layout.payloads(_within(layout, run, span)) for run in rows]
+            blocks = (p for p in parts if isinstance(p, MessageBlock) and p.layout is layout)
+            yield [layout.payloads(_within(layout, block.records, span)) for block in blocks]
 
 
 def _unpack(lanes: Lanes, runs: list[Bytes], out: Block, start: int) -> int:
@@ -104,8 +104,8 @@ def _unpack(lanes: Lanes, runs: list[Bytes], out: Block, start: int) -> int:
     return start
 
 
-def _within(layout: MessageRows, rows: Bytes, span: Span) -> Bytes:
+def _within(layout: MessageArray, records: Bytes, span: Span) -> Bytes:
     if span == ALWAYS:
-        return rows
-    held = span.holds(layout.times_ns(rows).astype(np.int64))
-    return rows if held.all() else rows[held]
+        return records
+    chosen = span.contains(layout.times_ns(records).astype(np.int64))
+    return records if chosen.all() else records[chosen]

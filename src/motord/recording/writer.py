@@ -7,12 +7,12 @@ from types import TracebackType
 import numpy as np
 
 from motord.recording import topics
-from motord.recording.chunk import ChunkBuilder
-from motord.recording.compression import compressor
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_json, to_strings
-from motord.recording.mcap_file import Container
-from motord.recording.message_array import MessageRows
+from motord.recording.mcap.chunk_builder import ChunkBuilder
+from motord.recording.mcap.compression import compressor
+from motord.recording.mcap.mcap_file import McapFile
+from motord.recording.mcap.message_array import MessageArray
 from motord.recording.topics import Topic
 from motord.schema import TICK, TRUTH
 from motord.wire.ticks.blocks import Block, BlockCodec
@@ -43,13 +43,13 @@ class RunWriter:
     ) -> None:
         self._compression = compressor(compression)
         self._chunk_ns = max(1, round(chunk_s * 1e9))
-        self._file = Container(path)
+        self._file = McapFile(path)
         self._chunk = ChunkBuilder()
         self._chunk_number: int | None = None
         self._counts: dict[int, int] = {}
         self._span: dict[str, object] = {}
-        self._tick_rows = MessageRows(topics.TICKS.number, BlockCodec(TICK))
-        self._truth_rows = MessageRows(topics.TRUTHS.number, BlockCodec(TRUTH))
+        self._tick_layout = MessageArray(topics.TICKS.number, BlockCodec(TICK))
+        self._truth_layout = MessageArray(topics.TRUTHS.number, BlockCodec(TRUTH))
         try:
             self.metadata(METADATA, {"format": FORMAT, **metadata})
             self._declare(topics.TICKS)
@@ -79,13 +79,13 @@ class RunWriter:
             self._span.setdefault("t_start_ns", int(block["t_ns"][0]))
             self._span["tick_last"] = int(block["tick"][-1])
             self._span["t_end_ns"] = int(block["t_ns"][-1])
-        self._block(topics.TICKS, self._tick_rows, block, block["tick"])
+        self._block(topics.TICKS, self._tick_layout, block, block["tick"])
 
     def truth(self, block: Block) -> None:
         """Write what a simulated rig really did, shape (n,), of `TRUTH_DTYPE`."""
         start = self._counts.get(topics.TRUTHS.number, 0)
         sequence = np.arange(start, start + len(block))
-        self._block(topics.TRUTHS, self._truth_rows, block, sequence)
+        self._block(topics.TRUTHS, self._truth_layout, block, sequence)
 
     def event(
         self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
@@ -166,12 +166,12 @@ class RunWriter:
         self._chunk.add_message(topic.number, max(0, t_ns), sequence, payload)
         self._counts[topic.number] += 1
 
-    def _block(self, topic: Topic, rows: MessageRows, block: Block, sequence: Block) -> None:
+    def _block(self, topic: Topic, layout: MessageArray, block: Block, sequence: Block) -> None:
         self._declare(topic)
         times_ns = np.maximum(block["t_ns"], 0)
         for number, part in self._by_chunk(times_ns):
             self._enter_chunk(number)
-            self._fill_chunk(rows, block[part], times_ns[part], sequence[part])
+            self._fill_chunk(layout, block[part], times_ns[part], sequence[part])
         self._counts[topic.number] += len(block)
 
     def _by_chunk(self, times_ns: Block) -> Iterator[tuple[int, slice]]:
@@ -193,15 +193,14 @@ class RunWriter:
         self._chunk_number = number
 
     def _fill_chunk(
-        self, rows: MessageRows, block: Block, times_ns: Block, sequence: Block
+        self, layout: MessageArray, block: Block, times_ns: Block, sequence: Block
     ) -> None:
         start = 0
         while start < len(block):
-            fits = self._chunk.room // rows.size
+            fits = self._chunk.room // layout.size
             part = slice(start, start + fits)
-            rows_added = len(block[part])
-            if rows_added:
-                self._chunk.add_rows(rows, block[part], times_ns[part], sequence[part])
-            start += rows_added
+            if fits:
+                self._chunk.add_block(layout, block[part], times_ns[part], sequence[part])
+            start = part.stop
             if start < len(block):
                 self.flush()

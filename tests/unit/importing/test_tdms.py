@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
-from motord.importing import tdms_source
+from motord.importing import tdms
 from motord.recording.errors import RecordError
 from tests.unit.importing.tables import MAP, START_NS, imported, turning
 
@@ -46,8 +46,8 @@ def write_tdms(
 def test_waveforms_bring_their_clock(
     tmp_path: Path, pieces: int, piece_rows: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tdms_source, "PIECE", piece_rows)
-    monkeypatch.setattr(tdms_source, "BLOCK_ROWS", 1000)
+    monkeypatch.setattr(tdms, "PIECE", piece_rows)
+    monkeypatch.setattr(tdms, "BLOCK_ROWS", 1000)
     columns = turning()
     source = write_tdms(
         tmp_path / "a.tdms",
@@ -155,4 +155,4 @@ def test_without_the_package_it_says_what_to_install(
     monkeypatch.setattr(builtins, "__import__", no_tdms)
     with pytest.raises(RecordError, match=r"pip install 'motord\[tdms\]'"):
         imported(tmp_path, source, WAVEFORM)
-    assert io.BytesIO(source.read_bytes()).read(4) == tdms_source.MAGIC
+    assert io.BytesIO(source.read_bytes()).read(4) == tdms.MAGIC

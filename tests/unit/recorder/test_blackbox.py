@@ -18,8 +18,9 @@ from motord.recorder.blackbox import AFTER_S, LATE_S, BlackBoxWanted, path_of
 from motord.recorder.blackbox_writer import AT_ONCE
 from motord.recorder.protocol import OUTCOMES_MAX
 from motord.recorder.session import Session
+from motord.recording.file_names import part_of
 from motord.recording.info import describe
-from motord.recording.mcap_file import Container, part_of
+from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.reader import open_run
 from motord.schema import State, Trip
 from motord.shm.ring import RingWriter
@@ -199,8 +200,8 @@ def test_a_full_disk_costs_the_box_alone(bench, monkeypatch, after_bytes):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return write_all(self, part)
 
-    write_all = Container._write_all
-    monkeypatch.setattr(Container, "_write_all", full)
+    write_all = McapFile._write_all
+    monkeypatch.setattr(McapFile, "_write_all", full)
     bench.loop(150)
     path = bench.ask(149, after=0)
     assert "No space left" in bench.outcome(path)

@@ -19,7 +19,7 @@ from motord.recorder.main import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.recorder.pipe_lines import LineReader
 from motord.recorder.protocol import MessageReader, RecorderReport
 from motord.recorder.session import Session
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import part_of
 from motord.recording.reader import open_run
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir

@@ -17,8 +17,7 @@ from motord.recorder.ring_source import Mark, last_mark
 from motord.recorder.rolling_file import RollingFile
 from motord.recorder.session import Session
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, next_file, numbers
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import file_name, next_file, numbers, part_of
 from motord.recording.reader import open_run
 from motord.recording.storage import free_bytes, obstacle
 from motord.recording.writer import RunWriter

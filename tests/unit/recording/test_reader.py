@@ -3,25 +3,39 @@
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, DataEnd, Footer, Header, Message, Metadata, Schema
+from mcap.records import (
+    Channel,
+    Chunk,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Message,
+    Metadata,
+    Schema,
+)
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from motord.recording import topics
-from motord.recording.chunk import ChunkBuilder, chunk_record
 from motord.recording.damage import Damage, Loss, damage_of, utc
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import MAGIC, Container, part_of, serialise
-from motord.recording.message_array import MessageRows
+from motord.recording.file_names import part_of
+from motord.recording.mcap.chunk_builder import ChunkBuilder
+from motord.recording.mcap.chunk_source import Span
+from motord.recording.mcap.mcap_file import McapFile
+from motord.recording.mcap.message_array import MessageArray
+from motord.recording.mcap.records import MAGIC, serialise
+from motord.recording.mcap.structure import ChunkEntry
+from motord.recording.mcap.summary import chunk_entry
 from motord.recording.reader import Run, open_run
-from motord.recording.structure import ChunkEntry
-from motord.recording.summary import chunk_entry
 from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.ticks.blocks import BlockCodec
@@ -59,7 +73,7 @@ def test_everything_comes_back(whole):
     assert run.ticks().dtype == TICK_DTYPE
     assert same(run.truth(), truth_block(COUNT))
     assert same(np.concatenate(list(run.blocks())), tick_block(COUNT))
-    assert same(np.concatenate(list(run.truth_blocks())), truth_block(COUNT))
+    assert same(np.concatenate(list(run.truth_table.blocks())), truth_block(COUNT))
     assert run.events() == [
         {"t_ns": START_NS + 100 * PERIOD_NS, "kind": "state", "message": "ENABLED",
          "data": {"tick": 100, "x": None}}
@@ -89,7 +103,11 @@ def test_a_span_of_time_has_the_ticks_within_it(whole, first, last):
     run = open_run(whole)
     assert same(run.ticks(**bounds), expected)
     assert sum(map(len, run.blocks(**bounds))) == len(expected)
-    assert len(run.truth(**bounds)) == sum(map(len, run.truth_blocks(**bounds))) == len(expected)
+    assert (
+        len(run.truth(**bounds))
+        == sum(map(len, run.truth_table.blocks(span=Span(**bounds))))
+        == len(expected)
+    )
     assert len(run.ticks(from_ns=bounds["from_ns"])) == min(COUNT, max(0, COUNT - first))
 
 
@@ -111,7 +129,7 @@ def test_columns_that_are_not_there_are_named(whole):
     with pytest.raises(RecordError, match=r"run\.mcap: Tick has no column volts; it has t_ns"):
         open_run(whole).ticks(["volts"])
     with pytest.raises(RecordError, match="Truth has no column volts"):
-        list(open_run(whole).truth_blocks(["volts"]))
+        list(open_run(whole).truth_table.blocks(["volts"]))
 
 
 def test_a_real_rig_has_no_truth(tmp_path):
@@ -120,7 +138,7 @@ def test_a_real_rig_has_no_truth(tmp_path):
     run = open_run(tmp_path / "run.mcap")
     assert run.truth().dtype == TRUTH_DTYPE
     assert run.truth(["torque_Nm"]).dtype.names == ("torque_Nm",)
-    assert list(run.truth_blocks()) == []
+    assert list(run.truth_table.blocks()) == []
     assert run.events() == run.plan() == run.operating_points() == []
 
 
@@ -373,12 +391,12 @@ def unfinished_by(path: Path, record: Record, count: int, told: int | None = Non
     schema, channel = topics.TICKS.schema(), topics.TICKS.channel()
     schema.data = codec.descriptor_set()
     channel.metadata = {"message_bytes": str(codec.size if told is None else told)}
-    rows, chunk = MessageRows(1, codec), ChunkBuilder()
-    chunk.add_rows(rows, block, block["t_ns"], block["tick"])
-    container = Container(path)
-    container.channel(schema, channel)
-    container.chunk(*chunk.finish("", bytes))
-    container.abandon()
+    layout, chunk = MessageArray(1, codec), ChunkBuilder()
+    chunk.add_block(layout, block, block["t_ns"], block["tick"])
+    output_file = McapFile(path)
+    output_file.channel(schema, channel)
+    output_file.chunk(*chunk.finish("", bytes))
+    output_file.abandon()
     return block
 
 
@@ -481,7 +499,7 @@ def test_channels_without_a_fixed_layout_do_not_disturb(tmp_path):
 
 def chunk_of(*pieces: bytes) -> bytes:
     content = b"".join(pieces)
-    return chunk_record(memoryview(content), "", content, START_NS, START_NS)
+    return serialise([Chunk("", content, START_NS, START_NS, crc32(content), len(content))])
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,20 @@
 
 from itertools import pairwise
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import SeekingReader
-from mcap.records import Message
+from mcap.records import Chunk, Message
 
 from motord.recording import topics
-from motord.recording.chunk import chunk_record
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import Container, part_of, serialise
+from motord.recording.file_names import part_of
+from motord.recording.mcap.mcap_file import McapFile
+from motord.recording.mcap.records import serialise
 from motord.recording.reader import open_run
 from motord.recording.recovery import default_output, recover
 from motord.recording.writer import RunWriter
@@ -111,12 +113,12 @@ def test_nothing_is_overwritten_and_nothing_half_done_remains(whole, tmp_path):
 
 def test_chunks_without_use_are_left_out(tmp_path):
     path = tmp_path / "run.mcap"
-    container = Container(path)
-    container.channel(topics.TICKS.schema(), topics.TICKS.channel())
+    output_file = McapFile(path)
+    output_file.channel(topics.TICKS.schema(), topics.TICKS.channel())
     for record in (topics.TICKS.channel(), Message(1, 5, b"not a tick", 5, 0)):
         content = serialise([record])
-        container.chunk(chunk_record(memoryview(content), "", content, 5, 5), {})
-    container.finish()
+        output_file.chunk(Chunk("", content, 5, 5, crc32(content), len(content)), {})
+    output_file.finish()
     result = recover(path, tmp_path / "clean.mcap")
     assert (result.ticks, result.chunks) == (0, 0)
     assert "not a Tick" in str(result.damage)

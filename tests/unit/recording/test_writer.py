@@ -17,10 +17,10 @@ from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.records import Chunk, DataEnd, MessageIndex, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from motord.recording import chunk as chunk_module
-from motord.recording import mcap_file
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import Container, part_of
+from motord.recording.file_names import part_of
+from motord.recording.mcap import chunk_builder, mcap_file
+from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE
@@ -194,7 +194,7 @@ def test_any_way_of_giving_blocks_gives_the_same_ticks(
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     blocks = [tick_block(size, sum(sizes[:i])) for i, size in enumerate(sizes)]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunk_module, "CAPACITY_BYTES", capacity_rows * 10_000)
+        patch.setattr(chunk_builder, "CAPACITY_BYTES", capacity_rows * 10_000)
         with RunWriter(path, {}, compression=compression, chunk_s=chunk_s) as writer:
             for block in blocks:
                 writer.ticks(block)
@@ -228,7 +228,7 @@ def test_chunks_follow_time_and_hold_truth_beside_ticks(tmp_path):
 
 
 def test_a_message_larger_than_a_chunk_is_written(tmp_path, monkeypatch):
-    monkeypatch.setattr(chunk_module, "CAPACITY_BYTES", 10_000)
+    monkeypatch.setattr(chunk_builder, "CAPACITY_BYTES", 10_000)
     path = tmp_path / "run.mcap"
     with RunWriter(path, {}) as writer:
         writer.ticks(tick_block(5))
@@ -372,6 +372,6 @@ def test_a_version_is_not_needed(monkeypatch, tmp_path):
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr(mcap_file, "version", missing)
-    Container(tmp_path / "run.mcap").finish()
+    McapFile(tmp_path / "run.mcap").finish()
     with (tmp_path / "run.mcap").open("rb") as file:
         assert SeekingReader(file).get_header().library == "motord"

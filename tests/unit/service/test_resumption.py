@@ -8,7 +8,7 @@ from motord.api.errors import RpcError
 from motord.config import load
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
 from motord.schema import Compensate
 from motord.service import assembly

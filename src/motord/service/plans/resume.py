@@ -19,8 +19,7 @@ from motord.api.messages import PlanView
 from motord.config import Config
 from motord.experiments.plans import build as build_plan
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, numbers, stem_of
-from motord.recording.mcap_file import part_of
+from motord.recording.file_names import file_name, numbers, part_of, stem_of
 from motord.recording.reader import open_run
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final

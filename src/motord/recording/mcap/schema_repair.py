@@ -6,14 +6,14 @@ The numbers of motord's topics and of their fields are promises, so what is miss
 from mcap.records import Channel, Schema
 
 from motord.recording import topics
-from motord.recording.structure import Structure
+from motord.recording.mcap.structure import Structure
 from motord.recording.topics import Topic
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import read_record
 
 
-def mend(structure: Structure) -> None:
-    """Put back what an unindexed file of motord does not tell, or tells wrongly."""
+def repair_schemas(structure: Structure) -> None:
+    """Put back what is missing or damaged in a file of motord without an index."""
     library = structure.library  # empty if the header is not readable
     by_motord = library == "" or library.startswith("motord")
     if structure.indexed or not structure.chunks or not by_motord:
@@ -31,17 +31,17 @@ def mend(structure: Structure) -> None:
 
 
 def _usable(schema: Schema | None, channel: Channel | None, topic: Topic) -> bool:
-    """Tell whether a schema that no checksum covers is one that a version of motord wrote."""
+    """Return whether a schema that no checksum covers is one that a version of motord wrote."""
     if schema is None or schema.name != topic.schema_name:
         return False
     if topic.record is None or schema.data == topic.schema_data:
         return True
     try:
         found = read_record(schema.data, schema.name)
-        told = int(channel.metadata[topics.MESSAGE_BYTES]) if channel else 0
+        claimed_bytes = int(channel.metadata[topics.MESSAGE_BYTES]) if channel else 0
     except (ValueError, KeyError):
         return False
     pairs = zip(found.fields, topic.record.fields, strict=False)  # fields are only ever appended
-    return told == BlockCodec(found).size and all(
+    return claimed_bytes == BlockCodec(found).size and all(
         (a.number, a.name, a.kind) == (b.number, b.name, b.kind) for a, b in pairs
     )

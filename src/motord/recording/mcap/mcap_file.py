@@ -9,20 +9,20 @@ import errno
 import fcntl
 import os
 import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from isal.isal_zlib import crc32
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
+    Chunk,
     ChunkIndex,
     DataEnd,
+    Footer,
     Header,
-    McapRecord,
     Metadata,
     MetadataIndex,
     Schema,
@@ -30,24 +30,19 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from motord.recording.chunk import Index, index_records
+from motord.atomic_write import sync_folder
 from motord.recording.errors import RecordError
+from motord.recording.file_names import part_of, require_free
+from motord.recording.mcap.chunk_builder import Index
+from motord.recording.mcap.records import MAGIC, serialise
 
-MAGIC = b"\x89MCAP0\r\n"
-PART = ".part"
-_FOOTER_WITHOUT_CRC = struct.Struct("<BQQQ")
-_FOOTER_BYTES = 8 + 8 + 4
-
-
-def part_of(path: Path) -> Path:
-    """Return the name that the file `path` has until it is whole."""
-    return path.with_name(path.name + PART)
+_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel and size of a message index
 
 
-def hold(descriptor: int) -> bool:
-    """Mark a file as being written, until it is closed or the process ends; False if it is already.
+def try_lock(descriptor: int) -> bool:
+    """Lock a file until it is closed or the process ends; False if another process has.
 
-    A file system that knows no locks counts as free.
+    On a file system that knows no locks it counts as locked.
     """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -58,24 +53,7 @@ def hold(descriptor: int) -> bool:
     return True
 
 
-def sync_folder(folder: Path) -> None:
-    """Have the disk hold the names in a folder. Raises OSError."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-def serialise(records: Iterable[McapRecord]) -> bytes:
-    """Return the bytes of `records`, one after the other."""
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
-
-
-def library() -> str:
+def _library() -> str:
     """Return how motord names itself in the files it writes."""
     try:
         return f"motord {version('motord')}"
@@ -83,8 +61,8 @@ def library() -> str:
         return "motord"
 
 
-class _Chunks:
-    """What the summary tells of the chunks, kept as bytes: objects would take ten times as much,
+class _ChunkIndexes:
+    """What the summary says of the chunks, kept as bytes: objects would take ten times as much,
     and a recording of hours has many."""
 
     def __init__(self) -> None:
@@ -102,7 +80,7 @@ class _Chunks:
         self.count += 1
 
 
-class Container:
+class McapFile:
     """An MCAP file in the making. `size`: bytes written.
 
     Raises RecordError if it cannot be made, exists already, or cannot be written; after a failed
@@ -116,12 +94,12 @@ class Container:
         self._crc = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks = _Chunks()
+        self._chunks = _ChunkIndexes()
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._descriptor = self._create()
         try:
-            self._write(MAGIC + serialise([Header(profile="", library=library())]))
+            self._write(MAGIC + serialise([Header(profile="", library=_library())]))
         except RecordError:
             self.discard()
             raise
@@ -147,11 +125,32 @@ class Container:
         self._write(record)
         self._metadata.append(index)
 
-    def chunk(self, record: bytes | memoryview, index: dict[int, Index]) -> None:
-        """Write a whole Chunk record and the message indexes of its channels."""
-        indexes, entry = index_records(self.size, record, index)
-        self._write(record, indexes)
-        self._chunks.add(entry)
+    def chunk(self, chunk: Chunk, index: Mapping[int, Index]) -> None:
+        """Write a chunk and the message indexes of its channels."""
+        record = serialise([chunk])
+        start, offset = self.size, self.size + len(record)
+        indexes: list[bytes] = []
+        offsets: dict[int, int] = {}
+        for channel, entries in index.items():
+            offsets[channel] = offset
+            body = entries.astype("<u8", copy=False).tobytes()
+            head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(body), channel, len(body))
+            indexes.append(head + body)
+            offset += len(indexes[-1])
+        self._write(record, b"".join(indexes))
+        self._chunks.add(
+            ChunkIndex(
+                message_start_time=chunk.message_start_time,
+                message_end_time=chunk.message_end_time,
+                chunk_start_offset=start,
+                chunk_length=len(record),
+                message_index_offsets=offsets,
+                message_index_length=offset - start - len(record),
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
         for channel, entries in index.items():
             self._counts[channel] = self._counts.get(channel, 0) + len(entries)
 
@@ -184,14 +183,12 @@ class Container:
             self._part.unlink()
 
     def _create(self) -> int:
-        for taken in (self.path, self._part):
-            if taken.exists():
-                raise RecordError(f"{taken}: exists already; choose another name or remove it")
+        require_free(self.path, self._part)
         with self._explained():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
             descriptor = os.open(self._part, flags, 0o644)
-            hold(descriptor)
+            try_lock(descriptor)
             return descriptor
 
     def _write(self, *parts: bytes | memoryview) -> None:
@@ -241,20 +238,14 @@ class Container:
             (Opcode.CHUNK_INDEX, self._chunks.records),
             (Opcode.METADATA_INDEX, serialise(self._metadata)),
         ]
-        start, summary, offsets = self.size, b"", []
+        start, summary = self.size, b""
+        offsets: list[SummaryOffset] = []
         for opcode, content in groups:
             if content:
-                offsets.append(
-                    SummaryOffset(
-                        group_opcode=opcode,
-                        group_start=start + len(summary),
-                        group_length=len(content),
-                    )
-                )
+                offsets.append(SummaryOffset(opcode, start + len(summary), len(content)))
             summary += content
-        offset_start = start + len(summary)
-        summary += serialise(offsets)
-        summary += _FOOTER_WITHOUT_CRC.pack(Opcode.FOOTER, _FOOTER_BYTES, start, offset_start)
+        footer = Footer(start, start + len(summary), summary_crc=0)
+        summary += serialise([*offsets, footer])[:-4]
         return summary + struct.pack("<I", crc32(summary)) + MAGIC
 
     def _statistics(self) -> Statistics:

@@ -11,16 +11,23 @@ from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from motord.recording import topics
-from motord.recording.chunk_decoder import ChunkError, DecodedRows, Single, chunk_content, messages
-from motord.recording.damage import Damage, Loss
+from motord.recording.damage import Damage, Loss, damage_of
 from motord.recording.errors import RecordError
+from motord.recording.file_names import part_of
 from motord.recording.json_encoding import from_strings
-from motord.recording.mcap_file import MAGIC, part_of
-from motord.recording.message_array import MessageRows
-from motord.recording.salvage import Walk
-from motord.recording.schema_repair import mend
-from motord.recording.structure import ChunkEntry, Structure
-from motord.recording.summary import read_summary
+from motord.recording.mcap.chunk_decoder import (
+    ChunkError,
+    MessageBlock,
+    SingleMessage,
+    chunk_content,
+    messages,
+)
+from motord.recording.mcap.message_array import MessageArray
+from motord.recording.mcap.records import MAGIC
+from motord.recording.mcap.salvage import Salvage
+from motord.recording.mcap.schema_repair import repair_schemas
+from motord.recording.mcap.structure import ChunkEntry, Structure
+from motord.recording.mcap.summary import read_summary
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import read_record
 
@@ -36,20 +43,20 @@ class Span:
     from_ns: int | None = None
     to_ns: int | None = None
 
-    def meets(self, entry: ChunkEntry) -> bool:
-        """Tell whether a chunk has a part in it, by what its index says."""
+    def overlaps(self, entry: ChunkEntry) -> bool:
+        """Return whether a chunk may have messages in it, by what its index says."""
         early = self.from_ns is not None and entry.end_ns < self.from_ns
         late = self.to_ns is not None and entry.start_ns > self.to_ns
         return not (early or late)
 
-    def holds(self, times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Tell which times (n,) are within it, shape (n,)."""
-        held = np.ones(len(times_ns), np.bool_)
+    def contains(self, times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which times (n,) are within it, shape (n,)."""
+        within = np.ones(len(times_ns), np.bool_)
         if self.from_ns is not None:
-            held &= times_ns >= self.from_ns
+            within &= times_ns >= self.from_ns
         if self.to_ns is not None:
-            held &= times_ns <= self.to_ns
-        return held
+            within &= times_ns <= self.to_ns
+        return within
 
 
 ALWAYS = Span()
@@ -68,16 +75,13 @@ class ChunkSource:
         self._bad_chunks: set[int] = set()
         if self.structure.loose_messages and not self.structure.chunks:
             raise RecordError(f"{path}: its messages are not in chunks; rewrite it with chunks")
-        mend(self.structure)
+        repair_schemas(self.structure)
         self.layouts = dict(self._layouts())
 
     @property
     def damage(self) -> Damage | None:
         """What is known so far to be missing; None if nothing is."""
-        if not self._losses:
-            return None
-        ordered = sorted(self._losses.values(), key=lambda loss: loss.offset)
-        return Damage(tuple(map(self._between, ordered)))
+        return damage_of(map(self._between, self._losses.values()))
 
     def number(self, topic: str) -> int | None:
         """Return the number of the channel of `topic`, None if the file has none."""
@@ -89,7 +93,7 @@ class ChunkSource:
         for entry in self.structure.chunks:
             has_it = channel is None or entry.channels is None or channel in entry.channels
             unchecked = not self.structure.indexed  # then a chunk's times may be wrong
-            if has_it and (unchecked or span.meets(entry)):
+            if has_it and (unchecked or span.overlaps(entry)):
                 yield entry
 
     def contents(
@@ -99,7 +103,7 @@ class ChunkSource:
         for entry, (record, content) in self._each(chunks, lambda *good: good):
             yield entry, record, content
 
-    def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[DecodedRows | Single]]:
+    def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[MessageBlock | SingleMessage]]:
         """Yield the messages of each of `chunks` that is good; note the others."""
         for _, parts in self._each(chunks, lambda _, c: list(messages(c, self.layouts))):
             yield parts
@@ -165,7 +169,7 @@ class ChunkSource:
         after = [c.start_ns for c in good if c.offset >= loss.offset + loss.size]
         return replace(loss, from_ns=max(before, default=None), to_ns=min(after, default=None))
 
-    def _layouts(self) -> Iterator[tuple[int, MessageRows]]:
+    def _layouts(self) -> Iterator[tuple[int, MessageArray]]:
         """Yield the channels that have messages of fixed layout."""
         for number, channel in self.structure.channels.items():
             schema = self.structure.schemas.get(channel.schema_id)
@@ -176,7 +180,7 @@ class ChunkSource:
             except ValueError:
                 continue
             if record.fields:
-                yield number, MessageRows(number, BlockCodec(record))
+                yield number, MessageArray(number, BlockCodec(record))
 
 
 def _structure(path: Path) -> Structure:
@@ -188,7 +192,7 @@ def _structure(path: Path) -> Structure:
                 raise RecordError(f"{path}: is empty")
             if file.read(len(MAGIC)) != MAGIC:
                 raise RecordError(f"{path}: is not an MCAP file")
-            return read_summary(file, size) or Walk(file, size).structure()
+            return read_summary(file, size) or Salvage(file, size).structure()
     except OSError as error:
         part = part_of(path)
         hint = f"; {part} is there, not closed, and can be read" if part.exists() else ""

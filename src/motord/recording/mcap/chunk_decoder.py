@@ -8,12 +8,17 @@ import numpy as np
 from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 
-from motord.recording.chunk import CHUNK_HEAD, Index
-from motord.recording.compression import decompress
-from motord.recording.message_array import HEAD, RECORD_HEAD, MessageRows
+from motord.recording.mcap.chunk_builder import Index
+from motord.recording.mcap.compression import decompress
+from motord.recording.mcap.message_array import HEAD, MessageArray
+from motord.recording.mcap.records import RECORD_HEAD
 from motord.wire.ticks.pattern import Bytes
 
+_CHUNK_HEAD = struct.Struct("<BQQQQII")
+"""Opcode, length, first and last time, size and CRC of the content, length of the compression."""
+
 _LABEL_MAX_BYTES = 16  # of the name of a compression
+HEAD_MAX_BYTES = _CHUNK_HEAD.size + _LABEL_MAX_BYTES + 8
 
 
 class ChunkError(ValueError):
@@ -39,20 +44,17 @@ def chunk_head(record: bytes | memoryview) -> ChunkHead:
     Raises ChunkError if it contradicts itself.
     """
     try:
-        opcode, length, start_ns, end_ns, content, crc, label = CHUNK_HEAD.unpack_from(record)
+        opcode, length, start_ns, end_ns, content, crc, label = _CHUNK_HEAD.unpack_from(record)
         if opcode != Opcode.CHUNK or label > _LABEL_MAX_BYTES:
             raise ChunkError("not a chunk")
-        data = CHUNK_HEAD.size + label + 8
+        data = _CHUNK_HEAD.size + label + 8
         (compressed,) = struct.unpack_from("<Q", record, data - 8)
-        name = bytes(record[CHUNK_HEAD.size : data - 8]).decode("ascii")
+        name = bytes(record[_CHUNK_HEAD.size : data - 8]).decode("ascii")
     except (struct.error, UnicodeDecodeError) as error:
         raise ChunkError("not a chunk") from error
     if length != data - RECORD_HEAD.size + compressed:
         raise ChunkError("its lengths contradict each other")
     return ChunkHead(start_ns, end_ns, content, crc, name, data, data + compressed)
-
-
-HEAD_MAX_BYTES = CHUNK_HEAD.size + _LABEL_MAX_BYTES + 8
 
 
 def chunk_content(record: memoryview) -> memoryview:
@@ -70,11 +72,11 @@ def chunk_content(record: memoryview) -> memoryview:
 
 
 @dataclass(frozen=True)
-class DecodedRows:
-    """Messages of fixed layout one after the other: `rows` (n, size) of `layout`."""
+class MessageBlock:
+    """Messages of fixed layout in a row: `records` (n, size) of `layout`, from `offset` on."""
 
-    layout: MessageRows
-    rows: Bytes
+    layout: MessageArray
+    records: Bytes
     offset: int
 
     @property
@@ -84,14 +86,11 @@ class DecodedRows:
 
     def index(self) -> Index:
         """Return log time and offset in the chunk of every message, shape (n, 2)."""
-        index = np.empty((len(self.rows), 2), np.uint64)
-        index[:, 0] = self.layout.times_ns(self.rows)
-        index[:, 1] = np.arange(len(self.rows)) * self.layout.size + self.offset
-        return index
+        return self.layout.index(self.layout.times_ns(self.records), self.offset)
 
 
 @dataclass(frozen=True)
-class Single:
+class SingleMessage:
     """One message of any other channel."""
 
     channel: int
@@ -105,9 +104,9 @@ class Single:
 
 
 def messages(
-    content: memoryview, layouts: Mapping[int, MessageRows]
-) -> Iterator[DecodedRows | Single]:
-    """Yield the messages in a chunk in order, those of the channels in `layouts` as rows.
+    content: memoryview, layouts: Mapping[int, MessageArray]
+) -> Iterator[MessageBlock | SingleMessage]:
+    """Yield the messages in a chunk in order, those of the channels in `layouts` as blocks.
 
     Raises ChunkError for a record that does not fit, or a message that is not as its layout says.
     """
@@ -120,16 +119,16 @@ def messages(
         if end - offset < HEAD.size:
             raise ChunkError("a message in it is too short")
         _, _, channel, _, log_time_ns, _ = HEAD.unpack_from(content, offset)
-        if channel in layouts:
-            run = DecodedRows(layouts[channel], layouts[channel].run(raw[offset:]), offset)
-            if not len(run.rows):
-                name = layouts[channel].codec.record.name
-                raise ChunkError(f"a message in it is not a {name} of fixed layout")
-            yield run
-            offset += run.rows.size
-        else:
-            yield Single(channel, log_time_ns, content[offset + HEAD.size : end], offset)
+        layout = layouts.get(channel)
+        if layout is None:
+            yield SingleMessage(channel, log_time_ns, content[offset + HEAD.size : end], offset)
             offset = end
+            continue
+        records = layout.leading(raw[offset:])
+        if not len(records):
+            raise ChunkError(f"a message in it is not a {layout.codec.record.name} of fixed layout")
+        yield MessageBlock(layout, records, offset)
+        offset += records.size
 
 
 def _record(content: memoryview, offset: int) -> tuple[int, int]:

@@ -7,19 +7,17 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from motord.recording.mcap.records import RECORD_HEAD
 from motord.wire.ticks.blocks import Block, BlockCodec
 from motord.wire.ticks.pattern import Bytes, Pattern
 
 HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows, channel, sequence, log time and publish time of a message."""
 
-RECORD_HEAD = struct.Struct("<BQ")
-"""Opcode and length of any record."""
-
 _CONSTANT = struct.Struct("<BQH")
 
 
-class MessageRows:
+class MessageArray:
     """The Message records of `channel`, whose payloads `codec` makes. `size`: bytes of one."""
 
     def __init__(self, channel: int, codec: BlockCodec) -> None:
@@ -40,24 +38,31 @@ class MessageRows:
 
     def fill(self, buffer: Bytes, block: Block, times_ns: Block, sequence: Block) -> None:
         """Write `block` (n,) as records into `buffer`, n times `size` bytes."""
-        rows = buffer.reshape(-1, self.size)
-        rows[:] = self.pattern.template
-        head = rows.view(self._head)[:, 0]
+        records = buffer.reshape(-1, self.size)
+        records[:] = self.pattern.template
+        head = records.view(self._head)[:, 0]
         head["sequence"] = sequence
         head["log_time"] = times_ns
         head["publish_time"] = times_ns
-        self.codec.fill(self.payloads(rows), block)
+        self.codec.fill(self.payloads(records), block)
 
-    def run(self, content: Bytes) -> Bytes:
+    def leading(self, content: Bytes) -> Bytes:
         """Return the records of this channel that `content` starts with, shape (n, size)."""
         whole = len(content) // self.size
-        rows = content[: whole * self.size].reshape(-1, self.size)
-        return rows[: self.pattern.matching(rows)]
+        records = content[: whole * self.size].reshape(-1, self.size)
+        return records[: self.pattern.matching(records)]
 
-    def times_ns(self, rows: Bytes) -> NDArray[np.uint64]:
-        """Return the log times of `rows` (n, size), shape (n,)."""
-        return cast("NDArray[np.uint64]", rows.view(self._head)[:, 0]["log_time"])
+    def times_ns(self, records: Bytes) -> NDArray[np.uint64]:
+        """Return the log times of `records` (n, size), shape (n,)."""
+        return cast("NDArray[np.uint64]", records.view(self._head)[:, 0]["log_time"])
 
-    def payloads(self, rows: Bytes) -> Bytes:
-        """Return the messages in `rows` (n, size) without their heads, shape (n, codec.size)."""
-        return rows[:, HEAD.size :]
+    def payloads(self, records: Bytes) -> Bytes:
+        """Return the messages in `records` (n, size) without their heads, shape (n, codec.size)."""
+        return records[:, HEAD.size :]
+
+    def index(self, times_ns: Block, start: int) -> NDArray[np.uint64]:
+        """Return log time and offset of n records in a row from offset `start` on, shape (n, 2)."""
+        index = np.empty((len(times_ns), 2), np.uint64)
+        index[:, 0] = times_ns
+        index[:, 1] = np.arange(len(times_ns)) * self.size + start
+        return index

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.recorder.leftovers import Leftovers
+from motord.recorder.crash_recovery import Leftovers
 from motord.recording.errors import RecordError
-from motord.recording.mcap_file import hold, part_of
+from motord.recording.file_names import part_of
+from motord.recording.mcap.mcap_file import try_lock
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.schema import State
@@ -123,10 +124,10 @@ def test_a_bench_that_was_off_is_not_recorded_and_its_ring_removed(killed):
 
 
 def test_what_another_process_writes_is_left_to_it(killed, monkeypatch):
-    monkeypatch.setattr("motord.recorder.leftovers.WRITERS_S", 0.3)
+    monkeypatch.setattr("motord.recorder.crash_recovery.WRITERS_S", 0.3)
     part = part_of(killed.recording(300))
     descriptor = os.open(part, os.O_RDWR)
-    assert hold(descriptor)
+    assert try_lock(descriptor)
     killed.next_daemon()
     assert killed.names() == [part.name.replace(STAMP, "T")]
     assert killed.told == {}
@@ -197,7 +198,7 @@ def test_too_little_space_is_told(killed):
 
 
 def test_it_is_bounded_in_time(killed, monkeypatch):
-    monkeypatch.setattr("motord.recorder.leftovers.LIMIT_S", 0.0)
+    monkeypatch.setattr("motord.recorder.crash_recovery.LIMIT_S", 0.0)
     part = part_of(killed.recording(300))
     killed.next_daemon()
     assert killed.names() == [part.name.replace(STAMP, "T")]

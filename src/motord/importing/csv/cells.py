@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from motord.importing.dialect import Dialect, split_line, without_blank_end
+from motord.importing.csv.dialect import Dialect, split_line, without_blank_end
 from motord.importing.problems import Problems
 from motord.importing.source import MISSING_NS, WantedColumns
 

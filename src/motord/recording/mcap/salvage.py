@@ -1,7 +1,7 @@
 """The structure of a file without a valid summary: unfinished, cut off, damaged.
 
-The walk goes from record to record. Where it meets bytes that are no record it looks for the next
-chunk whose content is right, goes on from there, and notes what it skipped.
+The file is scanned from record to record. Where bytes are no record the scan goes on at the next
+chunk whose content is right, and what was skipped is noted. (The library's reader ends there.)
 """
 
 import mmap
@@ -10,14 +10,18 @@ import struct
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import DataEnd
+from mcap.records import DataEnd, Footer
 
-from motord.recording.chunk_decoder import HEAD_MAX_BYTES, ChunkError, chunk_content, chunk_head
 from motord.recording.damage import Loss
-from motord.recording.mcap_file import MAGIC
-from motord.recording.message_array import RECORD_HEAD
-from motord.recording.structure import PARSED, ChunkEntry, Structure, parse
-from motord.recording.summary import FOOTER
+from motord.recording.mcap.chunk_decoder import (
+    HEAD_MAX_BYTES,
+    ChunkError,
+    chunk_content,
+    chunk_head,
+)
+from motord.recording.mcap.records import MAGIC, PARSED, RECORD_HEAD, parse
+from motord.recording.mcap.structure import ChunkEntry, Structure
+from motord.recording.mcap.summary import FOOTER_BYTES
 
 _KNOWN = tuple(Opcode)
 _INDEX = struct.Struct("<HI")  # channel and size of a message index
@@ -33,8 +37,8 @@ class _Bad(ValueError):
     """The bytes at a place are no record."""
 
 
-class Walk:
-    """One walk through `file` of `size` bytes, which starts with the magic of MCAP."""
+class Salvage:
+    """One scan of `file` of `size` bytes, which starts with the magic of MCAP."""
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self._file = file
@@ -44,7 +48,7 @@ class Walk:
         self._finished = False
 
     def structure(self) -> Structure:
-        """Walk from the first record to the end of the file."""
+        """Scan from the first record to the end of the file."""
         place = len(MAGIC)
         while place < self._size and not self._finished:
             try:
@@ -69,12 +73,12 @@ class Walk:
             raise _Bad("cut off")
         if opcode == Opcode.CHUNK:
             self._chunk(place, head)
+        elif opcode == Opcode.FOOTER:
+            self._finish(place, length)
         elif opcode in PARSED:
             self._parsed(opcode, place, length)
         elif opcode == Opcode.MESSAGE_INDEX:
             _check_index(head[RECORD_HEAD.size :], length)
-        elif opcode == Opcode.FOOTER:
-            self._finish(place, length)
         elif opcode == Opcode.MESSAGE:
             self._structure.loose_messages = True
         return end
@@ -106,13 +110,13 @@ class Walk:
             self._structure.keep(record)
 
     def _finish(self, place: int, length: int) -> None:
-        """End the walk at a footer; what is wrong with a summary costs no messages."""
-        if length != FOOTER.size - RECORD_HEAD.size:
+        """End the scan at a footer; what is wrong with a summary costs no messages."""
+        if length != FOOTER_BYTES - RECORD_HEAD.size:
             raise _Bad("not a record")
         self._finished = True
-        _, _, summary_start, _, _ = FOOTER.unpack(self._read(place, FOOTER.size))
-        rest = self._read(place + FOOTER.size, len(MAGIC) + 1)
-        if summary_start or rest != MAGIC:
+        content = self._read(place, FOOTER_BYTES + len(MAGIC) + 1)
+        footer: Footer = parse(Opcode.FOOTER, content[RECORD_HEAD.size : FOOTER_BYTES])
+        if footer.summary_start or content[FOOTER_BYTES:] != MAGIC:
             self._lose(place, self._size - place, "the index is damaged", messages=False)
 
     def _find_chunk(self, place: int, reason: str) -> int:
@@ -135,7 +139,7 @@ class Walk:
 
 
 def _check_index(body: bytes, length: int) -> None:
-    """Raise _Bad if the sizes that a message index tells contradict each other."""
+    """Raise _Bad if the sizes in a message index contradict each other."""
     if length < _INDEX.size or _INDEX.unpack_from(body)[1] != length - _INDEX.size:
         raise _Bad("not a record")
 

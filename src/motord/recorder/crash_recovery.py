@@ -18,11 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from motord.atomic_write import sync_folder
 from motord.config import Config
 from motord.recorder.ring_source import Mark, after, mark_of
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, next_file, stem_of
-from motord.recording.mcap_file import PART, hold, sync_folder
+from motord.recording.file_names import PART, file_name, next_file, stem_of
+from motord.recording.mcap.mcap_file import try_lock
 from motord.recording.reader import open_run
 from motord.recording.recovery import METADATA_RECOVERED, recover
 from motord.recording.storage import MB
@@ -252,7 +253,7 @@ def _held(path: Path) -> Iterator[bool]:
     """Hold a file that nobody writes (True), or see that somebody does (False)."""
     descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     try:
-        yield hold(descriptor)
+        yield try_lock(descriptor)
     finally:
         os.close(descriptor)
 

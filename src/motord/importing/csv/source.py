@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.importing.csv_cells import CellReader
-from motord.importing.dialect import Dialect, detect, is_date, is_row, number
+from motord.importing.csv.cells import CellReader
+from motord.importing.csv.dialect import Dialect, detect, is_date, is_row, number
 from motord.importing.mapping import CsvMap
 from motord.importing.problems import Problems
 from motord.importing.source import RawBlock, RowClock, WantedColumns
