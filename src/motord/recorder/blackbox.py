@@ -7,7 +7,6 @@ trip and for a moment after it; then it is written as a recording like any other
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 
 from motord.config import Config, RecordingConfig
 from motord.recording.errors import RecordError
-from motord.recording.file_names import PART, part_of
+from motord.recording.file_names import PART, STAMP, part_of, stamp
 from motord.recording.writer import RunWriter
 from motord.schema import State, Trip
 from motord.shm.ring import RingReader
@@ -33,14 +32,12 @@ KIND = "blackbox"
 
 def path_of(config: Config, t_ns: int) -> Path:
     """Return the name of the black box of a trip at `t_ns` (Unix ns)."""
-    moment = datetime.fromtimestamp(t_ns / 1e9, UTC)
-    stamp = f"{moment:%Y%m%dT%H%M%S}{moment.microsecond // 1000:03d}Z"
     folder = config.recording.blackbox_directory.absolute()
-    return folder / f"blackbox-{config.bench.name}-{stamp}.mcap"
+    return folder / f"blackbox-{config.bench.name}-{stamp(t_ns)}.mcap"
 
 
 @dataclass(frozen=True)
-class BlackBoxWanted:
+class BlackBoxRequest:
     """What a box should be: file, tick of the trip (None: the newest), ticks before and after.
 
     account: what is known of the trip, with `reason` in words. events: as in a recording, each
@@ -56,8 +53,8 @@ class BlackBoxWanted:
     events: list[Mapping[str, Any]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, command: Mapping[str, Any]) -> "BlackBoxWanted":
-        """Return what a command asks for. Raises KeyError, TypeError, ValueError."""
+    def from_command(cls, command: Mapping[str, Any]) -> "BlackBoxRequest":
+        """Return the request in a command. Raises KeyError, TypeError, ValueError."""
         tick = command["tick"]
         return cls(
             path=Path(command["path"]),
@@ -70,7 +67,7 @@ class BlackBoxWanted:
         )
 
     def command(self) -> dict[str, Any]:
-        """Return what `of` reads."""
+        """Return what `from_command` reads."""
         return {**vars(self), "path": str(self.path)}
 
 
@@ -90,8 +87,8 @@ class BlackBox:
     Raises RecordError if there is no ring or nothing in it.
     """
 
-    def __init__(self, wanted: BlackBoxWanted, ring: Path, now_s: float) -> None:
-        self.wanted = wanted
+    def __init__(self, request: BlackBoxRequest, ring: Path, now_s: float) -> None:
+        self.request = request
         try:
             self._reader = RingReader(ring, "oldest")
         except SharedFileError as error:
@@ -99,8 +96,8 @@ class BlackBox:
         block, _ = self._reader.read()
         if not len(block):
             raise RecordError("no black box: the loop has not published any tick")
-        tick = int(block["tick"][-1]) if wanted.tick is None else wanted.tick
-        self._first, self._last = max(tick - wanted.ticks_before, 0), tick + wanted.ticks_after
+        tick = int(block["tick"][-1]) if request.tick is None else request.tick
+        self._first, self._last = max(tick - request.ticks_before, 0), tick + request.ticks_after
         self._blocks = [self._of_the_box(block)]
         self._deadline_s = now_s + AFTER_S + LATE_S
         self._newest = block[-1]
@@ -124,12 +121,12 @@ class BlackBox:
 
     def write(self, settings: RecordingConfig) -> None:
         """Write the file, if it is not there, and remove the oldest ones. Raises RecordError."""
-        path, ticks = self.wanted.path, np.concatenate(self._blocks)
+        path, ticks = self.request.path, np.concatenate(self._blocks)
         if path.exists():
             return
         try:
             make_room(path, settings.blackbox_keep)
-            part_of(path).unlink(missing_ok=True)  # of a recorder that was killed over it
+            part_of(path).unlink(missing_ok=True)  # of a recorder that was killed while writing it
         except OSError as error:
             raise RecordError(f"{path.parent}: {error.strerror}") from error
         try:
@@ -139,12 +136,12 @@ class BlackBox:
             raise
 
     def _write(self, path: Path, ticks: Block, settings: RecordingConfig) -> None:
-        account = {**self.wanted.account, **_causes(ticks)}
-        about = {**self.wanted.metadata, "reason": account["reason"], KIND: account}
+        account = {**self.request.account, **_causes(ticks)}
+        about = {**self.request.metadata, "reason": account["reason"], KIND: account}
         with RunWriter(
             path, about, compression=settings.compression, chunk_s=settings.chunk_s
         ) as writer:
-            for event in self.wanted.events:
+            for event in self.request.events:
                 writer.event(event["t_ns"], event["kind"], event["message"], event["data"])
             writer.event(int(account["t_ns"]), KIND, str(account["reason"]), account)
             writer.flush()
@@ -158,7 +155,7 @@ def make_room(path: Path, keep: int) -> None:
     """Remove the oldest boxes beside `path`, so that with it there are `keep`. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     bench = path.name.rpartition("-")[0]
-    pattern = re.compile(rf"{re.escape(bench)}-\d{{8}}T\d{{9}}Z\.mcap({re.escape(PART)})?")
+    pattern = re.compile(rf"{re.escape(bench)}-{STAMP}\.mcap({re.escape(PART)})?")
     boxes = sorted(p for p in path.parent.iterdir() if pattern.fullmatch(p.name))
     for old in boxes[: max(len(boxes) - keep + 1, 0)]:
         old.unlink(missing_ok=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import RecordingConfig
-from motord.recorder.blackbox import BlackBox, BlackBoxWanted
-from motord.recorder.protocol import OUTCOMES_MAX, TEXT_MAX
+from motord.recorder.blackbox import BlackBox, BlackBoxRequest
+from motord.recorder.protocol import note_outcome
 from motord.recording.errors import RecordError
 
 AT_ONCE = 3
@@ -34,15 +34,15 @@ class BlackBoxWriter:
         """True while ticks are still wanted for a box."""
         return bool(self._filling)
 
-    def ask(self, wanted: BlackBoxWanted, now_s: float, *, if_powered: bool = False) -> None:
+    def request(self, request: BlackBoxRequest, now_s: float, *, if_powered: bool = False) -> None:
         """Begin a box; with `if_powered`, only if the bench was enabled until now."""
         if len(self._filling) + len(self._writing) >= AT_ONCE:
-            self._note(wanted, f"{AT_ONCE} black boxes are still being written")
+            self._note(request, f"{AT_ONCE} black boxes are still being written")
             return
         try:
-            box = BlackBox(wanted, self._ring, now_s)
+            box = BlackBox(request, self._ring, now_s)
         except RecordError as error:
-            self._note(wanted, str(error))
+            self._note(request, str(error))
             return
         if box.powered or not if_powered:
             self._filling.append(box)
@@ -50,10 +50,10 @@ class BlackBoxWriter:
     def event(self, event: Mapping[str, Any]) -> None:
         """Add an event to the boxes that are being filled."""
         for box in self._filling:
-            box.wanted.events.append(event)
+            box.request.events.append(event)
 
     def step(self, now_s: float) -> None:
-        """Take the ticks that have come, hand full boxes to the thread, note what it has done."""
+        """Take the ticks that have come, write full boxes, note which are written."""
         for box in [box for box in self._filling if box.complete(now_s)]:
             self._filling.remove(box)
             self._write(box)
@@ -75,11 +75,9 @@ class BlackBoxWriter:
         try:
             future.result()
         except RecordError as error:
-            self._note(box.wanted, str(error))
+            self._note(box.request, str(error))
         else:
-            self._note(box.wanted, "")
+            self._note(box.request, "")
 
-    def _note(self, wanted: BlackBoxWanted, outcome: str) -> None:
-        self.outcomes[str(wanted.path)] = outcome[:TEXT_MAX]
-        while len(self.outcomes) > OUTCOMES_MAX:
-            del self.outcomes[next(iter(self.outcomes))]
+    def _note(self, request: BlackBoxRequest, outcome: str) -> None:
+        note_outcome(self.outcomes, request.path, outcome)

@@ -1,7 +1,7 @@
-"""What a bench that was killed left behind: its ring is recorded, its recordings are closed.
+"""Recovery after a kill: the ring of the killed bench is recorded, its recordings are closed.
 
-Done once by the recorder of the next daemon, in a thread beside its work. What was begun since the
-daemon started, and what another process still writes, is left alone.
+Done once by the recorder of the next daemon, in a thread. What was begun since the daemon started,
+and what another process still writes, is left alone.
 """
 
 import os
@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 
@@ -20,9 +19,18 @@ import numpy as np
 
 from motord.atomic_write import sync_folder
 from motord.config import Config
-from motord.recorder.ring_source import Mark, after, mark_of
+from motord.recorder.ring_source import Mark, after, mark_of, places
 from motord.recording.errors import RecordError
-from motord.recording.file_names import PART, file_name, next_file, stem_of
+from motord.recording.file_names import (
+    PART,
+    STAMP,
+    file_name,
+    next_file,
+    part_of,
+    stamp,
+    stem_of,
+    whole_of,
+)
 from motord.recording.mcap.mcap_file import try_lock
 from motord.recording.reader import open_run
 from motord.recording.recovery import METADATA_RECOVERED, recover
@@ -42,30 +50,33 @@ LOOK_S = 0.1
 BEFORE_S = 2.0
 NEWEST = 8
 """Recordings that are looked at for where the ticks of a ring begin to be missing."""
-_STAMP = r"\d{8}T\d{9}Z"
 
-Told = Callable[[Path, str], None]
+Report = Callable[[Path, str], None]
 """Called with a file and what became of it."""
 
 
-class Leftovers:
-    """Looks after the leftovers of the bench of `config` in a thread; `tell` is called from it.
+class CrashRecovery:
+    """Recovers what the bench of `config` left, in a thread; `report` is called from it.
 
     `describe` gives the metadata of a recording that has no predecessor.
     """
 
     def __init__(
-        self, config: Config, run_dir: RunDir, describe: Callable[[], dict[str, object]], tell: Told
+        self,
+        config: Config,
+        run_dir: RunDir,
+        describe: Callable[[], dict[str, object]],
+        report: Report,
     ) -> None:
         self._config = config
         self._run_dir = run_dir
         self._describe = describe
-        self._tell = tell
+        self._report = report
         self._stopping = threading.Event()
         self._end_s = 0.0
         self._since_s = _started_s(run_dir)
         self._parts = list(self._unfinished())
-        self._thread = threading.Thread(target=self.run, name="leftovers", daemon=True)
+        self._thread = threading.Thread(target=self.run, name="recovery", daemon=True)
 
     def start(self) -> None:
         """Begin, if there is anything."""
@@ -79,19 +90,19 @@ class Leftovers:
             self._thread.join()
 
     def run(self) -> None:
-        """Look after all there is."""
+        """Recover all there is."""
         self._wait_for_writers()
         self._end_s = time.monotonic() + LIMIT_S
         for ring in self._run_dir.left_rings():
-            self._told(ring, partial(self._record_ring, ring))
+            self._recover(ring, partial(self._record_ring, ring))
         for part in self._parts:
             if self._go_on() and part.exists():
-                self._told(part, partial(self._close, part))
+                self._recover(part, partial(self._close, part))
 
     def _go_on(self) -> bool:
         return not self._stopping.is_set() and time.monotonic() < self._end_s
 
-    def _told(self, path: Path, action: Callable[[], str]) -> None:
+    def _recover(self, path: Path, action: Callable[[], str]) -> None:
         try:
             outcome = action()
         except RecordError as error:
@@ -99,15 +110,15 @@ class Leftovers:
         except OSError as error:
             outcome = f"left as it is: {error.strerror or error}"
         if outcome:
-            self._tell(path, outcome)
+            self._report(path, outcome)
             self._stopping.wait(LOOK_S)  # so that each is reported
 
     def _unfinished(self) -> Iterator[Path]:
         """Yield the files of this bench that were not closed, none of this daemon's."""
         bench, settings = re.escape(self._config.bench.name), self._config.recording
         names = (
-            (settings.directory, rf"{bench}-{_STAMP}.*-\d{{3,}}\.mcap{re.escape(PART)}"),
-            (settings.blackbox_directory, rf"blackbox-{bench}-{_STAMP}\.mcap{re.escape(PART)}"),
+            (settings.directory, rf"{bench}-{STAMP}.*-\d{{3,}}\.mcap{re.escape(PART)}"),
+            (settings.blackbox_directory, rf"blackbox-{bench}-{STAMP}\.mcap{re.escape(PART)}"),
         )
         for folder, pattern in names:
             if folder.is_dir():
@@ -127,18 +138,18 @@ class Leftovers:
     def _close(self, part: Path) -> str:
         """Give an unfinished file its name; return what became of it."""
         final, closing = whole_of(part), whole_of(part).with_suffix(".closing.mcap")
-        with _held(part) as free:
-            if not free:
-                return ""  # somebody writes it, and will close it
+        with _locked(part) as locked:
+            if not locked:
+                return ""  # another process writes it, and will close it
             if final.exists():
                 if not open_run(final).source.structure.metadata.get(METADATA_RECOVERED):
                     return f"left as it is: {final.name} is there, too"
-                part.unlink()  # it was closed, and its closer killed
+                part.unlink()  # it was closed, and the recovery was killed
                 return ""
             needed = part.stat().st_size + self._config.recording.free_min_MB * MB
             if shutil.disk_usage(part.parent).free < needed:
                 return "left as it is: too little space to close it"
-            closing.with_name(closing.name + PART).unlink(missing_ok=True)
+            part_of(closing).unlink(missing_ok=True)
             closing.unlink(missing_ok=True)
             recovery = recover(part, closing, self._go_on)
             closing.rename(final)
@@ -167,13 +178,13 @@ class Leftovers:
     def _last_recorded(self, block: Block) -> "_Recorded | None":
         """Return the newest tick of `block` that is in a recording, and in which."""
         folder = self._config.recording.directory.absolute()
-        bench = re.compile(rf"{re.escape(self._config.bench.name)}-{_STAMP}")
+        bench = re.compile(rf"{re.escape(self._config.bench.name)}-{STAMP}")
         files = [p for p in folder.glob("*.mcap*") if folder.is_dir() and bench.match(p.name)]
         files = sorted(files, key=lambda path: path.stat().st_mtime_ns, reverse=True)[:NEWEST]
         found = []
         for path in files:
             mark = mark_of(path)
-            if mark is not None and bool(np.any(_same(block, mark))):
+            if mark is not None and places(block, mark).size:
                 found.append(_Recorded(path, mark))
         return max(found, key=lambda recorded: recorded.mark.tick, default=None)
 
@@ -197,9 +208,7 @@ class Leftovers:
         about: dict[str, object] = self._describe()
         if last is not None and last.path.name.endswith(PART):
             stem, about = stem_of(whole_of(last.path)), dict(open_run(last.path).metadata)
-        moment = datetime.fromtimestamp(t_ns / 1e9, UTC)
-        stamp = f"{moment:%Y%m%dT%H%M%S}{moment.microsecond // 1000:03d}Z"
-        own = folder / f"{name}-{stamp}-recovered"
+        own = folder / f"{name}-{stamp(t_ns)}-recovered"
         path = next_file(stem) if stem is not None else file_name(own, 0)
         settings = self._config.recording
         with RunWriter(
@@ -230,16 +239,6 @@ class _Missing:
     lost: int = 0
 
 
-def whole_of(part: Path) -> Path:
-    """Return the name that an unfinished file is to have."""
-    return part.with_name(part.name.removesuffix(PART))
-
-
-def _same(block: Block, mark: Mark) -> Block:
-    found: Block = (block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns)
-    return found
-
-
 def _started_s(run_dir: RunDir) -> float:
     """Return when the daemon took its lock, Unix seconds; 0 without a daemon."""
     try:
@@ -249,8 +248,8 @@ def _started_s(run_dir: RunDir) -> float:
 
 
 @contextmanager
-def _held(path: Path) -> Iterator[bool]:
-    """Hold a file that nobody writes (True), or see that somebody does (False)."""
+def _locked(path: Path) -> Iterator[bool]:
+    """Lock a file that nobody writes (True); False if another process writes it."""
     descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     try:
         yield try_lock(descriptor)
@@ -260,14 +259,14 @@ def _held(path: Path) -> Iterator[bool]:
 
 def _being_written(path: Path) -> bool:
     try:
-        with _held(path) as free:
-            return not free
+        with _locked(path) as locked:
+            return not locked
     except OSError:
         return False
 
 
 def _being_filled(ring: Path) -> bool:
-    """Tell whether a loop publishes in a ring: two looks a moment apart."""
+    """Return whether a loop publishes in a ring: two looks a moment apart."""
     try:
         reader = RingReader(ring, "now")
     except SharedFileError:

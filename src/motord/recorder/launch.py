@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from motord.recorder.blackbox import BlackBoxWanted
+from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import MessageReader, RecorderReport
 from motord.recording.json_encoding import to_line
@@ -93,9 +93,9 @@ class RecorderLink:
         """Record a metadata record, as in `motord.latency`."""
         self._send({"do": "metadata", "name": name, "content": values})
 
-    def blackbox(self, wanted: BlackBoxWanted) -> None:
+    def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, beside any recording."""
-        self._send({"do": "blackbox", **wanted.command()})
+        self._send({"do": "blackbox", **request.command()})
 
     def blackbox_event(self, event: Mapping[str, Any]) -> None:
         """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""

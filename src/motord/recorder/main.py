@@ -1,7 +1,7 @@
 """The recorder process: drains the tick ring into MCAP files, apart from the loop.
 
 `python -m motord.recorder.main --config FILE --dir RUNDIR`: commands come as lines of JSON on
-stdin (`Session.handle`), reports go as lines of JSON to stdout (`Session.report`). When SIGTERM
+stdin (`commands.handle`), reports go as lines of JSON to stdout (`Session.report`). When SIGTERM
 comes, it takes what the loop still writes, closes the file and ends; when stdin ends, because the
 supervisor died, it follows the loop until that has ramped down and ended.
 """
@@ -17,8 +17,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from motord.config import Config, ConfigError, load
-from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxWanted, path_of
-from motord.recorder.crash_recovery import Leftovers
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
+from motord.recorder.commands import handle
+from motord.recorder.crash_recovery import CrashRecovery
 from motord.recorder.launch import BACKLOG_MAX_BYTES
 from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
 from motord.recorder.session import Session
@@ -32,6 +33,9 @@ DRAIN_S = 0.05
 
 REPORT_S = 0.5
 """Time between two reports, if nothing happens."""
+
+REPORTED_AT_ONCE = ("recording", "file", "lost", "error", "obstacle", "blackboxes", "leftovers")
+"""Fields of a report whose change is reported without delay."""
 
 READS_AT_ONCE = 64
 COMMAND_MAX_BYTES = BACKLOG_MAX_BYTES
@@ -55,14 +59,13 @@ class Reporter:
         self._last: tuple[object, ...] = ()
         self._due_s = 0.0
 
-    def tell(self, report: dict[str, object], now_s: float) -> None:
-        """Write `report` if it is time for one, or something other than its numbers changed."""
+    def write(self, report: dict[str, object], now_s: float) -> None:
+        """Write `report` if one is due, or if one of `REPORTED_AT_ONCE` changed."""
         self._lines.flush()
-        told = ("recording", "file", "lost", "error", "obstacle", "blackboxes", "leftovers")
-        essence = tuple(report.get(key) for key in told)
-        if self._lines.waiting or (essence == self._last and now_s < self._due_s):
+        state = tuple(report.get(key) for key in REPORTED_AT_ONCE)
+        if self._lines.waiting or (state == self._last and now_s < self._due_s):
             return
-        self._last, self._due_s = essence, now_s + REPORT_S
+        self._last, self._due_s = state, now_s + REPORT_S
         self._lines.write(to_line(report))
 
 
@@ -83,13 +86,13 @@ def run(
     while True:
         now_s = clock_s()
         for line in _all_of(commands):
-            session.handle(line, now_s)
+            handle(session, line, now_s)
         ticks_came = session.step(now_s)
-        reporter.tell(session.report(), now_s)
+        reporter.write(session.report(), now_s)
         if end_s is None and (stopping() or commands.ended):
             end_s = now_s + LAST_TICKS_S
             if not stopping():
-                session.stay()
+                session.stop_following()
                 on_orphaned(now_s)
         if end_s is not None and ticks_came and not stopping():
             end_s = now_s + LAST_TICKS_S
@@ -98,7 +101,7 @@ def run(
         wait(DRAIN_S)
     session.close("asked to stop" if stopping() else "the supervisor ended", clock_s())
     session.boxes.finish()
-    reporter.tell(session.report(), clock_s())
+    reporter.write(session.report(), clock_s())
 
 
 def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int = 1) -> int:
@@ -109,8 +112,8 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         config = load(options.config)
         run_dir = RunDir.at(options.dir)
         session = Session(run_dir.ring, config.recording)
-        leftovers = Leftovers(
-            config, run_dir, lambda: _metadata(config, options.config), session.leave
+        recovery = CrashRecovery(
+            config, run_dir, lambda: _metadata(config, options.config), session.note_recovered
         )
         if options.out is not None:
             session.start(options.out, _metadata(config, options.config), time.monotonic())
@@ -123,16 +126,16 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
     for descriptor in (commands, reports):
         os.set_blocking(descriptor, False)
     lines = LineReader(commands, COMMAND_MAX_BYTES)
-    leftovers.start()
+    recovery.start()
     run(
         session,
         lines,
         Reporter(reports),
         lambda: bool(stopped),
         lambda wait_s: _wait(commands, lines, wait_s),
-        on_orphaned=lambda now_s: _box_of_the_daemons_end(session, config, options.config, now_s),
+        on_orphaned=lambda now_s: _record_daemon_death(session, config, options.config, now_s),
     )
-    leftovers.stop()
+    recovery.stop()
     return 0
 
 
@@ -158,7 +161,7 @@ def _metadata(config: Config, path: Path) -> dict[str, object]:
     return describe(config, path.read_text(encoding="utf-8"))
 
 
-def _box_of_the_daemons_end(session: Session, config: Config, path: Path, now_s: float) -> None:
+def _record_daemon_death(session: Session, config: Config, path: Path, now_s: float) -> None:
     """Keep what led to the daemon's death, if it left the bench enabled."""
     now_ns = time.time_ns()
     account = {
@@ -167,15 +170,15 @@ def _box_of_the_daemons_end(session: Session, config: Config, path: Path, now_s:
         "action": "look into the system's log for what ended it (out of memory, kill -9, a crash)",
         "t_ns": now_ns,
     }
-    box = BlackBoxWanted(
+    box = BlackBoxRequest(
         path=path_of(config, now_ns),
         tick=None,
         ticks_before=round(BEFORE_S * config.loop.rate_Hz),
         ticks_after=round(AFTER_S * config.loop.rate_Hz),
-        metadata={**_metadata(config, path), **session.about},
+        metadata={**_metadata(config, path), **session.metadata},
         account=account,
     )
-    session.boxes.ask(box, now_s, if_powered=True)
+    session.boxes.request(box, now_s, if_powered=True)
 
 
 def _all_of(commands: LineReader) -> Iterator[bytes]:

@@ -3,6 +3,7 @@
 Whatever else comes out of a child's pipe is counted and left out. Nothing here waits or raises.
 """
 
+from pathlib import Path
 from typing import Annotated, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -12,7 +13,7 @@ from motord.recorder.pipe_lines import LineReader
 TEXT_MAX = 16_384
 """Characters of a path or of an error; the recorder cuts off the rest."""
 OUTCOMES_MAX = 8
-"""Black boxes, or files that were closed after a kill, of which a report tells the outcome."""
+"""Black boxes, or files that were closed after a kill, whose outcome a report has."""
 
 RATE_PER_S = 200.0
 BURST = 2000.0
@@ -53,11 +54,18 @@ class RecorderReport(Message):
     leftovers: Outcomes = {}
 
 
+def note_outcome(outcomes: dict[str, str], path: Path, outcome: str) -> None:
+    """Add what became of `path` within the bounds of a report: the newest ones, cut off."""
+    outcomes[str(path)[:TEXT_MAX]] = outcome[:TEXT_MAX]
+    while len(outcomes) > OUTCOMES_MAX:
+        del outcomes[next(iter(outcomes))]
+
+
 M = TypeVar("M", bound=Message)
 
 
 class Allowance:
-    """How much may come: `rate_per_s` for ever, `burst` at once (a token bucket). Times are ns."""
+    """A token bucket: `rate_per_s` for ever, `burst` at once. Times are ns."""
 
     def __init__(self, rate_per_s: float = RATE_PER_S, burst: float = BURST) -> None:
         self._rate_per_s = rate_per_s
@@ -66,7 +74,7 @@ class Allowance:
         self._at_ns: int | None = None
 
     def spend(self, amount: float, now_ns: int) -> bool:
-        """Take `amount` and return True, or leave it and return False if that is more than may."""
+        """Take `amount` and return True; False, and take nothing, if there is not so much."""
         passed_s = (now_ns - (self._at_ns if self._at_ns is not None else now_ns)) / 1e9
         self._at_ns = now_ns
         self._left = min(self._burst, self._left + passed_s * self._rate_per_s)

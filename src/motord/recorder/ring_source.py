@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, newest_others, numbers, part_of
@@ -77,7 +78,7 @@ def mark_of(path: Path) -> Mark | None:
     return Mark.of(last[0])
 
 
-class Feed:
+class RingSource:
     """Reads the ring at `path`, which may not be there yet, and follows it to its successors.
 
     Ticks come from the moment of construction on ("now"), or from the oldest that the ring holds:
@@ -101,7 +102,7 @@ class Feed:
         self._mark = mark
         self._others = others
         self._new_ring = False
-        self._staying = False
+        self._following = True
         self.problem = ""
         self._reader = self._attach(start)
 
@@ -109,27 +110,27 @@ class Feed:
     def over(self) -> bool:
         """True if no more ticks will come, as the loop says or for want of one, and all are read.
 
-        Where the feed stays at its ring, another that takes its place means the same.
+        Once it stops following, a ring that takes the place of this one means the same.
         """
         reader = self._reader
         if reader is None:
-            return self._staying
-        ended = reader.closed or (self._staying and reader.superseded())
+            return not self._following
+        ended = reader.closed or (not self._following and reader.superseded())
         return ended and reader.backlog == 0
 
-    def stay(self) -> None:
-        """Read this ring to its end and no other: its successors are somebody else's."""
-        self._staying = True
+    def stop_following(self) -> None:
+        """Read this ring to its end and no other: its successors are another recorder's."""
+        self._following = False
 
     def read(self) -> RingPiece:
         """Return the ticks that have come since the last call, perhaps none."""
-        if self._reader is None and not self._staying:
-            self._reader = self._attach("oldest")  # younger than this feed: all of it is wanted
+        if self._reader is None and self._following:
+            self._reader = self._attach("oldest")  # younger than this source: all of it is wanted
         if self._reader is None:
             return RingPiece(np.empty(0, TICK_DTYPE))
         superseded = self._reader.superseded()  # asked first, so that no last tick is left behind
         block, lost = self._reader.read()
-        if superseded and not len(block) and not self._staying:
+        if superseded and not len(block) and self._following:
             successor = self._attach("oldest")
             if successor is not None:
                 self._reader, self._new_ring = successor, True
@@ -152,7 +153,7 @@ class Feed:
         self._new_ring, self._mark = False, None
         others, self._others = self._others, ()
         if mark is None:
-            mark = next((other for other in others if _is_in(block, other).any()), None)
+            mark = next((other for other in others if places(block, other).size), None)
         if mark is None:
             fresh, missing = self._from_first(block)
             return RingPiece(fresh, lost + missing, new_ring=new_ring)
@@ -166,7 +167,7 @@ class Feed:
 
     def _from_first(self, block: Block) -> tuple[Block, int]:
         """Return the ticks from the first that is wanted on, and how many of them are gone."""
-        known = [mark.tick + 1 for mark in self._recorded if _is_in(block, mark).any()]
+        known = [mark.tick + 1 for mark in self._recorded if places(block, mark).size]
         first = max([self._first_tick, *known])
         fresh = block[block["tick"] >= first]
         if not first or not len(fresh):
@@ -178,17 +179,16 @@ class Feed:
         return fresh, max(0, oldest - first) if overwritten else 0
 
 
-def _is_in(block: Block, mark: Mark) -> Block:
-    """Return which ticks of `block` (n,) are the one of `mark`."""
-    found: Block = (block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns)
-    return found
+def places(block: Block, mark: Mark) -> NDArray[np.intp]:
+    """Return the indexes of the tick of `mark` in `block` (n,): one, or none."""
+    return np.flatnonzero((block["tick"] == mark.tick) & (block["t_ns"] == mark.t_ns))
 
 
 def after(block: Block, mark: Mark) -> tuple[Block, int]:
     """Return the ticks of `block` that come after `mark`, and how many between are lost."""
-    same = _is_in(block, mark)
-    if same.any():
-        return block[int(np.argmax(same)) + 1 :], 0
+    same = places(block, mark)
+    if same.size:
+        return block[int(same[0]) + 1 :], 0
     fresh = block[block["t_ns"] > mark.t_ns]
     if not len(fresh):
         return fresh, 0

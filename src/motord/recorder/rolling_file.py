@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from motord.config import RecordingConfig
+from motord.recorder.ring_source import RingPiece
 from motord.recording.errors import RecordError
 from motord.recording.file_names import next_file, part_of
 from motord.recording.storage import MB, free_bytes, too_little_space
@@ -80,6 +81,16 @@ class RollingFile:
         if self._write(lambda: self._writer.ticks(block)):
             self.tally.ticks += len(block)
 
+    def take(self, piece: RingPiece, now_s: float, ended_by: str = "") -> None:
+        """Write a piece of the ring and do what is due.
+
+        `ended_by`: why the recording ended before this piece, if it is begun again with it.
+        """
+        if len(piece.block):
+            self._announce(piece, ended_by)
+        self.ticks(piece.block, piece.lost)
+        self.step(now_s)
+
     def event(
         self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
     ) -> None:
@@ -112,6 +123,23 @@ class RollingFile:
         if self._write(lambda: self._writer.close({"reason": reason})):
             self.open, self._closed = False, True
         self._count_bytes()
+
+    def _announce(self, piece: RingPiece, ended_by: str) -> None:
+        """Write events for what the ticks of `piece` do not say themselves."""
+        t_ns, tick = int(piece.block["t_ns"][0]), int(piece.block["tick"][0])
+        data = {"tick_after": tick, "lost": piece.lost}
+        if ended_by:
+            message = (
+                f"recorded again from tick {tick} on, {piece.lost} ticks lost, after: {ended_by}"
+            )
+            self.event(t_ns, "recording_resumed", message, {"reason": ended_by, **data})
+        elif piece.resumed is not None:
+            before = piece.resumed.tick
+            message = f"the recorder was started again: tick {tick} follows tick {before}"
+            self.event(t_ns, "recorder_restarted", message, {"tick_before": before, **data})
+        if piece.new_ring:
+            message = f"the loop was started again: its counter begins anew with tick {tick}"
+            self.event(t_ns, "loop_restarted", message, {"tick_after": tick})
 
     def _make_folder(self) -> None:
         try:

@@ -14,8 +14,9 @@ from motord import config
 from motord.cli.record import app
 from motord.config import RecordingConfig
 from motord.recorder import blackbox
-from motord.recorder.blackbox import AFTER_S, LATE_S, BlackBoxWanted, path_of
+from motord.recorder.blackbox import AFTER_S, LATE_S, BlackBoxRequest, path_of
 from motord.recorder.blackbox_writer import AT_ONCE
+from motord.recorder.commands import handle
 from motord.recorder.protocol import OUTCOMES_MAX
 from motord.recorder.session import Session
 from motord.recording.file_names import part_of
@@ -55,15 +56,15 @@ class Bench:
 
     def ask(self, tick: int | None, before: int = 100, after: int = 30, number: int = 0) -> Path:
         path = self.path(number)
-        wanted = BlackBoxWanted(path, tick, before, after, METADATA, ACCOUNT)
+        wanted = BlackBoxRequest(path, tick, before, after, METADATA, ACCOUNT)
         line = json.dumps({"do": "blackbox", **wanted.command()}).encode()
-        self.session.handle(line, self.now_s)
+        handle(self.session, line, self.now_s)
         return path
 
     def tell(self, message: str) -> None:
         content = {"kind": "state", "message": message, "data": {}}
         command = {"do": "blackbox_event", "t_ns": START_NS, "content": content}
-        self.session.handle(json.dumps(command).encode(), self.now_s)
+        handle(self.session, json.dumps(command).encode(), self.now_s)
 
     def step(self, seconds: float = 0.05) -> None:
         self.now_s += seconds
@@ -119,7 +120,7 @@ def test_a_box_reaches_back_as_far_as_the_ring(bench):
 def test_a_recording_under_way_has_every_tick_all_the_same(bench, tmp_path):
     bench.loop(10)
     start = {"do": "start", "out": str(tmp_path / "day"), "metadata": METADATA}
-    bench.session.handle(json.dumps(start).encode(), bench.now_s)
+    handle(bench.session, json.dumps(start).encode(), bench.now_s)
     for _ in range(5):
         bench.loop(50)
         bench.step()
@@ -233,9 +234,9 @@ def test_while_the_disk_stalls_memory_is_bounded_and_what_is_left_out_is_told(be
 
 def test_malformed_commands_show_in_the_report(bench):
     bench.loop(10)
-    bench.session.handle(b'{"do": "blackbox", "path": "x"}', 0.0)
+    handle(bench.session, b'{"do": "blackbox", "path": "x"}', 0.0)
     assert "not understood" in bench.session.report()["error"]
-    bench.session.handle(b'{"do": "blackbox_event", "t_ns": 1, "content": {}}', 0.0)
+    handle(bench.session, b'{"do": "blackbox_event", "t_ns": 1, "content": {}}', 0.0)
     assert "not understood" in bench.session.report()["error"]
 
 
@@ -251,8 +252,8 @@ def test_malformed_commands_show_in_the_report(bench):
 )
 def test_when_the_daemon_dies_a_box_is_kept_if_the_bench_was_enabled(bench, state, first, written):
     bench.loop(150, state, first)
-    wanted = BlackBoxWanted(bench.path(), None, 100, 0, METADATA, ACCOUNT)
-    bench.session.boxes.ask(wanted, bench.now_s, if_powered=True)
+    wanted = BlackBoxRequest(bench.path(), None, 100, 0, METADATA, ACCOUNT)
+    bench.session.boxes.request(wanted, bench.now_s, if_powered=True)
     bench.session.boxes.finish()
     assert bench.path().exists() == written
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.recorder.crash_recovery import Leftovers
+from motord.recorder.crash_recovery import CrashRecovery
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of
 from motord.recording.mcap.mcap_file import try_lock
@@ -58,10 +58,10 @@ class Killed:
             self.look_after()
 
     def look_after(self) -> None:
-        leftovers = Leftovers(self.config, self.run_dir, lambda: {"bench": "anew"}, self._tell)
-        leftovers._since_s += 1e6  # whatever the clock of the file system
-        leftovers._parts = list(leftovers._unfinished())
-        leftovers.run()
+        recovery = CrashRecovery(self.config, self.run_dir, lambda: {"bench": "anew"}, self._tell)
+        recovery._since_s += 1e6  # whatever the clock of the file system
+        recovery._parts = list(recovery._unfinished())
+        recovery.run()
 
     def _tell(self, path: Path, outcome: str) -> None:
         self.told[path.name] = outcome
@@ -140,13 +140,13 @@ def test_what_this_daemon_has_begun_and_other_benches_are_none_of_its_business(k
     killed.recording(10)
     (killed.folder / f"simulated-{STAMP}-000.mcap.part").write_bytes(b"x")
     with killed.run_dir.hold():
-        leftovers = Leftovers(killed.config, killed.run_dir, dict, killed._tell)
-        assert leftovers._parts == [part_of(killed.folder / f"sim-{STAMP}-000.mcap")]
+        recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)
+        assert recovery._parts == [part_of(killed.folder / f"sim-{STAMP}-000.mcap")]
         young = part_of(killed.recording(10, number=1))
         os.utime(young, (2e9, 2e9))
-        leftovers = Leftovers(killed.config, killed.run_dir, dict, killed._tell)
-        assert young not in leftovers._parts
-    assert Leftovers(killed.config, killed.run_dir, dict, killed._tell)._parts == []
+        recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)
+        assert young not in recovery._parts
+    assert CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)._parts == []
 
 
 @pytest.mark.parametrize("at", ["copied", "named"])
@@ -202,9 +202,9 @@ def test_it_is_bounded_in_time(killed, monkeypatch):
     part = part_of(killed.recording(300))
     killed.next_daemon()
     assert killed.names() == [part.name.replace(STAMP, "T")]
-    leftovers = Leftovers(killed.config, killed.run_dir, dict, killed._tell)
+    recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)
     with pytest.raises(RecordError, match="in the time"):
-        leftovers._close(part)
+        recovery._close(part)
     assert killed.names() == [part.name.replace(STAMP, "T")]
 
 

@@ -67,11 +67,11 @@ def test_lines_come_whole_whatever_the_pieces(pipe):
 def test_a_report_is_written_when_something_changes_or_it_is_time(pipe):
     reporter, reports = Reporter(pipe[1]), LineReader(pipe[0])
     report: dict[str, object] = {"recording": True, "file": "a", "lost": 0, "error": "", "ticks": 1}
-    reporter.tell(report, 10.0)
-    reporter.tell({**report, "ticks": 2}, 10.1)
+    reporter.write(report, 10.0)
+    reporter.write({**report, "ticks": 2}, 10.1)
     assert [json.loads(r)["ticks"] for r in reports.read()] == [1]
-    reporter.tell({**report, "ticks": 3}, 10.6)
-    reporter.tell({**report, "ticks": 4, "lost": 5}, 10.7)
+    reporter.write({**report, "ticks": 3}, 10.6)
+    reporter.write({**report, "ticks": 4, "lost": 5}, 10.7)
     assert [json.loads(r)["ticks"] for r in reports.read()] == [3, 4]
 
 
@@ -79,9 +79,9 @@ def test_a_supervisor_that_does_not_read_or_is_gone_does_not_matter(pipe):
     reporter = Reporter(pipe[1])
     report: dict[str, object] = {"recording": True, "error": "x" * 4000}
     for i in range(50):
-        reporter.tell(report, float(i))
+        reporter.write(report, float(i))
     os.close(pipe[0])
-    reporter.tell(report, 100.0)
+    reporter.write(report, 100.0)
 
 
 def test_reports_of_more_than_a_page_come_whole_or_not_at_all(pipe):
@@ -89,7 +89,7 @@ def test_reports_of_more_than_a_page_come_whole_or_not_at_all(pipe):
     came = []
     for i in range(200):
         report: dict[str, object] = {"recording": True, "error": "x" * 16_000, "ticks": i}
-        reporter.tell(report, float(i))
+        reporter.write(report, float(i))
         if i % 7 == 0:  # now and then the supervisor looks
             came += [report.ticks for report in received.read(i * 10**9)]
     assert received.bad == 0

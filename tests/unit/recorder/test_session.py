@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config import RecordingConfig
+from motord.recorder.commands import handle
 from motord.recorder.ring_source import Mark, last_mark
 from motord.recorder.rolling_file import RollingFile
 from motord.recorder.session import Session
@@ -62,7 +63,7 @@ class Bench:
         self.session.settle()
 
     def do(self, **command: Any) -> None:
-        self.session.handle(json.dumps(command).encode(), self.now_s)
+        handle(self.session, json.dumps(command).encode(), self.now_s)
 
     def start(self, **more: Any) -> None:
         self.do(do="start", out=str(self.stem), metadata=METADATA, **more)
@@ -219,7 +220,7 @@ def test_a_command_that_makes_no_sense_is_reported_and_harms_nothing(bench, line
     bench.start()
     bench.loop(5)
     if b"metadata" not in line:
-        bench.session.handle(line, bench.now_s)
+        handle(bench.session, line, bench.now_s)
         bench.do(do="event", t_ns="x", content={"kind": "k", "message": "m"})
         assert "command not understood" in bench.report()["error"]
         assert bench.report()["recording"]

@@ -9,7 +9,7 @@ from typing import Any
 
 from motord.api.messages import Event
 from motord.config import Config
-from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxWanted, path_of
+from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
 from motord.schema import State
@@ -35,7 +35,7 @@ class BlackBoxTrigger:
         self._events = events
         self._about = about
         self._link: RecorderLink | None = None
-        self._asked: dict[str, BlackBoxWanted] = {}
+        self._asked: dict[str, BlackBoxRequest] = {}
         self._unix_ns = unix_ns
 
     def trip(self, t_ns: int, tick: int, account: Mapping[str, Any]) -> str:
@@ -96,7 +96,7 @@ class BlackBoxTrigger:
             for event in self._events.recent()
             if t_ns - round(BEFORE_S * 1e9) <= event.t_ns <= t_ns
         ]
-        wanted = BlackBoxWanted(
+        wanted = BlackBoxRequest(
             path=path_of(self._config, t_ns),
             tick=tick,
             ticks_before=round(BEFORE_S * rate_Hz),
