@@ -12,7 +12,7 @@ from motord.cli.console import fail, plain_console, print_json, text_column
 
 if TYPE_CHECKING:
     from motord.importing import Imported
-    from motord.importing.convert import Progress
+    from motord.importing.survey import Progress
 
 QUIET_S = 2.0
 """Time after which progress is shown."""

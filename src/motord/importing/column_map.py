@@ -1,4 +1,4 @@
-"""Which column of a source becomes what: the map applied to the columns that there are."""
+"""The map file applied to the columns of a source: which column becomes which field of a tick."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from motord.importing.mapping import IN_OTHER_UNITS, SET_POINTS, TIME_S, Column, ImportMap, SplitMap
-from motord.importing.source import RowClock, RowSource, WantedColumns, find, locate, suggestion
+from motord.importing.source import RowClock, RowSource, WantedColumn, find, locate, suggestion
 from motord.recording.errors import RecordError
 
 LARGEST = 1e30
@@ -18,12 +18,12 @@ TURNS_MAX = 1e9
 NOT_VALUES = (TIME_S, "t_ns")
 
 
-class Wiring:
+class ColumnMap:
     """Columns of `source` for `mapping` and an encoder of `counts`.
 
-    time_field: t_s, t_ns, or "" where the number of a row tells its time (`clock`). position_field:
-    encoder_count or angle_rad. fields: what else becomes a field of a tick; by: names whose values
-    split the recording. Raises RecordError for columns that there are not.
+    time_field: t_s, t_ns, or "" where the time follows from the number of a row (`clock`).
+    position_field: encoder_count or angle_rad. fields: what else becomes a field of a tick; by:
+    names whose values split the recording. Raises RecordError for columns that there are not.
     """
 
     def __init__(self, source: RowSource, mapping: ImportMap, counts: int) -> None:
@@ -48,18 +48,18 @@ class Wiring:
         self.clock = self._clock(mapping)
         self.time_is_whole = self._time_is_whole()
 
-    def wanted(self, names: Sequence[str]) -> list[WantedColumns]:
+    def wanted(self, names: Sequence[str]) -> list[WantedColumn]:
         """Return the columns to read: time, where there is one, position, and `names`."""
         time = (
-            [WantedColumns(self._columns[self.time_field][0], self.time_is_whole)]
+            [WantedColumn(self._columns[self.time_field][0], self.time_is_whole)]
             if self.timed
             else []
         )
-        return [*time, *(WantedColumns(self._columns[n][0]) for n in (self.position_field, *names))]
+        return [*time, *(WantedColumn(self._columns[n][0]) for n in (self.position_field, *names))]
 
     @property
     def timed(self) -> bool:
-        """True if a column tells the time."""
+        """True if a column has the time."""
         return self.time_field != ""
 
     def times(self, columns: Sequence[np.ndarray]) -> np.ndarray:
@@ -80,8 +80,10 @@ class Wiring:
 
     def _scaled(self, name: str, values: np.ndarray) -> np.ndarray:
         column = self._columns[name][1]
+        scaled = values.astype(float)
         with np.errstate(over="ignore", invalid="ignore"):
-            scaled: np.ndarray = values.astype(float) * column.scale + column.offset
+            scaled *= column.scale
+            scaled += column.offset
         return scaled
 
     def _clock(self, mapping: ImportMap) -> RowClock | None:
@@ -92,7 +94,7 @@ class Wiring:
         clock = self._source.row_clock([index for index, _ in self._columns.values()])
         if clock is None:
             raise RecordError(
-                f"{self._source.path}: nothing tells the time of its rows; name t_s or t_ns in "
+                f"{self._source.path}: no column has the time of its rows; name t_s or t_ns in "
                 "[columns], or give period_s, in the map"
             )
         return clock
@@ -128,7 +130,7 @@ class Wiring:
                 names.append(name if name in SET_POINTS else f"column {name}")
                 self._columns[names[-1]] = (index, Column(column=name))
             elif name in SET_POINTS:
-                self.notes.append(f"nothing tells {name}: it does not split the recording")
+                self.notes.append(f"no column has {name}: it does not split the recording")
             else:
                 raise RecordError(
                     f"{self._source.path}: [split] by: {name!r} is neither mapped nor a column"

@@ -1,7 +1,7 @@
-"""`import_run`: a file that was recorded elsewhere becomes a run."""
+"""A file that was recorded elsewhere becomes a run."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -9,19 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from motord.config import MotorFile
-from motord.importing.column_map import Wiring
+from motord.importing.column_map import ColumnMap
 from motord.importing.csv.source import CsvSource
 from motord.importing.mapping import ImportMap, load_map, load_mapped_motor
-from motord.importing.point_builder import PointTeller
+from motord.importing.point_builder import PointBuilder
 from motord.importing.problems import Problems
-from motord.importing.remarks import on_rows, on_speed_and_points, on_torque
 from motord.importing.rows import usable_rows
-from motord.importing.source import RowSource
-from motord.importing.survey import Survey, survey
-from motord.importing.tdms import MAGIC, TdmsSource
+from motord.importing.source import RowSource, readable
+from motord.importing.survey import Progress, Survey, survey
+from motord.importing.tdms import TdmsSource, begins_as_tdms
 from motord.importing.ticks import TickMaker
+from motord.importing.times import BACK, STANDING
 from motord.recording.errors import RecordError
-from motord.recording.file_names import part_of
+from motord.recording.file_names import part_of, require_free
+from motord.recording.storage import make_folder
 from motord.recording.writer import RunWriter
 
 UNIX_FROM_NS = 10**17
@@ -32,13 +33,17 @@ SURVEY_SHARE = 0.4
 
 CHUNK_S = 1.0
 
-Progress = Callable[[float], None]
+MANY_ROWS = 0.1
+"""Share of rows with one problem from which its cause is probably in the map or the source."""
+
+TORQUE_RATIO = 10.0
+"""Torque, in parts of the rated one, that a motor hardly has."""
 
 
 @dataclass(frozen=True)
 class Imported:
-    """What has been written to `path`: ticks; points as told in `/operating_point`; problems: what
-    was wrong, by kind, in words; notes: what was assumed, in words."""
+    """What was written to `path`. points: as in `/operating_point`; problems: what was wrong with
+    rows, by kind, as text; notes: what was assumed, as text."""
 
     path: Path
     ticks: int
@@ -71,31 +76,24 @@ def import_run(
     map_text, mapping = load_map(map_path)
     motor_text, motor_file = load_mapped_motor(map_path, mapping)
     part = part_of(output)
-    for taken in (output, part):
-        if taken.exists():
-            raise RecordError(f"{taken}: exists already; choose another name or remove it")
+    require_free(output, part)
     try:
         with _opened(path, mapping, output.parent) as source:
-            wiring = Wiring(source, mapping, motor_file.motor.counts)
-            seen = survey(source, wiring, mapping, lambda done: progress(SURVEY_SHARE * done))
-            anchor_ns, anchor_words = _anchor(source.path, mapping, seen)
+            column_map = ColumnMap(source, mapping, motor_file.motor.counts)
+            seen = survey(source, column_map, mapping, lambda done: progress(SURVEY_SHARE * done))
+            anchor_ns, anchor_notes = _anchor(source.path, mapping, seen)
             metadata = _metadata(path, map_text, mapping, motor_text, motor_file)
             with RunWriter(output, metadata, chunk_s=CHUNK_S) as writer:
-                job = _Job(source, wiring, mapping, motor_file, seen, anchor_ns)
-                return job.write(writer, strict, anchor_words, progress)
+                job = _Job(source, column_map, mapping, motor_file, seen, anchor_ns)
+                return job.write(writer, strict, anchor_notes, progress)
     finally:
         part.unlink(missing_ok=True)
 
 
 @contextmanager
 def _opened(path: Path, mapping: ImportMap, scratch: Path) -> Iterator[RowSource]:
-    try:
-        with path.open("rb") as file:
-            is_tdms = path.suffix.lower() == ".tdms" or file.read(len(MAGIC)) == MAGIC
-        scratch.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordError(f"{error.filename or path}: {error.strerror}") from error
-    if is_tdms:
+    make_folder(scratch)
+    if path.suffix.lower() == ".tdms" or begins_as_tdms(path):
         with TdmsSource(path, mapping.tdms, scratch) as source:
             yield source
     else:
@@ -104,24 +102,21 @@ def _opened(path: Path, mapping: ImportMap, scratch: Path) -> Iterator[RowSource
 
 
 def _anchor(path: Path, mapping: ImportMap, seen: Survey) -> tuple[int, list[str]]:
-    """Return the Unix time of the zero of the source's times, and words about it."""
+    """Return the Unix time of the zero of the source's times, and notes about it."""
     if seen.first_ns >= UNIX_FROM_NS:
         unused = ["the times are Unix times: start is not used"] if mapping.start else []
         return 0, unused
     if mapping.start is not None:
         return round(mapping.start.timestamp() * 1e6) * 1000, []
     last_ns = path.stat().st_mtime_ns
-    return last_ns - seen.last_ns, ["nothing tells when it was: the last row is as old as the file"]
+    return last_ns - seen.last_ns, ["no time of start is given: the last row is as old as the file"]
 
 
 def _metadata(
     path: Path, map_text: str, mapping: ImportMap, motor_text: str, motor_file: MotorFile
 ) -> dict[str, object]:
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise RecordError(f"{path}: cannot read it: {error.strerror}") from error
+    with readable(path), path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     return {
         "bench": path.stem,
         "motor": motor_file.motor.model_dump(mode="json"),
@@ -142,7 +137,7 @@ class _Job:
     """The second pass."""
 
     source: RowSource
-    wiring: Wiring
+    column_map: ColumnMap
     mapping: ImportMap
     motor_file: MotorFile
     survey: Survey
@@ -153,25 +148,29 @@ class _Job:
     ) -> Imported:
         """Write all ticks and operating points; return what was written. Raises RecordError."""
         problems, points, missed = Problems(self.source.unit), [], 0
-        maker = TickMaker(self.source, self.wiring, self.survey, self.anchor_ns)
-        teller = self._teller()
-        names = tuple(dict.fromkeys((*self.wiring.fields,)))
-        for rows in usable_rows(self.source, self.wiring, names, problems):
+        maker = TickMaker(self.source, self.column_map, self.survey, self.anchor_ns)
+        split, motor = self.mapping.split, self.motor_file.motor
+        builder = PointBuilder(
+            self.survey.segments,
+            split.min_turns if split else 1,
+            self.motor_file.torque_sensor.highpass_time_constant_s == 0,
+            motor.rated_torque_Nm,
+        )
+        for rows in usable_rows(self.source, self.column_map, self.column_map.fields, problems):
             ticks = maker.take(rows, problems)
             writer.ticks(ticks)
             missed = int(ticks["missed"][-1])
-            for point in teller.take(ticks):
+            for point in builder.take(ticks):
                 writer.operating_point(point["t_end_ns"], point)
                 points.append(point)
             progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * rows.done)
         if strict and problems:
-            raise RecordError(f"{self.source.path}: {'; '.join(problems.words())}")
-        seen, rated_Nm = self.survey, self.motor_file.motor.rated_torque_Nm
-        given = {*self.wiring.fields, *self.wiring.constants}
+            raise RecordError(f"{self.source.path}: {'; '.join(problems.messages())}")
+        seen, given = self.survey, {*self.column_map.fields, *self.column_map.constants}
         remarks = [
-            *on_rows(problems, seen),
-            *on_torque(given, points, maker.torque_largest_Nm, rated_Nm),
-            *on_speed_and_points(given, points),
+            *_on_rows(problems, seen),
+            *_on_torque(given, points, maker.torque_largest_Nm, motor.rated_torque_Nm),
+            *_on_speed_and_points(given, points),
         ]
         result = Imported(
             path=writer.path,
@@ -180,8 +179,8 @@ class _Job:
             rate_Hz=1 / seen.period_s,
             missed=missed,
             points=tuple(points),
-            problems=tuple(problems.words()),
-            notes=(*self.source.notes, *self.wiring.notes, *notes, *remarks),
+            problems=tuple(problems.messages()),
+            notes=(*self.source.notes, *self.column_map.notes, *notes, *remarks),
         )
         account = {"problems": problems.to_json(), "notes": result.notes}
         end_ns = seen.last_ns + self.anchor_ns
@@ -189,11 +188,32 @@ class _Job:
         writer.close({"reason": "imported"})
         return result
 
-    def _teller(self) -> PointTeller:
-        split, motor = self.mapping.split, self.motor_file.motor
-        return PointTeller(
-            self.survey.stretches,
-            split.min_turns if split else 1,
-            self.motor_file.torque_sensor.highpass_time_constant_s == 0,
-            motor.rated_torque_Nm,
-        )
+
+def _on_rows(problems: Problems, seen: Survey) -> Iterator[str]:
+    """Yield remarks on times."""
+    if not seen.regular:
+        yield "the rows are not evenly spaced: no missing ones are counted"
+    if problems.count(STANDING) > MANY_ROWS * seen.rows:
+        yield "many times repeat: where they are rounded, give period_s instead of a column"
+    if problems.count(BACK) > MANY_ROWS * seen.rows:
+        yield "time goes back for many rows: recordings that follow each other must be cut apart"
+
+
+def _on_torque(
+    given: Set[str], points: Sequence[dict[str, Any]], largest_Nm: float, rated_Nm: float
+) -> Iterator[str]:
+    """Yield remarks on torque. largest_Nm: the largest that was measured."""
+    if "torque_Nm" not in given:
+        yield "no torque: only what needs none can be analysed"
+    if largest_Nm > TORQUE_RATIO * rated_Nm:
+        yield f"the torque reaches {largest_Nm:g} Nm, {rated_Nm:g} Nm is rated: is its scale right?"
+    if "torque_set_Nm" not in given and points:
+        yield f"torque of the operating points: {points[0]['torque_source']}"
+
+
+def _on_speed_and_points(given: Set[str], points: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Yield remarks on speed and operating points."""
+    if not {"speed_rad_s", "speed_Hz"} & given:
+        yield "speed: from angle and time"
+    if not points:
+        yield "no operating point: the rotor never turns a whole turn at constant set-points"

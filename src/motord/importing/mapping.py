@@ -127,7 +127,7 @@ class TdmsMap(Section):
 
 
 class ImportMap(Section):
-    """A map file. start: when t_s was 0; period_s: time between rows where no column tells it."""
+    """A map file. start: when t_s was 0; period_s: time between rows where no column has it."""
 
     motor: Path
     columns: Annotated[dict[FieldName, Column], Field(min_length=1)]

@@ -1,4 +1,4 @@
-"""Operating points of an imported recording: what is told of each, gathered tick by tick."""
+"""Operating points of an imported recording: the record of each, made tick by tick."""
 
 import math
 from collections.abc import Iterator
@@ -37,21 +37,21 @@ class _Sums:
         return self.total[name] / self.known[name] if self.known[name] else None
 
 
-class PointTeller:
+class PointBuilder:
     """Yields the record of each operating point once its last tick has been seen.
 
     min_turns: whole turns that a good one has; torque_passes: whether the torque sensor passes
-    the mean; rated_torque_Nm: how fine a mean torque is told.
+    the mean; rated_torque_Nm: gives the digits of a mean torque.
     """
 
     def __init__(
         self,
-        stretches: tuple[ConstantSegment, ...],
+        segments: tuple[ConstantSegment, ...],
         min_turns: int,
         torque_passes: bool,
         rated_torque_Nm: float,
     ) -> None:
-        self._stretches, self._min_turns = stretches, min_turns
+        self._segments, self._min_turns = segments, min_turns
         self._torque_passes = torque_passes
         self._digits = 2 - math.floor(math.log10(rated_torque_Nm))
         self._row = 0
@@ -59,24 +59,24 @@ class PointTeller:
         self._sums = _Sums()
 
     def take(self, ticks: np.ndarray) -> Iterator[dict[str, Any]]:
-        """Take ticks (n,); yield what is told of the operating points that end among them."""
-        while self._next < len(self._stretches):
-            stretch = self._stretches[self._next]
-            first = max(stretch.first - self._row, 0)
-            end = min(stretch.end - self._row, ticks.size)
+        """Take ticks (n,); yield the records of the operating points that end among them."""
+        while self._next < len(self._segments):
+            segment = self._segments[self._next]
+            first = max(segment.first - self._row, 0)
+            end = min(segment.end - self._row, ticks.size)
             if first < end:
                 self._sums.add(ticks[first:end])
-            if stretch.end - self._row > ticks.size:
+            if segment.end - self._row > ticks.size:
                 break
-            yield self._record(stretch)
+            yield self._record(segment)
             self._next += 1
             self._sums = _Sums()
         self._row += ticks.size
 
-    def _record(self, stretch: ConstantSegment) -> dict[str, Any]:
+    def _record(self, segment: ConstantSegment) -> dict[str, Any]:
         sums = self._sums
         duration_s = (int(sums.last["t_ns"]) - int(sums.first["t_ns"])) * 1e-9
-        mean_Hz = stretch.turns / duration_s
+        mean_Hz = segment.turns / duration_s
         set_rad_s = sums.mean("speed_set_rad_s")
         torque_Nm, source = self._torque()
         flags = int(sums.last["flags"])
@@ -89,17 +89,17 @@ class PointTeller:
             "tick_end": int(sums.last["tick"]),
             "t_start_ns": int(sums.first["t_ns"]),
             "t_end_ns": int(sums.last["t_ns"]),
-            "turns": stretch.turns,
+            "turns": segment.turns,
             "speed_mean_Hz": mean_Hz,
-            "quality": self._quality(stretch.whole_turns),
+            "quality": self._quality(segment.whole_turns),
             "compensate": _compensate(flags),
         }
 
     def _torque(self) -> tuple[float, str]:
         """Return the torque that the point is called by, and where it is from."""
-        told, measured = self._sums.mean("torque_set_Nm"), self._sums.mean("torque_Nm")
-        if told is not None:
-            return round(told, 6), "set-point"
+        set_Nm, measured = self._sums.mean("torque_set_Nm"), self._sums.mean("torque_Nm")
+        if set_Nm is not None:
+            return round(set_Nm, 6), "set-point"
         if measured is not None and self._torque_passes:
             return round(measured, self._digits), "mean of the measured torque"
         return 0.0, "not known"

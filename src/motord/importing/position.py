@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from motord.importing.column_map import Wiring
+from motord.importing.column_map import ColumnMap
 from motord.importing.source import RowSource
 from motord.recording.errors import RecordError
 
 JUMPS = 4
-"""Jumps through the range, all alike and in one direction, that tell that positions wrap."""
+"""Jumps through the range, all alike and in one direction, that show that positions wrap."""
 
 ALIKE = 0.95
 """Parts of the range, and of the largest, that such a jump has at least."""
@@ -19,11 +19,11 @@ RANGE = (0.75, 1.02)
 class PositionReader:
     """Unwraps positions block by block, whatever range they are wrapped to, if any."""
 
-    def __init__(self, source: RowSource, wiring: Wiring) -> None:
+    def __init__(self, source: RowSource, column_map: ColumnMap) -> None:
         self._source = source
-        self._field = wiring.position_field
-        self._span = float(wiring.position_span)
-        self._counts = wiring.counts
+        self._field = column_map.position_field
+        self._span = float(column_map.position_span)
+        self._counts = column_map.counts
         self._last: float | None = None
         self._turns = 0
         self._lowest, self._highest = np.inf, -np.inf

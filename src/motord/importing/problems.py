@@ -1,11 +1,11 @@
-"""What is wrong with single rows: told by line, the first few of each kind and how many."""
+"""What is wrong with single rows, by kind: how many, and the lines of the first few."""
 
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-LINES_TOLD = 5
+LINES_NAMED = 5
 """Lines that are named of each kind."""
 
 
@@ -20,8 +20,8 @@ class Problems:
     def add(self, kind: str, lines: np.ndarray) -> None:
         """Note that rows `lines` (n,) are of this kind, which says what becomes of them."""
         if lines.size:
-            told = self._lines.setdefault(kind, [])
-            told += lines[: LINES_TOLD - len(told)].tolist()
+            named = self._lines.setdefault(kind, [])
+            named += lines[: LINES_NAMED - len(named)].tolist()
             self._counts[kind] = self._counts.get(kind, 0) + lines.size
 
     def __bool__(self) -> bool:
@@ -31,13 +31,13 @@ class Problems:
         """Return how many rows are of this kind."""
         return self._counts.get(kind, 0)
 
-    def words(self) -> Iterator[str]:
+    def messages(self) -> Iterator[str]:
         """Yield each kind on a line."""
         for kind, count in self._counts.items():
-            told = self._lines[kind]
-            more = f" and {count - len(told)} more" if count > len(told) else ""
+            named = self._lines[kind]
+            more = f" and {count - len(named)} more" if count > len(named) else ""
             plural = self.unit if count == 1 else self.unit + "s"
-            yield f"{plural} {', '.join(map(str, told))}{more}: {kind}"
+            yield f"{plural} {', '.join(map(str, named))}{more}: {kind}"
 
     def to_json(self) -> list[dict[str, Any]]:
         """Return kinds with counts and first lines."""

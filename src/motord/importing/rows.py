@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.importing.column_map import Wiring
+from motord.importing.column_map import ColumnMap
 from motord.importing.position import PositionReader
 from motord.importing.problems import Problems
 from motord.importing.source import RawBlock, RowSource
@@ -34,22 +34,22 @@ class Rows:
 
 
 def usable_rows(
-    source: RowSource, wiring: Wiring, names: tuple[str, ...], problems: Problems
+    source: RowSource, column_map: ColumnMap, names: tuple[str, ...], problems: Problems
 ) -> Iterator[Rows]:
-    """Yield the usable rows with the columns `names` of `wiring`; the others are noted.
+    """Yield the usable rows with the columns `names` of `column_map`; the others are noted.
 
     Raises RecordError for positions that cannot be of this motor.
     """
-    times, positions = TimeReader(wiring), PositionReader(source, wiring)
+    times, positions = TimeReader(column_map), PositionReader(source, column_map)
     carried: RawBlock | None = None
-    blocks = source.blocks(wiring.wanted(names), problems)
+    blocks = source.blocks(column_map.wanted(names), problems)
     for block in blocks:
         joined = block if carried is None else _join(carried, block)
         use, carried = _cut_last(joined)
         if use.line.size:
-            yield from _usable(use, carried, times, positions, wiring, names, problems)
+            yield from _usable(use, carried, times, positions, column_map, names, problems)
     if carried is not None:
-        yield from _usable(carried, None, times, positions, wiring, names, problems)
+        yield from _usable(carried, None, times, positions, column_map, names, problems)
     positions.check()
 
 
@@ -58,26 +58,21 @@ def _usable(
     after: RawBlock | None,
     times: TimeReader,
     positions: PositionReader,
-    wiring: Wiring,
+    column_map: ColumnMap,
     names: tuple[str, ...],
     problems: Problems,
 ) -> Iterator[Rows]:
     """Yield the usable rows of a block, if there are any; `after` is the row that follows."""
     t_ns, known = times.take(block, after, problems)
-    raw = wiring.position(block.columns)
-    known &= _noted(np.isfinite(raw), known, block.line, wiring.position_field, problems)
+    raw = column_map.position(block.columns)
+    present = np.isfinite(raw)
+    problems.add(f"no {column_map.position_field}: left out", block.line[known & ~present])
+    known &= present
     if not known.any():
         return
     turned_rad, position = positions.take(raw[known])
-    values = {name: wiring.value(name, names, block.columns)[known] for name in names}
+    values = {name: column_map.value(name, names, block.columns)[known] for name in names}
     yield Rows(t_ns[known], position, turned_rad, values, block.line[known], block.done)
-
-
-def _noted(
-    present: np.ndarray, known: np.ndarray, line: np.ndarray, field: str, problems: Problems
-) -> np.ndarray:
-    problems.add(f"no {field}: left out", line[known & ~present])
-    return present
 
 
 def _join(first: RawBlock, second: RawBlock) -> RawBlock:

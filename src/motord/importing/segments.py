@@ -1,4 +1,4 @@
-"""Stretches of rows with constant set-points: what becomes operating points."""
+"""Segments of rows with constant set-points: what becomes operating points."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from motord.importing.mapping import SplitMap
 
 GAP_S = 0.5
-"""Time without a row that ends a stretch, or GAP_ROWS periods if that is longer."""
+"""Time without a row that ends a segment, or GAP_ROWS periods if that is longer."""
 
 GAP_ROWS = 20
 
@@ -25,15 +25,15 @@ class ConstantSegment:
 
 @dataclass(frozen=True)
 class _Begin:
-    """Where the open stretch begins; row -1 until it has settled."""
+    """Where the open segment begins; row -1 until it has settled."""
 
     t_ns: int
     row: int = -1
     position: int = 0
 
 
-class StretchFinder:
-    """Takes usable rows block by block and finds the stretches that turn at least once."""
+class SegmentFinder:
+    """Takes usable rows block by block and finds the segments that turn at least once."""
 
     def __init__(self, split: SplitMap | None, counts: int) -> None:
         self.found: list[ConstantSegment] = []
@@ -46,9 +46,9 @@ class StretchFinder:
         self._last: tuple[int, int] | None = None
 
     def take(self, t_ns: np.ndarray, position: np.ndarray, keys: np.ndarray, gap_ns: float) -> None:
-        """Take rows: t_ns, position (n,); keys (n, k): the values that are constant in a stretch.
+        """Take rows: t_ns, position (n,); keys (n, k): the values that are constant in a segment.
 
-        gap_ns: time between two rows that ends a stretch.
+        gap_ns: time between two rows that ends a segment.
         """
         starts = self._changes(keys)
         last_ns = self._last[0] if self._last else t_ns[0]
@@ -66,12 +66,12 @@ class StretchFinder:
         self._rows += t_ns.size
 
     def finish(self) -> list[ConstantSegment]:
-        """Return all stretches, those that end with the last row too."""
+        """Return all segments, those that end with the last row too."""
         self._close()
         return self.found
 
     def _extend(self, t_ns: np.ndarray, position: np.ndarray, first: int, end: int) -> None:
-        """Let the open stretch go on with rows from `first` to before `end` of the block."""
+        """Let the open segment go on with rows from `first` to before `end` of the block."""
         begin = self._begin
         if begin is not None and begin.row < 0:
             row = first
@@ -83,19 +83,19 @@ class StretchFinder:
         self._end = self._rows + end
 
     def _close(self) -> None:
-        """End the open stretch, if there is one, and keep it if it turned at least once."""
+        """End the open segment, if there is one, and keep it if it turned at least once."""
         begin, last = self._begin, self._last
         if begin is None or last is None or begin.row < 0:
             return
         turned = last[1] - begin.position
         if abs(turned) < self._counts:
             return
-        way = 1 if turned > 0 else -1
-        whole = way * last[1] // self._counts - way * begin.position // self._counts - 1
+        sign = 1 if turned > 0 else -1
+        whole = sign * last[1] // self._counts - sign * begin.position // self._counts - 1
         self.found.append(ConstantSegment(begin.row, self._end, abs(turned) / self._counts, whole))
 
     def _changes(self, keys: np.ndarray) -> np.ndarray:
-        """Return which rows have other keys than the row before, or than the stretch began with."""
+        """Return which rows have other keys than the row before, or than the segment began with."""
         if keys.shape[1] == 0:
             return np.zeros(keys.shape[0], bool)
         if self._tolerance == 0:
@@ -103,7 +103,8 @@ class StretchFinder:
             before[0] = keys[0] if self._key is None else self._key
             before[1:] = keys[:-1]
             self._key = keys[-1].copy()
-            changed: np.ndarray = (keys != before).any(axis=1)
+            changed = np.zeros(keys.shape[0], bool)
+            np.any(keys != before, axis=1, out=changed)
             return changed
         return self._drifts(keys)
 

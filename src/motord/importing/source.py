@@ -1,7 +1,8 @@
-"""What the rest of the import knows of a source of rows: columns by name, blocks of values."""
+"""A source of rows as the import sees it: columns by name, blocks of values."""
 
 import difflib
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -20,7 +21,7 @@ MISSING_NS = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True)
-class WantedColumns:
+class WantedColumn:
     """A column, by its index from 0 on; as_time: as whole Unix ns, otherwise as numbers."""
 
     index: int
@@ -65,7 +66,7 @@ class RowSource(Protocol):
 
     @property
     def notes(self) -> list[str]:
-        """What was found out about the file, in words."""
+        """What was found out about the file, as text."""
 
     def places(self, name: str) -> list[int]:
         """Return the index of each column that `name` may mean."""
@@ -82,8 +83,17 @@ class RowSource(Protocol):
     def fix_rows(self, columns: Sequence[int]) -> None:
         """Let a row be what all these columns have."""
 
-    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
+    def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows, at most about BLOCK_ROWS at once; rows without cells are noted."""
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Make a RecordError of an OSError of the body, which reads `path`."""
+    try:
+        yield
+    except OSError as error:
+        raise RecordError(f"{path}: cannot read it: {error.strerror or error}") from error
 
 
 def find(source: RowSource, field: str, column: Column) -> int:
@@ -117,7 +127,7 @@ def locate(source: RowSource, name: str) -> int | None:
 
 
 def suggestion(name: str, names: Sequence[str]) -> str:
-    """Return words on which of `names` may have been meant."""
+    """Return as text which of `names` may have been meant."""
     folded = {known.casefold(): known for known in names if known}
     near = difflib.get_close_matches(name.casefold(), list(folded), 3, 0.4)
     if near:

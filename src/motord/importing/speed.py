@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from motord.importing.forward_fill import ForwardFill
+
 SPAN_COUNTS = 16
 """Encoder counts that the slope is taken over at the mean speed."""
 
@@ -32,7 +34,7 @@ class SpeedReader:
         self._span_ns = round(span * 1e9)
         self._t_ns = np.zeros(0, np.int64)
         self._angle_rad = np.zeros(0)
-        self._last_rad_s = float("nan")
+        self._fill = ForwardFill()
 
     def take(self, t_ns: np.ndarray, turned_rad: np.ndarray) -> np.ndarray:
         """Return the speed of each row (rad/s); both inputs (n,), the times rising."""
@@ -55,19 +57,9 @@ class SpeedReader:
         slope = _slopes(t_s, smooth_rad, begin)[before:]
         keep = max(int(begin[-1]) - 2, 0)
         self._t_ns, self._angle_rad = t_ns[keep:], angle_rad[keep:]
-        return self._held(slope)
-
-    def _held(self, slope: np.ndarray) -> np.ndarray:
-        known = np.isfinite(slope)
-        if not known.any():
-            return np.full(slope.size, self._last_rad_s)
-        if not np.isfinite(self._last_rad_s):
-            self._last_rad_s = float(slope[known][0])
-        held = np.concatenate([[self._last_rad_s], slope])
-        place = np.where(np.isfinite(held), np.arange(held.size), 0)
-        filled: np.ndarray = held[np.maximum.accumulate(place)][1:]
-        self._last_rad_s = float(filled[-1])
-        return filled
+        filled = self._fill.fill("speed", np.where(np.isfinite(slope), slope, np.nan))
+        known = filled[np.isfinite(filled)]
+        return np.where(np.isfinite(filled), filled, known[0] if known.size else np.nan)
 
 
 def _slopes(t_s: np.ndarray, x: np.ndarray, begin: np.ndarray) -> np.ndarray:
@@ -83,6 +75,5 @@ def _slopes(t_s: np.ndarray, x: np.ndarray, begin: np.ndarray) -> np.ndarray:
     rows = end - begin
     spread = rows * tt - t * t
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope: np.ndarray = mean + (rows * tv - t * v) / spread
-    slope[(rows < 4) | (spread <= 0)] = np.nan
-    return slope
+        slope = mean + (rows * tv - t * v) / spread
+    return np.where((rows < 4) | (spread <= 0), np.nan, slope)

@@ -1,16 +1,16 @@
-"""The first pass: how often there is a row, how fast it turns, where operating points are."""
+"""The first pass: the period of the rows, the mean speed, where operating points are."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from motord.importing.column_map import Wiring
-from motord.importing.forward_fill import Held
+from motord.importing.column_map import ColumnMap
+from motord.importing.forward_fill import ForwardFill
 from motord.importing.mapping import ImportMap
 from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
-from motord.importing.segments import GAP_ROWS, GAP_S, ConstantSegment, StretchFinder
+from motord.importing.segments import GAP_ROWS, GAP_S, ConstantSegment, SegmentFinder
 from motord.importing.source import RowSource
 from motord.recording.errors import RecordError
 
@@ -23,7 +23,7 @@ Progress = Callable[[float], None]
 @dataclass(frozen=True)
 class Survey:
     """rows: that can be used; first_ns, last_ns: their times; period_s: the usual time between two;
-    regular: whether it is always about that; counts_per_s: mean speed; stretches, in order."""
+    regular: whether it is always about that; counts_per_s: mean speed; segments, in order."""
 
     rows: int
     first_ns: int
@@ -31,16 +31,18 @@ class Survey:
     period_s: float
     regular: bool
     counts_per_s: float
-    stretches: tuple[ConstantSegment, ...]
+    segments: tuple[ConstantSegment, ...]
 
 
-def survey(source: RowSource, wiring: Wiring, mapping: ImportMap, progress: Progress) -> Survey:
+def survey(
+    source: RowSource, column_map: ColumnMap, mapping: ImportMap, progress: Progress
+) -> Survey:
     """Read what must be known before the first row is written. Raises RecordError."""
-    stretches, held = StretchFinder(mapping.split, wiring.counts), Held()
+    segments, fill = SegmentFinder(mapping.split, column_map.counts), ForwardFill()
     medians_ns: list[float] = []
     spacings = usual = rows = travelled = 0
     first_ns = last_ns = last_position = None
-    for block in usable_rows(source, wiring, wiring.by, Problems(source.unit)):
+    for block in usable_rows(source, column_map, column_map.by, Problems(source.unit)):
         t_ns, position = block.t_ns, block.position
         spacing_ns = np.diff(t_ns, prepend=t_ns[:1] if last_ns is None else [last_ns])
         spacing_ns = spacing_ns[spacing_ns > 0]
@@ -50,16 +52,16 @@ def survey(source: RowSource, wiring: Wiring, mapping: ImportMap, progress: Prog
             spacings += spacing_ns.size
         start = position[:1] if last_position is None else [last_position]
         travelled += int(np.abs(np.diff(position, prepend=start)).sum())
-        keys = [_key(name, held.fill(name, block.values[name])) for name in wiring.by]
+        keys = [_key(name, fill.fill(name, block.values[name])) for name in column_map.by]
         gap_ns = max(GAP_S * 1e9, GAP_ROWS * float(np.median(medians_ns or [0.0])))
-        stretches.take(t_ns, position, np.array(keys).T.reshape(t_ns.size, -1), gap_ns)
+        segments.take(t_ns, position, np.array(keys).T.reshape(t_ns.size, -1), gap_ns)
         first_ns = int(t_ns[0]) if first_ns is None else first_ns
         last_ns, last_position = int(t_ns[-1]), int(position[-1])
         rows += t_ns.size
         progress(block.done)
     if first_ns is None or last_ns is None or not medians_ns:
         raise RecordError(
-            f"{source.path}: fewer than two rows in it have {wiring.position_field} and a time "
+            f"{source.path}: fewer than two rows in it have {column_map.position_field} and a time "
             "later than the row before; see that the map names the right columns"
         )
     return Survey(
@@ -69,7 +71,7 @@ def survey(source: RowSource, wiring: Wiring, mapping: ImportMap, progress: Prog
         period_s=float(np.median(medians_ns)) * 1e-9,
         regular=usual >= REGULAR_SHARE * spacings,
         counts_per_s=travelled / (last_ns - first_ns) * 1e9,
-        stretches=tuple(stretches.finish()),
+        segments=tuple(segments.finish()),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from motord.importing.mapping import TdmsMap
 from motord.importing.problems import Problems
-from motord.importing.source import BLOCK_ROWS, RawBlock, RowClock, WantedColumns
+from motord.importing.source import BLOCK_ROWS, RawBlock, RowClock, WantedColumn, readable
 from motord.recording.errors import RecordError
 
 MAGIC = b"TDSm"
@@ -44,7 +44,7 @@ class TdmsSource:
         self._scratch = scratch
         self._spools: dict[int, BinaryIO] = {}
         self.notes: list[str] = []
-        if not _begins_as_tdms(path):
+        if not begins_as_tdms(path):
             raise RecordError(f"{path}: does not begin as a TDMS file does")
         opener, console = _tdms()
         with ExitStack() as stack:
@@ -111,10 +111,11 @@ class TdmsSource:
         lengths = [self._lengths[index] for index in columns]
         self._rows = min(lengths)
         if self._rows < max(lengths):
-            words = f"the channels have {self._rows} to {max(lengths)} values: {self._rows} rows"
-            self.notes.append(words)
+            self.notes.append(
+                f"the channels have {self._rows} to {max(lengths)} values: {self._rows} rows"
+            )
 
-    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
+    def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows."""
         rows = self._rows
         for w in wanted:
@@ -132,7 +133,7 @@ class TdmsSource:
             raise RecordError(f"{self.path}: channel {self.names[index]} does not hold numbers")
         return dtype
 
-    def _spool(self, wanted: WantedColumns) -> None:
+    def _spool(self, wanted: WantedColumn) -> None:
         """Copy a channel into a scratch file, once."""
         if wanted.index in self._spools:
             return
@@ -150,7 +151,7 @@ class TdmsSource:
                 values = values.astype("M8[ns]")
             np.ascontiguousarray(values.astype("i8" if as_ns else "f8")).tofile(spool)
 
-    def _read(self, wanted: WantedColumns, start: int, count: int) -> np.ndarray:
+    def _read(self, wanted: WantedColumn, start: int, count: int) -> np.ndarray:
         spool = self._spools[wanted.index]
         spool.seek(8 * start)
         return np.fromfile(spool, "i8" if wanted.as_time else "f8", count)
@@ -168,8 +169,9 @@ def _tdms() -> tuple[Any, logging.Handler]:
     return TdmsFile, log_manager.console_handler
 
 
-def _begins_as_tdms(path: Path) -> bool:
-    with _readable(path), path.open("rb") as file:
+def begins_as_tdms(path: Path) -> bool:
+    """Return whether a file begins as TDMS does. Raises RecordError if it cannot be read."""
+    with readable(path), path.open("rb") as file:
         return file.read(len(MAGIC)) == MAGIC
 
 
@@ -179,11 +181,11 @@ class _Warnings(logging.Filter):
     def __init__(self, notes: list[str]) -> None:
         super().__init__()
         self._notes = notes
-        self._told: set[object] = set()
+        self._noted: set[object] = set()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        if record.msg not in self._told:
-            self._told.add(record.msg)
+        if record.msg not in self._noted:
+            self._noted.add(record.msg)
             self._notes.append(f"npTDMS: {record.getMessage()[:WARNING_LENGTH]}")
         return False
 
@@ -191,11 +193,10 @@ class _Warnings(logging.Filter):
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     try:
-        yield
+        with readable(path):
+            yield
     except RecordError:
         raise
-    except OSError as error:
-        raise RecordError(f"{path}: cannot read it: {error.strerror or error}") from error
     except Exception as error:  # npTDMS raises whatever a damaged file makes it stumble over
         raise RecordError(
             f"{path}: not a TDMS file that can be read ({type(error).__name__}: {error})"

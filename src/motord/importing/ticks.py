@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from motord.importing.column_map import Wiring
-from motord.importing.forward_fill import Held
+from motord.importing.column_map import ColumnMap
+from motord.importing.forward_fill import ForwardFill
 from motord.importing.mapping import IN_OTHER_UNITS, SET_POINTS
 from motord.importing.problems import Problems
 from motord.importing.rows import Rows
@@ -19,17 +19,19 @@ FLOATS = tuple(n for n in TICK_DTYPE.names or () if TICK_DTYPE[n].kind == "f")
 class TickMaker:
     """Makes ticks of rows, block by block. anchor_ns: Unix time of the zero of the rows' times."""
 
-    def __init__(self, source: RowSource, wiring: Wiring, survey: Survey, anchor_ns: int) -> None:
-        self._source, self._wiring, self._anchor_ns = source, wiring, anchor_ns
+    def __init__(
+        self, source: RowSource, column_map: ColumnMap, survey: Survey, anchor_ns: int
+    ) -> None:
+        self._source, self._column_map, self._anchor_ns = source, column_map, anchor_ns
         self._period_ns = survey.period_s * 1e9 if survey.regular else None
-        self._held = Held()
-        self._starts = np.array([s.first for s in survey.stretches], np.int64)
-        self._ends = np.array([s.end for s in survey.stretches], np.int64)
+        self._fill = ForwardFill()
+        self._starts = np.array([s.first for s in survey.segments], np.int64)
+        self._ends = np.array([s.end for s in survey.segments], np.int64)
         self._row = 0
         self._last_ns: int | None = None
         self._last_tick = -1
         self._missed = 0
-        self._names = (*wiring.fields, *wiring.constants)
+        self._names = (*column_map.fields, *column_map.constants)
         self.torque_largest_Nm = 0.0
         self._speed: SpeedReader | None = None
         if not {"speed_rad_s", "speed_Hz"} & set(self._names):
@@ -41,13 +43,13 @@ class TickMaker:
         for name in FLOATS:
             ticks[name] = np.nan
         ticks["t_ns"] = rows.t_ns + self._anchor_ns
-        ticks["encoder_count"] = rows.position % self._wiring.counts
+        ticks["encoder_count"] = rows.position % self._column_map.counts
         ticks["angle_rad"] = np.minimum(rows.turned_rad % (2 * np.pi), np.float32(6.2831850))
         if self._speed is not None:
             ticks["speed_rad_s"] = self._speed.take(rows.t_ns, rows.turned_rad)
-        for name, value in self._wiring.constants.items():
+        for name, value in self._column_map.constants.items():
             self._put(ticks, name, np.full(ticks.size, value))
-        for name in self._wiring.fields:
+        for name in self._column_map.fields:
             values = rows.values[name]
             lacking = ~np.isfinite(values)
             if lacking.any():
@@ -67,12 +69,12 @@ class TickMaker:
         field = IN_OTHER_UNITS.get(name, name)
         if name in SET_POINTS or TICK_DTYPE[field].kind != "f":
             problems.add(f"no {name}: the value before holds", line)
-            return self._held.fill(name, values)
+            return self._fill.fill(name, values)
         problems.add(f"no {name}: kept as nan", line)
         return values
 
     def _put(self, ticks: np.ndarray, name: str, values: np.ndarray) -> None:
-        self._held.fill(name, values[-1:])
+        self._fill.fill(name, values[-1:])
         field = IN_OTHER_UNITS.get(name, name)
         if name in IN_OTHER_UNITS:
             values = values * 2 * np.pi

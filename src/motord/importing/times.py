@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motord.importing.column_map import Wiring
+from motord.importing.column_map import ColumnMap
 from motord.importing.problems import Problems
 from motord.importing.source import MISSING_NS, RawBlock
 
@@ -16,25 +16,24 @@ FARTHEST_NS = 4 * 10**18
 class TimeReader:
     """Reads times block by block and keeps to those that rise."""
 
-    def __init__(self, wiring: Wiring) -> None:
-        self._wiring = wiring
+    def __init__(self, column_map: ColumnMap) -> None:
+        self._column_map = column_map
         self._first_line: int | None = None
         self._base_s: float | None = None
         self._latest_ns = int(MISSING_NS)
 
     def convert(self, block: RawBlock) -> np.ndarray:
         """Return the times in ns (n,), MISSING_NS for rows without."""
-        clock = self._wiring.clock
+        clock = self._column_map.clock
         if clock is not None:
             if self._first_line is None:
                 self._first_line = int(block.line[0])
             since_ns = np.round((block.line - self._first_line) * (clock.period_s * 1e9))
-            ns: np.ndarray = since_ns.astype(np.int64) + (clock.start_ns or 0)
-            return ns
-        t = self._wiring.times(block.columns)
+            return np.asarray(since_ns, np.int64) + (clock.start_ns or 0)
+        t = self._column_map.times(block.columns)
         if t.dtype.kind == "i":
             return np.where((t > -FARTHEST_NS) & (t < FARTHEST_NS), t, MISSING_NS)
-        if self._wiring.time_field == "t_ns":
+        if self._column_map.time_field == "t_ns":
             t = t * 1e-9
         known = np.abs(t) < FARTHEST_NS * 1e-9
         if self._base_s is None and known.any():

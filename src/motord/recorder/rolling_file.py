@@ -8,7 +8,7 @@ from motord.config import RecordingConfig
 from motord.recorder.ring_source import RingPiece
 from motord.recording.errors import RecordError
 from motord.recording.file_names import next_file, part_of
-from motord.recording.storage import MB, free_bytes, too_little_space
+from motord.recording.storage import MB, free_bytes, make_folder, too_little_space
 from motord.recording.writer import RunWriter
 from motord.wire.ticks.blocks import Block
 
@@ -50,7 +50,7 @@ class RollingFile:
         self._first_ns: int | None = None  # of the ticks in the newest file
         self._last_ns = 0
         self._closed_bytes = 0
-        self._make_folder()
+        make_folder(stem.parent)
         if short := self._too_little_space():
             raise RecordError(f"{stem.parent}: {short}; nothing is recorded")
         self._writer = self._next_writer()
@@ -140,12 +140,6 @@ class RollingFile:
         if piece.new_ring:
             message = f"the loop was started again: its counter begins anew with tick {tick}"
             self.event(t_ns, "loop_restarted", message, {"tick_after": tick})
-
-    def _make_folder(self) -> None:
-        try:
-            self.stem.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RecordError(f"{self.stem.parent}: cannot make it: {error.strerror}") from error
 
     def _next_writer(self) -> RunWriter:
         path = next_file(self.stem)

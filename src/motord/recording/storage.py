@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from motord.config import RecordingConfig
+from motord.recording.errors import RecordError
 
 MB = 1e6
 
@@ -15,14 +16,22 @@ def free_bytes(folder: Path) -> int:
     return shutil.disk_usage(folder).free
 
 
+def make_folder(folder: Path) -> None:
+    """Make `folder` and those it is in, if they are not there. Raises RecordError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{folder}: cannot make it: {error.strerror}") from error
+
+
 def too_little_space(
     folder: Path, settings: RecordingConfig, free: Callable[[Path], int] = free_bytes
 ) -> str:
-    """Return in words that less than `free_min_MB` is free, "" if more is, or if nobody knows."""
+    """Return as text that less than `free_min_MB` is free, "" if more is or it is not known."""
     try:
         short = free(folder) < settings.free_min_MB * MB
     except OSError:
-        return ""  # writing will tell
+        return ""  # writing will show it
     if not short:
         return ""
     return f"less than recording.free_min_MB = {settings.free_min_MB:g} is free"

@@ -195,7 +195,7 @@ def test_time_position_and_torque_are_enough_to_verify(tmp_path: Path) -> None:
     told = runner.invoke(app, ["record", "import", str(source), *options])
     assert told.exit_code == 0, told.output
     assert "3.00 Nm  0.700 Hz" in told.output
-    assert "nothing tells speed_set_Hz" in told.output
+    assert "no column has speed_set_Hz" in told.output
     again = runner.invoke(app, ["record", "import", str(source), *options])
     assert again.exit_code == 1
     assert "exists already" in again.stderr

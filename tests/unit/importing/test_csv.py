@@ -352,7 +352,7 @@ def test_probable_mistakes_are_pointed_out(tmp_path: Path) -> None:
 
 def test_files_that_are_no_tables(tmp_path: Path) -> None:
     source = tmp_path / "a.csv"
-    with pytest.raises(RecordError, match=r"a\.csv: No such file"):
+    with pytest.raises(RecordError, match=r"a\.csv: cannot read it: No such file"):
         imported(tmp_path, source)
     for content, words in (
         (b"", "has no lines of text"),

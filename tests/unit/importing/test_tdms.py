@@ -127,7 +127,7 @@ def test_what_cannot_be_read_is_said(tmp_path: Path) -> None:
         "Bench/Torque": (np.array(["a"] * 3000), {}),
     }
     source = write_tdms(tmp_path / "a.tdms", channels)
-    with pytest.raises(RecordError, match="nothing tells the time of its rows"):
+    with pytest.raises(RecordError, match="no column has the time of its rows"):
         imported(tmp_path, source, WAVEFORM)
     with pytest.raises(RecordError, match="Bench/Torque does not hold numbers"):
         imported(tmp_path, source, WAVEFORM.replace("[columns]", "period_s = 0.001\n[columns]"))

@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.importing.csv.dialect import Dialect, split_line, without_blank_end
 from motord.importing.problems import Problems
-from motord.importing.source import MISSING_NS, WantedColumns
+from motord.importing.source import MISSING_NS, WantedColumn
 
 Columns = tuple[np.ndarray, ...]
 
@@ -16,7 +16,7 @@ class CellReader:
     """Reads the columns `wanted`; those whose index is in `dates` hold dates."""
 
     def __init__(
-        self, dialect: Dialect, wanted: tuple[WantedColumns, ...], dates: tuple[int, ...]
+        self, dialect: Dialect, wanted: tuple[WantedColumn, ...], dates: tuple[int, ...]
     ) -> None:
         self._dialect = dialect
         self._wanted = wanted
@@ -75,7 +75,7 @@ class CellReader:
         rows = [row for row, good in zip(rows, fits, strict=True) if good]
         return tuple(self._column(w, rows) for w in self._wanted), number[fits]
 
-    def _column(self, wanted: WantedColumns, rows: list[list[str]]) -> np.ndarray:
+    def _column(self, wanted: WantedColumn, rows: list[list[str]]) -> np.ndarray:
         cells = [row[wanted.index] if wanted.index < len(row) else "" for row in rows]
         if self._dialect.decimal == ",":
             cells = [cell.replace(",", ".") for cell in cells]

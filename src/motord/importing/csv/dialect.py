@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 
 from motord.importing.mapping import CsvMap
+from motord.importing.source import readable
 from motord.recording.errors import RecordError
 
 SAMPLE_BYTES = 1 << 18
@@ -143,12 +144,9 @@ def holds_value(cell: str, decimal: str) -> bool:
 
 def _beginning(path: Path) -> tuple[bytes, bool]:
     """Return the beginning of a file, and whether that is all of it."""
-    try:
-        with path.open("rb") as file:
-            raw = file.read(SAMPLE_BYTES)
-            return raw, not file.read(1)
-    except OSError as error:
-        raise RecordError(f"{path}: cannot read it: {error.strerror}") from error
+    with readable(path), path.open("rb") as file:
+        raw = file.read(SAMPLE_BYTES)
+        return raw, not file.read(1)
 
 
 def _encoding(raw: bytes) -> str:

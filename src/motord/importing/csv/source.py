@@ -10,7 +10,7 @@ from motord.importing.csv.cells import CellReader
 from motord.importing.csv.dialect import Dialect, detect, is_date, is_row, number
 from motord.importing.mapping import CsvMap
 from motord.importing.problems import Problems
-from motord.importing.source import RawBlock, RowClock, WantedColumns
+from motord.importing.source import RawBlock, RowClock, WantedColumn
 from motord.recording.errors import RecordError
 
 BLOCK_CHARACTERS = 1 << 21
@@ -21,7 +21,7 @@ LINE_MAX = 1 << 20
 
 
 class CsvSource:
-    """A CSV file; `wanted` names columns that it should have, which tell its header from a row.
+    """A CSV file; `wanted` names columns that it should have, by which its header is found.
 
     Raises RecordError for a file that is no table.
     """
@@ -40,7 +40,7 @@ class CsvSource:
 
     @property
     def notes(self) -> list[str]:
-        """How the file is written, in words."""
+        """How the file is written, as text."""
         d = self._dialect
         return [
             f"{d.encoding}, delimiter {d.delimiter!r}, decimal {d.decimal!r}, "
@@ -69,7 +69,7 @@ class CsvSource:
     def fix_rows(self, columns: Sequence[int]) -> None:
         """Do nothing: every line is a row."""
 
-    def blocks(self, wanted: Sequence[WantedColumns], problems: Problems) -> Iterator[RawBlock]:
+    def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows; those that have another number of cells are noted and left out."""
         dates = tuple(w.index for w in wanted if w.as_time and self.holds_dates(w.index))
         reader = CellReader(self._dialect, tuple(wanted), dates)
