@@ -167,11 +167,6 @@ class ImportMap(Section):
             raise ValueError("give one of t_s, t_ns (in [columns]) and period_s, not several")
         return self
 
-    @property
-    def has_time(self) -> bool:
-        """True if the map says what time it is; a TDMS file may say so itself."""
-        return bool({TIME_S, "t_ns"} & set(self.columns)) or self.period_s is not None
-
 
 def load_map(path: Path) -> tuple[str, ImportMap]:
     """Return text and content of a map file. Raises ConfigError naming file, line and key."""

@@ -1,4 +1,4 @@
-"""What is missing of a recording, in numbers and in words."""
+"""What is missing of a recording, in numbers and as text."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

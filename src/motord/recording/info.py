@@ -12,7 +12,7 @@ _FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes", "blackbox")
 
 
 def describe(run: Run, *, check: bool = False) -> dict[str, Any]:
-    """Return what `record info` tells, ready for JSON; times are Unix ns and UTC text.
+    """Return what `record info` prints, ready for JSON; times are Unix ns and UTC text.
 
     Of a file that was closed only the index and the events are read, unless `check` asks for all.
     """
@@ -85,10 +85,10 @@ def _span(
 
 def _timing(run: Run) -> dict[str, Any] | None:
     """Return how punctual the loop was, None if the file does not say."""
-    told = [event["data"] for event in run.events() if event["kind"] == KIND]
-    if not told:
+    summaries = [event["data"] for event in run.events() if event["kind"] == KIND]
+    if not summaries:
         return None
-    whole = total(TimingSummary.model_validate(data) for data in told)
+    whole = total(TimingSummary.model_validate(data) for data in summaries)
     return {"words": whole.words(), **whole.model_dump(mode="json")}
 
 
@@ -98,5 +98,5 @@ def _count(run: Run, topic: str) -> int:
         return 0
     if run.source.structure.indexed:
         return run.source.structure.counts.get(channel, 0)
-    every = run.source.parts(run.source.chunks(channel))
-    return sum(part.channel == channel for parts in every for part in parts)
+    chunks = run.source.read(run.source.chunks(channel))
+    return sum(part.channel == channel for chunk in chunks for part in chunk.messages)

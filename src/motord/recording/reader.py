@@ -58,7 +58,7 @@ class Run:
 
     def check(self) -> Damage | None:
         """Read everything once and return what is missing, None if nothing is."""
-        for _ in self.source.parts(self.source.chunks()):
+        for _ in self.source.read(self.source.chunks()):
             pass
         self.source.check_outside_chunks()
         return self.damage
@@ -124,8 +124,8 @@ class Run:
             return []
         payloads = (
             bytes(part.payload)
-            for parts in self.source.parts(self.source.chunks(channel))
-            for part in parts
+            for chunk in self.source.read(self.source.chunks(channel))
+            for part in chunk.messages
             if isinstance(part, SingleMessage) and part.channel == channel
         )
         try:

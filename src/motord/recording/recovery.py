@@ -4,16 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from motord.recording import topics
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
 from motord.recording.file_names import whole_of
 from motord.recording.json_encoding import repaired, to_strings
-from motord.recording.mcap.chunk_builder import Index, make_chunk
-from motord.recording.mcap.chunk_decoder import ChunkError, chunk_head, messages
-from motord.recording.mcap.chunk_source import ChunkSource
+from motord.recording.mcap.chunk_builder import make_chunk
+from motord.recording.mcap.chunk_decoder import chunk_head
 from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.reader import Run, open_run
 
@@ -71,27 +68,15 @@ def _copy(run: Run, output_file: McapFile, go_on: Callable[[], bool]) -> tuple[i
         schema = source.structure.schemas.get(channel.schema_id)
         output_file.channel(schema, channel)
     ticks, chunks, tick_channel = 0, 0, source.number(topics.TICKS.name)
-    for entry, record, content in source.contents(source.chunks()):
+    for chunk in source.read(source.chunks()):
         if not go_on():
             raise RecordError(f"{run.path}: not done in the time that there was")
-        try:
-            index = _index(source, content)
-        except ChunkError as error:
-            source.lose(entry, str(error))
-            continue
-        if not index:
-            continue
-        head = chunk_head(record)  # its times are under no checksum: the messages have them
-        compressed = bytes(record[head.data_offset :])
-        output_file.chunk(make_chunk(content, head.compression, compressed, index), index)
-        chunks += 1
-        ticks += len(index.get(tick_channel or 0, ()))
+        index = chunk.index()
+        if index:
+            head = chunk_head(chunk.record)  # its times are under no checksum: messages have them
+            compressed = bytes(chunk.record[head.data_offset :])
+            record = make_chunk(chunk.content, head.compression, compressed, index)
+            output_file.chunk(record, index)
+            chunks += 1
+            ticks += len(index.get(tick_channel or 0, ()))
     return ticks, chunks
-
-
-def _index(source: ChunkSource, content: memoryview) -> dict[int, Index]:
-    """Return log times and offsets of the messages of every channel in a chunk."""
-    index: dict[int, list[Index]] = {}
-    for part in messages(content, source.layouts):
-        index.setdefault(part.channel, []).append(part.index())
-    return {channel: np.concatenate(parts) for channel, parts in index.items()}

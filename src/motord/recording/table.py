@@ -90,9 +90,12 @@ class Table:
         layout = self._layout
         if layout is None:
             return
-        for parts in self._source.parts(chunks):
-            blocks = (p for p in parts if isinstance(p, MessageBlock) and p.layout is layout)
-            yield [layout.payloads(_within(layout, block.records, span)) for block in blocks]
+        for chunk in self._source.read(chunks):
+            yield [
+                layout.payloads(_within(layout, part.records, span))
+                for part in chunk.messages
+                if isinstance(part, MessageBlock) and part.layout is layout
+            ]
 
 
 def _unpack(lanes: Lanes, runs: list[Bytes], out: Block, start: int) -> int:

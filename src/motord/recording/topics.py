@@ -1,4 +1,4 @@
-"""The topics of a recording: what MCAP is told of each, and the layout of their messages."""
+"""The topics of a recording: schema, channel and layout of the messages of each."""
 
 import json
 from dataclasses import dataclass

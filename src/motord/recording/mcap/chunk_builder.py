@@ -1,5 +1,6 @@
 """A chunk in the making: its records, and where each message is."""
 
+import struct
 from collections.abc import Mapping
 
 import numpy as np
@@ -13,6 +14,8 @@ from motord.recording.mcap.message_array import HEAD, MessageArray
 from motord.recording.mcap.records import RECORD_HEAD
 from motord.wire.ticks.blocks import Block
 from motord.wire.ticks.pattern import Bytes
+
+_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel and size of a message index
 
 CAPACITY_BYTES = 4 << 20
 """A chunk is closed before it holds more, whatever time it spans; one message may be larger."""
@@ -153,3 +156,9 @@ def make_chunk(
         uncompressed_crc=crc32(content),
         uncompressed_size=len(content),
     )
+
+
+def index_record(channel: int, index: Index) -> bytes:
+    """Return the MessageIndex record of a channel; the library packs its entries one by one."""
+    head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + index.nbytes, channel, index.nbytes)
+    return head + index.astype("<u8", copy=False).tobytes()

@@ -131,6 +131,28 @@ def messages(
         offset += records.size
 
 
+@dataclass(frozen=True)
+class DecodedChunk:
+    """A whole chunk: its record, its content, and the messages in it in order."""
+
+    record: memoryview
+    content: memoryview
+    messages: list[MessageBlock | SingleMessage]
+
+    def index(self) -> dict[int, Index]:
+        """Return log times and offsets of the messages of every channel."""
+        index: dict[int, list[Index]] = {}
+        for part in self.messages:
+            index.setdefault(part.channel, []).append(part.index())
+        return {channel: np.concatenate(parts) for channel, parts in index.items()}
+
+
+def decode(record: memoryview, layouts: Mapping[int, MessageArray]) -> DecodedChunk:
+    """Take a whole Chunk record apart; see `messages`. Raises ChunkError."""
+    content = chunk_content(record)
+    return DecodedChunk(record, content, list(messages(content, layouts)))
+
+
 def _record(content: memoryview, offset: int) -> tuple[int, int]:
     """Return opcode and end of the record at `offset`."""
     if offset + RECORD_HEAD.size <= len(content):

@@ -1,10 +1,10 @@
 """A recording as a sequence of checked chunks, with an account of those that are not readable."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from isal.isal_zlib import crc32
@@ -15,13 +15,7 @@ from motord.recording.damage import Damage, Loss, damage_of
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of
 from motord.recording.json_encoding import from_strings
-from motord.recording.mcap.chunk_decoder import (
-    ChunkError,
-    MessageBlock,
-    SingleMessage,
-    chunk_content,
-    messages,
-)
+from motord.recording.mcap.chunk_decoder import ChunkError, DecodedChunk, decode
 from motord.recording.mcap.message_array import MessageArray
 from motord.recording.mcap.records import MAGIC
 from motord.recording.mcap.salvage import Salvage
@@ -32,8 +26,6 @@ from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import read_record
 
 _READ_AT_ONCE_BYTES = 1 << 20
-
-Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -96,41 +88,19 @@ class ChunkSource:
             if has_it and (unchecked or span.overlaps(entry)):
                 yield entry
 
-    def contents(
-        self, chunks: Iterable[ChunkEntry]
-    ) -> Iterator[tuple[ChunkEntry, memoryview, memoryview]]:
-        """Yield place, record and content of those of `chunks` that are good; note the others."""
-        for entry, (record, content) in self._each(chunks, lambda *good: good):
-            yield entry, record, content
-
-    def parts(self, chunks: Iterable[ChunkEntry]) -> Iterator[list[MessageBlock | SingleMessage]]:
-        """Yield the messages of each of `chunks` that is good; note the others."""
-        for _, parts in self._each(chunks, lambda _, c: list(messages(c, self.layouts))):
-            yield parts
-
-    def _each(
-        self, chunks: Iterable[ChunkEntry], work: Callable[[memoryview, memoryview], Result]
-    ) -> Iterator[tuple[ChunkEntry, Result]]:
-        """Yield every good chunk with `work(record, content)`; note the others.
-
-        `work` may raise ChunkError.
-        """
+    def read(self, chunks: Iterable[ChunkEntry]) -> Iterator[DecodedChunk]:
+        """Yield those of `chunks` that are good; note the others."""
         with self.path.open("rb", buffering=0) as file:
             for entry in chunks:
                 size = min(entry.size, self.structure.size)
                 record = memoryview(os.pread(file.fileno(), size, entry.offset))
                 try:
-                    result = work(record, chunk_content(record))
+                    chunk = decode(record, self.layouts)
                 except ChunkError as error:
-                    self.lose(entry, str(error))
+                    self._bad_chunks.add(entry.offset)
+                    self._note(Loss(entry.offset, entry.size, str(error)))
                 else:
-                    yield entry, result
-
-    def lose(self, entry: ChunkEntry, reason: str) -> None:
-        """Note that a chunk cannot be used."""
-        if entry.offset not in self._bad_chunks:
-            self._bad_chunks.add(entry.offset)
-            self._note(Loss(entry.offset, entry.size, reason))
+                    yield chunk
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return the values of a metadata record, empty if there is none.
@@ -146,7 +116,7 @@ class ChunkSource:
             return dict(strings)
 
     def check_outside_chunks(self) -> None:
-        """Note a loss if bytes outside the chunks have changed, as far as a checksum tells."""
+        """Note a loss if bytes outside the chunks have changed, as far as a checksum shows."""
         end, wanted = self.structure.data_end, self.structure.data_crc
         if end is None or wanted == 0 or self._losses:
             return

@@ -12,6 +12,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
+from itertools import accumulate
 from pathlib import Path
 
 from isal.isal_zlib import crc32
@@ -33,10 +34,8 @@ from mcap.records import (
 from motord.atomic_write import sync_folder
 from motord.recording.errors import RecordError
 from motord.recording.file_names import part_of, require_free
-from motord.recording.mcap.chunk_builder import Index
+from motord.recording.mcap.chunk_builder import Index, index_record
 from motord.recording.mcap.records import MAGIC, serialise
-
-_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel and size of a message index
 
 
 def try_lock(descriptor: int) -> bool:
@@ -61,25 +60,6 @@ def _library() -> str:
         return "motord"
 
 
-class _ChunkIndexes:
-    """What the summary says of the chunks, kept as bytes: objects would take ten times as much,
-    and a recording of hours has many."""
-
-    def __init__(self) -> None:
-        self.records = bytearray()
-        self.count = 0
-        self.start_ns = 0
-        self.end_ns = 0
-
-    def add(self, entry: ChunkIndex) -> None:
-        """Take up a chunk that has been written."""
-        start_ns, end_ns = entry.message_start_time, entry.message_end_time
-        self.start_ns = min(self.start_ns, start_ns) if self.count else start_ns
-        self.end_ns = max(self.end_ns, end_ns)
-        self.records += serialise([entry])
-        self.count += 1
-
-
 class McapFile:
     """An MCAP file in the making. `size`: bytes written.
 
@@ -94,9 +74,19 @@ class McapFile:
         self._crc = 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._chunks = _ChunkIndexes()
+        self._chunk_indexes = bytearray()  # objects would take ten times as much memory
         self._metadata: list[MetadataIndex] = []
-        self._counts: dict[int, int] = {}
+        self._statistics = Statistics(
+            attachment_count=0,
+            channel_count=0,
+            channel_message_counts={},
+            chunk_count=0,
+            message_count=0,
+            message_end_time=0,
+            message_start_time=0,
+            metadata_count=0,
+            schema_count=0,
+        )
         self._descriptor = self._create()
         try:
             self._write(MAGIC + serialise([Header(profile="", library=_library())]))
@@ -116,7 +106,7 @@ class McapFile:
             self._schemas[schema.id] = schema
         self._write(serialise([channel]))
         self._channels[channel.id] = channel
-        self._counts[channel.id] = 0
+        self._statistics.channel_message_counts[channel.id] = 0
 
     def metadata(self, name: str, strings: dict[str, str]) -> None:
         """Write a metadata record."""
@@ -128,31 +118,26 @@ class McapFile:
     def chunk(self, chunk: Chunk, index: Mapping[int, Index]) -> None:
         """Write a chunk and the message indexes of its channels."""
         record = serialise([chunk])
-        start, offset = self.size, self.size + len(record)
-        indexes: list[bytes] = []
-        offsets: dict[int, int] = {}
-        for channel, entries in index.items():
-            offsets[channel] = offset
-            body = entries.astype("<u8", copy=False).tobytes()
-            head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + len(body), channel, len(body))
-            indexes.append(head + body)
-            offset += len(indexes[-1])
+        start, end = self.size, self.size + len(record)
+        indexes = [index_record(channel, entries) for channel, entries in index.items()]
+        offsets = accumulate(map(len, indexes), initial=end)
         self._write(record, b"".join(indexes))
-        self._chunks.add(
-            ChunkIndex(
-                message_start_time=chunk.message_start_time,
-                message_end_time=chunk.message_end_time,
-                chunk_start_offset=start,
-                chunk_length=len(record),
-                message_index_offsets=offsets,
-                message_index_length=offset - start - len(record),
-                compression=chunk.compression,
-                compressed_size=len(chunk.data),
-                uncompressed_size=chunk.uncompressed_size,
-            )
+        self._chunk_indexes += serialise(
+            [
+                ChunkIndex(
+                    message_start_time=chunk.message_start_time,
+                    message_end_time=chunk.message_end_time,
+                    chunk_start_offset=start,
+                    chunk_length=len(record),
+                    message_index_offsets=dict(zip(index, offsets, strict=False)),
+                    message_index_length=self.size - end,
+                    compression=chunk.compression,
+                    compressed_size=len(chunk.data),
+                    uncompressed_size=chunk.uncompressed_size,
+                )
+            ]
         )
-        for channel, entries in index.items():
-            self._counts[channel] = self._counts.get(channel, 0) + len(entries)
+        self._count(chunk, {channel: len(entries) for channel, entries in index.items()})
 
     def sync(self) -> None:
         """Have the disk hold everything written so far, where others can find it."""
@@ -230,12 +215,28 @@ class McapFile:
                 f"{self._part}: cannot write it: {error.strerror or error}"
             ) from error
 
+    def _count(self, chunk: Chunk, messages: Mapping[int, int]) -> None:
+        total = self._statistics
+        start_ns, end_ns = chunk.message_start_time, chunk.message_end_time
+        total.message_start_time = (
+            min(total.message_start_time, start_ns) if total.chunk_count else start_ns
+        )
+        total.message_end_time = max(total.message_end_time, end_ns)
+        total.chunk_count += 1
+        for channel, count in messages.items():
+            counts = total.channel_message_counts
+            counts[channel] = counts.get(channel, 0) + count
+            total.message_count += count
+
     def _summary(self) -> bytes:
+        total = self._statistics
+        total.schema_count, total.channel_count = len(self._schemas), len(self._channels)
+        total.metadata_count = len(self._metadata)
         groups: list[tuple[Opcode, bytes | bytearray]] = [
             (Opcode.SCHEMA, serialise(self._schemas.values())),
             (Opcode.CHANNEL, serialise(self._channels.values())),
-            (Opcode.STATISTICS, serialise([self._statistics()])),
-            (Opcode.CHUNK_INDEX, self._chunks.records),
+            (Opcode.STATISTICS, serialise([total])),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.METADATA_INDEX, serialise(self._metadata)),
         ]
         start, summary = self.size, b""
@@ -247,16 +248,3 @@ class McapFile:
         footer = Footer(start, start + len(summary), summary_crc=0)
         summary += serialise([*offsets, footer])[:-4]
         return summary + struct.pack("<I", crc32(summary)) + MAGIC
-
-    def _statistics(self) -> Statistics:
-        return Statistics(
-            attachment_count=0,
-            channel_count=len(self._channels),
-            channel_message_counts=self._counts,
-            chunk_count=self._chunks.count,
-            message_count=sum(self._counts.values()),
-            message_end_time=self._chunks.end_ns,
-            message_start_time=self._chunks.start_ns,
-            metadata_count=len(self._metadata),
-            schema_count=len(self._schemas),
-        )
