@@ -16,7 +16,7 @@ class Background:
     def __init__(self, limit_bytes: int) -> None:
         self._limit_bytes = limit_bytes
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="background")
-        self._waiting: deque[tuple[Future[None], int]] = deque()
+        self._waiting: deque[tuple[Future[object], int]] = deque()
         self._size = 0
 
     @property
@@ -30,7 +30,7 @@ class Background:
         self._forget_done()
         return self._size >= self._limit_bytes
 
-    def do(self, action: Callable[[], None], size: int = 0) -> None:
+    def do(self, action: Callable[[], object], size: int = 0) -> None:
         """Have `action` done after all others; until then it holds `size` bytes."""
         self._forget_done()
         self._waiting.append((self._pool.submit(action), size))

@@ -57,23 +57,23 @@ def _event(session: Session, command: Command, now_s: float) -> None:
     t_ns, content = _time_ns(command), _mapping(command["content"])
     kind, message = content["kind"], content["message"]
     data = _mapping(content.get("data", {}))
-    session.write(lambda recording: recording.event(t_ns, kind, message, data))
+    session.write(lambda writer: writer.event(t_ns, kind, message, data))
 
 
 def _plan(session: Session, command: Command, now_s: float) -> None:
     t_ns, content = _time_ns(command), _mapping(command["content"])
-    session.write(lambda recording: recording.plan(t_ns, content))
+    session.write(lambda writer: writer.plan(t_ns, content))
 
 
 def _operating_point(session: Session, command: Command, now_s: float) -> None:
     t_ns, content = _time_ns(command), _mapping(command["content"])
     session.step(now_s)  # its ticks first: a file that holds the point holds them, too
-    session.write(lambda recording: recording.operating_point(t_ns, content))
+    session.write(lambda writer: writer.operating_point(t_ns, content))
 
 
 def _metadata(session: Session, command: Command, now_s: float) -> None:
     name, content = str(command["name"]), _mapping(command["content"])
-    session.write(lambda recording: recording.add_metadata(name, content))
+    session.write(lambda writer: writer.metadata(name, content))
 
 
 def _blackbox(session: Session, command: Command, now_s: float) -> None:

@@ -74,11 +74,11 @@ class RollingFile:
         if not len(block):
             return
         if why := self._why_next_file():
-            self._write(lambda: self._change_file(why))
+            self.write(lambda writer: self._change_file(writer, why))
         if self._first_ns is None:
             self._first_ns = int(block["t_ns"][0])
         self._last_ns = int(block["t_ns"][-1])
-        if self._write(lambda: self._writer.ticks(block)):
+        if self.write(lambda writer: writer.ticks(block)):
             self.tally.ticks += len(block)
 
     def take(self, piece: RingPiece, now_s: float, ended_by: str = "") -> None:
@@ -95,32 +95,33 @@ class RollingFile:
         self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
     ) -> None:
         """Write an event; `t_ns` is Unix ns."""
-        self._write(lambda: self._writer.event(t_ns, kind, message, data))
+        self.write(lambda writer: writer.event(t_ns, kind, message, data))
 
-    def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
-        """Write a plan's progress."""
-        self._write(lambda: self._writer.plan(t_ns, progress))
-
-    def operating_point(self, t_ns: int, point: Mapping[str, object]) -> None:
-        """Write an operating point."""
-        self._write(lambda: self._writer.operating_point(t_ns, point))
-
-    def add_metadata(self, name: str, values: Mapping[str, object]) -> None:
-        """Write a metadata record."""
-        self._write(lambda: self._writer.metadata(name, values))
+    def write(self, action: Callable[[RunWriter], None]) -> bool:
+        """Do `action` on the file; a failure ends the recording. Return whether it was done."""
+        if not self.open:
+            return False
+        try:
+            action(self._writer)
+        except RecordError as error:
+            self.error = str(error)
+            self.open = False
+            self._writer.abandon()
+            return False
+        return True
 
     def step(self, now_s: float) -> None:
         """Do what is due: sync, look after free space."""
         if self.open and now_s - self._synced_s >= self._settings.sync_s:
             self._synced_s = now_s
-            self._write(self._writer.sync)
+            self.write(RunWriter.sync)
             if short := self._too_little_space():
                 self._end_for_space(short)
         self._count_bytes()
 
     def close(self, reason: str) -> None:
         """End the recording and give its last file its name."""
-        if self._write(lambda: self._writer.close({"reason": reason})):
+        if self.write(lambda writer: writer.close({"reason": reason})):
             self.open, self._closed = False, True
         self._count_bytes()
 
@@ -154,9 +155,9 @@ class RollingFile:
         self.tally.files += 1
         return writer
 
-    def _change_file(self, why: str) -> None:
-        self._writer.close({"reason": why})
-        self._closed_bytes += self._writer.bytes_written
+    def _change_file(self, writer: RunWriter, why: str) -> None:
+        writer.close({"reason": why})
+        self._closed_bytes += writer.bytes_written
         self._writer = self._next_writer()
 
     def _why_next_file(self) -> str:
@@ -167,19 +168,6 @@ class RollingFile:
         if span_s >= settings.file_max_s:
             return f"goes on in the next file after {settings.file_max_s:g} s"
         return ""
-
-    def _write(self, action: Callable[[], None]) -> bool:
-        """Do `action` on the file; a failure ends the recording. Return whether it was done."""
-        if not self.open:
-            return False
-        try:
-            action()
-        except RecordError as error:
-            self.error = str(error)
-            self.open = False
-            self._writer.abandon()
-            return False
-        return True
 
     def _too_little_space(self) -> str:
         return too_little_space(self.stem.parent, self._settings, self._free)

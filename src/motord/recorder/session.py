@@ -12,6 +12,7 @@ from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, 
 from motord.recorder.rolling_file import RollingFile
 from motord.recording.errors import RecordError
 from motord.recording.storage import free_bytes, obstacle
+from motord.recording.writer import RunWriter
 
 BACKLOG_BYTES = 64 << 20
 """Ticks that are held in memory while the disk stalls: 38 s of them at 10 kHz."""
@@ -192,11 +193,11 @@ class Session:
     def _probe(self) -> None:
         self._obstacle = obstacle(self._settings, self._free)
 
-    def write(self, action: Callable[[RollingFile], None]) -> None:
-        """Have `action` done with the recording, after all it has been given before."""
+    def write(self, action: Callable[[RunWriter], None]) -> None:
+        """Have `action` done on the recording's file, after all it has been given before."""
         recording = self._recording
         if recording is not None:
-            self._disk.do(lambda: action(recording))
+            self._disk.do(lambda: recording.write(action))
 
     def settle(self) -> None:
         """Wait until the files hold what they have been given."""
