@@ -14,14 +14,7 @@ from motord.config.base import (
     Positive,
     Section,
 )
-from motord.config.bench import (
-    BenchConfig,
-    Config,
-    LimitsConfig,
-    LoopConfig,
-    RecordingConfig,
-    ZenohConfig,
-)
+from motord.config.bench import Config
 from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.devices import (
     BrakeConfig,
@@ -65,6 +58,14 @@ from motord.config.reading import (
     resolve,
     validate,
 )
+from motord.config.sections import (
+    BenchConfig,
+    LimitsConfig,
+    LoopConfig,
+    RecordingConfig,
+    TlsConfig,
+    ZenohConfig,
+)
 
 __all__ = [
     "SEQUENCE",
@@ -106,6 +107,7 @@ __all__ = [
     "Section",
     "SensitivityConfig",
     "SpringConfig",
+    "TlsConfig",
     "TorqueSensorConfig",
     "ZenohConfig",
     "back_emf_waves",

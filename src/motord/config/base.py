@@ -23,6 +23,8 @@ TemperatureBand = Annotated[tuple[Finite, Finite], AfterValidator(_ordered)]
 MAX_VALUES = 64
 """Values of a list in a plan: anybody may ask for a plan, and the supervisor builds it."""
 
+PositiveValues = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)]
+
 
 class ConfigError(Exception):
     """A bench file that cannot be used; the message says where, what and what to do."""

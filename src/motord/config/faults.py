@@ -31,6 +31,17 @@ class FaultKind:
     places: frozenset[str] = EVERYWHERE
 
 
+def _wire_kinds(wire: str, device: str) -> dict[str, FaultKind]:
+    """Return what can happen to the frames of a wire."""
+    both, back = f"frames to and from the {device}", f"frames from the {device}"
+    return {
+        f"{wire}_drop": FaultKind(f"{both} are lost", 0.3, {"fraction": 1.0}, WIRES),
+        f"{wire}_corrupt": FaultKind(f"{both} arrive changed", 0.3, {"fraction": 1.0}, WIRES),
+        f"{wire}_duplicate": FaultKind(f"{back} come twice", 0.3, {"fraction": 1.0}, WIRES),
+        f"{wire}_late": FaultKind(f"{back} come late", 0.3, {"delay_s": 0.04}, WIRES),
+    }
+
+
 KINDS: dict[str, FaultKind] = {
     "inverter_fault": FaultKind("the drive reports a fault and switches off", 0.2),
     "inverter_off": FaultKind("the power stage goes off without a word", 0.2),
@@ -56,27 +67,9 @@ KINDS: dict[str, FaultKind] = {
     "bus_voltage": FaultKind("the DC bus has this voltage", 0.2, {"bus_V": 12.0}),
     "brake_silent": FaultKind("the brake does not answer; its excitation stays", 1.5),
     "host_stall": FaultKind("whoever runs the bench gets no processor", 0.05),
-    "can_drop": FaultKind(
-        "frames to and from the inverter are lost", 0.3, {"fraction": 1.0}, WIRES
-    ),
-    "can_corrupt": FaultKind(
-        "frames to and from the inverter arrive changed", 0.3, {"fraction": 1.0}, WIRES
-    ),
-    "can_duplicate": FaultKind(
-        "frames from the inverter come twice", 0.3, {"fraction": 1.0}, WIRES
-    ),
-    "can_late": FaultKind("frames from the inverter come late", 0.3, {"delay_s": 0.04}, WIRES),
+    **_wire_kinds("can", "inverter"),
     "can_bus_off": FaultKind("the CAN controller goes off the bus", 0.3, {}, WIRES),
-    "bridge_drop": FaultKind(
-        "frames to and from the bridge are lost", 0.3, {"fraction": 1.0}, WIRES
-    ),
-    "bridge_corrupt": FaultKind(
-        "frames to and from the bridge arrive changed", 0.3, {"fraction": 1.0}, WIRES
-    ),
-    "bridge_duplicate": FaultKind(
-        "frames from the bridge come twice", 0.3, {"fraction": 1.0}, WIRES
-    ),
-    "bridge_late": FaultKind("frames from the bridge come late", 0.3, {"delay_s": 0.04}, WIRES),
+    **_wire_kinds("bridge", "bridge"),
     "bridge_reboot": FaultKind("the board starts anew, silent for that long", 0.3, {}, WIRES),
     "bridge_clock": FaultKind(
         "the board's clock jumps", 0.0, {"jump_s": 0.3}, frozenset({"emulate"})

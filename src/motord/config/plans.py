@@ -4,7 +4,15 @@ from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from motord.config.base import MAX_VALUES, Finite, NonNegative, Positive, Section, TemperatureBand
+from motord.config.base import (
+    MAX_VALUES,
+    Finite,
+    NonNegative,
+    Positive,
+    PositiveValues,
+    Section,
+    TemperatureBand,
+)
 
 SMALLEST_GAIN_STEP = 0.05
 """Change of a phase's gain below which the common gain hardly shows."""
@@ -16,21 +24,8 @@ class MeshConfig(Section):
     temperature_C: band of the inverter's; outside, a point is poor and taken again. None: any.
     """
 
-    torques_Nm: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)] = (
-        1.0,
-        2.0,
-        3.0,
-        4.0,
-        5.0,
-    )
-    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)] = (
-        0.5,
-        0.6,
-        0.7,
-        0.8,
-        0.9,
-        1.0,
-    )
+    torques_Nm: PositiveValues = (1.0, 2.0, 3.0, 4.0, 5.0)
+    speeds_Hz: PositiveValues = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0
@@ -69,14 +64,7 @@ class DrivenConfig(Section):
     settle_tolerance for settle_s. temperature_C: as of a mesh.
     """
 
-    speeds_Hz: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=MAX_VALUES)] = (
-        0.5,
-        0.6,
-        0.7,
-        0.8,
-        0.9,
-        1.0,
-    )
+    speeds_Hz: PositiveValues = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
     settle_s: NonNegative = 2.0
     settle_timeout_s: Positive = 30.0

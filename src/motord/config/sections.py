@@ -1,0 +1,245 @@
+"""The tables of a bench file, each checked by itself; `config.rules`: what holds between them."""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+
+from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.devices import BrakeConfig, BridgeConfig, DriveConfig, InverterConfig
+from motord.config.experiments import Plans
+from motord.config.motor import MotorConfig, TorqueSensorConfig
+from motord.config.timing import (
+    JUMP_MAX_RAD,
+    ORDER_S,
+    RAMP_DOWN_MAX_S,
+    RATE_MAX_HZ,
+    RATE_MIN_HZ,
+    SILENCE_MAX_S,
+    SUPERVISOR_ACTS_S,
+)
+
+
+class BenchConfig(Section):
+    """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth.
+
+    rig_patience_s is for the emulator on computers that stall: the rig's time stands still when the
+    emulator has not run for so long and, with the power stage on, when no current command has come
+    for so long, until one comes or the inverter's timeout is over. Without it the rig plays on, as
+    a real one does. faults is a timeline of faults to inject (`config.faults`), for a simulated or
+    an emulated bench.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
+    rig: Path | None = None
+    faults: Path | None = None
+    rig_patience_s: Positive | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    notes: str = ""
+
+
+class LoopConfig(Section):
+    """`[loop]`: the real-time loop and its observer."""
+
+    rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] = 1000
+    cpu: Annotated[int, Field(ge=0)] | None = None
+    priority: Annotated[int, Field(ge=1, le=98)] = 80
+    spin: bool = True
+    observer_bandwidth_Hz: Annotated[float, Field(ge=15, le=10_000)] = 30.0
+    supervisor_timeout_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.25
+    enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
+    overrun_ticks: Annotated[int, Field(ge=1)] = 50
+    ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
+
+
+class LimitsConfig(Section):
+    """`[limits]`: what the loop never exceeds (references) and what it trips at.
+
+    current_error_A is how far a sensed current may be from its command, by default a quarter of
+    current_A; torque_error_Nm how far the measured torque may be from the set-point, besides a
+    fifth of it, by default 0.3 torque_Nm; for current_error_s and torque_error_s on end.
+    """
+
+    torque_Nm: Positive = 6.0
+    torque_rate_Nm_per_s: Positive = 10.0
+    current_A: Positive = 25.0
+    trip_current_A: Positive = 35.0
+    i2t_current_A: Positive = 20.0
+    i2t_time_s: Positive = 10.0
+    trip_speed_rad_s: Positive = 20.0
+    trip_torque_Nm: Positive = 12.0
+    trip_temperature_C: Finite = 100.0
+    bus_V_min: NonNegative = 18.0
+    bus_V_max: Positive = 32.0
+    link_errors_per_s: Positive = 50.0
+    encoder_jump_rad: Annotated[float, Field(gt=0, le=JUMP_MAX_RAD)] = 0.15
+    current_error_A: Positive | None = None
+    current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
+    torque_error_Nm: Positive | None = None
+    torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+
+    @property
+    def ramp_down_Nm_per_s(self) -> float:
+        """How fast the torque goes to zero on disable, or without a supervisor or commander."""
+        return max(self.torque_rate_Nm_per_s, self.torque_Nm / RAMP_DOWN_MAX_S)
+
+    @model_validator(mode="after")
+    def _trip_above_limit(self) -> "LimitsConfig":
+        if self.trip_current_A <= self.current_A:
+            raise ValueError(
+                f"trip_current_A = {self.trip_current_A:g} must be above "
+                f"current_A = {self.current_A:g}, or every full command would trip"
+            )
+        if self.bus_V_max <= self.bus_V_min:
+            raise ValueError("bus_V_max must be above bus_V_min")
+        return self
+
+
+_LOOPBACK = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
+_SOCKET = r"unixsock-stream/(?=.{2,100}$)(/[\w.@+-]+)+"
+_TLS = r"tls/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):\d{1,5}"
+
+
+def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
+    own = re.compile(f"{_LOOPBACK}|{_SOCKET}")
+    form = re.compile(f"{own.pattern}|{_TLS}")
+    if not any(own.fullmatch(endpoint) for endpoint in endpoints) or not all(
+        form.fullmatch(endpoint) for endpoint in endpoints
+    ):
+        raise ValueError(
+            "whoever reaches the daemon may command it, so it listens on TCP ports of this "
+            'machine alone, such as "tcp/127.0.0.1:7447", or on a Unix socket, such as '
+            f'"unixsock-stream//run/motord/bench.sock"; got {", ".join(endpoints) or "none"}. '
+            'Other machines come in by "tls/0.0.0.0:7448" besides, with certificates and roles: '
+            "`motord security init` makes them"
+        )
+    return endpoints
+
+
+Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
+"""Zenoh endpoints: TCP or Unix sockets of this machine alone, at least one, and TLS."""
+
+
+class RecordingConfig(Section):
+    """`[recording]`: where runs go and how they are written.
+
+    auto: hand operation is recorded while the bench is powered, or "always". required: a plan that
+    cannot be recorded is refused or ended.
+    """
+
+    directory: Path = Path("runs")
+    auto: bool | Literal["always"] = True
+    required: bool = True
+    chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    sync_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    file_max_s: Positive = 3600.0
+    file_max_MB: Positive = 4096.0
+    free_min_MB: NonNegative = 500.0
+    blackbox_keep: Annotated[int, Field(ge=1, le=10_000)] = 50
+
+    @property
+    def blackbox_directory(self) -> Path:
+        """Where black boxes go; the `blackbox_keep` newest of a bench are kept."""
+        return self.directory / "blackbox"
+
+
+class TlsConfig(Section):
+    """`[zenoh.tls]`: who comes in from other machines; `motord security init` makes the files."""
+
+    ca: Path
+    certificate: Path
+    key: Path
+    roles: Path
+
+
+class ZenohConfig(Section):
+    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`.
+
+    socket_group is the group whose members may connect to Unix sockets among the endpoints, by
+    default that of the daemon.
+    """
+
+    listen: Endpoints = ("tcp/127.0.0.1:7447",)
+    tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
+    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
+    lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
+    socket_group: Annotated[str, Field(min_length=1, max_length=32)] | None = None
+    tls: TlsConfig | None = None
+
+    @property
+    def local(self) -> tuple[str, ...]:
+        """Endpoints of this machine alone."""
+        return tuple(endpoint for endpoint in self.listen if not endpoint.startswith("tls/"))
+
+    @property
+    def remote(self) -> tuple[str, ...]:
+        """Endpoints that other machines reach, with a certificate."""
+        return tuple(endpoint for endpoint in self.listen if endpoint.startswith("tls/"))
+
+    @model_validator(mode="after")
+    def _a_group_needs_a_socket(self) -> "ZenohConfig":
+        if self.socket_group and not any(e.startswith("unixsock-stream/") for e in self.listen):
+            raise ValueError(
+                f"socket_group = '{self.socket_group}' without an endpoint such as "
+                '"unixsock-stream//run/motord/bench.sock" in listen'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _tls_is_all_or_nothing(self) -> "ZenohConfig":
+        if self.remote and self.tls is None:
+            raise ValueError(
+                f"{', '.join(self.remote)} needs [zenoh.tls]: `motord security init` makes "
+                "certificates and roles, and prints the section"
+            )
+        if self.tls is not None and not self.remote:
+            raise ValueError('[zenoh.tls] without an endpoint such as "tls/0.0.0.0:7448" in listen')
+        return self
+
+
+class Sections(Section):
+    """All tables of a bench file, and the times that follow from several of them."""
+
+    bench: BenchConfig = BenchConfig()
+    loop: LoopConfig = LoopConfig()
+    inverter: InverterConfig = InverterConfig()
+    bridge: BridgeConfig = BridgeConfig()
+    torque_sensor: TorqueSensorConfig = TorqueSensorConfig()
+    brake: BrakeConfig = BrakeConfig()
+    drive: DriveConfig = DriveConfig()
+    motor: MotorConfig
+    limits: LimitsConfig = LimitsConfig()
+    recording: RecordingConfig = RecordingConfig()
+    zenoh: ZenohConfig = ZenohConfig()
+    plans: Plans
+
+    @property
+    def sample_interval_s(self) -> float:
+        """Time between two samples of the bridge as the loop sees them."""
+        loop_Hz = self.loop.rate_Hz
+        return 1.0 / min(loop_Hz, self.bridge.rate_Hz or loop_Hz)
+
+    @property
+    def order_s(self) -> float:
+        """For this long after a step of the supervisor its set-points for slow devices are good."""
+        return min(self.loop.supervisor_timeout_s, ORDER_S)
+
+    def wind_down_s(self, torque_Nm: float) -> float:
+        """Return within what time no torque is left, whatever the supervisor does meanwhile.
+
+        One that hangs is missed by the loop after supervisor_timeout_s; the ramp follows.
+        """
+        ramp_s = abs(torque_Nm) / self.limits.ramp_down_Nm_per_s
+        return ramp_s + self.loop.supervisor_timeout_s + SUPERVISOR_ACTS_S
+
+    @property
+    def renew_within_s(self) -> float:
+        """Within this time a lease has to be renewed, whatever the torque."""
+        return self.zenoh.lease_s - self.wind_down_s(self.limits.torque_Nm)
+
+    @property
+    def simulated(self) -> bool:
+        """True if the rig runs inside the loop process instead of on a wire."""
+        return self.inverter.driver == "sim"
