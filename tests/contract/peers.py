@@ -14,15 +14,10 @@ import can
 from motord.config import BridgeCanConfig, CanConfig, Config, MotorConfig, packaged
 from motord.schema import BridgeStatus, InverterStatus
 from motord.wire.bridge import frames
-from motord.wire.bridge.segmentation import (
-    CLASSIC_BYTES,
-    FD_BYTES,
-    PIECE_NUMBERS,
-    PieceDecoder,
-    split,
-)
+from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
+from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 from tests.support.ports import free_port
 
 PERIOD_S = 0.001

@@ -1,26 +1,20 @@
 """The emulated inverter's CAN port: command frames in, feedback and status frames out."""
 
-import logging
-import socket
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 
 import can
 
+from motord.can_interface import open_interface, opening_hint
 from motord.config import CanBusConfig, CanConfig
 from motord.emulate import EmulatorError
 from motord.emulate.bench import CurrentCommand
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.wire.bridge.sequence import SequenceCheck
-from motord.wire.can.codec import EXTENDED, InverterCodec, MessageCodec
-
-# python-can tells its log of errors that it also raises
-logging.getLogger("can").addHandler(logging.NullHandler())
+from motord.wire.can.codec import InverterCodec, MessageCodec
+from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_RESTARTED, EXTENDED
 
 FRAMES_AT_ONCE = 4096
-BUFFER_BYTES = 1 << 20
-ERROR_BUS_OFF, ERROR_RESTARTED = 0x40, 0x100  # linux/can/error.h
 
 
 class CanPort:
@@ -137,41 +131,12 @@ class _Outgoing:
         return self._message
 
 
-def _widen(bus: can.BusABC) -> None:
-    """Let the kernel keep more frames while this process is kept waiting, if it may."""
-    with (
-        suppress(OSError, NotImplementedError, ValueError),
-        socket.fromfd(bus.fileno(), socket.AF_INET, socket.SOCK_DGRAM) as same,
-    ):
-        same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-
-
 def open_bus(config: CanBusConfig) -> can.BusABC:
     """Open a channel. Raises EmulatorError."""
-    settings: dict[str, object] = {"fd": config.fd, **config.options}
-    if config.bitrate is not None:
-        settings["bitrate"] = config.bitrate
-    if config.data_bitrate is not None:
-        settings["data_bitrate"] = config.data_bitrate
     try:
-        bus = can.Bus(
-            config.channel,
-            config.interface,
-            ignore_config=True,
-            **settings,  # type: ignore[arg-type]
-        )
-    except (can.CanError, OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
-        cause = (
-            error.__cause__ or error
-        )  # NotImplementedError (unknown interface) is a RuntimeError
-        reason = getattr(cause, "strerror", None) or str(cause)
-        hint = (
-            "a multicast group needs a route: ip route add 224.0.0.0/4 dev lo"
-            if config.interface == "udp_multicast"
-            else "is the interface up, and are its interface and channel in the bench file right?"
-        )
+        return open_interface(config)
+    except OSError as error:
         raise EmulatorError(
-            f"CAN {config.interface} {config.channel}: cannot open it: {reason}; {hint}"
+            f"CAN {config.interface} {config.channel}: cannot open it: {error.strerror}; "
+            f"{opening_hint(config)}"
         ) from error
-    _widen(bus)
-    return bus

@@ -11,14 +11,9 @@ from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.emulate.link import BoardEnd
 from motord.wire.bridge.frames import SEQUENCE_MODULUS, Frame, Numbered, pack
-from motord.wire.bridge.segmentation import (
-    CLASSIC_BYTES,
-    FD_BYTES,
-    PIECE_NUMBERS,
-    PieceDecoder,
-    split,
-)
+from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 
 
 class BoardCanLink(BoardEnd):

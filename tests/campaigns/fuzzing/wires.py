@@ -11,7 +11,7 @@ from motord.hal.inverter.feedback import CanFeedback
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
-from motord.wire.can.codec import EXTENDED
+from motord.wire.can.frame_format import EXTENDED
 from tests.campaigns.fuzzing.mutate import mutate_bytes, some_bytes
 
 LAST = frames.Sample(1, 2, -3, 4)

@@ -14,8 +14,9 @@ from motord.emulate.control import control_path
 from motord.emulate.process import Emulator
 from motord.rig import truth as rig_truth
 from motord.wire.bridge import frames
-from motord.wire.bridge.segmentation import CLASSIC_BYTES, FD_BYTES, PieceDecoder, split
+from motord.wire.bridge.segmentation import PieceDecoder, split
 from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 from tests.unit.emulate.benches import EMULATED
 
 CHANNEL = "test-can-link"

@@ -1,19 +1,15 @@
 """Any python-can bus as the drivers' `CanBus`."""
 
-import os
-import socket
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import can
 import pytest
 
-from motord.hal.can import python_can
 from motord.hal.can.base import CanBus
 from motord.hal.can.bus import open_bus
-from motord.hal.can.python_can import PythonCan, open_python_can
-from motord.wire.can.codec import EXTENDED
+from motord.hal.can.python_can import PythonCan
+from motord.wire.can.frame_format import EXTENDED
 from tests.contract.peers import can_config
 
 ROUNDING_NS = 1000
@@ -67,30 +63,6 @@ def test_waiting_for_the_first_frame_only(pair: tuple[CanBus, can.BusABC]) -> No
     for _ in range(3):
         other.send(can.Message(arbitration_id=5))
     assert len(bus.receive(10.0)) == 3
-
-
-def test_the_receive_buffer_is_widened_where_there_is_one() -> None:
-    bus = open_python_can(can_config())
-    with socket.socket(fileno=os.dup(bus._bus.fileno())) as end:
-        widened = end.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-    bus.close()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
-        asked = python_can.RECEIVE_BUFFER_BYTES
-        assert widened != plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-        plain.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, asked)
-        assert widened == plain.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)  # what is granted
-
-
-@pytest.mark.parametrize("kind", ["a file", "closed"])
-def test_a_bus_that_is_no_socket_is_left_alone(kind: str, tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    with path.open("w") as file:
-        descriptor = file.fileno() if kind == "a file" else -1
-        before = os.listdir("/proc/self/fd")  # noqa: PTH208
-        python_can._widen(type("Bus", (), {"fileno": lambda _self: descriptor})())
-        assert os.listdir("/proc/self/fd") == before  # noqa: PTH208
-        file.write("still open")
-    assert path.read_text() == "still open"
 
 
 def test_both_ends_of_an_error(pair: tuple[CanBus, can.BusABC]) -> None:

@@ -17,7 +17,7 @@ from motord.hal.can import socketcan
 from motord.hal.can.base import FRAMES_AT_ONCE, REFUSED_MAX
 from motord.hal.can.bus import open_bus
 from motord.hal.can.socketcan import BATCH, SocketCan
-from motord.wire.can.codec import EXTENDED
+from motord.wire.can.frame_format import EXTENDED
 from tests.contract.peers import can_config
 
 Pair = tuple[SocketCan, socket.socket]

@@ -4,8 +4,6 @@ from hypothesis import strategies as st
 
 from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import (
-    CLASSIC_BYTES,
-    FD_BYTES,
     FIRST,
     LAST,
     PIECE_NUMBERS,
@@ -13,6 +11,7 @@ from motord.wire.bridge.segmentation import (
     PieceJoiner,
     split,
 )
+from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 from tests.unit.wire.test_frames import FRAMES
 
 SIZES = st.sampled_from([CLASSIC_BYTES, FD_BYTES])

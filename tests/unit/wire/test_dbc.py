@@ -7,7 +7,8 @@ import pytest
 
 from motord.config import CanConfig, ConfigError, packaged
 from motord.wire.can import dbc
-from motord.wire.can.codec import EXTENDED, InverterCodec
+from motord.wire.can.codec import InverterCodec
+from motord.wire.can.frame_format import EXTENDED
 from tests.contract.peers import SIGNALS
 
 HEADER = 'VERSION ""\nNS_ :\nBS_:\nBU_: Host Drive\n'

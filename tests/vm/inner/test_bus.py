@@ -12,7 +12,7 @@ import pytest
 from motord.hal.base import DeviceError
 from motord.hal.can.bus import open_bus
 from motord.hal.can.socketcan import SocketCan, open_socketcan
-from motord.wire.can.codec import EXTENDED
+from motord.wire.can.frame_format import EXTENDED
 from tests.contract.peers import SOCKETCAN, can_config
 from tests.vm.inner import interface
 

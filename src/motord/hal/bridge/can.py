@@ -3,16 +3,11 @@
 from motord.config import BridgeCanConfig, Config
 from motord.hal.base import DeviceError
 from motord.hal.bridge.board import Bridge
-from motord.hal.can.base import Frame
+from motord.hal.can.base import CanFrame
 from motord.hal.can.bus import open_bus
 from motord.wire.bridge import frames
-from motord.wire.bridge.segmentation import (
-    CLASSIC_BYTES,
-    FD_BYTES,
-    PIECE_NUMBERS,
-    PieceDecoder,
-    split,
-)
+from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
+from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 
 
 class CanLink:
@@ -28,7 +23,7 @@ class CanLink:
         self._decoder = PieceDecoder()
         self._number = 0
         self._pieces = 0
-        self._waiting: list[Frame] = []
+        self._waiting: list[CanFrame] = []
 
     @property
     def heard(self) -> str:

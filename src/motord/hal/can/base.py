@@ -7,7 +7,9 @@ identifiers that it listens to.
 from collections.abc import Collection, Sequence
 from typing import Protocol
 
-Frame = tuple[int, bytes, int]
+from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_CONTROLLER, ERROR_RESTARTED
+
+CanFrame = tuple[int, bytes, int]
 """Key (the identifier, bit 31 set for an extended one), payload, and when it came: Unix ns, or 0 if
 the interface does not tell in the system's clock."""
 
@@ -16,12 +18,8 @@ FRAMES_AT_ONCE = 1024
 REFUSED_MAX = 5
 """Sends refused on end after which the bus counts as off."""
 
-# classes and details of error frames: linux/can/error.h
-ERROR_LOST_ARBITRATION = 0x02
-ERROR_CONTROLLER = 0x04
-ERROR_BUS_OFF = 0x40
-ERROR_RESTARTED = 0x100
 _PASSIVE, _ACTIVE_AGAIN = 0x30, 0x40
+"""The controller's state in an error frame: linux/can/error.h."""
 
 
 class BusState:
@@ -88,7 +86,7 @@ class CanBus(Protocol):
 
     state: BusState
 
-    def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
+    def receive(self, timeout_s: float = 0.0) -> Sequence[CanFrame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
 
     def send(self, key: int, payload: bytes) -> None:

@@ -1,5 +1,6 @@
 """Opening a CAN bus: SocketCAN by a socket of our own, any other interface by python-can."""
 
+from motord.can_interface import opening_hint
 from motord.config import CanBusConfig
 from motord.hal.base import DeviceError
 from motord.hal.can.base import CanBus
@@ -22,13 +23,6 @@ def open_bus(config: CanBusConfig, device: str) -> CanBus:
         return open_socketcan(config.channel, config.fd)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise DeviceError(f"{device}: cannot open the bus: {reason}; {_hint(config)}") from error
-
-
-def _hint(config: CanBusConfig) -> str:
-    if config.interface == "socketcan":
-        rates = "bitrate ... dbitrate ... fd on" if config.fd else "bitrate ..."
-        return f"bring it up: ip link set {config.channel} up type can {rates}"
-    if config.interface == "udp_multicast":
-        return "a multicast group needs a route: ip route add 224.0.0.0/4 dev lo"
-    return "are its interface, channel and options right?"
+        raise DeviceError(
+            f"{device}: cannot open the bus: {reason}; {opening_hint(config)}"
+        ) from error

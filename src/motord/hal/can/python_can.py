@@ -3,26 +3,18 @@
 python-can makes a message of each frame and raises what goes wrong; here both end.
 """
 
-import logging
-import os
-import socket
 import time
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 
 import can
 
+from motord.can_interface import interface_options, open_interface
 from motord.config import CanBusConfig
-from motord.hal.can.base import FRAMES_AT_ONCE, BusState, Frame
+from motord.hal.can.base import FRAMES_AT_ONCE, BusState, CanFrame
 from motord.hal.can.slcan_port import read_in_bulk
-from motord.wire.can.codec import EXTENDED
+from motord.wire.can.frame_format import EXTENDED
 
-# python-can tells its own log of errors that it also raises
-logging.getLogger("can").addHandler(logging.NullHandler())
-
-RECEIVE_BUFFER_BYTES = 1 << 20
-"""Asked of the kernel, so that a loop that was kept waiting loses no frames; it grants at most
-net.core.rmem_max."""
 HOST_STAMP_S = 10.0
 """Time stamps further than this from the system's clock are some other clock's: not used."""
 FAILURES = (can.CanError, OSError)
@@ -40,11 +32,10 @@ class PythonCan:
         self._wanted: frozenset[int] = frozenset()
         self._outgoing: dict[int, can.Message] = {}
         self._host_stamps: bool | None = None
-        _widen(bus)
 
-    def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
+    def receive(self, timeout_s: float = 0.0) -> Sequence[CanFrame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
-        heard: list[Frame] = []
+        heard: list[CanFrame] = []
         for _ in range(FRAMES_AT_ONCE):
             try:
                 message = self._bus.recv(timeout_s)
@@ -82,7 +73,7 @@ class PythonCan:
         with suppress(*FAILURES):  # an adapter that was unplugged cannot be told
             self._bus.shutdown()
 
-    def _take(self, message: can.Message, heard: list[Frame]) -> None:
+    def _take(self, message: can.Message, heard: list[CanFrame]) -> None:
         if message.is_error_frame:
             data = message.data
             self.state.error_frame(message.arbitration_id, data[1] if len(data) > 1 else 0)
@@ -107,48 +98,11 @@ class PythonCan:
 
 def open_python_can(config: CanBusConfig) -> PythonCan:
     """Open the bus by its interface. Raises OSError, with the reason in `strerror`."""
-    settings: dict[str, object] = {"fd": config.fd, **config.options}
-    if config.bitrate is not None:
-        settings["bitrate"] = config.bitrate
-    if config.data_bitrate is not None:
-        settings["data_bitrate"] = config.data_bitrate
+    bus = open_interface(config)
     try:
-        bus = can.Bus(
-            config.channel,
-            config.interface,
-            ignore_config=True,
-            **settings,  # type: ignore[arg-type]
-        )
-    except (
-        can.CanError,
-        OSError,
-        ValueError,
-        TypeError,
-        ImportError,
-        NotImplementedError,  # an interface that python-can does not know
-    ) as error:
-        cause = error.__cause__ or error
-        reason = getattr(cause, "strerror", None) or str(cause)
-        raise OSError(getattr(cause, "errno", None) or 0, reason) from error
-    try:
-        read_in_bulk(bus, settings)
+        read_in_bulk(bus, interface_options(config))
     except OSError:
         with suppress(*FAILURES):
             bus.shutdown()
         raise
     return PythonCan(bus, config.fd)
-
-
-def _widen(bus: can.BusABC) -> None:
-    """Ask for a large receive buffer, if the bus is a socket."""
-    try:
-        fd = os.dup(bus.fileno())
-    except (NotImplementedError, OSError):
-        return
-    try:
-        end = socket.socket(fileno=fd)
-    except OSError:  # a descriptor, but no socket: a serial adapter
-        os.close(fd)
-        return
-    with end, suppress(OSError):
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)

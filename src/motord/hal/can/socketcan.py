@@ -16,7 +16,7 @@ import struct
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 
-from motord.hal.can.base import FRAMES_AT_ONCE, BusState, Frame
+from motord.hal.can.base import FRAMES_AT_ONCE, BusState, CanFrame
 
 RECEIVE_BUFFER_BYTES = 1 << 20
 """Asked of the kernel, so that a loop that was kept waiting loses no frames; it grants at most
@@ -111,11 +111,11 @@ class SocketCan:
         self._outgoing = bytearray(_FD_BYTES if fd else _CLASSIC_BYTES)
         self._inbox = _Inbox()
 
-    def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
+    def receive(self, timeout_s: float = 0.0) -> Sequence[CanFrame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
         if timeout_s:
             select.select([self._socket], [], [], timeout_s)
-        heard: list[Frame] = []
+        heard: list[CanFrame] = []
         try:
             for _ in range(FRAMES_AT_ONCE // BATCH):
                 count = self._inbox.take(self._socket.fileno())
@@ -154,7 +154,7 @@ class SocketCan:
             self._socket.bind((self._channel,))
             self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, self._filters)
 
-    def _sort(self, count: int, heard: list[Frame]) -> None:
+    def _sort(self, count: int, heard: list[CanFrame]) -> None:
         """Add `count` frames of the inbox to `heard`, tell the state of error frames."""
         frames = self._inbox.frames[: count * _ARRIVAL.size]
         for key, size, data, _, _, kind, seconds, ns in _ARRIVAL.iter_unpack(frames):

@@ -12,7 +12,8 @@ from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import BusState, CanBus
 from motord.hal.can.bus import open_bus
-from motord.wire.can.codec import EXTENDED, MessageCodec
+from motord.wire.can.codec import MessageCodec
+from motord.wire.can.frame_format import EXTENDED
 
 _OPEN_ASK_S = 0.02
 

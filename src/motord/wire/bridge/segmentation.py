@@ -11,16 +11,11 @@ The board's side is `firmware_bridge/protocol/can_pieces.c`.
 
 from motord.wire.bridge.frames import BODY_BYTES, SEQUENCE_MODULUS, Hello, Numbered, unpack
 from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES, data_size
 
 FIRST = 0x80
 LAST = 0x40
 PIECE_NUMBERS = 64
-CLASSIC_BYTES = 8
-"""Longest piece in classic CAN, its first byte included."""
-FD_BYTES = 64
-"""Longest piece in CAN FD, its first byte included."""
-
-_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
 def split(body: bytes, number: int, piece_bytes: int = CLASSIC_BYTES) -> list[bytes]:
@@ -36,8 +31,7 @@ def split(body: bytes, number: int, piece_bytes: int = CLASSIC_BYTES) -> list[by
         last = LAST if start + step >= len(body) else 0
         head = first | last | (number + len(pieces)) % PIECE_NUMBERS
         piece = bytes((head,)) + body[start : start + step]
-        length = next(length for length in _FD_LENGTHS if length >= len(piece))
-        pieces.append(piece.ljust(length, b"\0"))
+        pieces.append(piece.ljust(data_size(len(piece)), b"\0"))
     return pieces
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from motord.config import CanSignalMap
 from motord.schema import InverterStatus
 from motord.wire.bridge.crc import crc8
+from motord.wire.can.frame_format import EXTENDED, data_size
 from motord.wire.can.signal import SignalCodec
 
 COMMAND_SLOTS = ("i_a_A", "i_b_A", "i_c_A", "enable")
@@ -34,9 +35,6 @@ FEEDBACK_SLOTS = (
 
 DQ_FEEDBACK_SLOTS = ("i_d_A", "i_q_A", "u_d_V", "u_q_V")
 """What a drive may send besides, or instead of phase currents and voltages."""
-
-EXTENDED = 1 << 31
-_FD_BYTES = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +67,7 @@ class MessageCodec:
         """Join the signals of a message; `constants` are sent with these values every time."""
         self.name = name
         self.key = key
-        self.size_bytes = next(size for size in _FD_BYTES if size >= length_bytes)
+        self.size_bytes = data_size(length_bytes)
         self.slots = tuple(signals)
         self.checks = checks
         self._length = length_bytes

@@ -15,15 +15,13 @@ from cantools.database.errors import Error as DatabaseError
 
 from motord.config import CanConfig, CanSignalMap, ConfigError
 from motord.wire.can.codec import (
-    EXTENDED,
     Checks,
     InverterCodec,
     MessageCodec,
 )
+from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED
 from motord.wire.can.signal import SignalCodec
 from motord.wire.can.signal_map import command_names, feedback_names
-
-CLASSIC_BYTES = 8
 
 
 def load(can: CanConfig) -> InverterCodec:
