@@ -29,7 +29,7 @@ from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.ring import RingReader, RingWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader, TablesWriter
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 from tests.benchmarks.figure import Figure
 
 KERNEL_LIMIT_us = 3.0

@@ -40,7 +40,7 @@ from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.shm.timing import Timing
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 from tests.benchmarks.figure import Figure, number
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Board, Drive, bench, can_config

@@ -26,8 +26,8 @@ from can.interfaces.udp_multicast.utils import pack_message
 
 from motord import config
 from motord.config import CanConfig, LoopConfig
-from motord.emulate.board import Board
-from motord.emulate.link import BoardLink
+from motord.emulate.bridge.board import Board
+from motord.emulate.bridge.link import BoardLink
 from motord.emulate.selection import is_fast
 from motord.loop import rt_setup
 from motord.loop.hybrid_sleep import Waker

@@ -5,8 +5,8 @@ import select
 import time
 from contextlib import contextmanager
 
-from motord.emulate.feed import FeedDecoder, values
-from motord.emulate.qemu import Qemu, receive, send
+from motord.emulate.bridge.feed import FeedDecoder, input_frame
+from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 
@@ -43,7 +43,7 @@ class Machine:
 
     def feed(self, encoder_gray, torque_counts):
         """Set the board's inputs."""
-        send(self.qemu.feed, values(encoder_gray, torque_counts))
+        send(self.qemu.feed, input_frame(encoder_gray, torque_counts))
 
     def poll(self, wait_s=0.0):
         """Take in what the board has sent."""

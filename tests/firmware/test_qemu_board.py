@@ -6,7 +6,7 @@ import select
 import numpy as np
 import pytest
 
-from motord.emulate.qemu import receive
+from motord.emulate.bridge.qemu import receive
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.firmware.debugger import Debugger, arguments, hang

@@ -29,7 +29,7 @@ from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.ring import RingReader, RingWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader, TablesWriter
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 from tests.unit.service import virtual_service
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 

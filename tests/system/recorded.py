@@ -20,7 +20,7 @@ from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 from tests.system.daemons import patient
 
 PATIENCE_S = 120.0

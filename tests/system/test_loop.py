@@ -23,7 +23,7 @@ from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.shm.timing import Timing
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 pytestmark = pytest.mark.system
 

@@ -1,7 +1,8 @@
 """The devices of a bench on the wire, in a process of its own: inverter, bridge, brake, drive.
 
-`devices` holds what each device does, without I/O; `rig` joins them to the simulated rig; `can`,
-`bridge`, `modbus` and `pty` put them on the wire; `process` paces them in real time.
+`bench` joins the devices to the simulated rig, without I/O; `devices` and `bridge.board` are what
+each device does; `can`, `bridge`, `modbus` and `pty` put them on the wire; `faults` disturbs all of
+it by timeline or by `control`; `process` paces everything in real time.
 """
 
 

@@ -1,14 +1,13 @@
-"""Commands to a running emulator: a datagram socket beside the bridge's port, JSON both ways.
+"""Commands to a running emulator: a datagram socket of this user's alone, JSON both ways.
 
-A request is a fault as in a timeline; the answer is {"ok": true, ...} or {"error": "..."}.
+A request is a fault as in a timeline, the response {"ok": true, ...} or {"error": "..."}.
 """
 
+import hashlib
 import json
-import os
 import socket
 from contextlib import suppress
 from pathlib import Path
-from tempfile import gettempdir
 from typing import Any
 
 from pydantic import ValidationError
@@ -16,49 +15,53 @@ from pydantic import ValidationError
 from motord.config import Config
 from motord.config.faults import Fault
 from motord.emulate import EmulatorError
+from motord.private_folder import PrivateFolderError, base_directory, make_private
 
 BYTES_MAX = 65_536
-ANSWER_S = 5.0
+RESPONSE_S = 5.0
 
 
 def control_path(config: Config) -> Path:
-    """Return where the emulator of a bench listens. Raises EmulatorError if it has none."""
-    if config.bridge.driver == "can":
-        return Path(gettempdir()) / f"motord-{config.bench.name}.control"
-    if not config.bridge.port:
+    """Return where the emulator of a bench listens. Raises EmulatorError if it has none.
+
+    In the user's own folder, where nobody else can listen in its place.
+    """
+    bridge = config.bridge
+    wire = bridge.port
+    if bridge.driver == "can" and bridge.can is not None:
+        wire = f"{bridge.can.interface} {bridge.can.channel}"
+    if not wire:
         raise EmulatorError(
             f"bench {config.bench.name} is not emulated: [bridge] has no port; name the bench file "
             "of the running emulator (-c FILE)"
         )
-    return Path(config.bridge.port + ".control")
+    digest = hashlib.sha256(f"{config.bench.name} {wire}".encode()).hexdigest()[:16]
+    return base_directory() / f"emulator-{digest}"
 
 
 class ControlSocket:
-    """The emulator's end. The caller answers each request."""
+    """The emulator's end. The caller responds to each request."""
 
     def __init__(self, path: Path) -> None:
         """Listen; only this user may send. Raises EmulatorError."""
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         try:
+            make_private(path.parent)
             path.unlink(missing_ok=True)
-            before = os.umask(0o177)
-            try:
-                self._socket.bind(str(path))
-            finally:
-                os.umask(before)
-        except OSError as error:
+            self._socket.bind(str(path))
+            path.chmod(0o600)
+        except (OSError, PrivateFolderError) as error:
             self._socket.close()
-            raise EmulatorError(
-                f"{path}: cannot listen for commands: {error.strerror or error}"
-            ) from error
+            reason = getattr(error, "strerror", None) or error
+            raise EmulatorError(f"{path}: cannot listen for commands: {reason}") from error
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when a command has come."""
         return self._socket.fileno()
 
     def receive(self) -> tuple[Fault | str, str] | None:
-        """Return a fault, or what is wrong with the request, and whom to answer; None: no more."""
+        """Return a fault, or what is wrong with the request, and its sender; None: no more."""
         try:
             data, sender = self._socket.recvfrom(BYTES_MAX)
         except BlockingIOError:
@@ -66,14 +69,14 @@ class ControlSocket:
         try:
             return Fault.model_validate(json.loads(data)), sender
         except ValidationError as error:
-            return "; ".join(_said(item) for item in error.errors()), sender
+            return "; ".join(_message(item) for item in error.errors()), sender
         except (ValueError, RecursionError):
             return "not JSON", sender
 
-    def answer(self, receiver: str, answer: dict[str, Any]) -> None:
-        """Answer, if whoever asked still listens."""
+    def respond(self, receiver: str, response: dict[str, Any]) -> None:
+        """Send the response, if the sender of the request still listens."""
         with suppress(OSError):
-            self._socket.sendto(json.dumps(answer).encode(), receiver)
+            self._socket.sendto(json.dumps(response).encode(), receiver)
 
     def close(self) -> None:
         """Stop listening and remove the socket."""
@@ -81,28 +84,31 @@ class ControlSocket:
         self._path.unlink(missing_ok=True)
 
 
-def _said(item: Any) -> str:
+def _message(item: Any) -> str:
     where = ".".join(str(key) for key in item["loc"])
     what = str(item["msg"]).removeprefix("Value error, ")
     return f"{where}: {what}" if where else what
 
 
 def inject(config: Config, fault: dict[str, Any]) -> dict[str, Any]:
-    """Send a fault to the running emulator of a bench; return its answer. Raises EmulatorError."""
+    """Send a fault to the emulator of a bench; return the response. Raises EmulatorError."""
     path = control_path(config)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ours:
-        ours.bind("")  # an abstract address of our own, for the answer
-        ours.settimeout(ANSWER_S)
+        ours.bind("")  # an abstract address of our own, for the response
+        ours.settimeout(RESPONSE_S)
         try:
+            make_private(path.parent)
             ours.sendto(json.dumps(fault).encode(), str(path))
-            answer: dict[str, Any] = json.loads(ours.recv(BYTES_MAX))
+            response: dict[str, Any] = json.loads(ours.recv(BYTES_MAX))
+        except PrivateFolderError as error:
+            raise EmulatorError(str(error)) from error
         except TimeoutError:
-            raise EmulatorError(f"{path}: the emulator does not answer") from None
+            raise EmulatorError(f"{path}: the emulator does not respond") from None
         except OSError as error:
             raise EmulatorError(
                 f"{path}: no emulator of this bench listens ({error.strerror}); "
                 "start `motord emulate` first"
             ) from error
-    if "error" in answer:
-        raise EmulatorError(str(answer["error"]))
-    return answer
+    if "error" in response:
+        raise EmulatorError(str(response["error"]))
+    return response

@@ -15,7 +15,7 @@ from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.rig import faults as rig_faults
 
-Teller = Callable[[int, dict[str, Any]], None]
+FaultSink = Callable[[int, dict[str, Any]], None]
 """Takes the time (monotonic ns) and the account of a fault that begins."""
 
 
@@ -35,7 +35,7 @@ class Injector:
         bench: EmulatedBench,
         can: Disturbance,
         bridge: Disturbance,
-        tell: Teller,
+        fault_sink: FaultSink,
         stall: Callable[[float], None],
         restart_board: Callable[[], None],
     ) -> None:
@@ -44,7 +44,7 @@ class Injector:
         self._bench = bench
         self._can = can
         self._bridge = bridge
-        self._tell = tell
+        self._fault_sink = fault_sink
         self._stall = stall
         self._restart_board = restart_board
         self._edges: list[tuple[int, int, bool, Fault]] = []
@@ -81,7 +81,7 @@ class Injector:
     def _begin(self, fault: Fault, now_ns: int) -> None:
         self.begun += 1
         self._bench.board.faults_begun = self.begun
-        self._tell(now_ns, {"fault": self.begun, **fault.told()})
+        self._fault_sink(now_ns, {"fault": self.begun, **fault.told()})
         self._active.append(fault)
         end_ns = now_ns + round(fault.duration_s * 1e9)
         heapq.heappush(self._edges, (end_ns, next(self._number), False, fault))

@@ -16,23 +16,20 @@ from typing import Any
 
 from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
-from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench, SensorReading, compile_kernels
+from motord.emulate.bridge.firmware import check_fault, check_faults
+from motord.emulate.bridge.opening import bridge_place, open_link
 from motord.emulate.can import CanPort
-from motord.emulate.can_link import BoardCanLink
 from motord.emulate.clock import HostClock
 from motord.emulate.control import ControlSocket, control_path
 from motord.emulate.faults import Injector, check_timeline
-from motord.emulate.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
-from motord.emulate.link import BoardLink
 from motord.emulate.modbus import ModbusServers, place_of
-from motord.emulate.qemu import Qemu
 from motord.emulate.schedule import Schedule
 from motord.emulate.selection import (
     check_drivers,
+    inverter_values,
     is_fast,
     register_devices,
-    said_by_inverter,
 )
 from motord.emulate.truth_log import TruthLog, TruthSink
 from motord.rig.truth import RigTruth
@@ -54,13 +51,13 @@ class Emulator:
         truth: RigTruth,
         sink: TruthSink | None = None,
         faults: Timeline | None = None,
-        tell: Callable[[dict[str, Any]], None] = lambda told: None,
+        fault_sink: Callable[[dict[str, Any]], None] = lambda fault: None,
         firmware: Path | None = None,
     ) -> None:
         """Prepare. Raises EmulatorError, ConfigError.
 
         `sink` takes blocks of TRUTH_DTYPE; `faults` is by default the timeline of the bench file,
-        from the start of `run` on; `tell` takes the account of each fault when it begins;
+        from the start of `run` on; `fault_sink` takes the account of each fault when it begins;
         `firmware` is an image that QEMU runs as the bridge board.
         """
         check_drivers(config)
@@ -71,7 +68,7 @@ class Emulator:
             check_faults(faults)
         self._timeline = faults
         self._firmware = firmware
-        self._tell = tell
+        self._fault_sink = fault_sink
         assert config.inverter.can is not None
         self._config = config
         self._can_config = config.inverter.can
@@ -103,7 +100,7 @@ class Emulator:
             servers = ModbusServers(register_devices(self._config, self.bench))
             ports.callback(servers.close)
             servers.start()
-            self._link = self._open_link(ports)
+            self._link = open_link(self._config, self.bench, self._clock, self._firmware, ports)
             self._can = CanPort(self._can_config, self._codec)
             ports.callback(self._can.close)
             self._control = ControlSocket(control_path(self._config))
@@ -113,32 +110,12 @@ class Emulator:
             self.bench,
             self._can.faults,
             self._link.faults,
-            self._tell_fault,
+            self._report_fault,
             time.sleep,
             self._restart_board,
         )
         self._link.greet(self.bench.board)
         return self
-
-    def _open_link(self, ports: ExitStack) -> BoardLink | BoardCanLink | FirmwareLink:
-        """Open the bridge's port, with the board or its firmware behind it."""
-        port, can = Path(self._config.bridge.port), self._config.bridge.can
-        link: BoardLink | BoardCanLink | FirmwareLink
-        if self._config.bridge.driver == "can" and can is not None:
-            if self._firmware is not None:
-                raise EmulatorError(
-                    'the firmware in QEMU has a serial line only: [bridge] driver = "serial"'
-                )
-            link = BoardCanLink(can, self._clock, self.bench.board.check)
-        elif self._firmware is None:
-            link = BoardLink(port, self.bench.board.check)
-        else:
-            machine = Qemu(self._firmware)
-            ports.callback(machine.close)
-            self.bench.board = board = FirmwareBoard(self._config, machine)
-            link = FirmwareLink(port, machine, board)
-        ports.callback(link.close)
-        return link
 
     def __exit__(self, *_error: object) -> None:
         """Hand the last truth to the sink and close all ports."""
@@ -159,16 +136,10 @@ class Emulator:
             "ready": True,
             "bench": self._config.bench.name,
             "can": f"{self._can_config.interface} {self._can_config.channel}",
-            "bridge": self._bridge_place(),
+            "bridge": bridge_place(self._config),
             "pty": self._link.pty_name,
             "modbus": modbus,
         }
-
-    def _bridge_place(self) -> str:
-        can = self._config.bridge.can
-        if self._config.bridge.driver == "can" and can is not None:
-            return f"{can.interface} {can.channel}"
-        return self._config.bridge.port
 
     def summary(self) -> dict[str, object]:
         """Return what happened; complete once the ports are closed."""
@@ -210,7 +181,7 @@ class Emulator:
             if wait_s > 0:
                 select.select(inputs, (), (), wait_s)
             now_ns = time.monotonic_ns()
-            self._obey(now_ns)
+            self._carry_out(now_ns)
 
     def _start(self, now_ns: int) -> None:
         with suppress(OSError):
@@ -225,41 +196,36 @@ class Emulator:
         self._feedback = Schedule(now_ns, self._config.loop.rate_Hz)
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
         self._board_status = Schedule(now_ns, BOARD_STATUS_HZ)
-        self._schedules = (
-            self._samples,
-            self._feedback,
-            self._slow_feedback,
-            self._board_status,
-        )
+        self._schedules = (self._samples, self._feedback, self._slow_feedback, self._board_status)
 
     def _play_faults(self, now_ns: int) -> None:
         self._faults.play(now_ns)
         self._can.play(now_ns)
         self._link.play(now_ns)
 
-    def _tell_fault(self, now_ns: int, told: dict[str, Any]) -> None:
-        self._tell({"t_ns": self._clock.unix_ns(now_ns), **told})
+    def _report_fault(self, now_ns: int, fault: dict[str, Any]) -> None:
+        self._fault_sink({"t_ns": self._clock.unix_ns(now_ns), **fault})
 
     def _restart_board(self) -> None:
-        """Let the board, which was silent, say who it is."""
+        """Let the board, which was silent, send its Hello."""
         self._link.faults.clear()
         self._link.greet(self.bench.board)
 
-    def _obey(self, now_ns: int) -> None:
+    def _carry_out(self, now_ns: int) -> None:
         """Carry out the commands that have come."""
         while (request := self._control.receive()) is not None:
             fault, sender = request
             if isinstance(fault, str):
-                self._control.answer(sender, {"error": fault})
+                self._control.respond(sender, {"error": fault})
                 continue
             try:
                 if self._firmware is not None:
                     check_fault(fault)
                 self._faults.add(fault, now_ns)
             except ValueError as error:
-                self._control.answer(sender, {"error": str(error)})
+                self._control.respond(sender, {"error": str(error)})
             else:
-                self._control.answer(sender, {"ok": True, **fault.told()})
+                self._control.respond(sender, {"ok": True, **fault.told()})
 
     def _listen(self, now_ns: int) -> None:
         """Take in what the host has sent, with the times at which it arrived."""
@@ -309,6 +275,6 @@ class Emulator:
         status: InverterStatus,
         at_ns: int,
     ) -> None:
-        named = said_by_inverter(reading, self._codec.status_word(status))
+        named = inverter_values(reading, self._codec.status_word(status))
         for message in messages:
             self._can.send(message, named, at_ns)

@@ -29,7 +29,7 @@ def is_fast(message: MessageCodec) -> bool:
     return not _FAST.isdisjoint(message.slots)
 
 
-def said_by_inverter(reading: SensorReading, status_word: int) -> dict[str, float]:
+def inverter_values(reading: SensorReading, status_word: int) -> dict[str, float]:
     """Return all values that messages of the inverter may carry."""
     values = (
         *reading.i_sensed_A.tolist(),

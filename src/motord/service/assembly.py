@@ -41,7 +41,7 @@ from motord.service.supervisor import Supervisor
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 LOOP_STOP_S = 3.0
 RECORDER_STOP_S = 10.0

@@ -23,7 +23,7 @@ from motord.service.publish.zenoh_api import ApiError
 from motord.service.supervisor import Supervisor
 from motord.shm.run_directory import RunDir, RunDirError
 from motord.shm.shared_records import SharedFileError
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 
 class LoopFailedError(Exception):

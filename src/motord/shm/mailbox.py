@@ -12,7 +12,7 @@ import numpy as np
 from motord.control.types import SETPOINT
 from motord.shm.memory_barrier import fence
 from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, as_bytes, layout_digest
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 KIND = "setpnt"
 _OFFSET_NS = FIRST_WORD

@@ -1,17 +1,17 @@
 """The folder of a running bench: shared files, locks, the loop's account of itself.
 
-It is `$XDG_RUNTIME_DIR/motord/<bench>`, or `/dev/shm/motord-<uid>/<bench>` without such a
-directory. Both live in memory and are private to the user. One daemon at a time holds its lock;
-locks vanish with the process that holds them, so nothing has to be cleaned up after a crash.
+It is `<bench>` under `private_folder.base_directory()`, in memory. One daemon at a time holds its
+lock; locks vanish with the process that holds them, so a crash leaves nothing to be cleaned up.
 """
 
 import fcntl
 import os
-import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from motord.private_folder import PrivateFolderError, base_directory, make_private
 
 LEFT = ".left-ring"
 LEFT_MAX = 3
@@ -20,14 +20,6 @@ LEFT_MAX = 3
 
 class RunDirError(Exception):
     """The bench is in use by another process, or its folder cannot be used."""
-
-
-def base_directory() -> Path:
-    """Return the folder under which every bench of this user has its own."""
-    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
-    if runtime and Path(runtime).is_dir():
-        return Path(runtime) / "motord"
-    return Path(f"/dev/shm/motord-{os.getuid()}")
 
 
 class RunDir:
@@ -59,22 +51,21 @@ class RunDir:
 
     @property
     def timing(self) -> Path:
-        """The loop's histograms (`runtime.timing.Timing`), written by the loop."""
+        """The loop's histograms (`shm.timing.Timing`), written by the loop."""
         return self.path / "timing"
 
     @property
     def loop_status(self) -> Path:
-        """The loop's account of itself (`runtime.status.LoopStatus`)."""
+        """The loop's account of itself (`loop.status.LoopStatus`)."""
         return self.path / "loop.json"
 
     def create(self) -> None:
         """Make the folder, for this user only. Raises RunDirError if others could use it."""
         try:
-            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
             for folder in (self.path.parent, self.path):
-                _make_private(folder)
-        except OSError as error:
-            raise RunDirError(f"{self.path}: cannot make it: {error.strerror}") from error
+                make_private(folder)
+        except PrivateFolderError as error:
+            raise RunDirError(str(error)) from error
 
     @contextmanager
     def hold(self) -> Iterator["RunDir"]:
@@ -129,14 +120,6 @@ class RunDir:
             self.ring.rename(self.path / f"{time.time_ns()}{LEFT}")
         for ring in self.left_rings()[:-LEFT_MAX]:
             ring.unlink(missing_ok=True)
-
-
-def _make_private(folder: Path) -> None:
-    status = folder.lstat()
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
-        raise RunDirError(f"{folder}: belongs to another user or is no folder; remove it")
-    if stat.S_IMODE(status.st_mode) != 0o700:
-        folder.chmod(0o700)
 
 
 def _try_lock(path: Path) -> int | None:

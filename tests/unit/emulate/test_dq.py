@@ -11,7 +11,7 @@ from motord.config import Config, load
 from motord.control.rotating import Axes
 from motord.emulate.bench import CurrentCommand, EmulatedBench
 from motord.emulate.devices import Inverter
-from motord.emulate.selection import check_drivers, is_fast, said_by_inverter
+from motord.emulate.selection import check_drivers, inverter_values, is_fast
 from motord.rig import truth as rig_truth
 from motord.rig.drive import with_drive
 from motord.rig.truth import RigTruth
@@ -112,7 +112,7 @@ def test_its_messages() -> None:
         "DqFeedback": True,
         "DriveStatus": False,
     }
-    said = said_by_inverter(EmulatedBench(config, still_rig(), 0).sense(), 9)
+    said = inverter_values(EmulatedBench(config, still_rig(), 0).sense(), 9)
     assert said["status"] == 9
     assert {slot for m in codec.feedback for slot in m.slots} <= said.keys()
 

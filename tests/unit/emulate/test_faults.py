@@ -13,7 +13,7 @@ from motord.config import ConfigError, load
 from motord.config.faults import KINDS, Fault, Timeline, random_timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
-from motord.emulate.board import Board
+from motord.emulate.bridge.board import Board
 from motord.emulate.control import ControlSocket, control_path, inject
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
@@ -209,7 +209,7 @@ def test_every_kind_but_the_supervisors_is_for_the_emulator():
 
 
 def test_commands(tmp_path):
-    path = tmp_path / "bridge.control"
+    path = tmp_path / "emulator"
     served = ControlSocket(path)
     try:
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -229,23 +229,41 @@ def test_commands(tmp_path):
                 ours.sendto(request, str(path))
                 got, sender = served.receive()
                 assert got == expected
-            served.answer(sender, {"ok": True})
+            served.respond(sender, {"ok": True})
             assert json.loads(ours.recv(1000)) == {"ok": True}
-        served.answer(sender, {"ok": True})  # nobody listens any more
+        served.respond(sender, {"ok": True})  # nobody listens any more
     finally:
         served.close()
     assert not path.exists()
 
 
 def test_a_place_where_no_socket_can_be(tmp_path):
+    (tmp_path / "file").touch()
     with pytest.raises(EmulatorError, match="cannot listen for commands"):
-        ControlSocket(tmp_path / "nowhere" / "x.control")
+        ControlSocket(tmp_path / "file" / "emulator")
+
+
+def test_nobody_else_can_listen_in_its_place(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    path = control_path(load(EMULATED))
+    path.parent.mkdir(mode=0o755)
+    served = ControlSocket(path)
+    try:
+        assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    finally:
+        served.close()
+    path.parent.rmdir()
+    path.parent.symlink_to(tmp_path)
+    with pytest.raises(EmulatorError, match="belongs to another user or is no folder"):
+        ControlSocket(path)
+    with pytest.raises(EmulatorError, match="belongs to another user or is no folder"):
+        inject(load(EMULATED), {"kind": "can_drop"})
 
 
 def test_a_bench_that_is_not_emulated_has_no_socket():
     with pytest.raises(EmulatorError, match="is not emulated"):
         control_path(load())
-    assert str(control_path(load(EMULATED))).endswith("-bridge.control")
+    assert control_path(load(EMULATED)).name.startswith("emulator-")
 
 
 def test_nobody_listens(tmp_path):

@@ -14,7 +14,7 @@ from motord.schema import BridgeStatus
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 BENCH = """
 [bench]

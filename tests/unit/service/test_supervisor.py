@@ -21,7 +21,7 @@ from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 from tests.unit.service.test_installation import calibration
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from motord.control.types import SETPOINT
 from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.shared_records import SharedFileError, as_bytes
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 
 def setpoint(value: int) -> np.ndarray:
@@ -111,7 +111,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from motord.control.types import SETPOINT
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 from motord.shm.mailbox import MailboxWriter
 writer = MailboxWriter(Path(sys.argv[1]), Clock(0))
 fields = [n for n in SETPOINT.names if n != "heartbeat_ns"]

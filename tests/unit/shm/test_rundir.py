@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from motord.private_folder import base_directory
 from motord.shm import run_directory
-from motord.shm.run_directory import RunDir, RunDirError, base_directory
+from motord.shm.run_directory import RunDir, RunDirError
 
 HOLD = """
 import sys

@@ -28,7 +28,7 @@ from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.ring import RingWriter
 from motord.shm.tables import TablesReader, TablesWriter
 from motord.shm.timing import Timing
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 RING_TICKS = 16384
 

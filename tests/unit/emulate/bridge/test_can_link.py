@@ -7,8 +7,8 @@ import pytest
 from motord import config
 from motord.config import BridgeCanConfig
 from motord.emulate import EmulatorError
-from motord.emulate.board import Board
-from motord.emulate.can_link import BoardCanLink
+from motord.emulate.bridge.board import Board
+from motord.emulate.bridge.can_link import BoardCanLink
 from motord.emulate.clock import HostClock
 from motord.emulate.control import control_path
 from motord.emulate.process import Emulator
@@ -101,7 +101,8 @@ def bench(**can_):
 
 
 def test_control_socket_of_a_bench_without_a_port():
-    assert control_path(bench(channel="a")).name == "motord-emulated.control"
+    assert control_path(bench(channel="a")) == control_path(bench(channel="a"))
+    assert control_path(bench(channel="a")) != control_path(bench(channel="b"))
 
 
 def test_firmware_in_qemu_is_not_on_can(tmp_path):

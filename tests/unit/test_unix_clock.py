@@ -5,7 +5,7 @@ import time
 import pytest
 
 from motord.shm.memory_barrier import fence_for
-from motord.shm.unix_clock import Clock
+from motord.unix_clock import Clock
 
 
 def test_clock_agrees_with_the_system_now() -> None:

@@ -5,12 +5,10 @@ from collections.abc import Iterator
 import can
 
 from motord.config import BridgeCanConfig
+from motord.emulate.bridge.link import BoardEnd
 from motord.emulate.can import FRAMES_AT_ONCE, open_bus
 from motord.emulate.clock import HostClock
-from motord.emulate.devices import NEVER_NS
-from motord.emulate.disturbance import Disturbance
-from motord.emulate.link import BoardEnd
-from motord.wire.bridge.frames import SEQUENCE_MODULUS, Frame, Numbered, pack
+from motord.wire.bridge.frames import Frame, Numbered, pack
 from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
@@ -24,13 +22,12 @@ class BoardCanLink(BoardEnd):
 
         `check` is the board's, which judges the numbers of the frames.
         """
-        self.faults = Disturbance()
-        self.pty_name = ""
+        super().__init__()
         self._config = config
         self._clock = clock
         self._piece_bytes = FD_BYTES if config.fd else CLASSIC_BYTES
         self._decoder = PieceDecoder(check)
-        self._sequence = self._number = self._refused = 0
+        self._number = self._refused = 0
         self._bus = open_bus(config)
 
     def fileno(self) -> int:
@@ -61,10 +58,9 @@ class BoardCanLink(BoardEnd):
 
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
         """Send a frame; False if the bus has no room for all of it."""
-        pieces = split(pack(frame, self._sequence), self._number, self._piece_bytes)
-        self._sequence = (self._sequence + 1) % SEQUENCE_MODULUS
+        pieces = split(pack(frame, self._next_sequence()), self._number, self._piece_bytes)
         self._number = (self._number + len(pieces)) % PIECE_NUMBERS
-        if self.faults.active or self.faults.next_ns != NEVER_NS:
+        if not self._undisturbed:
             pieces = [sent for one in pieces for sent in self.faults.to_host(now_ns, None, one)]
         refused = self._refused
         for piece in pieces:

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.emulate.feed import FeedDecoder, Told, values
+from motord.emulate.bridge.feed import FeedDecoder, FirmwareReport, input_frame
 
 CLOCKS = st.integers(0, 2**32 - 1)
 
@@ -14,7 +14,7 @@ def told_frame(told):
     return bytes((*sevens, (sum(sevens) + 0x35) % 128))
 
 
-@given(st.lists(st.builds(Told, st.booleans(), CLOCKS)), st.integers(1, 9))
+@given(st.lists(st.builds(FirmwareReport, st.booleans(), CLOCKS)), st.integers(1, 9))
 def test_what_the_firmware_tells_is_read_however_it_is_cut(told, chunk):
     data = b"".join(map(told_frame, told))
     decoder, got = FeedDecoder(), []
@@ -23,7 +23,7 @@ def test_what_the_firmware_tells_is_read_however_it_is_cut(told, chunk):
     assert got == told
 
 
-@given(st.binary(), st.builds(Told, st.booleans(), CLOCKS))
+@given(st.binary(), st.builds(FirmwareReport, st.booleans(), CLOCKS))
 def test_it_is_in_step_again_after_any_noise(noise, told):
     decoder = FeedDecoder()
     decoder.feed(noise)
@@ -31,15 +31,15 @@ def test_it_is_in_step_again_after_any_noise(noise, told):
 
 
 def test_corrupt_and_cut_frames_are_left_out():
-    good = told_frame(Told(True, 123_456))
+    good = told_frame(FirmwareReport(True, 123_456))
     bad = bytes((*good[:-1], good[-1] ^ 1))
-    assert FeedDecoder().feed(bad + good[:3] + good) == [Told(True, 123_456)]
+    assert FeedDecoder().feed(bad + good[:3] + good) == [FirmwareReport(True, 123_456)]
     assert FeedDecoder().feed(good[1:]) == []
 
 
 @given(st.integers(0, 4095), st.integers(-32768, 32767))
 def test_values_for_the_firmware(gray, torque):
-    frame = values(gray, torque)
+    frame = input_frame(gray, torque)
     assert [byte >> 7 for byte in frame] == [1, 0, 0, 0, 0]
     word = int("".join(f"{byte & 127:07b}" for byte in frame[:-1]), 2)
     assert (word >> 16, (word & 0xFFFF) - 32768) == (gray, torque)
@@ -47,5 +47,5 @@ def test_values_for_the_firmware(gray, torque):
 
 
 def test_torque_beyond_the_adc_stays_at_its_end():
-    assert values(0, 40_000) == values(0, 32_767)
-    assert values(0, -40_000) == values(0, -32_768)
+    assert input_frame(0, 40_000) == input_frame(0, 32_767)
+    assert input_frame(0, -40_000) == input_frame(0, -32_768)

@@ -4,8 +4,8 @@ import pytest
 import serial
 
 from motord import config
-from motord.emulate.board import Board
-from motord.emulate.link import BoardLink
+from motord.emulate.bridge.board import Board
+from motord.emulate.bridge.link import BoardLink
 from motord.wire.bridge import frames
 from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import StreamDecoder

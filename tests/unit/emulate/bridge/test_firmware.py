@@ -12,13 +12,13 @@ from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import SensorReading
-from motord.emulate.feed import values
-from motord.emulate.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
-from motord.emulate.qemu import Qemu, receive, send
+from motord.emulate.bridge.feed import input_frame
+from motord.emulate.bridge.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
+from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 from tests.unit.emulate.benches import EMULATED
-from tests.unit.emulate.test_feed import Told, told_frame
+from tests.unit.emulate.bridge.test_feed import FirmwareReport, told_frame
 
 
 class Machine:
@@ -84,7 +84,7 @@ def test_bytes_pass_both_ways(ends, machine):
 def test_the_enable_line_comes_from_the_firmware(ends, machine, board):
     link, _ = ends
     for closed in (True, False):
-        machine.firmware_feed.send(told_frame(Told(closed, 5)))
+        machine.firmware_feed.send(told_frame(FirmwareReport(closed, 5)))
         list(link.receive(1))
         assert board.line_closed is closed
 
@@ -93,7 +93,7 @@ def test_the_rig_is_fed(ends, machine, board):
     link, _ = ends
     reading = SensorReading._make([0] * len(SensorReading._fields))
     link.sample(board, reading._replace(encoder_gray=77, torque_counts=-5), 0)
-    assert receive(machine.firmware_feed) == values(77, -5)
+    assert receive(machine.firmware_feed) == input_frame(77, -5)
 
 
 def test_the_board_itself_says_nothing(ends, machine, board):
@@ -174,7 +174,7 @@ def fake_qemu(folder, monkeypatch, script):
 
 
 def test_a_machine_that_does_not_end_is_killed(tmp_path, monkeypatch):
-    monkeypatch.setattr("motord.emulate.qemu.END_S", 0.05)
+    monkeypatch.setattr("motord.emulate.bridge.qemu.END_S", 0.05)
     qemu = Qemu(fake_qemu(tmp_path, monkeypatch, "exec sleep 100\n"))
     assert qemu.running
     qemu.reset()

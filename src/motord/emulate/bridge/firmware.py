@@ -12,12 +12,10 @@ from motord.config import Config, ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import SensorReading
-from motord.emulate.board import Board
-from motord.emulate.devices import NEVER_NS
-from motord.emulate.disturbance import Disturbance
-from motord.emulate.feed import FeedDecoder, values
-from motord.emulate.pty import Pty
-from motord.emulate.qemu import Qemu, receive, send
+from motord.emulate.bridge.board import Board
+from motord.emulate.bridge.feed import FeedDecoder, input_frame
+from motord.emulate.bridge.link import PtyEnd
+from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge.frames import DELIMITER, Frame, Numbered
 
 FEED_HZ = 2000
@@ -59,26 +57,16 @@ class FirmwareBoard(Board):
         self._machine.reset()
 
 
-class FirmwareLink:
-    """The machine's link on a pseudo-terminal, and its feed. Used as `link.BoardLink` is."""
+class FirmwareLink(PtyEnd):
+    """The machine's link on a pseudo-terminal, and its feed."""
 
     def __init__(self, port: Path, machine: Qemu, board: FirmwareBoard) -> None:
         """Make the pseudo-terminal and its symlink. Raises EmulatorError."""
+        super().__init__(port)
         self._machine = machine
         self._board = board
-        self._pty = Pty(port)
         self._feed = FeedDecoder()
         self._begun = b""  # of a frame to the host
-        self.faults = Disturbance()
-
-    @property
-    def pty_name(self) -> str:
-        """Return the name of the pseudo-terminal to which the port is a symlink."""
-        return self._pty.name
-
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when the host has sent something."""
-        return self._pty.fileno()
 
     def receive(self, now_ns: int) -> Iterator[tuple[int, Numbered]]:
         """Hand on what has come on either side; there are no frames for the bench.
@@ -87,14 +75,11 @@ class FirmwareLink:
         """
         if not self._machine.running:
             raise EmulatorError("the bridge's firmware: QEMU has ended; see what it said above")
-        data: bytes | None = self._pty.read()
-        if data and self.faults.active:
-            data = self.faults.to_device(data)
-        if data:
+        if data := self._read():
             send(self._machine.link, data)
         self._to_host(now_ns, receive(self._machine.link))
-        for told in self._feed.feed(receive(self._machine.feed)):
-            self._board.line_closed = told.line_closed
+        for report in self._feed.feed(receive(self._machine.feed)):
+            self._board.line_closed = report.line_closed
         return iter(())
 
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
@@ -103,31 +88,14 @@ class FirmwareLink:
 
     def sample(self, board: Board, reading: SensorReading, now_ns: int) -> None:
         """Give the board's inputs what the rig's sensors say now."""
-        send(self._machine.feed, values(reading.encoder_gray, reading.torque_counts))
-
-    def play(self, now_ns: int) -> None:
-        """Send late frames that are due."""
-        for _, encoded in self.faults.due(now_ns):
-            self._pty.write(encoded)
+        send(self._machine.feed, input_frame(reading.encoder_gray, reading.torque_counts))
 
     def greet(self, board: Board) -> None:
-        """Reset the board, so that it says who it is."""
+        """Reset the board, so that it sends its Hello."""
         self._machine.reset()
-
-    def close(self) -> None:
-        """Remove the port; may be called twice."""
-        self._pty.close()
 
     def _to_host(self, now_ns: int, data: bytes) -> None:
         """Send the frames of the firmware that are complete."""
-        if not data:
-            return
         *frames, self._begun = (self._begun + data).split(DELIMITER)
-        undisturbed = not self.faults.active and self.faults.next_ns == NEVER_NS
         for frame in frames:
-            encoded = frame + DELIMITER
-            if undisturbed:
-                self._pty.write(encoded)
-            else:
-                for each in self.faults.to_host(now_ns, None, encoded):
-                    self._pty.write(each)
+            self._write(frame + DELIMITER, now_ns)
