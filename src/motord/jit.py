@@ -9,7 +9,9 @@ import ctypes
 import hashlib
 import itertools
 import os
+from collections import namedtuple
 from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -72,6 +74,13 @@ def jit_holding_gil(function: _Kernel) -> _Kernel:
     milliseconds later, if another thread of the process wants it.
     """
     return cast("_Kernel", numba.njit(cache=True, error_model="numpy")(function))
+
+
+def constants(kind: type[Enum]) -> Any:
+    """Return the members of an enum of whole numbers as a named tuple, which kernels compile in."""
+    make: Any = namedtuple
+    values = {name: int(member.value) for name, member in kind.__members__.items()}
+    return make(kind.__name__, values)(**values)
 
 
 class ArgumentBlock:

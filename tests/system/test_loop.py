@@ -13,11 +13,10 @@ import pytest
 
 from motord import config
 from motord.control import parameters
-from motord.control.states import Request
 from motord.control.types import SETPOINT
 from motord.loop.launch import start_loop
 from motord.loop.status import LoopPhase, LoopStatus
-from motord.schema import Flag, State, Trip
+from motord.schema import Flag, Request, State, Trip
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir

@@ -1,11 +1,12 @@
 """Every interlock, once: cause, meaning, limit, source of its evidence, and its debounce time.
 
-From this table come the kernel's debounce times, the words of events, the values of a trip and the
-documentation. Times are in seconds, so that they are the same at every loop and sample rate: a
-condition trips with the first evidence that it has held for `lasts_s`. Evidence is a new sample of
-its source; between two samples a condition is neither confirmed nor refuted, and a source that
-falls silent has an interlock of its own. So a cause is found within `lasts_s` and two intervals
-between samples of its source, whatever these are, or the source is stale.
+From this table come the kernel's bits and debounce times, the texts of events, the limits in a
+trip report and docs/faults.md; `schema.Trip` has the numbers of the bits. Times are in seconds, so
+that they are the same at every loop and sample rate: a condition trips with the first evidence
+that it has held for `lasts_s`. Evidence is a new sample of its source; between two samples a
+condition is neither confirmed nor refuted, and a source that falls silent has an interlock of its
+own. So a cause is found within `lasts_s` and two intervals between samples of its source, whatever
+these are, or the source is stale.
 """
 
 from dataclasses import dataclass
@@ -39,6 +40,11 @@ class Interlock:
     limit: str
     source: EvidenceSource = EvidenceSource.LOOP
     lasts: float | str = 0.0
+
+    @property
+    def bit(self) -> int:
+        """The number of its bit in `trip_bits`."""
+        return self.trip.value.bit_length() - 1
 
     def lasts_s(self, config: Config) -> float:
         """Return for how long the condition may hold, in s."""
@@ -139,6 +145,12 @@ INTERLOCKS = (
         "", EvidenceSource.BRIDGE, 0.005,
     ),
 )  # fmt: skip
-"""In the order of their bits: the first of several causes of one tick is the earliest here."""
+"""In the order of their bits, which are `Trip`'s: the first of several causes in one tick is the
+earliest here."""
 
 INTERLOCK = {row.trip: row for row in INTERLOCKS}
+
+
+def trips_from(source: EvidenceSource) -> int:
+    """Return the bits of the interlocks with this source of evidence."""
+    return sum(row.trip.value for row in INTERLOCKS if row.source is source)

@@ -8,48 +8,19 @@ import math
 
 import numpy as np
 
-from motord.control.interlock_table import INTERLOCKS, EvidenceSource
+from motord.control.interlock_table import INTERLOCKS, EvidenceSource, trips_from
 from motord.control.plausible import current_error, torque_error
-from motord.control.states import ENABLED, OFF
+from motord.control.states import STATE
 from motord.control.tracks import watch_tracks
-from motord.jit import jit
+from motord.jit import constants, jit
 from motord.schema import BridgeStatus, Flag, InverterStatus, Trip
 
+_TRIP, _FLAG = constants(Trip), constants(Flag)
+_BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _COUNT = len(INTERLOCKS)
-_FROM_BRIDGE = sum(int(row.trip) for row in INTERLOCKS if row.source is EvidenceSource.BRIDGE)
-_FROM_INVERTER = sum(int(row.trip) for row in INTERLOCKS if row.source is EvidenceSource.INVERTER)
-
-_OVER_CURRENT = int(Trip.OVER_CURRENT)
-_OVER_SPEED = int(Trip.OVER_SPEED)
-_OVER_TORQUE = int(Trip.OVER_TORQUE)
-_I2T = int(Trip.I2T)
-_ENCODER_STALE = int(Trip.ENCODER_STALE)
-_ENCODER_IMPLAUSIBLE = int(Trip.ENCODER_IMPLAUSIBLE)
-_TORQUE_STALE = int(Trip.TORQUE_STALE)
-_INVERTER_STALE = int(Trip.INVERTER_STALE)
-_INVERTER_FAULT = int(Trip.INVERTER_FAULT)
-_BUS_OFF = int(Trip.BUS_OFF)
-_LOOP_OVERRUN = int(Trip.LOOP_OVERRUN)
-_SUPERVISOR_STALE = int(Trip.SUPERVISOR_STALE)
-_TEMPERATURE = int(Trip.TEMPERATURE)
-_LINK_ERRORS = int(Trip.LINK_ERRORS)
-_BUS_VOLTAGE = int(Trip.BUS_VOLTAGE)
-_ENABLE_TIMEOUT = int(Trip.ENABLE_TIMEOUT)
-_BRIDGE_FAULT = int(Trip.BRIDGE_FAULT)
-_FEEDBACK_INVALID = int(Trip.FEEDBACK_INVALID)
-_CURRENT_IMPLAUSIBLE = int(Trip.CURRENT_IMPLAUSIBLE)
-_TORQUE_IMPLAUSIBLE = int(Trip.TORQUE_IMPLAUSIBLE)
-_BRAKE_TEMPERATURE = int(Trip.BRAKE_TEMPERATURE)
-_ENABLE_LINE = int(Trip.ENABLE_LINE)
-
-_NEW_BRIDGE = int(Flag.NEW_ENCODER)
-_NEW_INVERTER = int(Flag.NEW_INVERTER)
-_STATUS_READY = int(InverterStatus.READY)
-_STATUS_FAULT = int(InverterStatus.FAULT)
-_STATUS_BUS_OFF = int(InverterStatus.BUS_OFF)
-_STATUS_LINE_CLOSED = int(BridgeStatus.ENABLE_LINE)
-_STATUS_TORQUE_INVALID = int(BridgeStatus.TORQUE_INVALID)
-_STATUS_BRIDGE_FAULT = int(BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID)
+_FROM_BRIDGE = trips_from(EvidenceSource.BRIDGE)
+_FROM_INVERTER = trips_from(EvidenceSource.INVERTER)
+_BRIDGE_FAULT = _BRIDGE.FAULT | _BRIDGE.ENCODER_INVALID
 
 IMPLAUSIBLE_SAMPLES = 3
 LINK_MEMORY_S = 1.0
@@ -93,35 +64,35 @@ def conditions(
     bridge_age_s = (f.now_ns - f.t_ns) * 1e-9
     largest_A = max(abs(f.i_A[0]), abs(f.i_A[1]), abs(f.i_A[2]))
     finite = math.isfinite(f.i_A[0] + f.i_A[1] + f.i_A[2]) and math.isfinite(f.torque_Nm)
-    enabled = m.state == ENABLED
+    enabled = m.state == STATE.ENABLED
     status = f.inverter_status
-    lost_power = enabled and (status & _STATUS_READY) == 0
-    line_open = enabled and (f.bridge_status & _STATUS_LINE_CLOSED) == 0
+    lost_power = enabled and (status & _INVERTER.READY) == 0
+    line_open = enabled and (f.bridge_status & _BRIDGE.ENABLE_LINE) == 0
     stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
     torque_astray = torque_error(p, m, f.torque_Nm) > p.torque_error_Nm
-    bits = _OVER_CURRENT if largest_A > p.trip_current_A else 0
-    bits |= _OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
-    bits |= _OVER_TORQUE if abs(f.torque_Nm) > p.trip_torque_Nm else 0
-    bits |= _I2T if max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s else 0
-    bits |= _ENCODER_STALE if abs(bridge_age_s) > p.bridge_stale_s else 0
-    bits |= _ENCODER_IMPLAUSIBLE if stuck or lost else 0
-    bits |= _TORQUE_STALE if f.bridge_status & _STATUS_TORQUE_INVALID else 0
-    bits |= _INVERTER_STALE if abs(inverter_age_s) > p.inverter_stale_s else 0
-    bits |= _INVERTER_FAULT if status & _STATUS_FAULT or lost_power else 0
-    bits |= _BUS_OFF if status & _STATUS_BUS_OFF else 0
-    bits |= _LOOP_OVERRUN if missed - m.missed >= p.overrun_ticks and m.started else 0
-    bits |= _SUPERVISOR_STALE if supervisor_late and m.torque_set_Nm == 0.0 else 0
-    bits |= _TEMPERATURE if f.temperature_C > p.trip_temperature_C else 0
-    bits |= _LINK_ERRORS if m.link_level > p.link_errors_per_s else 0
-    bits |= _BUS_VOLTAGE if not p.bus_V_min <= f.u_bus_V <= p.bus_V_max else 0
-    bits |= _ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
-    bits |= _BRIDGE_FAULT if f.bridge_status & _STATUS_BRIDGE_FAULT else 0
-    bits |= _FEEDBACK_INVALID if not finite else 0
-    bits |= _CURRENT_IMPLAUSIBLE if current_error(p, m, f) > p.current_error_A else 0
-    bits |= _TORQUE_IMPLAUSIBLE if torque_astray and enabled and not m.limited else 0
-    bits |= _BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
-    return bits | (_ENABLE_LINE if line_open else 0)
+    bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
+    bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
+    bits |= _TRIP.OVER_TORQUE if abs(f.torque_Nm) > p.trip_torque_Nm else 0
+    bits |= _TRIP.I2T if max(m.heat_s[0], m.heat_s[1], m.heat_s[2]) > p.i2t_time_s else 0
+    bits |= _TRIP.ENCODER_STALE if abs(bridge_age_s) > p.bridge_stale_s else 0
+    bits |= _TRIP.ENCODER_IMPLAUSIBLE if stuck or lost else 0
+    bits |= _TRIP.TORQUE_STALE if f.bridge_status & _BRIDGE.TORQUE_INVALID else 0
+    bits |= _TRIP.INVERTER_STALE if abs(inverter_age_s) > p.inverter_stale_s else 0
+    bits |= _TRIP.INVERTER_FAULT if status & _INVERTER.FAULT or lost_power else 0
+    bits |= _TRIP.BUS_OFF if status & _INVERTER.BUS_OFF else 0
+    bits |= _TRIP.LOOP_OVERRUN if missed - m.missed >= p.overrun_ticks and m.started else 0
+    bits |= _TRIP.SUPERVISOR_STALE if supervisor_late and m.torque_set_Nm == 0.0 else 0
+    bits |= _TRIP.TEMPERATURE if f.temperature_C > p.trip_temperature_C else 0
+    bits |= _TRIP.LINK_ERRORS if m.link_level > p.link_errors_per_s else 0
+    bits |= _TRIP.BUS_VOLTAGE if not p.bus_V_min <= f.u_bus_V <= p.bus_V_max else 0
+    bits |= _TRIP.ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
+    bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
+    bits |= _TRIP.FEEDBACK_INVALID if not finite else 0
+    bits |= _TRIP.CURRENT_IMPLAUSIBLE if current_error(p, m, f) > p.current_error_A else 0
+    bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled and not m.limited else 0
+    bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
+    return bits | (_TRIP.ENABLE_LINE if line_open else 0)
 
 
 @jit
@@ -131,8 +102,8 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
     A condition counts from the first evidence of it in a row. Where there is no evidence (`new`:
     flags of the tick that say which samples are new) everything stays as it was.
     """
-    silent = (0 if new & _NEW_BRIDGE else _FROM_BRIDGE) | (
-        0 if new & _NEW_INVERTER else _FROM_INVERTER
+    silent = (0 if new & _FLAG.NEW_ENCODER else _FROM_BRIDGE) | (
+        0 if new & _FLAG.NEW_INVERTER else _FROM_INVERTER
     )
     seen = bits & ~silent
     begun = seen & ~m.holding
@@ -152,7 +123,7 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
 @jit
 def latch(m: np.record, bits: int) -> None:
     """Add `bits` to the latched causes; the first ones are kept apart. OFF latches nothing."""
-    if m.state == OFF or bits == 0:
+    if m.state == STATE.OFF or bits == 0:
         return
     if m.first_trip == 0:
         m.first_trip = bits & -bits

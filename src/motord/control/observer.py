@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from motord.config.timing import JUMP_MAX_RAD
-from motord.control.states import ENABLED
+from motord.control.states import STATE
 from motord.jit import jit
 
 TWO_PI = 2 * math.pi
@@ -70,7 +70,7 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
     if dt_s == 0.0 and m.tracking:
         return
     if not m.tracking or dt_s > RESTART_S or dt_s < 0.0:
-        if m.state == ENABLED:
+        if m.state == STATE.ENABLED:
             m.implausible = min(int(m.implausible) + 1, RESYNC_SAMPLES + 1)
         elif count >= 0:
             _start(m, t_ns, angle_rad)
@@ -81,7 +81,7 @@ def observe(p: np.record, m: np.record, t_ns: int, count: int) -> None:
     if count < 0 or abs(error_rad) > allowed_rad:
         implausible = int(m.implausible) + 1
         m.implausible = implausible
-        if count >= 0 and implausible > RESYNC_SAMPLES and m.state != ENABLED:
+        if count >= 0 and implausible > RESYNC_SAMPLES and m.state != STATE.ENABLED:
             _start(m, t_ns, angle_rad)
         return
     m.implausible = 0

@@ -82,8 +82,8 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.link_errors_per_s = limits.link_errors_per_s
     p.current_error_A = limits.current_error_A or CURRENT_ERROR * limits.current_A
     p.torque_error_Nm = limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm
-    for index, interlock in enumerate(INTERLOCKS):
-        p.lasts_ns[index] = round(interlock.lasts_s(config) * 1e9)
+    for interlock in INTERLOCKS:
+        p.lasts_ns[interlock.bit] = round(interlock.lasts_s(config) * 1e9)
     tau_s = config.torque_sensor.highpass_time_constant_s
     p.torque_decay = np.exp(-p.period_s / tau_s) if tau_s > 0 else 1.0
     p.brake_trip_C = config.brake.temperature_max_C + BRAKE_MARGIN_K

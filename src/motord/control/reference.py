@@ -16,17 +16,6 @@ import numpy as np
 from motord.control.observer import TWO_PI
 from motord.control.rotating import to_phases
 from motord.jit import jit
-from motord.schema import Compensate
-
-__all__ = [
-    "Compensate",
-    "clamp",
-    "currents_along_q",
-    "limit_currents",
-    "phase_currents",
-    "ramp",
-    "table_position",
-]
 
 TINY_V2_S2 = 1e-12
 """Sum of squared back-EMF constants below which no current makes torque."""

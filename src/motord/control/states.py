@@ -3,15 +3,10 @@
 `transition` is compiled; tests walk it over every state, request and condition.
 """
 
-from motord.jit import jit
+from motord.jit import constants, jit
 from motord.schema import Request, State
 
-__all__ = ["Request", "State", "transition"]
-
-OFF, READY, ENABLED, TRIPPED = (int(s) for s in State)
-
-
-_ENABLE, _DISABLE, _STOP, _RESET = (int(r) for r in list(Request)[1:])
+STATE, _REQUEST = constants(State), constants(Request)
 
 
 @jit
@@ -29,24 +24,24 @@ def transition(
     `causes` are the trip conditions that hold now, `at_zero` that the torque set-point has
     ramped to zero. OFF and TRIPPED never leave by themselves.
     """
-    if state == TRIPPED:
-        if request == _RESET and causes == 0:
-            return READY, False, False
-        return TRIPPED, False, False
-    if state == OFF:
-        if request == _ENABLE and causes == 0:
-            return READY, True, False
-        return OFF, False, False
+    if state == STATE.TRIPPED:
+        if request == _REQUEST.RESET and causes == 0:
+            return STATE.READY, False, False
+        return STATE.TRIPPED, False, False
+    if state == STATE.OFF:
+        if request == _REQUEST.ENABLE and causes == 0:
+            return STATE.READY, True, False
+        return STATE.OFF, False, False
     if causes != 0:
-        return TRIPPED, False, False
-    if request == _STOP:
-        return OFF, False, False
-    if state == READY:
-        arming = (arming or request == _ENABLE) and request != _DISABLE
+        return STATE.TRIPPED, False, False
+    if request == _REQUEST.STOP:
+        return STATE.OFF, False, False
+    if state == STATE.READY:
+        arming = (arming or request == _REQUEST.ENABLE) and request != _REQUEST.DISABLE
         if arming and inverter_ready:
-            return ENABLED, False, False
-        return READY, arming, False
-    stopping = (stopping or request == _DISABLE) and request != _ENABLE
+            return STATE.ENABLED, False, False
+        return STATE.READY, arming, False
+    stopping = (stopping or request == _REQUEST.DISABLE) and request != _REQUEST.ENABLE
     if stopping and at_zero:
-        return READY, False, False
-    return ENABLED, False, stopping
+        return STATE.READY, False, False
+    return STATE.ENABLED, False, stopping

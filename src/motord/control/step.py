@@ -6,30 +6,16 @@ filled `tick`, `missed`, `wake_late_ns`, `work_ns` and the flags of lateness in 
 
 import numpy as np
 
-from motord.control import interlocks, observer, reference, states
+from motord.control import interlocks, observer, reference
 from motord.control.learned import learned_torque
 from motord.control.plausible import remember_command
+from motord.control.states import STATE, transition
 from motord.control.types import MEMORY
-from motord.jit import jit
-from motord.schema import BridgeStatus, Flag, InverterStatus, State
+from motord.jit import constants, jit
+from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus
 
-_CURRENT_LIMITED = int(Flag.CURRENT_LIMITED)
-_TORQUE_LIMITED = int(Flag.TORQUE_LIMITED)
-_CURRENTS_COMPENSATED = int(Flag.CURRENTS_COMPENSATED)
-_COGGING_COMPENSATED = int(Flag.COGGING_COMPENSATED)
-_LEARNED_COMPENSATED = int(Flag.LEARNED_COMPENSATED)
-_RAMPING = int(Flag.RAMPING)
-_NEW_ENCODER = int(Flag.NEW_ENCODER)
-_NEW_INVERTER = int(Flag.NEW_INVERTER)
-_SIMULATED = int(Flag.SIMULATED)
-_SUPERVISOR_ABSENT = int(Flag.SUPERVISOR_ABSENT)
-_POSITION_AGED = int(Flag.POSITION_AGED)
-_LINE_CLOSED = int(BridgeStatus.ENABLE_LINE)
-_INVERTER_READY = int(InverterStatus.READY)
-_COMPENSATE_CURRENTS = int(reference.Compensate.CURRENTS)
-_COMPENSATE_COGGING = int(reference.Compensate.COGGING)
-_COMPENSATE_LEARNED = int(reference.Compensate.LEARNED)
-_ENABLED = int(State.ENABLED)
+_FLAG, _COMPENSATE = constants(Flag), constants(Compensate)
+_BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _INT32_MAX = 2**31 - 1
 
 ELAPSED_MAX_S = 1.0
@@ -54,7 +40,7 @@ def _set_torque(
 
     A ramp down to zero goes on through missed ticks and ends within RAMP_DOWN_MAX_S.
     """
-    if m.state != _ENABLED:
+    if m.state != STATE.ENABLED:
         m.torque_set_Nm = 0.0
         return 0
     wanted_Nm = 0.0 if m.stopping or supervisor_late else float(s.torque_Nm)
@@ -63,8 +49,8 @@ def _set_torque(
     if target_Nm == 0.0:
         step_Nm = p.ramp_down_Nm_per_s * elapsed_s
     m.torque_set_Nm = reference.ramp(m.torque_set_Nm, target_Nm, step_Nm)
-    flags = _RAMPING if m.torque_set_Nm != target_Nm else 0
-    return flags | (_TORQUE_LIMITED if wanted_Nm != target_Nm else 0)
+    flags = _FLAG.RAMPING if m.torque_set_Nm != target_Nm else 0
+    return flags | (_FLAG.TORQUE_LIMITED if wanted_Nm != target_Nm else 0)
 
 
 @jit
@@ -83,25 +69,25 @@ def _currents(
     flags = 0
     n, following, weight = reference.table_position(angle_rad, p.counts)
     torque_Nm = m.torque_set_Nm
-    if s.compensate & _COMPENSATE_COGGING:
+    if s.compensate & _COMPENSATE.COGGING:
         cog_Nm = (1.0 - weight) * cogging_Nm[n] + weight * cogging_Nm[following]
         cog_Nm *= 1.0 + s.induced_cogging
         tick.cogging_comp_Nm = cog_Nm
         torque_Nm -= cog_Nm
-        flags |= _COGGING_COMPENSATED
-    if s.compensate & _COMPENSATE_LEARNED and p.learned_orders:
+        flags |= _FLAG.COGGING_COMPENSATED
+    if s.compensate & _COMPENSATE.LEARNED and p.learned_orders:
         speed_rad_s = m.speed_rad_s
         torque_Nm -= learned_torque(p, learned_Nm, m.torque_set_Nm, speed_rad_s, angle_rad)
-        flags |= _LEARNED_COMPENSATED
+        flags |= _FLAG.LEARNED_COMPENSATED
     wanted_Nm = torque_Nm
     torque_Nm = reference.clamp(wanted_Nm, p.torque_limit_Nm)
     if torque_Nm != wanted_Nm:
-        flags |= _TORQUE_LIMITED
+        flags |= _FLAG.TORQUE_LIMITED
     k_a = (1.0 - weight) * back_emf[n, 0] + weight * back_emf[following, 0]
     k_b = (1.0 - weight) * back_emf[n, 1] + weight * back_emf[following, 1]
     k_c = (1.0 - weight) * back_emf[n, 2] + weight * back_emf[following, 2]
-    compensated = s.compensate & _COMPENSATE_CURRENTS != 0
-    flags |= _CURRENTS_COMPENSATED if compensated else 0
+    compensated = s.compensate & _COMPENSATE.CURRENTS != 0
+    flags |= _FLAG.CURRENTS_COMPENSATED if compensated else 0
     if p.q_only:
         axes_rad = angle_rad - m.speed_rad_s * p.axes_age_s
         k = (k_a, k_b, k_c)
@@ -117,7 +103,7 @@ def _currents(
         i_c = (i_c - p.beta_A[2]) / (p.alpha[2] * p.delta_epsilon)
     i_a, i_b, i_c, limited = reference.limit_currents(i_a, i_b, i_c, p.current_limit_A)
     command.i_A[0], command.i_A[1], command.i_A[2] = i_a, i_b, i_c
-    return flags | (_CURRENT_LIMITED if limited else 0)
+    return flags | (_FLAG.CURRENT_LIMITED if limited else 0)
 
 
 @jit
@@ -139,8 +125,8 @@ def _decide(
     conditions = interlocks.conditions(p, m, f, missed, supervisor_late, s.brake_temperature_C)
     bits = interlocks.debounced(p, m, conditions, new, f.now_ns)
     interlocks.latch(m, bits)
-    powered = f.inverter_status & _INVERTER_READY and f.bridge_status & _LINE_CLOSED
-    state, arming, stopping = states.transition(
+    powered = f.inverter_status & _INVERTER.READY and f.bridge_status & _BRIDGE.ENABLE_LINE
+    state, arming, stopping = transition(
         m.state,
         m.arming != 0,
         m.stopping != 0,
@@ -149,7 +135,7 @@ def _decide(
         powered != 0,
         m.torque_set_Nm == 0.0,
     )
-    if m.state == states.TRIPPED and state == states.READY:
+    if m.state == STATE.TRIPPED and state == STATE.READY:
         m.trip_bits = 0
         m.first_trip = 0
     m.arming_s = m.arming_s + elapsed_s if arming else 0.0
@@ -210,9 +196,9 @@ def step(
     """
     p, m, f, s = parameters[0], memory[0], feedback[0], setpoint[0]
     c, t = command[0], tick[0]
-    flags = _SIMULATED if p.simulated else 0
-    flags |= _NEW_ENCODER if f.t_ns != m.t_bridge_ns else 0
-    flags |= _NEW_INVERTER if f.t_inverter_ns != m.t_inverter_ns else 0
+    flags = _FLAG.SIMULATED if p.simulated else 0
+    flags |= _FLAG.NEW_ENCODER if f.t_ns != m.t_bridge_ns else 0
+    flags |= _FLAG.NEW_INVERTER if f.t_inverter_ns != m.t_inverter_ns else 0
     m.t_bridge_ns = f.t_ns
     m.t_inverter_ns = f.t_inverter_ns
     count = observer.decode(f.encoder_gray, p)
@@ -226,9 +212,9 @@ def step(
     interlocks.update_i2t(p, m, f, elapsed_s)
     interlocks.count_link_errors(m, f.link_errors, elapsed_s)
     supervisor_late = (f.now_ns - s.heartbeat_ns) * 1e-9 > p.supervisor_timeout_s
-    flags |= _SUPERVISOR_ABSENT if supervisor_late else 0
+    flags |= _FLAG.SUPERVISOR_ABSENT if supervisor_late else 0
     causes = _decide(p, m, s, f, t.missed, flags, supervisor_late, elapsed_s)
-    t.trip_bits = causes if m.state == states.OFF else m.trip_bits
+    t.trip_bits = causes if m.state == STATE.OFF else m.trip_bits
     flags |= _set_torque(p, m, s, supervisor_late, elapsed_s)
     age_s = (f.now_ns - m.t_ns) * 1e-9
     aged = age_s > observer.POSITION_AGE_MAX_S
@@ -239,13 +225,13 @@ def step(
     c.angle_ns = m.t_ns + int(ahead_s * 1e9)
     t.cogging_comp_Nm = 0.0
     c.i_A[0], c.i_A[1], c.i_A[2] = 0.0, 0.0, 0.0
-    if m.state == _ENABLED:
+    if m.state == STATE.ENABLED:
         if aged:
-            flags |= _POSITION_AGED
+            flags |= _FLAG.POSITION_AGED
         else:
             flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
-    remember_command(m, s, c.i_A, flags & (_CURRENT_LIMITED | _POSITION_AGED) != 0)
-    c.enable = 1 if m.state == _ENABLED or m.arming else 0
+    remember_command(m, s, c.i_A, flags & (_FLAG.CURRENT_LIMITED | _FLAG.POSITION_AGED) != 0)
+    c.enable = 1 if m.state == STATE.ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s
     t["flags"] |= flags  # not t.flags: numpy has an attribute of that name

@@ -2,14 +2,10 @@
 
 import numpy as np
 
-from motord.jit import jit
+from motord.jit import constants, jit
 from motord.schema import BridgeStatus, InverterStatus
 
-_READY = int(InverterStatus.READY)
-_FAULT = int(InverterStatus.FAULT)
-_LINE_SEEN = int(InverterStatus.ENABLE_LINE)
-_LINE_CLOSED = int(BridgeStatus.ENABLE_LINE)
-_TORQUE_INVALID = int(BridgeStatus.TORQUE_INVALID)
+_BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 
 
 @jit
@@ -30,11 +26,11 @@ def fill_feedback(
     f.u_bus_V = o.u_bus_V
     f.temperature_C = o.temperature_C
     f.link_errors = 0
-    status = _READY if o.inverter_on else 0
-    status |= _FAULT if o.fault else 0
-    f.inverter_status = status | (_LINE_SEEN if o.enable_line else 0)
-    status = _LINE_CLOSED if o.enable_line else 0
-    f.bridge_status = status | (_TORQUE_INVALID if o.torque_clipped else 0)
+    status = _INVERTER.READY if o.inverter_on else 0
+    status |= _INVERTER.FAULT if o.fault else 0
+    f.inverter_status = status | (_INVERTER.ENABLE_LINE if o.enable_line else 0)
+    status = _BRIDGE.ENABLE_LINE if o.enable_line else 0
+    f.bridge_status = status | (_BRIDGE.TORQUE_INVALID if o.torque_clipped else 0)
 
 
 @jit

@@ -9,7 +9,7 @@ import numpy as np
 from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.control.types import FEEDBACK
-from motord.jit import jit
+from motord.jit import constants, jit
 from motord.rig import faults as rig_faults
 from motord.rig.noise import random_state, uniform
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus, record_dtype
@@ -44,10 +44,8 @@ LINK = record_dtype(
     ]
 )
 
-_TIMED_OUT = int(InverterStatus.COMMAND_TIMEOUT)
-_BUS_OFF = int(InverterStatus.BUS_OFF)
-_NOT_BUS_OFF = 0xFFFFFFFF ^ _BUS_OFF
-_BEAT_LOST = int(BridgeStatus.HEARTBEAT_LOST)
+_BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
+_NOT_BUS_OFF = 0xFFFFFFFF ^ _INVERTER.BUS_OFF
 _COUNT_MODULUS = 128
 
 
@@ -72,12 +70,14 @@ def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.
             f.u_V[phase] = r.u_V[phase]
         f.u_bus_V, f.temperature_C = r.u_bus_V, r.temperature_C
         f.t_inverter_ns = r.t_inverter_ns
-        f.inverter_status = r.inverter_status | (_TIMED_OUT if lk.timed_out else 0)
-    f.inverter_status = (f.inverter_status & _NOT_BUS_OFF) | (_BUS_OFF if lk.bus_off else 0)
+        f.inverter_status = r.inverter_status | (_INVERTER.COMMAND_TIMEOUT if lk.timed_out else 0)
+    f.inverter_status = (f.inverter_status & _NOT_BUS_OFF) | (
+        _INVERTER.BUS_OFF if lk.bus_off else 0
+    )
     if _arrives(lk, n, lk.bridge_late, lk.bridge_drop, lk.bridge_duplicate) and not lk.board_down:
         r = ring[(n - lk.bridge_late) % LATE_TICKS_MAX]
         f.t_ns, f.encoder_gray, f.torque_Nm = r.t_ns, r.encoder_gray, r.torque_Nm
-        status = r.bridge_status | (_BEAT_LOST if lk.beat_lost else 0)
+        status = r.bridge_status | (_BRIDGE.HEARTBEAT_LOST if lk.beat_lost else 0)
         f.bridge_status = status | lk.begun % _COUNT_MODULUS << FAULT_COUNT_SHIFT
     f.link_errors = lk.errors
 

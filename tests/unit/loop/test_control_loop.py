@@ -9,10 +9,9 @@ import pytest
 
 from motord import config
 from motord.control import parameters
-from motord.control.states import Request
 from motord.loop.control_loop import SUPERVISOR_GONE_S, Cycle, StopRequest, run
 from motord.loop.pacer import Pacer
-from motord.schema import Flag, State
+from motord.schema import Flag, Request, State
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingReader, RingWriter
 from motord.shm.run_directory import RunDir
