@@ -18,8 +18,8 @@ from motord.control import parameters
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.registry import make_rig
 from motord.loop import rt_setup
-from motord.loop.control_loop import Cycle, StopRequest
-from motord.loop.hybrid_sleep import Waker
+from motord.loop.control_loop import ControlLoop, StopRequest
+from motord.loop.hybrid_sleep import HybridSleep
 from motord.loop.latency.measurement import choose_cpu
 from motord.loop.launch import start_loop
 from motord.loop.pacer import Pacer
@@ -45,12 +45,12 @@ FAST_Hz = 10_000
 READ_EVERY_S = 0.05
 
 
-def make_cycle(bench: config.Config, folder: Path) -> tuple[Cycle, MailboxWriter]:
+def make_cycle(bench: config.Config, folder: Path) -> tuple[ControlLoop, MailboxWriter]:
     """Return a loop's parts with files in `folder`, warmed up."""
     TablesWriter(folder / "tables", bench.motor.counts).write(*parameters.build(bench))
     writer = MailboxWriter(folder / "setpoint", Clock.measure())
     writer.write(np.zeros(1, SETPOINT))
-    cycle = Cycle(
+    cycle = ControlLoop(
         make_rig(bench),
         RingWriter(folder / "ring", 16384),
         MailboxReader(folder / "setpoint"),
@@ -76,13 +76,13 @@ def part_costs_us(ticks: int) -> np.ndarray:
     return costs_us
 
 
-def timed_ticks_us(cycle: Cycle, ticks: int) -> np.ndarray:
+def timed_ticks_us(cycle: ControlLoop, ticks: int) -> np.ndarray:
     """Run the parts of a tick at 1 kHz; return what each took, shape (ticks, len(PARTS))."""
     rig, ring, clock = cycle.rig, cycle.ring, time.perf_counter_ns
     feedback, setpoint, command = (np.zeros(1, d) for d in (FEEDBACK, SETPOINT, COMMAND))
     cycle.feedback, cycle.setpoint, cycle.command = feedback, setpoint, command
     bound = cycle.beat()
-    pacer = Pacer(PERIOD_ns, Waker(PERIOD_ns))
+    pacer = Pacer(PERIOD_ns, HybridSleep(PERIOD_ns))
     marks = np.zeros((ticks, len(PARTS) + 1), np.int64)
     for tick in range(ticks):
         now_ns = pacer.wait() + cycle.mailbox.clock.offset_ns

@@ -30,7 +30,7 @@ from motord.emulate.bridge.board import Board
 from motord.emulate.bridge.link import BoardLink
 from motord.emulate.selection import is_fast
 from motord.loop import rt_setup
-from motord.loop.hybrid_sleep import Waker
+from motord.loop.hybrid_sleep import HybridSleep
 from motord.loop.pacer import Pacer
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
@@ -164,7 +164,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, stop)
     peer = FixedPeer(bench)
     period_ns = round(1e9 / bench.loop.rate_Hz)
-    pacer = Pacer(period_ns, Waker(period_ns, spin=False))
+    pacer = Pacer(period_ns, HybridSleep(period_ns, spin=False))
     rt_setup.apply(LoopConfig(cpu=cpu, priority=PRIORITY))
     sys.stdout.write("up\n")
     sys.stdout.flush()

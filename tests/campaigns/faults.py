@@ -319,7 +319,7 @@ def run_random(count: int, seed: int) -> int:
             failed += 1
             print(f"seed {number}: {'; '.join(faults)}")
             for fault in timeline.fault:
-                print(f"    at {fault.at_s:g} s {fault.words()}")
+                print(f"    at {fault.at_s:g} s {fault.summary()}")
     took_s = time.monotonic() - begun_s
     print(f"{count} random timelines in {took_s:.0f} s, {failed} not as they must be")
     for end, number in sorted(ends.items(), key=lambda item: -item[1]):

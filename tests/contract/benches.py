@@ -10,7 +10,7 @@ import numpy as np
 
 from motord import config
 from motord.config import BridgeCanConfig, CanConfig, packaged
-from motord.control.rotating import Axes
+from motord.control.park import DqFrame
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.bridge.can import CanBridge
 from motord.hal.bridge.serial import SerialBridge
@@ -234,7 +234,7 @@ def can_q_only() -> Bench:
 def _dq(can: CanConfig) -> Bench:
     """Return a drive with its rotor at 0, where it hears and says phase currents, to 10 mA."""
     drive, config = Drive(can), bench(can)
-    axes = Axes.of(config)
+    axes = DqFrame.of(config)
     for key, phases in (("i_{}_A", (1.0, -2.5, 1.5)), ("u_{}_V", (3.0, -6.0, 3.0))):
         d, q = axes.to_drive(0.0, 0.0, phases)
         drive.values |= {key.format("d"): d, key.format("q"): q}

@@ -21,7 +21,7 @@ from motord.control.types import SETPOINT
 from motord.emulate.process import Emulator
 from motord.hal.inverter import can_drive
 from motord.hal.registry import make_rig
-from motord.loop.control_loop import Cycle, StopRequest, run
+from motord.loop.control_loop import ControlLoop, StopRequest, run
 from motord.loop.pacer import Pacer
 from motord.rig.truth import load as load_truth
 from motord.schema import TRUTH_DTYPE
@@ -93,7 +93,7 @@ class WireLoop:
         self.write(np.zeros(1, SETPOINT))
         self.rig = make_rig(config)
         self.rig.open()
-        self._cycle = Cycle(
+        self._cycle = ControlLoop(
             self.rig,
             RingWriter(run_dir.ring, 1 << 14),
             MailboxReader(run_dir.setpoint),

@@ -1,10 +1,10 @@
-"""Unix time that does not step, and the fence between processes."""
+"""Unix time that does not step, and the memory barrier between processes."""
 
 import time
 
 import pytest
 
-from motord.shm.memory_barrier import fence_for
+from motord.shm.memory_barrier import barrier_for
 from motord.unix_clock import Clock
 
 
@@ -32,4 +32,4 @@ def test_clock_takes_the_narrowest_measurement(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("machine", ["x86_64", "AMD64", "aarch64"])
 def test_fence_can_be_called(machine: str) -> None:
-    fence_for(machine)()
+    barrier_for(machine)()

@@ -42,14 +42,14 @@ def inject(
             fail(f"{parameter!r} is not NAME=VALUE")
         wanted[name] = value_of(value)
     try:
-        told = send(load(config), wanted)
+        injected = send(load(config), wanted)
     except (ConfigError, EmulatorError) as error:
         fail(str(error))
     if as_json:
-        print_json(told)
+        print_json(injected)
     else:
-        told.pop("ok", None)
-        typer.echo(f"injected: {Fault.model_validate(told).words()}")
+        injected.pop("ok", None)
+        typer.echo(f"injected: {Fault.model_validate(injected).summary()}")
 
 
 @app.command()
@@ -73,5 +73,5 @@ def kinds(
         )
         return
     for name, kind in KINDS.items():
-        told = " ".join(f"{key}={value}" for key, value in kind.parameters.items())
-        typer.echo(f"{name:18} {kind.meaning}" + (f" [{told}]" if told else ""))
+        parameters = " ".join(f"{key}={value}" for key, value in kind.parameters.items())
+        typer.echo(f"{name:18} {kind.meaning}" + (f" [{parameters}]" if parameters else ""))

@@ -20,7 +20,7 @@ WIRES = frozenset({"virtual", "emulate"})
 
 @dataclass(frozen=True)
 class FaultKind:
-    """A kind of fault: what it does, how long it lasts unless told, its parameters' defaults.
+    """A kind of fault: what it does, how long it lasts by default, its parameters' defaults.
 
     `places` tells which benches can have it: in virtual time, simulated in the loop, emulated.
     """
@@ -137,12 +137,12 @@ class Fault(Section):
         """Return the parameters of its kind."""
         return {name: getattr(self, name) for name in KINDS[self.kind].parameters}
 
-    def words(self) -> str:
+    def summary(self) -> str:
         """Return the fault in one line."""
-        told = "".join(f", {name} {value}" for name, value in self.parameters().items())
-        return f"{self.kind} for {self.duration_s:g} s{told}: {KINDS[self.kind].meaning}"
+        parameters = "".join(f", {name} {value}" for name, value in self.parameters().items())
+        return f"{self.kind} for {self.duration_s:g} s{parameters}: {KINDS[self.kind].meaning}"
 
-    def told(self) -> dict[str, Any]:
+    def log_entry(self) -> dict[str, Any]:
         """Return the fault as it goes into a log."""
         return {"kind": self.kind, "at_s": self.at_s, "for_s": self.duration_s, **self.parameters()}
 

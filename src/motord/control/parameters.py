@@ -1,4 +1,4 @@
-"""What the kernel is told: parameters and tables from the bench file and the calibration."""
+"""Parameters and tables of the kernel, from the bench file and the calibration."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,7 @@ import numpy as np
 from motord.config import Config
 from motord.control.interlock_table import INTERLOCKS
 from motord.control.learned import VALUES
-from motord.control.rotating import Axes
+from motord.control.park import DqFrame
 from motord.control.tracks import watched_tracks
 from motord.control.types import PARAMETERS
 from motord.learned import LearnedTorque
@@ -42,7 +42,7 @@ def build(
     p.simulated = config.simulated
     _fill_limits(p, config)
     if config.inverter.q_only:
-        axes = Axes.of(config)
+        axes = DqFrame.of(config)
         p.q_only = True
         p.axes_rad, p.axes_sequence = axes.offset_rad, axes.sequence
         p.axes_age_s = axes.command_age_s

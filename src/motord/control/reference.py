@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from motord.control.observer import TWO_PI
-from motord.control.rotating import to_phases
+from motord.control.park import dq_to_abc
 from motord.jit import jit
 
 TINY_V2_S2 = 1e-12
@@ -57,7 +57,7 @@ def currents_along_q(
     gains and offsets of the calibration, else with 1 and 0. k (3,): back-EMF constants (V s/rad).
     """
     electrical_rad = p.pole_pairs * angle_rad + p.axes_rad
-    x_a, x_b, x_c = to_phases(electrical_rad, p.axes_sequence, 0.0, 1.0)
+    x_a, x_b, x_c = dq_to_abc(electrical_rad, p.axes_sequence, 0.0, 1.0)
     g_a, g_b, g_c, offset_Nm = 1.0, 1.0, 1.0, 0.0
     if compensate:
         g_a, g_b, g_c = (

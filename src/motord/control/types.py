@@ -1,7 +1,7 @@
 """The records that pass through the control kernel, one element arrays of these dtypes.
 
 `Feedback` comes from the HAL, `Setpoint` from the supervisor, `Command` goes to the HAL, `Memory`
-is what the kernel remembers from tick to tick, `Parameters` what it is told of bench and motor.
+is what the kernel remembers from tick to tick, `Parameters` those of bench and motor.
 All numbers that a recording must hold to replay a run are single precision, as in the tick.
 """
 
@@ -103,7 +103,7 @@ PARAMETERS = record_dtype(
         ("enable_timeout_s", "f8"),
         ("overrun_ticks", "i8"),
         ("simulated", "i8"),
-        # a drive that makes current along its q axis alone (`control.rotating`)
+        # a drive that makes current along its q axis alone (`control.park`)
         ("q_only", "i8"),
         ("axes_rad", "f8"),  # electrical angle of its d axis at angle 0
         ("axes_sequence", "f8"),
@@ -152,6 +152,5 @@ MEMORY = record_dtype(
         ("tracking", "u1"),  # the observer has an angle
         ("arming", "u1"),  # READY, on the way to ENABLED
         ("stopping", "u1"),  # ENABLED, ramping to READY
-        ("loop_gap", "u1"),  # the gap before this tick was an overrun
     ]
 )

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from motord.config import Config, ModbusConfig
 from motord.emulate.bridge.board import Board
 from motord.emulate.devices import NEVER_NS, Currents, Inverter, RegisterDevice
-from motord.rig import build, rotating, step
-from motord.rig.drive import with_drive
-from motord.rig.rotating import LATCHED
+from motord.rig import build, park, step
+from motord.rig.build import with_drive
+from motord.rig.park import LATCHED
 from motord.rig.truth import RigTruth
 from motord.rig.types import RIG_OUTPUT, new_input, new_output
 from motord.schema import TRUTH_DTYPE, InverterStatus
@@ -150,7 +150,7 @@ class EmulatedBench:
     def latch(self, i_A: Currents) -> Currents:
         """Return the phase currents that (d, q, -) are with the rotor where it is."""
         phases_A = np.array(i_A)
-        rotating.latch(self._parameters, self._state, phases_A)
+        park.latch(self._parameters, self._state, phases_A)
         i_a_A, i_b_A, i_c_A = phases_A.tolist()
         return i_a_A, i_b_A, i_c_A
 

@@ -81,7 +81,7 @@ class Injector:
     def _begin(self, fault: Fault, now_ns: int) -> None:
         self.begun += 1
         self._bench.board.faults_begun = self.begun
-        self._fault_sink(now_ns, {"fault": self.begun, **fault.told()})
+        self._fault_sink(now_ns, {"fault": self.begun, **fault.log_entry()})
         self._active.append(fault)
         end_ns = now_ns + round(fault.duration_s * 1e9)
         heapq.heappush(self._edges, (end_ns, next(self._number), False, fault))

@@ -225,7 +225,7 @@ class Emulator:
             except ValueError as error:
                 self._control.respond(sender, {"error": str(error)})
             else:
-                self._control.respond(sender, {"ok": True, **fault.told()})
+                self._control.respond(sender, {"ok": True, **fault.log_entry()})
 
     def _listen(self, now_ns: int) -> None:
         """Take in what the host has sent, with the times at which it arrived."""

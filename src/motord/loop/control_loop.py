@@ -14,12 +14,12 @@ from motord.control.types import COMMAND, FEEDBACK, SETPOINT
 from motord.hal.base import Rig
 from motord.hal.bridge.clock import BoardClock
 from motord.loop.pacer import INT32_MAX, Pacer
-from motord.loop.tick_kernel import NO_WORK, Beat, beat
+from motord.loop.tick_kernel import NO_WORK, TickKernel, run_tick
 from motord.schema import State
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter
 from motord.shm.tables import TablesReader
-from motord.shm.timing import ClockTold, Timing
+from motord.shm.timing import BoardClockError, Timing
 
 SUPERVISOR_GONE_S = 5.0
 """Without a heartbeat for so long, and without torque, the loop ends by itself."""
@@ -34,9 +34,8 @@ class StopRequest:
 
 
 @dataclass
-class Cycle:
-    """What a loop works with; `timing` holds the histograms that it keeps, `clock` is the
-    bridge's, if there is one to tell of."""
+class ControlLoop:
+    """What the loop works with; `timing` holds its histograms, `clock` is the bridge board's."""
 
     rig: Rig
     ring: RingWriter
@@ -50,18 +49,19 @@ class Cycle:
     setpoint: np.ndarray = field(default_factory=lambda: np.zeros(1, SETPOINT))
     command: np.ndarray = field(default_factory=lambda: np.zeros(1, COMMAND))
 
-    def beat(self) -> Beat:
+    def kernel(self) -> TickKernel:
         """Return the compiled tick, bound to all of this."""
         records = (self.memory, self.feedback, self.setpoint, self.command, self.ring.records)
-        return Beat(self.tables.current, self.timing.record, *records)
+        return TickKernel(self.tables.current, self.timing.record, *records)
 
     def warm_up_kernel(self) -> None:
         """Compile or load the tick by running it on copies of everything it will work on."""
         self.tables.poll()
         records = (self.memory, self.feedback, self.setpoint, self.command, self.ring.slot())
-        copies = Beat(self.tables.current, Timing().record, *(record.copy() for record in records))
+        copies = (record.copy() for record in records)
+        kernel = TickKernel(self.tables.current, Timing().record, *copies)
         for _ in range(3):
-            beat(copies.frame, 0, 0, 0, 0, 0, NO_WORK)
+            run_tick(kernel.frame, 0, 0, 0, 0, 0, NO_WORK)
 
     def warm_up_rig(self) -> None:
         """Read the opened rig and command it to be off, so that no first time is left."""
@@ -69,11 +69,11 @@ class Cycle:
             self.rig.read(self.mailbox.clock.now_ns(), self.feedback)
             self.rig.write(self.command)
 
-    def tell_clock(self) -> None:
-        """Let others know of the bridge's clock."""
+    def set_board_clock(self) -> None:
+        """Publish the error of the bridge board's clock, if it has one."""
         if self.clock is not None:
-            told = ClockTold(self.clock.drift_ppm, self.clock.jitter_ns * 1e-3)
-            self.timing.tell_clock(told)
+            error = BoardClockError(self.clock.drift_ppm, self.clock.jitter_ns * 1e-3)
+            self.timing.set_board_clock(error)
 
     def supervisor_gone(self, now_ns: int) -> bool:
         """Return whether the supervisor has been silent for long and no torque is applied."""
@@ -82,16 +82,16 @@ class Cycle:
         return silent_ns > SUPERVISOR_GONE_S * 1e9 and not enabled
 
 
-def run(cycle: Cycle, pacer: Pacer, ticks: int | None = None) -> None:
+def run(loop: ControlLoop, pacer: Pacer, ticks: int | None = None) -> None:
     """Run ticks until a stop is requested or the supervisor is gone; sets `stop.reason`.
 
     With `ticks`, run at most so many, then return and leave the reason empty.
     """
-    rig_read, rig_write, mailbox_read = cycle.rig.read, cycle.rig.write, cycle.mailbox.read
-    feedback, setpoint, command = cycle.feedback, cycle.setpoint, cycle.command
-    tables, ring, stop, bound = cycle.tables, cycle.ring, cycle.stop, cycle.beat()
-    begun_ns, frame, publish, poll = feedback["now_ns"], bound.frame, ring.publish, tables.poll
-    offset_ns, clock_ns, wait = cycle.mailbox.clock.offset_ns, pacer.clock_ns, pacer.wait
+    rig_read, rig_write, mailbox_read = loop.rig.read, loop.rig.write, loop.mailbox.read
+    feedback, setpoint, command = loop.feedback, loop.setpoint, loop.command
+    tables, ring, stop, kernel = loop.tables, loop.ring, loop.stop, loop.kernel()
+    begun_ns, frame, publish, poll = feedback["now_ns"], kernel.frame, ring.publish, tables.poll
+    offset_ns, clock_ns, wait = loop.mailbox.clock.offset_ns, pacer.clock_ns, pacer.wait
     work_ns = NO_WORK
     setpoint["heartbeat_ns"][0] = clock_ns() + offset_ns
     pacer.start()
@@ -103,15 +103,15 @@ def run(cycle: Cycle, pacer: Pacer, ticks: int | None = None) -> None:
         rig_read(now_ns, feedback)
         mailbox_read(setpoint)
         if poll():
-            bound.use(tables.current)
+            kernel.use(tables.current)
         i = ring.index
-        beat(frame, i, pacer.tick, pacer.missed, pacer.flags, pacer.late_ns, work_ns)
+        run_tick(frame, i, pacer.tick, pacer.missed, pacer.flags, pacer.late_ns, work_ns)
         rig_write(command)
         publish()
         work_ns = min(clock_ns() - woke_ns, INT32_MAX)
         if not i % _LOOK_EVERY_TICKS:
-            cycle.tell_clock()
-            if cycle.supervisor_gone(now_ns):
+            loop.set_board_clock()
+            if loop.supervisor_gone(now_ns):
                 stop.reason = "the supervisor is gone"
     if work_ns != NO_WORK:
-        cycle.timing.work.add(work_ns)
+        loop.timing.work.add(work_ns)

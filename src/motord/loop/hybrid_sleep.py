@@ -111,7 +111,7 @@ class DutyCycle:
         self.spin_ns = spin_ns if spin_ns > 0 else 0
 
 
-class Waker:
+class HybridSleep:
     """Waits for deadlines of a loop of `period_ns`; all times are monotonic ns.
 
     Without `spin` it sleeps up to the deadline itself. `clock_ns` tells the time and `sleep_s`

@@ -15,7 +15,7 @@ _AFTER_GAP = int(Flag.AFTER_GAP)
 
 
 class Alarm(Protocol):
-    """What a pacer waits with (`runtime.waker.Waker`). Times are monotonic ns."""
+    """What a pacer waits with (`loop.hybrid_sleep.HybridSleep`). Times are monotonic ns."""
 
     @property
     def overdrawn(self) -> bool:

@@ -1,4 +1,4 @@
-"""What the loop computes in a tick, compiled into one call: bookkeeping and control kernel.
+"""Tick kernel: what the loop computes in a tick, bookkeeping and control, compiled into one call.
 
 The control kernel takes nine arrays, and checking these costs a call far more than the kernel
 itself. They are the same in every tick, so a compiled function finds them by their addresses.
@@ -17,19 +17,24 @@ from motord.shm.timing import TIMING
 
 _PARAMETERS, _BACK_EMF, _COGGING, _LEARNED = range(4)
 _MEMORY, _FEEDBACK, _SETPOINT, _COMMAND, _RING, _TIMING = range(4, 10)
-_FLOAT64 = np.dtype(np.float64)
+_FLOAT64, _INT64 = np.dtype(np.float64), np.dtype(np.int64)
+_WORDS = TICK_DTYPE.itemsize // _INT64.itemsize
 NO_WORK = -1
 """Work time to hand over in the first tick: there was none before it."""
 
 
 @jit_holding_gil
-def beat(
+def run_tick(
     frame: int, index: int, tick: int, missed: int, flags: int, wake_late_ns: int, work_ns: int
 ) -> None:
-    """Run the kernel into slot `index` of the ring, with what is known of the tick's timing."""
+    """Run the kernel into slot `index` of the ring, with what is known of the tick's timing.
+
+    The slot, which holds an old tick, is cleared before: a field that nobody fills is zero.
+    """
     parameters = records_at(frame, _PARAMETERS, 1, PARAMETERS)
     counts = parameters[0].counts
     back_emf = records_at(frame, _BACK_EMF, 3 * counts, _FLOAT64).reshape(counts, 3)
+    records_at(frame, _RING, (index + 1) * _WORDS, _INT64)[index * _WORDS :] = 0
     records = records_at(frame, _RING, index + 1, TICK_DTYPE)[index:]
     record = records[0]
     record.tick = tick
@@ -55,8 +60,8 @@ def beat(
         count(timing.work, work_ns)
 
 
-class Beat:
-    """`beat` with all that it works on; `frame` is what to hand to it.
+class TickKernel:
+    """`run_tick` with all that it works on; `frame` is what to hand to it.
 
     `memory`, `feedback`, `setpoint`, `command` and `timing` have shape (1,), `ring` all slots.
     """

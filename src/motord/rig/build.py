@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from scipy.linalg import expm
 
-from motord.config import SEQUENCE, DqConfig
-from motord.rig.bar import add_bar
+from motord.config import SEQUENCE, DqConfig, InverterConfig
+from motord.rig.free_decay import add_bar
 from motord.rig.noise import gaussian, random_state
-from motord.rig.rotating import LATCHED, TURNING
+from motord.rig.park import LATCHED, TURNING
 from motord.rig.truth import RigTruth, TorqueSensorTruth
 from motord.rig.types import RIG_PARAMETERS, RIG_STATE
 from motord.rig.waves import wave_values
@@ -43,6 +43,18 @@ def build(
         add_bar(p, truth.swing)
     _fill_state(p, s, truth, seed)
     return parameters, state
+
+
+def with_drive(truth: RigTruth, configured: InverterConfig) -> RigTruth:
+    """Return the rig with the bench's kind of drive.
+
+    A drive that takes d and q has the d axis of the rig file, or else that of the bench file.
+    """
+    dq = (truth.inverter.dq or configured.dq) if configured.driver == "can-dq" else None
+    if dq == truth.inverter.dq:
+        return truth
+    inverter = truth.inverter.model_copy(update={"dq": dq})
+    return truth.model_copy(update={"inverter": inverter})
 
 
 def _decay(duration_s: float, time_constant_s: float) -> float:
@@ -86,9 +98,9 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
     p.beta_A[:] = inverter.beta_A
     if inverter.nonlinearity is not None:
         p.nonlinear = 1
-        p.bend_A[:] = inverter.nonlinearity.amplitude_A
-        p.bend_wave_rad_per_A = 2 * math.pi / inverter.nonlinearity.period_A
-        p.bend_phase_rad[:] = inverter.nonlinearity.phase_rad
+        p.nonlinearity_A[:] = inverter.nonlinearity.amplitude_A
+        p.nonlinearity_rad_per_A = 2 * math.pi / inverter.nonlinearity.period_A
+        p.nonlinearity_phase_rad[:] = inverter.nonlinearity.phase_rad
     p.gain_drift_per_K[:] = inverter.gain_drift_per_K
     p.gain_drift_max = inverter.gain_drift_max
     p.reference_C = inverter.reference_C

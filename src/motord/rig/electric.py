@@ -1,9 +1,9 @@
 """Inverter and windings over one substep, compiled: dead time, current loops, bus limit.
 
 Each loop forces its sensed current i* to the command as a first-order lag; what flows is
-g i* + beta with g = alpha epsilon (Poels 2008, eq. (4.1)), i* bent where the sensors are not
-linear (`rig.bend`). In a star what flows sums to zero, so
-the loops force i* less its mean over the phases, and the mean c follows from
+g i* + beta with g = alpha epsilon (Poels 2008, eq. (4.1)), or curve(i*) in place of i* where the
+sensors are not linear (`rig.sensor_nonlinearity`). In a star what flows sums to zero, so the
+loops force i* less its mean over the phases, and the mean c follows from
 sum_p (g_p i*_p + beta_p) = 0.
 """
 
@@ -12,9 +12,14 @@ import math
 import numpy as np
 
 from motord.jit import jit
-from motord.rig.bend import bent, bent_common_part, bent_slope, straightened
 from motord.rig.faults import disturbed_currents
-from motord.rig.rotating import TURNING, add_turning, along_axes, axes_angle, set_phases
+from motord.rig.park import TURNING, abc_to_dq, add_rotation, d_axis_angle, dq_to_abc
+from motord.rig.sensor_nonlinearity import (
+    sensed_zero_sequence,
+    sensor_curve,
+    sensor_inverse,
+    sensor_slope,
+)
 from motord.rig.types import QUEUE_LENGTH
 
 
@@ -80,11 +85,11 @@ def _run_loops(p: np.record, s: np.record) -> None:
 def _run_turning_loops(p: np.record, s: np.record, speed_rad_s: float) -> None:
     """As `_run_loops`, for commands along axes that turn by a substep meanwhile."""
     loop_A = s.i_loop_A
-    before_rad = axes_angle(p, s.angle_rad, speed_rad_s)
-    loop_A[0], loop_A[1] = along_axes(p, before_rad, loop_A)
+    before_rad = d_axis_angle(p, s.angle_rad, speed_rad_s)
+    loop_A[0], loop_A[1] = abc_to_dq(p, before_rad, loop_A)
     _run_loops(p, s)
-    after_rad = axes_angle(p, s.angle_rad + p.substep_s * speed_rad_s, speed_rad_s)
-    set_phases(p, after_rad, loop_A[0], loop_A[1], loop_A)
+    after_rad = d_axis_angle(p, s.angle_rad + p.substep_s * speed_rad_s, speed_rad_s)
+    dq_to_abc(p, after_rad, loop_A[0], loop_A[1], loop_A)
 
 
 @jit
@@ -93,7 +98,7 @@ def _common_part(p: np.record, s: np.record, x: np.ndarray, offset: float) -> fl
     if not p.star:
         return 0.0
     common = _linear_common_part(s.gain, x, offset)
-    return bent_common_part(p, s, x, offset, common) if p.nonlinear else common
+    return sensed_zero_sequence(p, s, x, offset, common) if p.nonlinear else common
 
 
 @jit
@@ -148,7 +153,7 @@ def _under_voltage(p: np.record, s: np.record, phase: int, u_V: float, speed_rad
 def _flowing(p: np.record, s: np.record, phase: int, sensed_A: float) -> float:
     """Return what flows (A) where `sensed_A` is sensed."""
     if p.nonlinear:
-        sensed_A = bent(p, phase, sensed_A)
+        sensed_A = sensor_curve(p, phase, sensed_A)
     return float(s.gain[phase] * sensed_A + p.beta_A[phase])
 
 
@@ -182,7 +187,7 @@ def _set_flow(p: np.record, s: np.record, i_a: float, i_b: float, i_c: float) ->
     s.i_A[0], s.i_A[1], s.i_A[2] = i_a, i_b, i_c
     for phase in range(3):
         sensed_A = float((s.i_A[phase] - p.beta_A[phase]) / s.gain[phase])
-        s.i_sensed_A[phase] = straightened(p, phase, sensed_A) if p.nonlinear else sensed_A
+        s.i_sensed_A[phase] = sensor_inverse(p, phase, sensed_A) if p.nonlinear else sensed_A
     common_A = 0.0
     if p.star:
         common_A = (s.i_sensed_A[0] + s.i_sensed_A[1] + s.i_sensed_A[2]) / 3.0
@@ -235,15 +240,15 @@ def _set_slopes(p: np.record, s: np.record) -> None:
     """Set how fast the loops change their currents now."""
     d, q, axis_rad = 0.0, 0.0, 0.0
     if p.axes == TURNING:
-        axis_rad = axes_angle(p, s.angle_rad, s.speed_rad_s)
-        d, q = along_axes(p, axis_rad, s.i_loop_A)
+        axis_rad = d_axis_angle(p, s.angle_rad, s.speed_rad_s)
+        d, q = abc_to_dq(p, axis_rad, s.i_loop_A)
     for phase in range(3):
         error_A = s.i_command_A[phase] - s.i_loop_A[phase]
         s.i_slope_A_per_s[phase] = error_A * p.loop_rate_per_s if s.inverter_on else 0.0
     if p.axes == TURNING and s.inverter_on:
         s.i_slope_A_per_s[0] = (s.i_command_A[0] - d) * p.loop_rate_per_s
         s.i_slope_A_per_s[1] = (s.i_command_A[1] - q) * p.loop_rate_per_s
-        add_turning(p, axis_rad, s.speed_rad_s, s)
+        add_rotation(p, axis_rad, s.speed_rad_s, s)
 
 
 @jit
@@ -254,7 +259,7 @@ def winding_voltages(p: np.record, s: np.record) -> tuple[float, float, float]:
     for phase in range(3):
         gain[phase] = s.gain[phase]
         if p.nonlinear:
-            gain[phase] *= bent_slope(p, phase, s.i_sensed_A[phase])
+            gain[phase] *= sensor_slope(p, phase, s.i_sensed_A[phase])
     common = _linear_common_part(gain, slope, 0.0) if p.star else 0.0
     w, k, r, inductance = s.speed_rad_s, s.k_V_s_per_rad, p.resistance_ohm, p.inductance_H
     u_a = r * s.i_A[0] + inductance * gain[0] * (slope[0] + common) + k[0] * w

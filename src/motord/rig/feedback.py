@@ -14,7 +14,7 @@ def fill_feedback(
 ) -> None:
     """Fill a FEEDBACK, shape (1,), with sensor readings that were all taken at `t_ns`.
 
-    `torque_Nm_per_count` is what the controller is told of torque sensor and converter.
+    `torque_Nm_per_count` is as configured for torque sensor and converter.
     """
     o, f = rig_output[0], feedback[0]
     f.now_ns = f.t_ns = f.t_inverter_ns = t_ns

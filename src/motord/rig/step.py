@@ -7,9 +7,10 @@ import numpy as np
 from motord.jit import jit
 from motord.rig.electric import step_currents, take_command
 from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
+from motord.rig.free_decay import spring_torque_Nm, step_hand
 from motord.rig.mechanics import step_brake, step_drive, step_rotor
 from motord.rig.noise import gaussian
-from motord.rig.rotating import read_axes
+from motord.rig.park import sense_dq
 from motord.rig.sensors import (
     gray_code,
     read_encoder,
@@ -17,7 +18,6 @@ from motord.rig.sensors import (
     read_torque,
     step_torque_sensor,
 )
-from motord.rig.swing import spring_torque_Nm, step_hand
 from motord.rig.waves import wave_values
 
 DURATION_MAX_S = 60.0
@@ -126,7 +126,7 @@ def sense(parameters: np.ndarray, state: np.ndarray, rig_output: np.ndarray) -> 
     if s.faults:
         disturb_readings(p, s, o)
     if p.axes:
-        read_axes(p, s, o)
+        sense_dq(p, s, o)
 
 
 @jit

@@ -73,7 +73,7 @@ RIG_PARAMETERS = record_dtype(
         ("ready_steps", "i8"),
         ("gain", "f8", (3,)),  # alpha epsilon at the reference temperature
         ("beta_A", "f8", (3,)),
-        # axes of a drive that turns with the rotor (`rig.rotating`)
+        # axes of a drive that turns with the rotor (`rig.park`)
         ("axes", "i8"),  # PHASES, TURNING or LATCHED: what the commands are
         ("axes_pole_pairs", "f8"),
         ("axes_sign", "f8"),  # -1: the drive's positive direction is the rig's negative one
@@ -83,9 +83,9 @@ RIG_PARAMETERS = record_dtype(
         ("axes_scale", "f8"),
         # nonlinearity of the current sensors: amplitude sin(wave i* + phase)
         ("nonlinear", "i8"),
-        ("bend_A", "f8", (3,)),
-        ("bend_wave_rad_per_A", "f8"),
-        ("bend_phase_rad", "f8", (3,)),
+        ("nonlinearity_A", "f8", (3,)),
+        ("nonlinearity_rad_per_A", "f8"),
+        ("nonlinearity_phase_rad", "f8", (3,)),
         ("gain_drift_per_K", "f8", (3,)),
         ("gain_drift_max", "f8"),
         ("reference_C", "f8"),

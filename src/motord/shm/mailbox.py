@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from motord.control.types import SETPOINT
-from motord.shm.memory_barrier import fence
+from motord.shm.memory_barrier import memory_barrier
 from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, as_bytes, layout_digest
 from motord.unix_clock import Clock
 
@@ -42,9 +42,9 @@ class MailboxWriter:
         version = self._words[_VERSION] + 1
         self._bytes[version & 1][:] = as_bytes(setpoint)
         self._heartbeats_ns[version & 1][0] = self.clock.now_ns()
-        fence()
+        memory_barrier()
         self._words[_VERSION] = version
-        fence()
+        memory_barrier()
 
 
 class MailboxReader:
@@ -72,9 +72,9 @@ class MailboxReader:
         if version == self._version:
             return False
         for _ in range(self.RETRIES):
-            fence()
+            memory_barrier()
             copied = bytes(self._bytes[version & 1])
-            fence()
+            memory_barrier()
             latest = words[_VERSION]
             if latest == version:
                 as_bytes(setpoint)[:] = copied

@@ -1,8 +1,8 @@
 """Order of memory accesses between processes.
 
 CPython executes one store after the other, and x86-64 shows them to other cores in that order.
-Other processors (ARM) may reorder them, so there a compiled fence instruction separates the data
-from the counter that announces them.
+Other processors (ARM) may reorder them, so there a compiled barrier separates the data from
+the counter that announces them.
 """
 
 import platform
@@ -12,8 +12,8 @@ from typing import Any, cast
 STRONGLY_ORDERED = ("x86_64", "amd64", "i686")
 
 
-def compiled_fence() -> Callable[[], None]:
-    """Return a function that executes a full memory fence; compiles it (about a second)."""
+def compiled_barrier() -> Callable[[], None]:
+    """Return a function that executes a full memory barrier; compiles it (about a second)."""
     from numba import njit, types
     from numba.extending import intrinsic
 
@@ -27,20 +27,20 @@ def compiled_fence() -> Callable[[], None]:
     instruction = cast("Callable[[], None]", intrinsic(typing))
 
     @njit("void()")
-    def fence() -> None:
+    def memory_barrier() -> None:
         instruction()
 
-    return cast("Callable[[], None]", fence)
+    return cast("Callable[[], None]", memory_barrier)
 
 
 def _nothing() -> None:
-    """The fence of a strongly ordered processor."""
+    """The barrier of a strongly ordered processor."""
 
 
-def fence_for(machine: str) -> Callable[[], None]:
+def barrier_for(machine: str) -> Callable[[], None]:
     """Return what separates two shared-memory accesses on a processor (`platform.machine()`)."""
-    return _nothing if machine.lower() in STRONGLY_ORDERED else compiled_fence()
+    return _nothing if machine.lower() in STRONGLY_ORDERED else compiled_barrier()
 
 
-fence = fence_for(platform.machine())
+memory_barrier = barrier_for(platform.machine())
 """Everything written (read) before this call is seen (was read) before what comes after it."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from motord.config import LoopConfig
 from motord.schema import TICK_DTYPE
-from motord.shm.memory_barrier import fence
+from motord.shm.memory_barrier import memory_barrier
 from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 
 KIND = "ring"
@@ -48,16 +48,16 @@ class RingWriter:
         self._words = self._file.words
 
     def slot(self) -> np.ndarray:
-        """Return the slot to be filled next, shape (1,). It holds an old tick."""
+        """Return the slot to be filled next, shape (1,). It may hold an old tick."""
         return self.records[self.index : self.index + 1]
 
     def publish(self) -> None:
         """Show the slot just filled to all readers."""
-        fence()
+        memory_barrier()
         self.head = head = self.head + 1
         self._words[_HEAD] = head
         self.index = head & self._mask
-        fence()
+        memory_barrier()
 
     def close(self) -> None:
         """Tell the readers that no more ticks will come. May be called twice."""
@@ -106,9 +106,9 @@ class RingReader:
         head = self.head
         first = max(wanted, head - self.capacity + 1)
         count = head - first if max_ticks is None else min(head - first, max_ticks)
-        fence()
+        memory_barrier()
         block = self._copy(first, count)
-        fence()
+        memory_barrier()
         overwritten = min(max(0, self._oldest() - first), count)
         self.position = first + count
         return block[overwritten:], first + overwritten - wanted

@@ -12,7 +12,7 @@ import numpy as np
 
 from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
-from motord.shm.memory_barrier import fence
+from motord.shm.memory_barrier import memory_barrier
 from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 
 KIND = "tables"
@@ -103,9 +103,9 @@ class TablesWriter:
         target.back_emf_V_s_per_rad[:] = back_emf_V_s_per_rad
         target.cogging_Nm[:] = cogging_Nm
         target.learned_Nm[:] = learned_Nm
-        fence()
+        memory_barrier()
         self._words[_VERSION] = version + 1
-        fence()
+        memory_barrier()
         return version + 1
 
     def forget_loop(self) -> None:
@@ -132,6 +132,6 @@ class TablesReader:
         while words[_VERSION] != self._version:  # a write may have come before we acknowledged
             self._version = words[_VERSION]
             words[_IN_USE] = self._version
-            fence()
+            memory_barrier()
         self.current = self._sets[self._version & 1]
         return True

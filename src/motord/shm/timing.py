@@ -27,7 +27,7 @@ TIMING = record_dtype(
 )
 
 
-class ClockTold(NamedTuple):
+class BoardClockError(NamedTuple):
     """The bridge board's clock: how much faster than the computer's it runs, and the mean deviation
     of its samples' delay."""
 
@@ -95,16 +95,18 @@ class Timing:
         """Periods skipped."""
         return int(self.record["missed"][0])
 
-    def tell_clock(self, clock: ClockTold) -> None:
+    def set_board_clock(self, clock: BoardClockError) -> None:
         """Note what the loop knows of the bridge board's clock now."""
         self.record["clock_drift_ppb"] = round(clock.drift_ppm * 1e3)
         self.record["clock_jitter_ns"] = round(clock.jitter_us * 1e3)
 
     @property
-    def clock(self) -> ClockTold:
+    def clock(self) -> BoardClockError:
         """What the loop last noted of the bridge board's clock."""
         record = self.record[0]
-        return ClockTold(int(record["clock_drift_ppb"]) / 1e3, int(record["clock_jitter_ns"]) / 1e3)
+        return BoardClockError(
+            int(record["clock_drift_ppb"]) / 1e3, int(record["clock_jitter_ns"]) / 1e3
+        )
 
     def copy(self) -> "Timing":
         """Return what is counted now."""

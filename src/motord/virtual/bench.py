@@ -8,18 +8,17 @@ import numpy as np
 from motord.config import Config, ConfigError
 from motord.config.faults import Fault, Timeline, load_timeline
 from motord.control import parameters as control_parameters
-from motord.control.rotating import axes_record
+from motord.control.park import dq_frame_record
 from motord.control.step import new_memory, step
 from motord.control.types import COMMAND, FEEDBACK
 from motord.jit import jit
-from motord.rig.build import build
-from motord.rig.drive import with_drive
+from motord.rig.build import build, with_drive
 from motord.rig.feedback import apply_command, fill_feedback
 from motord.rig.step import advance, fill_truth, sense
 from motord.rig.truth import RigTruth, load
 from motord.rig.types import new_input, new_output
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
-from motord.virtual.drive import hear_drive, tell_drive
+from motord.virtual.drive import command_to_drive, feedback_from_drive
 from motord.virtual.faults import (
     Player,
     deliver,
@@ -63,7 +62,7 @@ class VirtualBench:
             )
         self.tick = 0
         self.missed = 0
-        self._axes = axes_record(config)
+        self._axes = dq_frame_record(config)
         self._rig = build(
             self.truth, config.bench.seed if seed is None else seed, self._fitting_substep_s()
         )
@@ -216,23 +215,23 @@ def _run(
     """Sense, decide, act, let a period pass; once for every row of the blocks."""
     s, lk, period_s = setpoint[0], link[0], 1.0 / rate_Hz
     disturbed, turning = lk.active != 0, axes[0].turning != 0
-    hears_axes = turning and not axes[0].says_phases
+    receives_dq = turning and not axes[0].sends_phases
     for row in range(tick_block.size):
         number = first_tick + row
         t_ns = EPOCH_NS + number * 1_000_000_000 // rate_Hz
         sense(rig_parameters, rig_state, rig_output)
         if disturbed:
             fill_feedback(rig_output, t_ns, torque_Nm_per_count, fresh)
-            if hears_axes:
-                hear_drive(axes, command, rig_output, fresh)
+            if receives_dq:
+                feedback_from_drive(axes, command, rig_output, fresh)
             deliver(link, ring, fresh, feedback)
             if not lk.supervisor_silent:
                 lk.heartbeat_ns = t_ns
             s.heartbeat_ns = lk.heartbeat_ns
         else:
             fill_feedback(rig_output, t_ns, torque_Nm_per_count, feedback)
-            if hears_axes:
-                hear_drive(axes, command, rig_output, feedback)
+            if receives_dq:
+                feedback_from_drive(axes, command, rig_output, feedback)
             s.heartbeat_ns = t_ns
         s.brake_temperature_C = rig_output[0].brake_temperature_C
         tick_block[row].tick = number
@@ -250,7 +249,7 @@ def _run(
         fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
         told = command
         if turning:
-            tell_drive(axes, command, sent, rig_parameters, rig_state)
+            command_to_drive(axes, command, sent, rig_parameters, rig_state)
             told = sent
         if disturbed:
             deliver_command(link, told, rig_input)

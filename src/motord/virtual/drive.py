@@ -1,18 +1,18 @@
-"""Between the control kernel and a simulated drive that takes d and q: compiled.
+"""Park transform between the control kernel and a simulated drive that takes d and q: compiled.
 
-What the kernel commands becomes d and q along the axes that the bench file tells of; what the
-drive says along its own becomes phase currents by the angle that the kernel last predicted.
+Commands become d and q in the frame of the bench file; what the drive senses in its own becomes
+phase currents by the angle that the kernel last predicted.
 """
 
 import numpy as np
 
-from motord.control.rotating import to_axes, to_phases
+from motord.control.park import abc_to_dq, dq_to_abc
 from motord.jit import jit
-from motord.rig.rotating import LATCHED, latch
+from motord.rig.park import LATCHED, latch
 
 
 @jit
-def tell_drive(
+def command_to_drive(
     axes: np.ndarray,
     command: np.ndarray,
     sent: np.ndarray,
@@ -21,12 +21,12 @@ def tell_drive(
 ) -> None:
     """Fill `sent`, a COMMAND (1,), with `command` as the drive gets it: currents (d, q, 0).
 
-    Or with the phase currents that it makes of them when they arrive. axes: AXES (1,).
+    Or with the phase currents that it makes of them when they arrive. axes: DQ_FRAME (1,).
     """
     a, c, s = axes[0], command[0], sent[0]
     angle_rad = c.angle_rad - a.command_age_s * c.speed_rad_s
     electrical_rad = a.pole_pairs * angle_rad + a.offset_rad
-    d, q = to_axes(electrical_rad, a.sequence, c.i_A[0], c.i_A[1], c.i_A[2])
+    d, q = abc_to_dq(electrical_rad, a.sequence, c.i_A[0], c.i_A[1], c.i_A[2])
     s.enable, s.brake, s.drive_rad_s = c.enable, c.brake, c.drive_rad_s
     s.i_A[0] = 0.0 if a.q_only else a.scale * d
     s.i_A[1], s.i_A[2] = a.scale * a.direction * q, 0.0
@@ -35,10 +35,10 @@ def tell_drive(
 
 
 @jit
-def hear_drive(
+def feedback_from_drive(
     axes: np.ndarray, command: np.ndarray, rig_output: np.ndarray, feedback: np.ndarray
 ) -> None:
-    """Put into `feedback`, a FEEDBACK (1,), the phase currents of what the drive says along d, q.
+    """Put into `feedback`, a FEEDBACK (1,), the phase currents of what the drive sends as d, q.
 
     command: the newest one, with the angle that was predicted in it.
     """
@@ -46,6 +46,6 @@ def hear_drive(
     since_s = (f.t_inverter_ns - c.angle_ns) * 1e-9 - a.feedback_age_s
     electrical_rad = a.pole_pairs * (c.angle_rad + c.speed_rad_s * since_s) + a.offset_rad
     d, q = o.i_d_A / a.scale, a.direction * o.i_q_A / a.scale
-    f.i_A[0], f.i_A[1], f.i_A[2] = to_phases(electrical_rad, a.sequence, d, q)
+    f.i_A[0], f.i_A[1], f.i_A[2] = dq_to_abc(electrical_rad, a.sequence, d, q)
     d, q = o.u_d_V / a.scale, a.direction * o.u_q_V / a.scale
-    f.u_V[0], f.u_V[1], f.u_V[2] = to_phases(electrical_rad, a.sequence, d, q)
+    f.u_V[0], f.u_V[1], f.u_V[2] = dq_to_abc(electrical_rad, a.sequence, d, q)

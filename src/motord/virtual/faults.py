@@ -192,7 +192,7 @@ class Player:
             _, begins, fault = self._edges.pop(0)
             if begins:
                 self._link["begun"] += 1
-                self.events.append({"t_ns": t_ns, "tick": tick, **fault.told()})
+                self.events.append({"t_ns": t_ns, "tick": tick, **fault.log_entry()})
                 self._active.append(fault)
                 if fault.kind == "host_stall":
                     stalled = max(stalled, round(fault.duration_s * self._rate_Hz))

@@ -12,8 +12,8 @@ from motord.config import Config
 from motord.sequencing import OperatingPoint, Plan
 from motord.sequencing.quality import GOOD
 from motord.virtual.bench import VirtualBench
+from motord.virtual.nominal_rig import nominal_rig
 from motord.virtual.plan import PlanFailed, run_plan
-from motord.virtual.told import as_told
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ def forecasts(
     pool: Executor,
     limit_s: float,
 ) -> Iterator[Forecast]:
-    """Yield what becomes of each point of `plan` on the rig `as_told`, in order.
+    """Yield what becomes of each point of `plan` on the rig `nominal_rig`, in order.
 
     Each point is taken on a rig of its own, from standstill, so nothing is told of the ways
     between points. After `limit_s` of elapsed time those that are left are not simulated.
     """
-    if plan.name in BY_HAND and as_told(config)[1].swing is None:
+    if plan.name in BY_HAND and nominal_rig(config)[1].swing is None:
         why = "somebody has to move the rotor by hand"
         yield from (Forecast(point, trouble=why, simulated=False) for point in plan.points)
         return
@@ -76,10 +76,10 @@ def _try(
             raise _TooLongError
 
     [point] = part.points
-    told, truth = as_told(config)
+    nominal, truth = nominal_rig(config)
     try:
         keep_time(np.empty(0), np.empty(0))
-        bench = VirtualBench(told, truth, calibration=calibration)
+        bench = VirtualBench(nominal, truth, calibration=calibration)
         takes = run_plan(bench, part, keep_time)
     except PlanFailed as failed:
         return Forecast(point, trouble=str(failed).removeprefix(f"{part.name}: "))

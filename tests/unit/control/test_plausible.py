@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.control.interlock_table import INTERLOCKS
 from motord.control.tracks import watched_tracks
 from motord.schema import Compensate, State, Trip
 from tests.unit.control.bench import Bench, make_config
@@ -69,10 +68,6 @@ def at_torque(torque_Nm: float = 3.0, **sections: object) -> Answering:
     bench.ticks(800)
     assert bench.tick["state"][0] == State.ENABLED
     return bench
-
-
-def test_the_table_has_every_trip_once_in_order() -> None:
-    assert [row.trip for row in INTERLOCKS] == list(Trip)
 
 
 @pytest.mark.kernel

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from motord.config import Config, load
-from motord.control.rotating import Axes
+from motord.control.park import DqFrame
 from motord.emulate.bench import CurrentCommand, EmulatedBench
 from motord.emulate.devices import Inverter
 from motord.emulate.selection import check_drivers, inverter_values, is_fast
 from motord.rig import truth as rig_truth
-from motord.rig.drive import with_drive
+from motord.rig.build import with_drive
 from motord.rig.truth import RigTruth
 from motord.schema import TRUTH_DTYPE, InverterStatus
 from motord.wire.can import dbc
@@ -66,7 +66,7 @@ def test_commands_along_the_axes_give_currents_there(angle: str, axes: dict[str,
     bench = spun(config, still_rig())
     reading = bench.sense()
     assert (reading.i_d_A, reading.i_q_A) == pytest.approx((0.5, 6.0), abs=0.02)
-    phases = Axes.of(config).from_drive(true_angle_rad(bench), 0.0, 0.5, 6.0)
+    phases = DqFrame.of(config).from_drive(true_angle_rad(bench), 0.0, 0.5, 6.0)
     assert reading.i_sensed_A == pytest.approx(phases, abs=0.05)
     assert bench.inverter_status(reading) & InverterStatus.READY
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from motord.config import Config
-from motord.control.rotating import Axes
+from motord.control.park import DqFrame
 from motord.hal.inverter.dq_currents import DqInverter
 from motord.hal.registry import make_rig
 from motord.hal.wire_rig import WireRig
@@ -56,7 +56,7 @@ def test_the_registry_knows_it() -> None:
 def test_the_same_along_the_axes_at_every_angle(drive: Drive, angle_rad: float) -> None:
     """Currents that turn with the rotor are the same d and q wherever it is."""
     driver, config = opened(drive, dq={"angle_age_s": AGE_S})
-    axes = Axes.of(config)
+    axes = DqFrame.of(config)
     seen_rad = angle_rad - SPEED_RAD_S * AGE_S
     i_A = axes.from_drive(seen_rad, 0.0, 1.0, 5.0)
 
@@ -73,7 +73,7 @@ def test_phase_currents_of_when_they_were_sensed(drive: Drive) -> None:
     """What is read between commands has turned by the speed times the time since."""
     drive.values |= {"i_d_A": 1.0, "i_q_A": 5.0, "u_d_V": 0.5, "u_q_V": -2.0}
     driver, config = opened(drive)
-    axes = Axes.of(config)
+    axes = DqFrame.of(config)
     feedback = new_feedback()
     until(lambda: _read(driver, feedback)["i_A"].any())
     at_ns = int(feedback["t_inverter_ns"][0])
@@ -117,7 +117,7 @@ def test_a_drive_that_says_q_alone_has_no_d_and_no_voltages() -> None:
     driver, config = opened(drive)
     feedback = new_feedback()
     row = until(lambda: _read(driver, feedback))
-    assert row["i_A"] == pytest.approx(Axes.of(config).from_drive(0.0, 0.0, 0.0, 4.0), abs=6e-3)
+    assert row["i_A"] == pytest.approx(DqFrame.of(config).from_drive(0.0, 0.0, 0.0, 4.0), abs=6e-3)
     assert np.isnan(row["u_V"]).all()
     driver.close()
     drive.close()

@@ -9,7 +9,7 @@ import pytest
 
 from motord import config
 from motord.control import parameters
-from motord.loop.control_loop import SUPERVISOR_GONE_S, Cycle, StopRequest, run
+from motord.loop.control_loop import SUPERVISOR_GONE_S, ControlLoop, StopRequest, run
 from motord.loop.pacer import Pacer
 from motord.schema import Flag, Request, State
 from motord.shm.mailbox import MailboxReader
@@ -22,7 +22,7 @@ PERIOD_NS = 1_000_000
 
 
 class Loop:
-    """A cycle whose time passes only by waiting and by `stall_ns`."""
+    """A loop whose time passes only by waiting and by `stall_ns`."""
 
     def __init__(self, folder: Path) -> None:
         self.config_path = write_bench(folder)
@@ -30,7 +30,7 @@ class Loop:
         self.supervisor = Supervisor(run_dir, self.config_path)
         self.stop = StopRequest()
         self.rig = ScriptedRig()
-        self.cycle = Cycle(
+        self.loop = ControlLoop(
             self.rig,
             RingWriter(run_dir.ring, 16384),
             MailboxReader(run_dir.setpoint),
@@ -40,7 +40,7 @@ class Loop:
         self.reader = RingReader(run_dir.ring)
         self.now_ns = time.monotonic_ns()
         self.pacer = Pacer(PERIOD_NS, self)
-        self.cycle.warm_up_kernel()
+        self.loop.warm_up_kernel()
 
     overdrawn = False
 
@@ -65,7 +65,7 @@ class Loop:
                 self.stop.reason = "enough"
 
         self.rig.on_read = on_read
-        run(self.cycle, self.pacer)
+        run(self.loop, self.pacer)
         block, lost = self.reader.read()
         assert lost == 0
         return block
@@ -121,7 +121,7 @@ def test_tables_are_swapped_between_ticks(loop: Loop) -> None:
     table[0]["torque_rate_Nm_per_s"] = 1000.0
     loop.run(5, {2: lambda: loop.supervisor.tables.write(*table)})
     assert loop.supervisor.tables.in_use == 2
-    assert loop.cycle.tables.current.parameters["torque_rate_Nm_per_s"][0] == 1000.0
+    assert loop.loop.tables.current.parameters["torque_rate_Nm_per_s"][0] == 1000.0
 
 
 def test_loop_ends_when_the_supervisor_is_gone(loop: Loop) -> None:
@@ -133,24 +133,24 @@ def test_loop_ends_when_the_supervisor_is_gone(loop: Loop) -> None:
 
 def test_loop_stays_while_there_is_torque(loop: Loop) -> None:
     loop.run(1)
-    loop.cycle.memory["state"] = State.ENABLED
-    assert not loop.cycle.supervisor_gone(2**62)
-    loop.cycle.memory["state"] = State.TRIPPED
-    assert loop.cycle.supervisor_gone(2**62)
+    loop.loop.memory["state"] = State.ENABLED
+    assert not loop.loop.supervisor_gone(2**62)
+    loop.loop.memory["state"] = State.TRIPPED
+    assert loop.loop.supervisor_gone(2**62)
 
 
 def test_work_is_in_the_tick_after_and_in_the_histogram(loop: Loop) -> None:
     block = loop.run(100, {50: lambda: setattr(loop, "now_ns", loop.now_ns + 400_000)})
     assert np.flatnonzero(block["work_ns"]).tolist() == [51]
     assert block["work_ns"][51] == 400_000
-    assert loop.cycle.timing.wake_late.summary().samples == 100
-    assert loop.cycle.timing.work.summary().samples == 100
-    assert loop.cycle.timing.work.max_ns == 400_000
+    assert loop.loop.timing.wake_late.summary().samples == 100
+    assert loop.loop.timing.work.summary().samples == 100
+    assert loop.loop.timing.work.max_ns == 400_000
 
 
 def test_reason_to_stop_before_the_first_tick(loop: Loop) -> None:
     loop.stop.reason = "SIGTERM"
-    run(loop.cycle, loop.pacer)
+    run(loop.loop, loop.pacer)
     assert loop.rig.reads == 0
 
 

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from motord.loop.hybrid_sleep import (
     Bandwidth,
+    HybridSleep,
     Margin,
     MARGIN_MAX_ns,
     MARGIN_MIN_ns,
     MARGIN_START_ns,
-    Waker,
 )
 from motord.loop.pacer import Pacer
 
@@ -39,10 +39,10 @@ class FakeMachine:
         self.now_ns += round(duration_s * 1e9) + self.late_ns
         self.sleeps.append((begun_ns, self.now_ns))
 
-    def waker(
+    def sleep(
         self, period_ns: int = PERIOD_NS, spin: bool = True, bandwidth: Bandwidth = DEFAULT
-    ) -> Waker:
-        return Waker(
+    ) -> HybridSleep:
+        return HybridSleep(
             period_ns,
             spin=spin,
             bandwidth=bandwidth,
@@ -57,43 +57,45 @@ def machine() -> FakeMachine:
 
 
 def test_late_sleeps_do_not_make_the_tick_late(machine: FakeMachine) -> None:
-    waker = machine.waker()
+    sleep = machine.sleep()
     machine.late_ns = MARGIN_START_ns - 5_000
     deadline_ns = machine.now_ns + PERIOD_NS
-    assert deadline_ns <= waker.wait_until(deadline_ns) < deadline_ns + 2 * LOOK_NS
+    assert deadline_ns <= sleep.wait_until(deadline_ns) < deadline_ns + 2 * LOOK_NS
 
 
 def test_a_sleep_later_than_the_margin_makes_the_tick_late(machine: FakeMachine) -> None:
-    waker = machine.waker()
+    sleep = machine.sleep()
     machine.late_ns = MARGIN_START_ns + 5_000
     deadline_ns = machine.now_ns + PERIOD_NS
-    assert 5_000 <= waker.wait_until(deadline_ns) - deadline_ns <= 5_000 + 3 * LOOK_NS
+    assert 5_000 <= sleep.wait_until(deadline_ns) - deadline_ns <= 5_000 + 3 * LOOK_NS
 
 
 def test_without_spinning_it_sleeps_to_the_deadline(machine: FakeMachine) -> None:
-    waker = machine.waker(spin=False)
+    sleep = machine.sleep(spin=False)
     deadline_ns = machine.now_ns + PERIOD_NS
-    assert waker.wait_until(deadline_ns) - deadline_ns <= 3 * LOOK_NS
+    assert sleep.wait_until(deadline_ns) - deadline_ns <= 3 * LOOK_NS
     ((begun_ns, ended_ns),) = machine.sleeps
     assert ended_ns - begun_ns > PERIOD_NS - 5 * LOOK_NS
-    assert waker.margin_ns == 0
+    assert sleep.margin_ns == 0
 
 
 def test_a_deadline_that_is_over_is_not_slept_for(machine: FakeMachine) -> None:
-    waker = machine.waker()
+    sleep = machine.sleep()
     before_ns = machine.now_ns
-    assert waker.wait_until(before_ns - 1) <= before_ns + 3 * LOOK_NS
+    assert sleep.wait_until(before_ns - 1) <= before_ns + 3 * LOOK_NS
     assert machine.sleeps == []
-    assert waker.margin_ns == MARGIN_START_ns
+    assert sleep.margin_ns == MARGIN_START_ns
 
 
 def test_sleeps_that_end_early_are_gone_on_with(machine: FakeMachine) -> None:
     def half(duration_s: float) -> None:
         machine.now_ns += max(round(duration_s * 0.5e9), 1_000)
 
-    waker = Waker(PERIOD_NS, spin=False, bandwidth=DEFAULT, clock_ns=machine.clock_ns, sleep_s=half)
+    sleep = HybridSleep(
+        PERIOD_NS, spin=False, bandwidth=DEFAULT, clock_ns=machine.clock_ns, sleep_s=half
+    )
     deadline_ns = machine.now_ns + PERIOD_NS
-    assert deadline_ns <= waker.wait_until(deadline_ns) <= deadline_ns + 1_000 + 3 * LOOK_NS
+    assert deadline_ns <= sleep.wait_until(deadline_ns) <= deadline_ns + 1_000 + 3 * LOOK_NS
 
 
 @pytest.mark.parametrize(
@@ -126,9 +128,9 @@ def test_margin_is_bounded(latenesses_ns: list[int]) -> None:
 @pytest.mark.parametrize("work_ns", [7_000, 30_000, 60_000, 84_000, 99_000])
 def test_spinning_leaves_the_others_their_share(machine: FakeMachine, work_ns: int) -> None:
     """At 10 kHz, with sleeps so late that the margin would like to be the whole period."""
-    waker = machine.waker(100_000)
+    sleep = machine.sleep(100_000)
     machine.late_ns = 50_000
-    pacer = Pacer(100_000, waker)
+    pacer = Pacer(100_000, sleep)
     begun_ns = machine.now_ns
     for _ in range(20_000):
         pacer.wait()
@@ -158,8 +160,8 @@ BANDWIDTHS = st.builds(
 def test_the_kernels_limit_is_respected(ticks: list[tuple[int, int]], limit: Bandwidth) -> None:
     """However long the work: over each of the kernel's periods the loop sleeps enough."""
     machine = FakeMachine()
-    waker = machine.waker(bandwidth=limit)
-    pacer = Pacer(PERIOD_NS, waker)
+    sleep = machine.sleep(bandwidth=limit)
+    pacer = Pacer(PERIOD_NS, sleep)
     begun_ns, before = machine.now_ns, -1
     while machine.now_ns - begun_ns < 3 * limit.period_ns:
         for work_ns, machine.late_ns in ticks:
@@ -192,7 +194,7 @@ def most_busy(sleeps: list[tuple[int, int]], begun_ns: int, end_ns: int, window_
 
 
 def test_a_stall_of_the_machine_is_not_paid_back(machine: FakeMachine) -> None:
-    pacer = Pacer(PERIOD_NS, machine.waker())
+    pacer = Pacer(PERIOD_NS, machine.sleep())
     for n in range(200):
         pacer.wait()
         machine.now_ns += 300_000_000 if n == 100 else 20_000
@@ -220,8 +222,8 @@ def test_bandwidth_of_a_kernel_that_does_not_tell(tmp_path: Path) -> None:
 
 
 def test_real_clock() -> None:
-    waker = Waker(PERIOD_NS)
+    sleep = HybridSleep(PERIOD_NS)
     for _ in range(3):
         deadline_ns = time.monotonic_ns() + PERIOD_NS
-        assert waker.wait_until(deadline_ns) >= deadline_ns
-    assert not waker.overdrawn
+        assert sleep.wait_until(deadline_ns) >= deadline_ns
+    assert not sleep.overdrawn

@@ -7,7 +7,8 @@ from motord import config
 from motord.control import parameters
 from motord.control import step as kernel
 from motord.control.types import COMMAND, FEEDBACK, SETPOINT
-from motord.loop.tick_kernel import NO_WORK, Beat, beat
+from motord.loop import tick_kernel
+from motord.loop.tick_kernel import NO_WORK, TickKernel, run_tick
 from motord.schema import TICK_DTYPE, BridgeStatus, InverterStatus, Request, State
 from motord.shm.tables import TableSet
 from motord.shm.timing import Timing
@@ -24,7 +25,7 @@ class Bench:
         self.command, self.ring = np.zeros(1, COMMAND), np.zeros(4, TICK_DTYPE)
         self.setpoint[0].request = Request.ENABLE
         self.setpoint[0].torque_Nm = 2.0
-        self.beat = Beat(
+        self.kernel = TickKernel(
             self.tables,
             self.timing.record,
             *(self.memory, self.feedback, self.setpoint, self.command, self.ring),
@@ -47,7 +48,7 @@ def test_same_as_the_kernel_called_with_arrays() -> None:
         for bench in (bound, plain):
             bench.step(n)
         slot = n % 4
-        beat(bound.beat.frame, slot, n, n // 10, 1, 30 + n, 5_000 + n)
+        run_tick(bound.kernel.frame, slot, n, n // 10, 1, 30 + n, 5_000 + n)
         record = plain.ring[slot]
         record.tick, record.missed, record["flags"] = n, n // 10, 1
         record.wake_late_ns, record.work_ns = 30 + n, 5_000 + n
@@ -63,12 +64,31 @@ def test_same_as_the_kernel_called_with_arrays() -> None:
     assert bound.command["i_A"].any()
 
 
+def test_a_field_that_nobody_fills_is_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In place of what the tick had that was in the slot before."""
+    bench = Bench()
+    arrays = [*bench.tables, bench.memory, bench.feedback, bench.setpoint, bench.command]
+    arrays += [bench.ring, bench.timing.record]
+    monkeypatch.setattr(kernel, "step", lambda *_arguments: None)
+    monkeypatch.setattr(
+        tick_kernel,
+        "records_at",
+        lambda _frame, place, count, dtype: arrays[place].reshape(-1).view(dtype)[:count],
+    )
+    bench.ring.view(np.uint8)[:] = 0xFF
+    getattr(run_tick, "py_func", run_tick)(0, 1, 3, 2, 0, 40, 9_000)
+    filled = {"tick": 3, "missed": 2, "wake_late_ns": 40, "work_ns": 9_000}
+    for name in TICK_DTYPE.names or ():
+        assert bench.ring[1][name] == filled.get(name, 0), name
+    assert bench.ring[0].tobytes() == bench.ring[2].tobytes() == b"\xff" * TICK_DTYPE.itemsize
+
+
 @pytest.mark.kernel
 def test_counts_the_times_of_every_tick() -> None:
     bench = Bench()
     bench.step(0)
-    beat(bench.beat.frame, 0, 0, 0, 0, 40, NO_WORK)
-    beat(bench.beat.frame, 1, 3, 2, 0, 70_000, 9_000)
+    run_tick(bench.kernel.frame, 0, 0, 0, 0, 40, NO_WORK)
+    run_tick(bench.kernel.frame, 1, 3, 2, 0, 70_000, 9_000)
     assert bench.ring["work_ns"].tolist() == [0, 9_000, 0, 0]
     kept = bench.timing.summary()
     assert kept.missed == 2
@@ -80,10 +100,10 @@ def test_other_tables_from_the_next_tick_on() -> None:
     bench = Bench()
     other = TableSet(*parameters.build(config.load()))
     other.parameters["torque_limit_Nm"] = 0.25
-    bench.beat.use(other)
+    bench.kernel.use(other)
     for n in range(3000):
         bench.step(n)
-        beat(bench.beat.frame, 0, n, 0, 0, 0, 0)
+        run_tick(bench.kernel.frame, 0, n, 0, 0, 0, 0)
     assert bench.memory["torque_set_Nm"][0] == 0.25
     with pytest.raises(ValueError, match="argument 1"):
-        bench.beat.use(other._replace(back_emf_V_s_per_rad=np.zeros((8, 3))))
+        bench.kernel.use(other._replace(back_emf_V_s_per_rad=np.zeros((8, 3))))

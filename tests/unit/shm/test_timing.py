@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.shm.shared_records import SharedFileError
-from motord.shm.timing import ClockTold, Timing, TimingPart, total
+from motord.shm.timing import BoardClockError, Timing, TimingPart, total
 
 TIMES = st.lists(st.integers(0, 10**7), max_size=50)
 
@@ -31,9 +31,9 @@ def test_others_see_what_the_loop_counts(tmp_path: Path) -> None:
 def test_others_see_the_bridges_clock(tmp_path: Path) -> None:
     own = Timing.create(tmp_path / "timing")
     seen = Timing.attach(tmp_path / "timing")
-    assert seen.clock == ClockTold(0.0, 0.0)
-    own.tell_clock(ClockTold(-35.25, 12.5))
-    assert seen.clock == ClockTold(-35.25, 12.5)
+    assert seen.clock == BoardClockError(0.0, 0.0)
+    own.set_board_clock(BoardClockError(-35.25, 12.5))
+    assert seen.clock == BoardClockError(-35.25, 12.5)
     assert seen.copy().clock == seen.clock
 
 

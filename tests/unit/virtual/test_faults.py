@@ -190,7 +190,7 @@ def test_timelines_are_sorted_and_their_parameters_checked() -> None:
     assert [fault.kind for fault in timeline.fault] == ["phase_open", "can_drop"]
     assert timeline.fault[1].fraction == 1.0
     assert timeline.fault[1].end_s == pytest.approx(2.3)
-    assert "fraction 1.0" in timeline.fault[1].words()
+    assert "fraction 1.0" in timeline.fault[1].summary()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.schema import Request
 from motord.virtual import VirtualBench
-from motord.virtual.told import as_told
+from motord.virtual.nominal_rig import nominal_rig
 
 CASES = [(0.7, 1, "abc"), (2.0, -1, "abc"), (0.0, 1, "acb"), (4.6, -1, "acb")]
 
@@ -58,6 +58,6 @@ def test_what_is_not_told_does_not(case: tuple) -> None:
 def test_the_rig_of_a_bench_without_one_has_the_phase_order_told(order: str) -> None:
     config = told(0.3, -1, order)
     config = config.model_copy(update={"bench": config.bench.model_copy(update={"rig": None})})
-    aligned, truth = as_told(config)
+    aligned, truth = nominal_rig(config)
     assert truth.inverter.phase_order == aligned.motor.phase_order == order
     assert np.abs(torque_Nm(aligned, truth) - 1.5).max() < 0.05

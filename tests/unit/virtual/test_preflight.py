@@ -11,8 +11,8 @@ from motord.config.back_emf import BackEmfTable
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.virtual import preflight
+from motord.virtual.nominal_rig import nominal_rig
 from motord.virtual.preflight import forecasts
-from motord.virtual.told import as_told
 
 REAL = Path(__file__).parents[3] / "config" / "bench.toml"
 QUICK = {"turns": 2, "settle_s": 0.2, "gain_steps": []}
@@ -96,7 +96,7 @@ def test_a_rig_file_that_is_gone_is_told(tmp_path):
 
 
 def test_the_rig_is_what_the_bench_file_says():
-    told, truth = as_told(load(REAL))
+    told, truth = nominal_rig(load(REAL))
     assert truth.encoder.counts == told.motor.counts
     assert truth.motor.pole_pairs == told.motor.pole_pairs
     assert truth.motor.back_emf == told.motor.back_emf
@@ -112,7 +112,7 @@ def test_a_measured_back_emf_becomes_harmonics():
     harmonics = load().motor
     table = BackEmfTable(k_V_s_per_rad=tuple(map(tuple, harmonics.back_emf_table())))
     config = changed(load(REAL), motor={**dict(harmonics), "back_emf": table})
-    _, truth = as_told(config)
+    _, truth = nominal_rig(config)
     assert [h.order for h in truth.motor.back_emf] == [1, 3, 5, 7]
     theta_rad = 2 * np.pi * np.arange(harmonics.counts) / harmonics.counts
     again = sum(

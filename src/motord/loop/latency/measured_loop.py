@@ -21,7 +21,7 @@ from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.hal import registry
 from motord.loop import control_loop, rt_setup
-from motord.loop.hybrid_sleep import Waker
+from motord.loop.hybrid_sleep import HybridSleep
 from motord.loop.pacer import Pacer
 from motord.loop.rt_setup import RealtimeStatus
 from motord.shm.mailbox import MailboxReader, MailboxWriter
@@ -58,30 +58,30 @@ class SlicedLoop:
         bench = config.load().model_copy(update={"loop": setup.loop})
         TablesWriter(folder / "tables", bench.motor.counts).write(*parameters.build(bench))
         self._mailbox = MailboxWriter(folder / "setpoint", Clock.measure())
-        self._cycle = control_loop.Cycle(
+        self._control_loop = control_loop.ControlLoop(
             registry.make_rig(bench),
             RingWriter(folder / "ring", RING_TICKS),
             MailboxReader(folder / "setpoint"),
             TablesReader(folder / "tables"),
             control_loop.StopRequest(),
         )
-        self._pacer = Pacer(setup.period_ns, Waker(setup.period_ns, spin=setup.loop.spin))
+        self._pacer = Pacer(setup.period_ns, HybridSleep(setup.period_ns, spin=setup.loop.spin))
         self._setpoint = np.zeros(1, SETPOINT)
-        self._cycle.warm_up_kernel()
-        self._cycle.rig.open()
-        self._cycle.warm_up_rig()
+        self._control_loop.warm_up_kernel()
+        self._control_loop.rig.open()
+        self._control_loop.warm_up_rig()
 
     def run(self, settle_ticks: int, ticks: int) -> Timing:
         """Run `settle_ticks`, then `ticks`, and return what the latter took."""
-        timing = self._cycle.timing
-        self._cycle.stop.reason = ""
+        timing = self._control_loop.timing
+        self._control_loop.stop.reason = ""
         self._mailbox.write(self._setpoint)
-        self._cycle.warm_up_rig()  # it catches up with the time since the slice before
-        control_loop.run(self._cycle, self._pacer, settle_ticks)
+        self._control_loop.warm_up_rig()  # it catches up with the time since the slice before
+        control_loop.run(self._control_loop, self._pacer, settle_ticks)
         before = timing.copy()
         timing.wake_late.cells[-1] = timing.work.cells[-1] = 0  # the largest of this slice alone
         before.record["missed"] = 0  # the pacer counts anew with each start
-        control_loop.run(self._cycle, self._pacer, ticks)
+        control_loop.run(self._control_loop, self._pacer, ticks)
         return timing.since(before)
 
 

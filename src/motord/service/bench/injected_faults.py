@@ -46,8 +46,8 @@ class InjectedFaults:
         for _ in range(new):
             fault = self._timeline.fault[self._told : self._told + 1]
             self._told += 1
-            what = fault[0].words() if fault else f"number {self._told}"
-            known = fault[0].told() if fault else {}
+            what = fault[0].summary() if fault else f"number {self._told}"
+            known = fault[0].log_entry() if fault else {}
             self._events.emit(
                 "fault_injected", f"fault injected on purpose: {what}", int(tick["t_ns"]),
                 number=self._told, tick=int(tick["tick"]), fault=known,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord import config
-from motord.rig.bend import bent, bent_slope, straightened
+from motord.rig.sensor_nonlinearity import sensor_curve, sensor_inverse, sensor_slope
 from motord.rig.truth import NonlinearityTruth, RigTruth, load
 from tests.unit.rig.probe import Probe, plain
 
@@ -30,7 +30,7 @@ def flowing(probe: Probe) -> np.ndarray:
 
 @given(currents)
 @settings(max_examples=20, deadline=None)
-def test_what_flows_is_gain_and_offset_of_the_bent_current(
+def test_what_flows_is_gain_and_offset_of_the_nonlinear_sensors_current(
     command: tuple[float, float, float],
 ) -> None:
     probe = Probe(plain(rotor=HEAVY, inverter=SENSORS)).enable().command(*command).advance(8e-3)
@@ -41,7 +41,7 @@ def test_what_flows_is_gain_and_offset_of_the_bent_current(
 
 @given(currents)
 @settings(max_examples=20, deadline=None)
-def test_currents_of_a_star_sum_to_zero_with_bent_sensors_too(
+def test_currents_of_a_star_sum_to_zero_with_nonlinear_sensors_too(
     command: tuple[float, float, float],
 ) -> None:
     probe = Probe(plain(rotor=HEAVY, motor={"connection": "star"}, inverter=SENSORS))
@@ -80,12 +80,16 @@ def test_voltages_follow_the_slope_of_what_flows(connection: str) -> None:
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("i_A", [-30.0, -7.3, 0.0, 0.4, 25.0])
-def test_straightened_undoes_bent(i_A: float) -> None:
+def test_the_inverse_undoes_the_curve(i_A: float) -> None:
     parameters = Probe(plain(inverter=SENSORS)).parameters[0]
     for phase in range(3):
-        assert straightened(parameters, phase, bent(parameters, phase, i_A)) == pytest.approx(i_A)
-        slope = (bent(parameters, phase, i_A + 1e-6) - bent(parameters, phase, i_A)) / 1e-6
-        assert bent_slope(parameters, phase, i_A) == pytest.approx(slope, rel=1e-4)
+        assert sensor_inverse(
+            parameters, phase, sensor_curve(parameters, phase, i_A)
+        ) == pytest.approx(i_A)
+        slope = (
+            sensor_curve(parameters, phase, i_A + 1e-6) - sensor_curve(parameters, phase, i_A)
+        ) / 1e-6
+        assert sensor_slope(parameters, phase, i_A) == pytest.approx(slope, rel=1e-4)
 
 
 def test_a_curve_that_is_too_steep_is_refused() -> None:
@@ -94,11 +98,11 @@ def test_a_curve_that_is_too_steep_is_refused() -> None:
 
 
 def test_packaged_nonlinear_rig_is_that_of_the_report_but_for_its_sensors() -> None:
-    bent_rig, straight = load(config.packaged("nonlinear.rig.toml")), load()
+    nonlinear_rig, straight = load(config.packaged("nonlinear.rig.toml")), load()
     assert straight.inverter.nonlinearity is None
-    nonlinearity = bent_rig.inverter.nonlinearity
+    nonlinearity = nonlinear_rig.inverter.nonlinearity
     assert nonlinearity is not None
     assert max(nonlinearity.amplitude_A) == pytest.approx(0.007 * 50.0)
-    inverter = bent_rig.inverter.model_copy(update={"nonlinearity": None})
-    assert bent_rig.model_copy(update={"inverter": inverter}) == straight
-    assert isinstance(bent_rig, RigTruth)
+    inverter = nonlinear_rig.inverter.model_copy(update={"nonlinearity": None})
+    assert nonlinear_rig.model_copy(update={"inverter": inverter}) == straight
+    assert isinstance(nonlinear_rig, RigTruth)

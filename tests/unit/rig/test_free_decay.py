@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from motord.config import packaged
-from motord.rig.bar import inertia_with_springs
 from motord.rig.build import build
-from motord.rig.swing import spring_torque_Nm
+from motord.rig.free_decay import inertia_with_springs, spring_torque_Nm
 from motord.rig.truth import RigTruth, SpringTruth, load
 from tests.unit.rig.probe import PLAIN, Probe, plain
 

@@ -1,4 +1,4 @@
-"""A rig that is what the bench file says: for a bench of which no rig file tells the truth."""
+"""The nominal rig: what the bench file says, where no rig file has a truth of its own."""
 
 import math
 
@@ -28,7 +28,7 @@ BANDWIDTH_MAX_HZ = 5000.0
 DEAD_TIME_MAX_S = 0.01
 
 
-def as_told(config: Config) -> tuple[Config, RigTruth]:
+def nominal_rig(config: Config) -> tuple[Config, RigTruth]:
     """Return the bench to be simulated, without its faults, and the rig for it.
 
     The rig is that of `[bench] rig`; without one, motor, brake, sensor, encoder and inverter are
@@ -68,9 +68,9 @@ def _truth(config: Config) -> RigTruth:
 
 
 def _inverter(config: Config) -> InverterTruth:
-    told, limits = config.inverter, config.limits
-    dead_time_s = min(told.actuation_delay_s - told.lag_s, DEAD_TIME_MAX_S)
-    bandwidth_Hz = 1 / (2 * math.pi * told.lag_s) if told.lag_s else BANDWIDTH_MAX_HZ
+    configured, limits = config.inverter, config.limits
+    dead_time_s = min(configured.actuation_delay_s - configured.lag_s, DEAD_TIME_MAX_S)
+    bandwidth_Hz = 1 / (2 * math.pi * configured.lag_s) if configured.lag_s else BANDWIDTH_MAX_HZ
     return InverterTruth(
         bus_V=(limits.bus_V_min + limits.bus_V_max) / 2,
         dead_time_s=dead_time_s,

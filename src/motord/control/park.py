@@ -1,8 +1,8 @@
-"""Between phase currents and those along the axes of a drive that turns with the rotor: compiled.
+"""Park transform: phase currents to d and q along the frame of a drive, and back; compiled.
 
 d points along the magnets' flux, q a quarter of an electrical turn ahead, so that current along q
-makes torque. Amplitude-invariant: a sine of amplitude 1 in the phases is of length 1 along d and q.
-What is common to all phases has no place there; in a star it is nobody's to command.
+makes torque. Amplitude-invariant: a sine of amplitude 1 in the phases is of length 1 in d and q.
+The zero sequence, what is common to all phases, has no place there; in a star there is none.
 
 The currents of a command are those for the angle at which they flow. A drive that turns its
 set-point with the rotor gets them as seen from there; one that makes phase currents of them when
@@ -19,7 +19,7 @@ from motord.config import Config, DqConfig
 from motord.jit import jit
 from motord.schema import record_dtype
 
-AXES = record_dtype(
+DQ_FRAME = record_dtype(
     [
         ("pole_pairs", "f8"),
         ("offset_rad", "f8"),  # electrical angle of the drive's d axis at angle 0
@@ -30,7 +30,7 @@ AXES = record_dtype(
         ("feedback_age_s", "f8"),  # of the drive's angle when it senses currents
         ("turning", "i8"),  # the drive takes d and q; else nothing here means anything
         ("q_only", "i8"),
-        ("says_phases", "i8"),  # it says phase currents, not those along its axes
+        ("sends_phases", "i8"),  # it sends phase currents, not d and q
     ]
 )
 
@@ -38,10 +38,10 @@ _THIRD, _ROOT = 1.0 / 3.0, 1.0 / math.sqrt(3.0)
 
 
 @jit
-def to_axes(
+def abc_to_dq(
     electrical_rad: float, sequence: float, i_a: float, i_b: float, i_c: float
 ) -> tuple[float, float]:
-    """Return d and q of three phase values, d at `electrical_rad`; their mean is lost."""
+    """Return d and q of three phase values, d at `electrical_rad`; the zero sequence is lost."""
     alpha = (2.0 * i_a - i_b - i_c) * _THIRD
     beta = sequence * (i_b - i_c) * _ROOT
     c, s = math.cos(electrical_rad), math.sin(electrical_rad)
@@ -49,10 +49,10 @@ def to_axes(
 
 
 @jit
-def to_phases(
+def dq_to_abc(
     electrical_rad: float, sequence: float, i_d: float, i_q: float
 ) -> tuple[float, float, float]:
-    """Return the phase values, of sum 0, that `to_axes` makes d and q of."""
+    """Return the phase values, of sum 0, whose `abc_to_dq` is d and q."""
     c, s = math.cos(electrical_rad), math.sin(electrical_rad)
     alpha, beta = i_d * c - i_q * s, i_d * s + i_q * c
     across = sequence * beta * 1.5 * _ROOT
@@ -60,8 +60,8 @@ def to_phases(
 
 
 @dataclass(frozen=True)
-class Axes:
-    """The axes of a drive; angles are the bench's, in its positive direction.
+class DqFrame:
+    """The dq frame of a drive; angles are the bench's, in its positive direction.
 
     In `electrical_rad` the drive's angle is that of `[inverter.dq] d_axis_rad` ahead of the flux;
     all is as the drive has it, but for `direction`, which turns the sign of what is along q.
@@ -76,8 +76,8 @@ class Axes:
     feedback_age_s: float
 
     @classmethod
-    def of(cls, config: Config) -> "Axes":
-        """Return the axes that a bench file describes."""
+    def of(cls, config: Config) -> "DqFrame":
+        """Return the frame that a bench file describes."""
         dq, motor = config.inverter.dq, config.motor
         flux_rad, sequence = flux_axis(motor.back_emf_table(), motor.pole_pairs)
         return cls(
@@ -92,32 +92,32 @@ class Axes:
     def to_drive(
         self, angle_rad: float, speed_rad_s: float, i_A: tuple[float, float, float]
     ) -> tuple[float, float]:
-        """Return what to tell the drive, (i_d, i_q), so that `i_A` flow at `angle_rad`."""
+        """Return the command for the drive, (i_d, i_q), so that `i_A` flow at `angle_rad`."""
         electrical_rad = self._electrical_rad(angle_rad - speed_rad_s * self.command_age_s)
-        i_d, i_q = to_axes(electrical_rad, self.sequence, *i_A)
+        i_d, i_q = abc_to_dq(electrical_rad, self.sequence, *i_A)
         return self.scale * i_d, self.scale * self.direction * i_q
 
     def from_drive(
         self, angle_rad: float, speed_rad_s: float, d: float, q: float
     ) -> tuple[float, float, float]:
-        """Return the phase values, of sum 0, of what the drive said at `angle_rad`."""
+        """Return the phase values, of sum 0, of what the drive sent at `angle_rad`."""
         electrical_rad = self._electrical_rad(angle_rad - speed_rad_s * self.feedback_age_s)
         q *= self.direction
-        return to_phases(electrical_rad, self.sequence, d / self.scale, q / self.scale)
+        return dq_to_abc(electrical_rad, self.sequence, d / self.scale, q / self.scale)
 
     def _electrical_rad(self, angle_rad: float) -> float:
         return self.pole_pairs * angle_rad + self.offset_rad
 
 
-def axes_record(config: Config) -> np.ndarray:
-    """Return the axes of a bench's drive as AXES, shape (1,), for compiled code; zeros for none."""
-    record = np.zeros(1, AXES)
+def dq_frame_record(config: Config) -> np.ndarray:
+    """Return the frame of a bench's drive as DQ_FRAME, shape (1,); zeros if it has none."""
+    record = np.zeros(1, DQ_FRAME)
     can = config.inverter.can
     if config.inverter.driver == "can-dq" and can is not None:
-        for name, value in vars(Axes.of(config)).items():
+        for name, value in vars(DqFrame.of(config)).items():
             record[name] = value
         record["turning"], record["q_only"] = True, can.signals.q_only
-        record["says_phases"] = bool(can.signals.feedback_i_A)
+        record["sends_phases"] = bool(can.signals.feedback_i_A)
     return record
 
 

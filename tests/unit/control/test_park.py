@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from motord.calibration import Calibration
 from motord.config import Config, DqConfig, packaged
-from motord.control import rotating
-from motord.control.rotating import Axes, flux_axis
+from motord.control import park
+from motord.control.park import DqFrame, flux_axis
 from motord.rig.build import build
-from motord.rig.rotating import latch, read_axes
+from motord.rig.park import latch, sense_dq
 from motord.rig.truth import RigTruth
 from motord.rig.types import new_output
 from motord.schema import Compensate, Request, State
@@ -42,9 +42,9 @@ def star(q_only: bool = False, dq: dict[str, Any] | None = None, **motor: Any) -
 @pytest.mark.kernel
 @given(angles, st.sampled_from([1, -1]), currents, currents, currents)
 def test_there_and_back(electrical_rad: float, sequence: int, a: float, b: float, c: float) -> None:
-    d, q = rotating.to_axes(electrical_rad, sequence, a, b, c)
+    d, q = park.abc_to_dq(electrical_rad, sequence, a, b, c)
     mean = (a + b + c) / 3
-    back = rotating.to_phases(electrical_rad, sequence, d, q)
+    back = park.dq_to_abc(electrical_rad, sequence, d, q)
     assert back == pytest.approx((a - mean, b - mean, c - mean), abs=1e-9)
     assert abs(sum(back)) < 1e-9
 
@@ -52,9 +52,9 @@ def test_there_and_back(electrical_rad: float, sequence: int, a: float, b: float
 @pytest.mark.kernel
 def test_a_sine_of_amplitude_one_has_length_one() -> None:
     phases = tuple(math.cos(0.3 - n * 2 * math.pi / 3) for n in range(3))
-    assert rotating.to_axes(0.3, 1.0, *phases) == pytest.approx((1.0, 0.0))
-    assert rotating.to_axes(0.3 - math.pi / 2, 1.0, *phases) == pytest.approx((0.0, 1.0))
-    assert rotating.to_axes(0.3, -1.0, phases[0], phases[2], phases[1]) == pytest.approx((1.0, 0.0))
+    assert park.abc_to_dq(0.3, 1.0, *phases) == pytest.approx((1.0, 0.0))
+    assert park.abc_to_dq(0.3 - math.pi / 2, 1.0, *phases) == pytest.approx((0.0, 1.0))
+    assert park.abc_to_dq(0.3, -1.0, phases[0], phases[2], phases[1]) == pytest.approx((1.0, 0.0))
 
 
 @given(
@@ -69,7 +69,7 @@ def test_current_along_q_makes_torque(
     """In the positive direction, and none along d, wherever the rotor and its encoder are."""
     back_emf = ({"order": 1, "amplitude_V_s_per_rad": amplitude, "phase_rad": 0.4},)
     config = star(phase_order=order, encoder_offset_rad=offset_rad, back_emf=back_emf)
-    axes, counts = Axes.of(config), config.motor.counts
+    axes, counts = DqFrame.of(config), config.motor.counts
     n = round(angle_rad / 2 / math.pi * counts) % counts
     k = config.motor.back_emf_table()[n]
     at_rad = 2 * math.pi * n / counts
@@ -108,14 +108,14 @@ def test_the_rig_understands_what_it_is_told(
         }
     )
     parameters, state = build(truth, 1)
-    axes, output = Axes.of(told), new_output()
+    axes, output = DqFrame.of(told), new_output()
     values = np.array([*axes.to_drive(angle_rad, 0.0, i_A), 0.0])
     latch(parameters, state, values)
     expected = np.array(i_A) - np.mean(i_A)
     assert values == pytest.approx(expected, abs=1e-6)
     output[0].i_sensed_A[:] = i_A
     output[0].u_V[:] = np.multiply(i_A, 0.5)
-    read_axes(parameters[0], state[0], output[0])
+    sense_dq(parameters[0], state[0], output[0])
     d, q = output[0].i_d_A, output[0].i_q_A
     assert axes.from_drive(angle_rad, 0.0, d, q) == pytest.approx(expected, abs=1e-6)
     d, q = output[0].u_d_V, output[0].u_q_V
@@ -123,9 +123,9 @@ def test_the_rig_understands_what_it_is_told(
 
 
 def test_how_old_the_drives_angle_is() -> None:
-    turning = Axes.of(star(dq={"angle_age_s": 1e-4}))
+    turning = DqFrame.of(star(dq={"angle_age_s": 1e-4}))
     assert (turning.command_age_s, turning.feedback_age_s) == (1e-4, 1e-4)
-    latched = Axes.of(star(dq={"angle": "latched", "angle_age_s": 2e-4}))
+    latched = DqFrame.of(star(dq={"angle": "latched", "angle_age_s": 2e-4}))
     assert latched.command_age_s == pytest.approx(0.7e-3)
     assert latched.feedback_age_s == 0.0
     i_A = (1.0, 2.0, -3.0)
@@ -165,7 +165,7 @@ def test_along_q_alone_the_torque_is_right(compensate: int, dq: dict[str, Any]) 
     bench.setpoint["request"], bench.setpoint["request_seq"] = Request.ENABLE, 1
     tick = bench.run(1200)
     assert tick.state == State.ENABLED
-    axes = Axes.of(config)
+    axes = DqFrame.of(config)
     beta = np.array(calibration.beta_A) if compensate else np.zeros(3)
     gains = np.array(calibration.alpha) * calibration.delta_epsilon if compensate else np.ones(3)
     for _ in range(20):
