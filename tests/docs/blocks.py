@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-FILES = ("README.md", "CONTRIBUTING.md", *sorted(f"docs/{p.name}" for p in ROOT.glob("docs/*.md")))
+PAGES = sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/how-to/*.md")])
+FILES = ("README.md", "CONTRIBUTING.md", *(str(page.relative_to(ROOT)) for page in PAGES))
+FOLLOWED = "docs/how-to/"
+"""Pages whose Python and changes of the source are followed by `test_how_to`."""
 COMMANDS = ("sh", "console")
 
 
@@ -36,6 +39,7 @@ READ_BY = {
     ("docs/faults.md", "[[fault]]"): "faults",
     ("docs/import.md", 'motor = "motor.toml"            # [motor] and, if wanted,'): "map",
     ("docs/protocols.md", '[project.entry-points."motord.drivers"]'): "entry points",
+    ("docs/how-to/add-a-driver.md", '[project.entry-points."motord.drivers"]'): "entry points",
 }
 """Blocks of TOML that are not part of a bench file; by the beginning of their first line."""
 
@@ -114,7 +118,9 @@ def blocks() -> list[Block]:
 
 
 def of(*languages: str) -> list[Block]:
-    return [block for block in blocks() if block.language in languages]
+    """Return the blocks in these languages; `test_how_to` follows the others."""
+    found = [block for block in blocks() if block.language in languages]
+    return [b for b in found if not (b.language == "python" and b.file.startswith(FOLLOWED))]
 
 
 def named(block: Block) -> str:
