@@ -1,7 +1,8 @@
 """The tick record, defined once.
 
 From `TICK` come the ring's numpy dtype, the MCAP schema and the Zenoh payload
-(`motord.wire.ticks.blocks`). A field number is a promise: never renumber, only append.
+(`motord.wire.ticks.blocks`), and the tables of docs/recording.md. A field number is a promise:
+never renumber, only append.
 """
 
 from dataclasses import dataclass

@@ -212,7 +212,7 @@ fraction = 0.3   # left out: the kind's default
   (`virtual`), or an emulated one.
 - `motord emulate -c FILE --faults timeline.toml`: the emulator's, instead of the bench file's.
 - `motord fault inject -c FILE KIND --for-s 0.3 fraction=0.5`: into a running emulator, now. It
-  listens on a socket beside the bridge's port, which only its own user can open.
+  listens on a socket in a folder that only its own user can open.
 
 `config/faults/` has examples. Each injected fault is in the log: the emulator prints a line for it
 (`--json`: an object with `t_ns`, `kind` and the parameters), a virtual bench returns it in

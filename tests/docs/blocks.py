@@ -38,7 +38,6 @@ class Block:
 READ_BY = {
     ("docs/faults.md", "[[fault]]"): "faults",
     ("docs/import.md", 'motor = "motor.toml"            # [motor] and, if wanted,'): "map",
-    ("docs/protocols.md", '[project.entry-points."motord.drivers"]'): "entry points",
     ("docs/how-to/add-a-driver.md", '[project.entry-points."motord.drivers"]'): "entry points",
 }
 """Blocks of TOML that are not part of a bench file; by the beginning of their first line."""
@@ -92,6 +91,7 @@ PROGRAMS = {
     "install": "tests/system/test_systemd_unit.py does it; what is copied has to be there",
     "udevadm": "needs root",
     "python3": "sets up an environment",
+    ".venv/bin/python": "tests/docs/test_how_to.py does it",
     "/opt/motord/bin/pip": "sets up an environment",
     "pip": "sets up an environment",
     "cp": "what is copied has to be there",
