@@ -132,7 +132,7 @@ class InverterStatus(IntFlag):
     READY = 1 << 0  # power stage on and following the current commands
     FAULT = 1 << 1  # the drive says that it has a fault
     BUS_OFF = 1 << 2  # the CAN controller is off the bus
-    COMMAND_TIMEOUT = 1 << 3  # the drive heard no command in time
+    COMMAND_TIMEOUT = 1 << 3  # no command reached the drive in time
     ENABLE_LINE = 1 << 4  # the drive sees its enable line closed
 
 
@@ -140,7 +140,7 @@ class BridgeStatus(IntFlag):
     """What motord understands of any bridge's status word (tick field `bridge_status`)."""
 
     ENABLE_LINE = 1 << 0  # the line to the inverter is closed
-    HEARTBEAT_LOST = 1 << 1  # the board heard no heartbeat in time and opened the line
+    HEARTBEAT_LOST = 1 << 1  # no heartbeat reached the board in time and opened the line
     TORQUE_INVALID = 1 << 2  # the torque sample is not to be trusted (saturated, ADC error)
     ENCODER_INVALID = 1 << 3  # the encoder lines are not to be trusted
     FAULT = 1 << 4  # the board's self-test failed

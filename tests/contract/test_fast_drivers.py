@@ -1,8 +1,8 @@
 """What every driver of the fast loop promises, whatever is at its other end (`hal.base`).
 
 A driver that is not of this project joins by an option, `--fast-driver=MODULE:FUNCTION`, where the
-function returns a `tests.contract.benches.Bench` (docs/how-to/add-a-driver.md). That each promise is one that
-a driver can break is shown in `test_mutants`.
+function returns a `tests.contract.benches.Bench` (docs/how-to/add-a-driver.md). That each promise
+is one that a driver can break is shown in `test_mutants`.
 """
 
 import math

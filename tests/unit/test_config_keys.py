@@ -128,8 +128,8 @@ def test_masks_of_the_status_word(key: str, value: int, word: int, status: Inver
         dbc.load(can_config("virtual", signals=signals))
         for signals in (SIGNALS, {**SIGNALS, key: value})
     )
-    assert not before.understand(word) & status
-    assert after.understand(word) & status
+    assert not before.decode_status(word) & status
+    assert after.decode_status(word) & status
     assert after.status_word(status) == word
 
 
@@ -148,9 +148,9 @@ def test_values_of_the_status_word(name: str, status: InverterStatus) -> None:
         dbc.load(can_config("virtual", signals={**SIGNALS, **mask, **value}))
         for value in ({}, {name: 0x30})
     )
-    assert bits.understand(0x10) & status
-    assert not mode.understand(0x10) & status
-    assert mode.understand(0x30) & status
+    assert bits.decode_status(0x10) & status
+    assert not mode.decode_status(0x10) & status
+    assert mode.decode_status(0x30) & status
 
 
 def test_command_disable_value() -> None:

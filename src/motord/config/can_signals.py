@@ -16,8 +16,8 @@ class CanSignalMap(Section):
     axes (`command_i_q_A`, and `command_i_d_A` if the drive takes one). The feedback may lie in
     several messages, each with a counter and a CRC of its own, or none. A drive that is always on,
     or says nothing of its state, has "" for `command_enable` or `feedback_status`.
-    `command_constants` sets other signals of the command. The masks tell which bits of the drive's
-    status word mean what (0 = the drive does not say): all of them for ready, any for the others;
+    `command_constants` sets other signals of the command. The masks are which bits of the drive's
+    status word mean what (0 = the drive has none): all of them for ready, any for the others;
     or, with a value besides, that the bits of the mask have that value.
     """
 
@@ -107,11 +107,11 @@ class CanSignalMap(Section):
 class DqConfig(Section):
     """`[inverter.dq]`: how the drive's d and q axes lie, as it uses them itself.
 
-    With all defaults d points along the magnets' flux as the told back-EMF has it, and q is where
-    a positive current makes torque in the bench's positive direction. direction -1: the drive's
-    own positive direction is the bench's negative one. d_axis_rad: electrical angle by which the
-    drive's d axis is ahead of the flux, in its own direction. scale: what the drive calls 1 A, or
-    1 V, of phase amplitude (1.2247 where it keeps the power, 0.7071 where it says r.m.s.).
+    With all defaults d points along the magnets' flux as the configured back-EMF has it, and
+    positive current along q makes torque in the bench's positive direction. direction -1: the
+    drive's own positive direction is the bench's negative one. d_axis_rad: electrical angle by
+    which the drive's d axis is ahead of the flux, in its own direction. scale: what the drive calls
+    1 A, or 1 V, of phase amplitude (1.2247 where it keeps the power, 0.7071 where it says r.m.s.).
 
     angle: "turning" for a drive that turns its set-point with the rotor between commands, as field
     orientation does; "latched" for one that makes phase currents of it once, when it arrives.

@@ -134,7 +134,7 @@ RegisterKind = Literal["u16", "i16", "u32", "i32"]
 class ModbusConfig(Section):
     """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device.
 
-    `timeout_s` is for one request. `watchdog_s` tells when the device itself drops its set-point
+    `timeout_s` is for one request. `watchdog_s` is when the device itself drops its set-point
     to zero if nobody writes it (0 = never, not for a drive): set in the device, and followed by
     the emulated one.
     """

@@ -22,7 +22,7 @@ WIRES = frozenset({"virtual", "emulate"})
 class FaultKind:
     """A kind of fault: what it does, how long it lasts by default, its parameters' defaults.
 
-    `places` tells which benches can have it: in virtual time, simulated in the loop, emulated.
+    `places`: which benches can have it: in virtual time, simulated in the loop, emulated.
     """
 
     meaning: str

@@ -1,4 +1,4 @@
-"""`[motor]` and `[torque_sensor]`: what the controller is told of motor and sensor."""
+"""`[motor]` and `[torque_sensor]`: motor and sensor as the controller takes them to be."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -18,7 +18,7 @@ SEQUENCE: dict[PhaseOrder, int] = {"abc": 1, "acb": -1}
 
 
 class MotorConfig(Section):
-    """`[motor]`: what the controller is told of the motor.
+    """`[motor]`: the motor as the controller takes it to be.
 
     Where the rotor is: encoder_direction times the encoder's count, as an angle, plus
     encoder_offset_rad. phase_order: "acb" if the motor's phases b and c are exchanged at the

@@ -1,4 +1,4 @@
-"""`[plans.*]`: what each experiment does unless it is told otherwise."""
+"""`[plans.*]`: what each experiment does by default."""
 
 from typing import Annotated
 

@@ -51,11 +51,11 @@ class CanPort:
                 payload: bytes | None = bytes(message.data)
                 if self.faults.active:
                     payload = self.faults.to_device(bytes(message.data))
-                command = self._understand(payload) if payload is not None else None
+                command = self._decode(payload) if payload is not None else None
                 if command is not None:
                     yield round(message.timestamp * 1e9), command
 
-    def _understand(self, payload: bytes) -> CurrentCommand | None:
+    def _decode(self, payload: bytes) -> CurrentCommand | None:
         decoded = self._codec.decode_command(payload)
         if decoded is None:
             self._check.corrupt()
@@ -79,7 +79,7 @@ class CanPort:
             self._transmit(message)
 
     def play(self, now_ns: int) -> None:
-        """Send late frames that are due; tell the host's controller if it goes off the bus."""
+        """Send late frames that are due, and an error frame if the host's controller goes off."""
         for name, payload in self.faults.due(now_ns):
             self._transmit(self._outgoing[name].late(payload))
         if self.faults.off != self._was_off:

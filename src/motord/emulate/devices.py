@@ -17,8 +17,8 @@ class Inverter:
     """A drive that follows current commands while they come.
 
     After `timeout_s` without a command its currents are zero and its power stage is off; it stays
-    off until it has been told to be off, so that a host that comes back does not find it running.
-    One that is `always_on` cannot be told to: it follows the next command.
+    off until a command to be off has come, so that a host that comes back does not find it running.
+    One that is `always_on` has no such command: it follows the next command.
     """
 
     def __init__(self, timeout_s: float, always_on: bool = False) -> None:

@@ -20,7 +20,7 @@ from motord.emulate import EmulatorError
 from motord.emulate.devices import RegisterDevice
 from motord.emulate.pty import Pty
 
-# pymodbus tells its own log of every wrong request; the host is told by an exception response
+# pymodbus logs every wrong request, to which the host gets an exception response
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 READ_INPUT = 4
@@ -98,7 +98,7 @@ class ModbusServers:
 
 
 def place_of(config: ModbusConfig) -> str:
-    """Return where a device is reached, in words."""
+    """Return where a device is reached, as text."""
     return f"{config.host}:{config.tcp_port}" if config.transport == "tcp" else config.serial_port
 
 

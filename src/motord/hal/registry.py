@@ -6,13 +6,12 @@ Drivers in other packages join through the entry-point group `motord.drivers`, n
 `hal.base` describes it.
 """
 
-from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Literal
 
 from motord.config import Config
-from motord.hal.base import BridgeDriver, DeviceError, InverterDriver, Rig, SetpointDevice
+from motord.hal.base import DeviceError, Rig, SetpointDevice
 from motord.hal.wire_rig import WireRig
 
 GROUP = "motord.drivers"
@@ -37,9 +36,8 @@ def make_rig(config: Config) -> Rig:
     if config.simulated:
         rig: Rig = _load(SIMULATED_RIG)(config)
         return rig
-    inverter: InverterDriver = _driver("inverter", config.inverter.driver)(config)
-    bridge: BridgeDriver = _driver("bridge", config.bridge.driver)(config)
-    return WireRig(inverter, bridge)
+    inverter, bridge = config.inverter.driver, config.bridge.driver
+    return WireRig(_driver("inverter", inverter)(config), _driver("bridge", bridge)(config))
 
 
 def make_setpoint_device(kind: Literal["brake", "drive"], config: Config) -> SetpointDevice:
@@ -58,7 +56,8 @@ def known(kind: str) -> list[str]:
     return sorted({name.partition(".")[2] for name in names if name.startswith(f"{kind}.")})
 
 
-def _driver(kind: str, name: str) -> Callable[[Config], Any]:
+def _driver(kind: str, name: str) -> Any:
+    """Return the class or function that makes a driver of a `Config`. Raises DeviceError."""
     target = BUILT_IN.get(f"{kind}.{name}")
     if target is None:
         found = entry_points(group=GROUP, name=f"{kind}.{name}")
@@ -76,7 +75,6 @@ def _driver(kind: str, name: str) -> Callable[[Config], Any]:
         ) from error
 
 
-def _load(target: str) -> Callable[[Config], Any]:
+def _load(target: str) -> Any:
     module, _, name = target.partition(":")
-    driver: Callable[[Config], Any] = getattr(import_module(module), name)
-    return driver
+    return getattr(import_module(module), name)

@@ -15,7 +15,7 @@ class WireRig:
 
     @property
     def clock(self) -> BoardClock | None:
-        """What is known of the bridge's clock; None if its driver does not tell."""
+        """What is known of the bridge's clock; None if its driver has none."""
         clock = getattr(self._bridge, "clock", None)
         return clock if isinstance(clock, BoardClock) else None
 

@@ -29,7 +29,7 @@ class Bandwidth:
 
     @classmethod
     def of_this_kernel(cls, folder: Path = Path("/proc/sys/kernel")) -> "Bandwidth":
-        """Return what the kernel is set to; its default if it does not tell."""
+        """Return what the kernel is set to; its default if that is not known."""
         try:
             runtime_us = int((folder / "sched_rt_runtime_us").read_text())
             period_us = int((folder / "sched_rt_period_us").read_text())
@@ -114,7 +114,7 @@ class DutyCycle:
 class HybridSleep:
     """Waits for deadlines of a loop of `period_ns`; all times are monotonic ns.
 
-    Without `spin` it sleeps up to the deadline itself. `clock_ns` tells the time and `sleep_s`
+    Without `spin` it sleeps up to the deadline itself. `clock_ns` returns the time and `sleep_s`
     passes it.
     """
 

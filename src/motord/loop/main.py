@@ -1,7 +1,7 @@
 """Entry of the loop process: `python -m motord.loop.main --config FILE --dir RUNDIR`.
 
-Numerical libraries start their thread pools when they are loaded, so this module tells them not
-to before it loads any.
+Numerical libraries start their thread pools when they are loaded, so this module
+limits them before it loads any.
 """
 
 import argparse

@@ -32,7 +32,7 @@ class Alarm(Protocol):
 
 
 class Pacer:
-    """Deadlines of a loop of period `period_ns`; `alarm` tells and passes the time.
+    """Deadlines of a loop of period `period_ns`; `alarm` reads and passes the time.
 
     After `wait()`: `tick` (counter of periods), `missed` (periods skipped so far), `late_ns`
     (wake-up after the deadline waited for) and `flags` (LATE, AFTER_GAP) describe the tick.

@@ -43,7 +43,7 @@ class LoopProcess:
     def run(self) -> int:
         """Run until SIGTERM or until the supervisor is gone; return the exit code.
 
-        Whatever goes wrong stops the devices safely and is told in the status file and on stderr.
+        Whatever goes wrong stops the devices safely and is in the status file and on stderr.
         """
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor ramps down and sends SIGTERM
         signal.signal(signal.SIGHUP, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""What the loop process tells of itself in `loop.json`: at start, when ready, at the end."""
+"""Status of the loop process, in `loop.json`: at start, when ready, at the end."""
 
 import os
 from enum import StrEnum

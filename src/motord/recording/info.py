@@ -89,7 +89,7 @@ def _timing(run: Run) -> dict[str, Any] | None:
     if not summaries:
         return None
     whole = total(TimingSummary.model_validate(data) for data in summaries)
-    return {"words": whole.words(), **whole.model_dump(mode="json")}
+    return {"words": whole.line(), **whole.model_dump(mode="json")}
 
 
 def _count(run: Run, topic: str) -> int:

@@ -23,7 +23,7 @@ FAULT_INPUTS = [
     ("encoder_skew", "i4"),  # counts by which every other Gray track is displaced
     ("index_slip", "i4"),  # counts by which the disc has slipped
     ("torque_saturated", "u4"),
-    ("brake_silent", "u4"),  # the excitation asked for is not heard
+    ("brake_silent", "u4"),  # the excitation asked for is not followed
     ("current_noise_A", "f8", (3,)),
     ("torque_drift_Nm_per_s", "f8"),
     ("inverter_hot_C", "f8"),  # reading of the temperature; 0 is the true one

@@ -1,4 +1,4 @@
-"""What a simulated rig really is: the parameters that the controller is never told.
+"""What a simulated rig really is: the parameters that the controller never has.
 
 `load(path)` reads a rig file such as the packaged `report.rig.toml`. Every key is optional: the
 defaults are a motor and mechanics like those of Poels 2008, without errors, noise or cogging.

@@ -19,7 +19,7 @@ RIG_INPUT = record_dtype(
         ("i_command_A", "f8", (3,)),
         ("brake", "f8"),  # excitation asked for, 0 to 1
         ("drive_rad_s", "f8"),  # speed asked of the external drive; not 0 puts the belt on
-        ("enable_command", "u4"),  # the inverter is told to switch on
+        ("enable_command", "u4"),  # the inverter is commanded on
         ("enable_line", "u4"),  # the hardware enable line is closed
         ("fault", "u4"),  # not 0: the inverter has a fault and stays off
         *FAULT_INPUTS,
@@ -165,7 +165,7 @@ RIG_STATE = record_dtype(
         ("inverter_on", "i8"),
         ("enable_line", "i8"),
         ("fault", "i8"),
-        ("wanted", "i8"),  # told to switch on, line closed, no fault
+        ("wanted", "i8"),  # commanded on, line closed, no fault
         ("on_steps", "i8"),  # substeps since then
         ("i_loop_A", "f8", (3,)),  # what the loops control: i*, in a star less its mean
         ("i_slope_A_per_s", "f8", (3,)),  # its rate when last looked at

@@ -20,8 +20,7 @@ CELLS = BINS + 1
 def _lower_edges_ns() -> np.ndarray:
     index = np.arange(BINS + 1, dtype=np.int64)
     octave = np.maximum((index >> _BITS) - 1, 0)
-    edges_ns: np.ndarray = (index - (octave << _BITS)) << octave
-    return edges_ns
+    return np.asarray((index - (octave << _BITS)) << octave)
 
 
 EDGES_ns = _lower_edges_ns()
@@ -45,7 +44,7 @@ class TimeSummary(BaseModel):
 def count(cells: np.ndarray, time_ns: int) -> None:
     """Count a time in `cells`, shape (CELLS,): a negative one as 0, a long one in the last bin."""
     time_ns = max(time_ns, 0)
-    octave = math.frexp(time_ns)[1] - 6  # frexp tells the number of bits
+    octave = math.frexp(time_ns)[1] - 6  # frexp gives the number of bits
     if octave > 0:
         index = min((octave << _BITS) + (time_ns >> octave), BINS - 1)
     else:

@@ -44,7 +44,7 @@ class TimingSummary(BaseModel):
     wake_late: TimeSummary = TimeSummary()
     work: TimeSummary = TimeSummary()
 
-    def words(self) -> str:
+    def line(self) -> str:
         """Return the figures in a line."""
         late, work = self.wake_late, self.work
         return (

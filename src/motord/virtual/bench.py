@@ -42,7 +42,7 @@ class VirtualBench:
     that of `[bench]`. The same config, truth, seed and calls give the same bits. The supervisor's
     heartbeat is fresh unless a fault says otherwise. `faults` is by default the timeline of
     `[bench] faults` of a simulated bench, counted from the start of virtual time. Raises
-    ConfigError where rig and told motor cannot fit.
+    ConfigError where rig and configured motor cannot fit.
     """
 
     def __init__(
@@ -247,12 +247,12 @@ def _run(
             tick_block[row : row + 1],
         )
         fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
-        told = command
+        received = command
         if turning:
             command_to_drive(axes, command, sent, rig_parameters, rig_state)
-            told = sent
+            received = sent
         if disturbed:
-            deliver_command(link, told, rig_input)
+            deliver_command(link, received, rig_input)
         else:
-            apply_command(told, rig_input)
+            apply_command(received, rig_input)
         advance(rig_parameters, rig_state, rig_input, period_s)

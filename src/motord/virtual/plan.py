@@ -39,17 +39,17 @@ def run_plan(
     executor, watcher = Executor(plan), TickWatcher()
     setpoint = np.zeros(1, SETPOINT)
     setpoint["plan_point"] = -1
-    demand, told = Demand(), 0
+    demand, reported = Demand(), 0
     blocks = _Blocks(on_block, bench.config.loop.rate_Hz)
     while not executor.finished:
         seen = watcher.take(blocks.run(bench, setpoint))
         before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
-        if len(executor.points) > told:
+        if len(executor.points) > reported:
             blocks.hand_on()
-            for point in executor.points[told:]:
+            for point in executor.points[reported:]:
                 on_point(point)
-            told = len(executor.points)
+            reported = len(executor.points)
             on_progress(executor.progress())
     blocks.hand_on()
     if executor.message:

@@ -9,7 +9,7 @@ RX_PASSIVE, TX_PASSIVE, TX_WARNING, ACTIVE = 0x10, 0x20, 0x08, 0x40
 
 
 def test_off_by_error_frame_until_a_restart_or_a_frame() -> None:
-    for restart in (lambda s: s.error_frame(RESTARTED, 0), BusState.heard):
+    for restart in (lambda s: s.error_frame(RESTARTED, 0), BusState.received):
         state = BusState()
         state.error_frame(BUS_OFF, 0)
         assert state.off
@@ -25,7 +25,7 @@ def test_off_by_refused_sends_until_one_is_taken() -> None:
         state.refused("No buffer space available")
         assert state.off == (count >= REFUSED_MAX)
     assert (state.errors, state.last) == (REFUSED_MAX + 2, "No buffer space available")
-    state.heard()
+    state.received()
     assert state.off
     state.sent()
     assert not state.off

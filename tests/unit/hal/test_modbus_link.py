@@ -12,7 +12,7 @@ import pytest
 from motord.config import ModbusConfig
 from motord.hal.modbus import link as modbus_link
 from motord.hal.modbus.link import RtuLink, TcpLink, connect
-from motord.wire.modbus.pdu import Question, read, rtu_frame, write
+from motord.wire.modbus.pdu import ModbusRequest, read, rtu_frame, write
 
 PATIENCE_S = 10.0
 
@@ -34,11 +34,11 @@ def answering(answer: Callable[[bytes], bytes]) -> Iterator[int]:
         thread.join()
 
 
-def ask(answer: Callable[[bytes], bytes], question: Question, timeout_s: float = PATIENCE_S):
+def ask(answer: Callable[[bytes], bytes], question: ModbusRequest, timeout_s: float = PATIENCE_S):
     with answering(answer) as port:
         link = TcpLink("127.0.0.1", port, timeout_s)
         try:
-            return link.ask(1, question)
+            return link.exchange(1, question)
         finally:
             link.close()
             link.close()
@@ -92,12 +92,12 @@ def test_a_computer_that_stalls_looks_once_more(monkeypatch: pytest.MonkeyPatch)
         return written(port, data)
 
     monkeypatch.setattr(modbus_link.serial.Serial, "write", answered)
-    assert link.ask(1, question) == []
+    assert link.exchange(1, question) == []
     monkeypatch.undo()
     link.close()
     link.close()
     with pytest.raises(OSError, match="closed"):
-        link.ask(1, question)
+        link.exchange(1, question)
     os.close(device_fd)
     os.close(host_fd)
 
@@ -119,7 +119,7 @@ def test_a_line_that_is_never_quiet() -> None:
     thread = threading.Thread(target=babble)
     thread.start()
     with pytest.raises(TimeoutError):
-        link.ask(1, write(0, [1]))
+        link.exchange(1, write(0, [1]))
     stop.set()
     thread.join()
     link.close()
@@ -150,6 +150,6 @@ def test_a_port_that_is_lost_is_opened_anew_by_all() -> None:
     os.close(device_fd)
     for link in (first, second):
         with pytest.raises(OSError, match=r"."):
-            link.ask(1, write(0, [1]))
+            link.exchange(1, write(0, [1]))
         link.close()
     assert not modbus_link._SerialLine._open

@@ -222,10 +222,10 @@ def test_record_info_adds_up_what_a_file_was_told(tmp_path):
             live.merge(part)
             summary = part.summary()
             data = summary.model_dump(mode="json")
-            writer.event(START_NS + missed, "timing", summary.words(), data)
+            writer.event(START_NS + missed, "timing", summary.line(), data)
         writer.event(START_NS + 3, "state", "OFF -> READY", {})
     told = CliRunner().invoke(app, ["info", str(path)])
-    assert f"timing:           {live.summary().words()}" in told.output
+    assert f"timing:           {live.summary().line()}" in told.output
     told = CliRunner().invoke(app, ["info", str(path), "--json"])
     timing = json.loads(told.output)["timing"]
     assert (timing["missed"], timing["work"]["samples"]) == (3, 2)

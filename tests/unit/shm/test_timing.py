@@ -101,4 +101,4 @@ def test_parts_are_taken_one_after_the_other(tmp_path: Path) -> None:
         loop.record["missed"] += count
         taken = part.take()
         assert (taken.wake_late.samples, taken.missed) == (count, count)
-    assert "3 missed of 6" in loop.summary().words()
+    assert "3 missed of 6" in loop.summary().line()

@@ -202,12 +202,12 @@ def test_limits_of_the_command(inverter: InverterCodec) -> None:
 @pytest.mark.parametrize("bits", range(32))
 def test_status_word_there_and_back(inverter: InverterCodec, bits: int) -> None:
     status = InverterStatus(bits) & ~InverterStatus.BUS_OFF
-    assert inverter.understand(inverter.status_word(status)) == status
+    assert inverter.decode_status(inverter.status_word(status)) == status
 
 
 def test_a_drive_without_ready_bit_is_ready() -> None:
     path = packaged("inverter.dbc")
     signals = CanSignalMap(**(SIGNALS | {"status_ready_mask": 0, "status_fault_mask": 0x30}))
     codec = dbc.compile_codec(dbc.read_database(path), path, signals)
-    assert codec.understand(0) == InverterStatus.READY
-    assert codec.understand(0x10) == InverterStatus.READY | InverterStatus.FAULT
+    assert codec.decode_status(0) == InverterStatus.READY
+    assert codec.decode_status(0x10) == InverterStatus.READY | InverterStatus.FAULT

@@ -54,7 +54,7 @@ def test_vesc_current_as_in_its_document() -> None:
 
 
 def test_vesc_says_nothing_of_its_state() -> None:
-    assert drive("vesc").understand(0) == InverterStatus.READY
+    assert drive("vesc").decode_status(0) == InverterStatus.READY
 
 
 def test_odrive_takes_a_float() -> None:
@@ -65,8 +65,8 @@ def test_odrive_takes_a_float() -> None:
     assert by_name["GetIq"].decode(struct.pack("<ff", 1.0, -3.5)) == (-3.5,)
     word = by_name["Heartbeat"].decode(struct.pack("<IB3x", 0, 8))
     assert word == (8.0,)
-    assert codec.understand(8) == InverterStatus.READY
-    assert codec.understand(1) == InverterStatus(0)
+    assert codec.decode_status(8) == InverterStatus.READY
+    assert codec.decode_status(1) == InverterStatus(0)
 
 
 def test_moteus_subframes() -> None:
@@ -97,7 +97,7 @@ def test_moteus_subframes() -> None:
 )
 def test_a_mode_as_status(word: int, status: InverterStatus) -> None:
     codec = drive("moteus")
-    assert codec.understand(word) == status
+    assert codec.decode_status(word) == status
     assert codec.status_word(status) == (word if status else 0)
 
 
@@ -111,7 +111,7 @@ def test_a_mode_as_status(word: int, status: InverterStatus) -> None:
     ],
 )
 def test_the_status_word_of_cia_402(word: int, status: InverterStatus) -> None:
-    assert drive("cia402").understand(word) == status
+    assert drive("cia402").decode_status(word) == status
 
 
 def test_the_control_word_of_cia_402() -> None:

@@ -86,11 +86,11 @@ def test_status_survives_any_masks(status, ready_bit, step):
     fault_bit = (ready_bit + step) % 16
     table = layout(ModbusConfig(status_ready_mask=1 << ready_bit, status_fault_mask=1 << fault_bit))
     word = table.status_word(DeviceStatus(status))
-    assert table.understand(word) == DeviceStatus(status)
+    assert table.decode_status(word) == DeviceStatus(status)
 
 
 def test_a_device_without_a_ready_bit_is_ready():
-    assert layout(ModbusConfig(status_ready_mask=0)).understand(0) == DeviceStatus.READY
+    assert layout(ModbusConfig(status_ready_mask=0)).decode_status(0) == DeviceStatus.READY
 
 
 def test_registers_that_overlap_are_refused(tmp_path):

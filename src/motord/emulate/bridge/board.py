@@ -22,14 +22,14 @@ _FAULTS_MODULUS = 128
 
 
 class Board:
-    """The bridge board: samples while told to, holds the enable line closed while told to.
+    """The bridge board: samples from Start to Stop, holds the enable line closed as heartbeats ask.
 
     `heartbeat_timeout` without a heartbeat opens the line, as do Stop and a reset; it stays open
     until a heartbeat has asked for it to be open, so that a host that does not know of it does not
     find it closed again. A heartbeat whose number is not above every one since reset is an old one
     and none; so nothing that was sent before can keep the line closed, or close it.
 
-    The decoder of the link is to count corrupt frames in `check` and to hand on all good ones.
+    The link's decoder counts corrupt frames in `check` and passes all good ones.
     """
 
     def __init__(self, config: Config, reset_ns: int, serial: int = 1) -> None:
@@ -47,7 +47,7 @@ class Board:
         self._reset_ns = reset_ns
         self._may_close = False  # a heartbeat with enable = 0 has come since reset, Stop, silence
         self._lost = False
-        self._heard_ns = NEVER_NS
+        self._heartbeat_ns = NEVER_NS
         self._heartbeats = 0
         self._heartbeat_next: int | None = None
         self._heartbeat_sequence = 0
@@ -61,7 +61,7 @@ class Board:
     @property
     def deadline_ns(self) -> int:
         """When the host has been silent for too long; NEVER_NS if that is of no matter."""
-        return self._heard_ns + self._timeout_ns if self._may_close else NEVER_NS
+        return self._heartbeat_ns + self._timeout_ns if self._may_close else NEVER_NS
 
     def clock_us(self, now_ns: int) -> int:
         """Return what the board's clock says: its own offset and drift, wrapping at 32 bits."""
@@ -75,10 +75,10 @@ class Board:
             self.check.corrupt()  # a board's frame: an echo of somebody's
             return []
         if not self._accept(numbered):
-            self._obey_old(now_ns, frame)
+            self._apply_stale(now_ns, frame)
             return []
         if isinstance(frame, frames.Heartbeat):
-            self._beat(now_ns, numbered.sequence, frame.enable)
+            self._take_heartbeat(now_ns, numbered.sequence, frame.enable)
             return []
         if isinstance(frame, frames.HelloRequest):
             return [self.hello()]
@@ -117,14 +117,14 @@ class Board:
     ) -> frames.Sample:
         """Return the sample of this instant."""
         status = int(self._status_bits()) | (BridgeStatus.TORQUE_INVALID if torque_clipped else 0)
-        told = status | self._faults_told()
-        return frames.Sample(self.clock_us(now_ns), encoder_gray, torque_counts, told)
+        status |= self._fault_count()
+        return frames.Sample(self.clock_us(now_ns), encoder_gray, torque_counts, status)
 
     def status(self, now_ns: int) -> frames.Status:
         """Return the board's account of itself."""
         return frames.Status(
             t_us=self.clock_us(now_ns),
-            status=int(self._status_bits()) | self._faults_told(),
+            status=int(self._status_bits()) | self._fault_count(),
             heartbeat_sequence=self._heartbeat_sequence,
             heartbeat_t_us=self._heartbeat_t_us,
             heartbeats=self._heartbeats,
@@ -148,7 +148,7 @@ class Board:
         """Let the board's clock jump."""
         self._reset_ns -= by_ns
 
-    def _faults_told(self) -> int:
+    def _fault_count(self) -> int:
         return self.faults_begun % _FAULTS_MODULUS << FAULT_COUNT_SHIFT
 
     def _status_bits(self) -> BridgeStatus:
@@ -175,17 +175,17 @@ class Board:
         self._heartbeat_next = (number + 1) % numbers
         return self.check.accept(sequence)
 
-    def _obey_old(self, now_ns: int, frame: frames.Frame) -> None:
+    def _apply_stale(self, now_ns: int, frame: frames.Frame) -> None:
         """Open the line if an old frame asks for it: that does no harm."""
         asks = isinstance(frame, frames.Heartbeat) and not frame.enable and self.line_closed
         if asks or isinstance(frame, frames.Stop):
             self._open(now_ns)
 
-    def _beat(self, now_ns: int, sequence: int, close_line: bool) -> None:
+    def _take_heartbeat(self, now_ns: int, sequence: int, close_line: bool) -> None:
         self._heartbeats += 1
         self._heartbeat_sequence = sequence
         self._heartbeat_t_us = self.clock_us(now_ns)
-        self._heard_ns = now_ns
+        self._heartbeat_ns = now_ns
         if not close_line:
             self._may_close, self._lost = True, False
         self.line_closed = close_line and self._may_close

@@ -2,9 +2,9 @@
 
 In the loop a tick costs one read and one write of the link. A board that starts anew while the
 loop runs is configured again without waiting for its answers. One that sends no samples any more,
-or hears no heartbeats, is asked now and then who it is: it may have started anew while the link was
-down, or have missed so many heartbeats that it takes the next for old ones. Its Hello says from
-which number heartbeats go on.
+or receives no heartbeats, is sent a HelloRequest now and then: it may have started anew while the
+link was down, or have missed so many heartbeats that it takes the next for old ones. Its Hello
+says from which number heartbeats go on.
 """
 
 import time
@@ -33,11 +33,11 @@ class BridgeLink(Protocol):
     """Frames to and from the board. No call waits but `wait`, and none raises."""
 
     stamp_ns: int
-    """When the newest frame of the last `receive` came: Unix ns, 0 if the link does not tell."""
+    """When the newest frame of the last `receive` came: Unix ns, 0 if the link has no stamps."""
 
     @property
-    def heard(self) -> str:
-        """Return what has arrived so far, in words: "" if nothing."""
+    def received(self) -> str:
+        """Return what has arrived so far, as text: "" if nothing."""
 
     @property
     def errors(self) -> int:
@@ -67,7 +67,7 @@ class Bridge:
     ) -> None:
         """Take rates and scales from `config`; nothing is opened.
 
-        `name` is whom errors name, `question` what they ask if something else is heard, and
+        `name` is whom errors name, `question` their hint if something else is received, and
         `open_link` opens the link or raises DeviceError.
         """
         bridge = config.bridge
@@ -86,11 +86,11 @@ class Bridge:
         self._number = 0  # of the next frame; its sequence is the rest of it
         self._sent = [(-1, 0)] * _HEARTBEATS_KEPT  # number and time of each heartbeat
         self._lost_by_board = 0
-        self._board_errors = -1  # as last told, -1 if not since the board started
+        self._board_errors = -1  # as last reported, -1 if not since the board started
         self._errors_before: int | None = None  # link errors count from the first read
         self._t_ns = 0
         self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
-        self._heard_ns = 0  # newest sample's arrival, while the board hears heartbeats
+        self._received_ns = 0  # newest sample's arrival, while the board receives heartbeats
         self._asked_ns = 0
         self._sample = frames.Sample(0, 0, 0, 0)
 
@@ -113,18 +113,18 @@ class Bridge:
             self._link.close()
             self._link = None
             raise
-        self._t_ns = self._heard_ns = self._loop_clock.now_ns()
+        self._t_ns = self._received_ns = self._loop_clock.now_ns()
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
         """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors."""
         clock = self._loop_clock
-        clock.tell(now_ns)
+        clock.observe(now_ns)
         if self._link is not None:
-            heard = self._link.receive()
-            if heard:
+            received = self._link.receive()
+            if received:
                 stamp_ns = self._link.stamp_ns
-                self._take(heard, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
-            if now_ns - max(self._heard_ns, self._asked_ns) > self._silence_ns:
+                self._take(received, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
+            if now_ns - max(self._received_ns, self._asked_ns) > self._silence_ns:
                 self._asked_ns = now_ns
                 self._send(frames.HelloRequest(frames.PROTOCOL))
         sample = self._sample
@@ -139,12 +139,12 @@ class Bridge:
 
     def write(self, command: np.ndarray) -> None:
         """Send heartbeat and enable-line request."""
-        self._beat(1 if command["enable"][0] else 0)
+        self._send_heartbeat(1 if command["enable"][0] else 0)
 
     def safe_stop(self) -> None:
         """Open the enable line; said twice, in case a frame is lost."""
-        self._beat(0)
-        self._beat(0)
+        self._send_heartbeat(0)
+        self._send_heartbeat(0)
 
     def close(self) -> None:
         """Open the enable line, stop the samples, release the link; may be called twice."""
@@ -155,10 +155,10 @@ class Bridge:
         self._link.close()
         self._link = None
 
-    def _take(self, heard: list[frames.Numbered], arrival_ns: int) -> None:
+    def _take(self, received: list[frames.Numbered], arrival_ns: int) -> None:
         """Take in what arrived: the newest sample counts, every heartbeat's echo."""
         newest = None
-        for _, frame in heard:
+        for _, frame in received:
             if type(frame) is frames.Sample:
                 newest = frame
             elif type(frame) is frames.Status:
@@ -169,15 +169,15 @@ class Bridge:
                     self._restart(frame)
         if newest is not None:
             if not newest.status & BridgeStatus.HEARTBEAT_LOST:
-                self._heard_ns = arrival_ns
+                self._received_ns = arrival_ns
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
     def _learn(self, status: frames.Status) -> None:
-        told = status.errors + status.dropped
+        lost = status.errors + status.dropped
         if self._board_errors >= 0:
-            self._lost_by_board += max(told - self._board_errors, 0)
-        self._board_errors = told
+            self._lost_by_board += max(lost - self._board_errors, 0)
+        self._board_errors = lost
         number, sent_ns = self._sent[status.heartbeat_sequence % _HEARTBEATS_KEPT]
         if status.heartbeats and number == status.heartbeat_sequence:
             self.clock.heartbeat(status.heartbeat_t_us, sent_ns)
@@ -193,7 +193,7 @@ class Bridge:
         self._send(self._configure())
         self._send(frames.Start())
 
-    def _beat(self, enable: int) -> None:
+    def _send_heartbeat(self, enable: int) -> None:
         number = self._number % frames.SEQUENCE_MODULUS
         self._sent[number % _HEARTBEATS_KEPT] = (number, self._loop_clock.now_ns())
         self._send(frames.Heartbeat.of(self._number, enable=enable == 1))
@@ -227,8 +227,8 @@ class Bridge:
         raise self._error(
             f"no {answer.__name__} within {self._config.connect_timeout_s:g} s, "
             + (
-                f"{link.heard}; {self._question}"
-                if link.heard
+                f"{link.received}; {self._question}"
+                if link.received
                 else "nothing at all; is the board powered, and is this where it is?"
             )
         )
@@ -239,7 +239,7 @@ class Bridge:
             raise self._error(f"{hello.board_name} (firmware {hello.firmware_version}) {why}")
 
     def _unfit(self, hello: frames.Hello) -> str | None:
-        """Return why this board cannot be used, in words behind its name; None if it can."""
+        """Return why this board cannot be used, as text behind its name; None if it can."""
         if hello.protocol != frames.PROTOCOL:
             return (
                 f"speaks protocol {hello.protocol}, motord speaks {frames.PROTOCOL}; "

@@ -11,7 +11,7 @@ from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
 
 
 class CanLink:
-    """A `BridgeLink` on a CAN channel, of which it hears the board's identifier alone."""
+    """A `BridgeLink` on a CAN channel, on which it receives the board's identifier alone."""
 
     def __init__(self, config: BridgeCanConfig, name: str) -> None:
         """Open the channel. Raises DeviceError."""
@@ -26,8 +26,8 @@ class CanLink:
         self._waiting: list[CanFrame] = []
 
     @property
-    def heard(self) -> str:
-        """What has arrived so far, in words."""
+    def received(self) -> str:
+        """What has arrived so far, as text."""
         return f"{self._pieces} CAN frames of something else" if self._pieces else ""
 
     @property

@@ -1,7 +1,7 @@
 """Whose clock says what: the loop's, the system's, a board's.
 
 `LoopClock` reads, at any moment, the clock in which the loop gives its `now_ns`. `BoardClock` maps
-a board's counter to it, from two bounds: a sample is read after it was taken, a heartbeat is heard
+a board's counter to it, from two bounds: a sample is read after it was taken, a heartbeat arrives
 after it was sent. Delays vary, their least values hardly. The delay of samples includes the wait
 until the loop reads, which slides through a whole period as the two rates slip past each other; so
 the drift comes from the heartbeats alone.
@@ -15,7 +15,7 @@ HEARTBEAT_LATENCY_NS = 100_000
 """Half the round trip is taken for the heartbeat's way, but never more than this: what else is in
 the round trip is the time until the loop comes round to read."""
 INCONSISTENT_NS = 20_000
-"""A heartbeat heard before it can have been sent by more than this was stamped wrongly."""
+"""A heartbeat received before it can have been sent by more than this was stamped wrongly."""
 JITTER_WEIGHT = 1 / 256
 """Weight of each reading in the mean delay of samples and in their mean deviation from it."""
 JUMP_NS = 50_000_000
@@ -27,17 +27,17 @@ LATE_NS on end, while no heartbeat says otherwise."""
 class LoopClock:
     """The clock of `now_ns`: the monotonic one plus an offset, learnt from the calls themselves."""
 
-    __slots__ = ("_offset_ns", "_told")
+    __slots__ = ("_observed", "_offset_ns")
 
     def __init__(self) -> None:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
-        self._told = False
+        self._observed = False
 
-    def tell(self, now_ns: int) -> None:
-        """Learn that it was `now_ns` a moment ago: of many moments the shortest counts."""
+    def observe(self, now_ns: int) -> None:
+        """Take that it was `now_ns` a moment ago: of many moments the shortest counts."""
         offset_ns = now_ns - time.monotonic_ns()
-        if offset_ns > self._offset_ns or not self._told:
-            self._offset_ns, self._told = offset_ns, True
+        if offset_ns > self._offset_ns or not self._observed:
+            self._offset_ns, self._observed = offset_ns, True
 
     def now_ns(self) -> int:
         """Return the loop's time of this moment."""
@@ -51,8 +51,8 @@ class LoopClock:
 class BoardClock:
     """Maps a board's wrapping counter of `unit_ns` steps to the loop's clock.
 
-    Two-way: `received` for every reading of samples, `heartbeat` whenever the board tells when it
-    heard one. Without heartbeats a sample's time is late by the least delay until it is read. A
+    Two-way: `received` for every reading of samples, `heartbeat` whenever the board reports when it
+    received one. Without heartbeats a sample's time is late by the least delay until it is read. A
     counter that jumps (a board that was reset) starts the filter anew and is counted in `resets`.
     `jitter_ns` is the mean deviation of the samples' delay until they are read from its mean.
     """
@@ -105,10 +105,10 @@ class BoardClock:
         return sampled_ns
 
     def heartbeat(self, ticks: int, sent_ns: int) -> None:
-        """Take that the board heard at `ticks` what was sent at `sent_ns`.
+        """Take that the board received at `ticks` what was sent at `sent_ns`.
 
         Ignored before the first sample, from where times are counted, and if it contradicts what
-        the samples tell: one wrong stamp would hold for as long as the bound remembers.
+        the samples show: one wrong stamp would hold for as long as the bound remembers.
         """
         if self._ticks is None or self._upper is None:
             return

@@ -19,8 +19,8 @@ class SerialLink:
         self._bytes = 0
 
     @property
-    def heard(self) -> str:
-        """What has arrived so far, in words."""
+    def received(self) -> str:
+        """What has arrived so far, as text."""
         return f"{self._bytes} bytes of something else" if self._bytes else ""
 
     @property

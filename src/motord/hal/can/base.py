@@ -11,7 +11,7 @@ from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_CONTROLLER, ERROR_
 
 CanFrame = tuple[int, bytes, int]
 """Key (the identifier, bit 31 set for an extended one), payload, and when it came: Unix ns, or 0 if
-the interface does not tell in the system's clock."""
+the interface does not stamp in the system's clock."""
 
 FRAMES_AT_ONCE = 1024
 """Frames that one call of `receive` returns at most; what is left waits for the next."""
@@ -25,7 +25,7 @@ _PASSIVE, _ACTIVE_AGAIN = 0x30, 0x40
 class BusState:
     """What went wrong on a bus so far, counted, and whether its controller takes part.
 
-    `off` follows the controller's error frames and the sends that the bus refuses; a frame heard
+    `off` follows the controller's error frames and the sends that the bus refuses; a frame received
     or a restart ends the one, a frame sent the other. `passive` is the step before off.
     """
 
@@ -36,13 +36,13 @@ class BusState:
         self.failures = 0
         self.passive = False
         self.last = ""
-        """The last failure, in words."""
+        """The last failure, as text."""
         self._controller_off = False
         self._refused = 0
 
     @property
     def off(self) -> bool:
-        """Return whether nothing can be sent or heard."""
+        """Return whether nothing can be sent or received."""
         return self._controller_off or self._refused >= REFUSED_MAX
 
     @property
@@ -62,7 +62,7 @@ class BusState:
         elif classes & ERROR_RESTARTED:
             self._controller_off = self.passive = False
 
-    def heard(self) -> None:
+    def received(self) -> None:
         """Take that a frame arrived."""
         self._controller_off = False
 

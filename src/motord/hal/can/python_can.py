@@ -35,7 +35,7 @@ class PythonCan:
 
     def receive(self, timeout_s: float = 0.0) -> Sequence[CanFrame]:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
-        heard: list[CanFrame] = []
+        received: list[CanFrame] = []
         for _ in range(FRAMES_AT_ONCE):
             try:
                 message = self._bus.recv(timeout_s)
@@ -47,9 +47,9 @@ class PythonCan:
                 continue
             if message is None:
                 break
-            self._take(message, heard)
+            self._take(message, received)
             timeout_s = 0.0
-        return heard
+        return received
 
     def send(self, key: int, payload: bytes) -> None:
         """Send a frame: CAN FD with the higher bit rate if the bus is CAN FD, else classical."""
@@ -73,7 +73,7 @@ class PythonCan:
         with suppress(*FAILURES):  # an adapter that was unplugged cannot be told
             self._bus.shutdown()
 
-    def _take(self, message: can.Message, heard: list[CanFrame]) -> None:
+    def _take(self, message: can.Message, received: list[CanFrame]) -> None:
         if message.is_error_frame:
             data = message.data
             self.state.error_frame(message.arbitration_id, data[1] if len(data) > 1 else 0)
@@ -81,11 +81,11 @@ class PythonCan:
         key = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
         if (self._wanted and key not in self._wanted) or message.is_remote_frame:
             return
-        self.state.heard()
+        self.state.received()
         if self._host_stamps is None:
             self._host_stamps = abs(message.timestamp - time.time()) < HOST_STAMP_S
         stamp_ns = int(message.timestamp * 1e9) if self._host_stamps else 0
-        heard.append((key, bytes(message.data), stamp_ns))
+        received.append((key, bytes(message.data), stamp_ns))
 
     def _message(self, key: int) -> can.Message:
         return can.Message(

@@ -3,8 +3,8 @@
 That interface reads byte by byte, with two system calls each, waits a millisecond when there is
 nothing, and after each frame until it is transmitted. The loop can afford none of it.
 
-An adapter that was unplugged is looked for now and then and opened anew when it is back. It is told
-bit rate and channel again until something is heard of it: some take a while to listen.
+An adapter that was unplugged is looked for now and then and opened anew when it is back. It is sent
+bit rate and channel again until something is received from it: some take a while to listen.
 """
 
 import errno
@@ -75,7 +75,7 @@ class BulkPort:
     def write(self, data: bytes) -> None:
         """Send a line; one that was cut off is ended before the next, so only it is lost.
 
-        While the adapter is away, or has not been heard of since, this looks for it now and then.
+        While the adapter is away, or silent since, this looks for it now and then.
         """
         if time.monotonic() >= self._look_s:
             data = self._open_again() + data

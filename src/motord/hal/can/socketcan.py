@@ -115,16 +115,16 @@ class SocketCan:
         """Return what has arrived, the oldest first; with a timeout wait so long for the first."""
         if timeout_s:
             select.select([self._socket], [], [], timeout_s)
-        heard: list[CanFrame] = []
+        received: list[CanFrame] = []
         try:
             for _ in range(FRAMES_AT_ONCE // BATCH):
                 count = self._inbox.take(self._socket.fileno())
-                self._sort(count, heard)
+                self._sort(count, received)
                 if count < BATCH:
                     break
         except OSError as error:
             self.state.failed(error.strerror)
-        return heard
+        return received
 
     def send(self, key: int, payload: bytes) -> None:
         """Send a frame: CAN FD with the higher bit rate if the bus is CAN FD, else classical."""
@@ -154,16 +154,16 @@ class SocketCan:
             self._socket.bind((self._channel,))
             self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, self._filters)
 
-    def _sort(self, count: int, heard: list[CanFrame]) -> None:
-        """Add `count` frames of the inbox to `heard`, tell the state of error frames."""
+    def _sort(self, count: int, received: list[CanFrame]) -> None:
+        """Add `count` frames of the inbox to `received`, and give error frames to the state."""
         frames = self._inbox.frames[: count * _ARRIVAL.size]
         for key, size, data, _, _, kind, seconds, ns in _ARRIVAL.iter_unpack(frames):
             if key & _ERROR:
                 self.state.error_frame(key & _EXTENDED_MASK, data[1])
             else:
-                self.state.heard()
+                self.state.received()
                 stamp_ns = seconds * 1_000_000_000 + ns if kind == _SO_TIMESTAMPNS else 0
-                heard.append((key, data[:size], stamp_ns))
+                received.append((key, data[:size], stamp_ns))
 
 
 def _mask(key: int) -> int:
@@ -173,7 +173,7 @@ def _mask(key: int) -> int:
 
 
 def open_socketcan(channel: str, fd: bool) -> SocketCan:
-    """Open an interface that is up; until `listen` every frame is heard. Raises OSError."""
+    """Open an interface that is up; until `listen` every frame is received. Raises OSError."""
     end = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
     try:
         end.setblocking(False)

@@ -71,7 +71,7 @@ class CanDrive:
 
     def read(self, now_ns: int) -> int:
         """Hand the feedback all frames that have arrived; returns the link errors so far."""
-        self._clock.tell(now_ns)
+        self._clock.observe(now_ns)
         if self._bus is not None:
             self._take(self._bus, now_ns)
         errors = self._state.errors + self._feedback.errors
@@ -100,16 +100,16 @@ class CanDrive:
 
     def _await_feedback(self, bus: CanBus, ask: Callable[[], None]) -> None:
         deadline_s = time.monotonic() + self._config.connect_timeout_s
-        heard: set[int] = set()
+        received: set[int] = set()
         while self._feedback.missing():
             if time.monotonic() >= deadline_s:
-                raise self._silence(heard)
+                raise self._silence(received)
             ask()
-            heard |= self._take(bus, self._clock.now_ns(), _OPEN_ASK_S)
+            received |= self._take(bus, self._clock.now_ns(), _OPEN_ASK_S)
             if bus.state.failures:
                 raise DeviceError(f"{self.name}: the bus failed: {bus.state.last}")
 
-    def _silence(self, heard: set[int]) -> DeviceError:
+    def _silence(self, received: set[int]) -> DeviceError:
         """Return the error for feedback that did not come, with what came instead."""
         dbc_file = self._config.dbc
         corrupt = " and ".join(m.name for m in self._feedback.corrupt())
@@ -118,7 +118,7 @@ class CanDrive:
             return DeviceError(f"{self.name}: {what}")
         missing = self._feedback.missing()
         names = " and ".join(f"{m.name} (0x{m.identifier:x})" for m in missing)
-        others = sorted(key & ~EXTENDED for key in heard - {self._command_key})
+        others = sorted(key & ~EXTENDED for key in received - {self._command_key})
         what = f"no {names} within {self._config.connect_timeout_s:g} s, "
         if others:
             listed = ", ".join(f"0x{identifier:x}" for identifier in others[:8])

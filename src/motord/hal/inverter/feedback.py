@@ -101,5 +101,5 @@ class CanFeedback:
         word = int(self._values[_STATUS])
         if word != self._word:
             self._word = word
-            self._status = int(self._codec.understand(word))
+            self._status = int(self._codec.decode_status(word))
         return self._status

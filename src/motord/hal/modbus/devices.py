@@ -14,7 +14,7 @@ from contextlib import suppress
 from motord.config import Config, ModbusConfig
 from motord.hal.base import DeviceError, DeviceReading
 from motord.hal.modbus.link import ModbusLink, connect
-from motord.wire.modbus.pdu import ModbusException, Question, read, write
+from motord.wire.modbus.pdu import ModbusException, ModbusRequest, read, write
 from motord.wire.modbus.registers import Register, layout
 
 EXCEPTION_NAMES = {
@@ -57,7 +57,7 @@ class ModbusDevice:
         actual = parts.setpoint.decode(self._read(parts.setpoint, "holding"))
         word = self._read(parts.status, table)[0]
         value = parts.value.decode(self._read(parts.value, table))
-        return DeviceReading(int(parts.understand(word)), actual, value)
+        return DeviceReading(int(parts.decode_status(word)), actual, value)
 
     def safe_stop(self) -> None:
         """Write a set-point of zero, if the device can be reached; over a new link if need be."""
@@ -75,23 +75,23 @@ class ModbusDevice:
     def _write(self, setpoint: float) -> None:
         limited = min(max(setpoint, self._low), self._high) if math.isfinite(setpoint) else 0.0
         target = self._layout.setpoint
-        self._ask(
+        self._exchange(
             f"write of register {target.address}", write(target.address, target.encode(limited))
         )
 
     def _read(self, register: Register, table: str) -> list[int]:
-        question = read(table, register.address, register.words)
-        return self._ask(f"read of {table} register {register.address}", question)
+        request = read(table, register.address, register.words)
+        return self._exchange(f"read of {table} register {register.address}", request)
 
-    def _ask(self, what: str, question: Question) -> list[int]:
+    def _exchange(self, what: str, request: ModbusRequest) -> list[int]:
         link = self._connected()
         try:
-            answer = link.ask(self._config.unit, question)
+            response = link.exchange(self._config.unit, request)
         except TimeoutError as error:
             self.close()
-            heard = f", only {error}" if str(error) else ""
+            received = f", only {error}" if str(error) else ""
             raise self._error(
-                f"{what}: no valid answer within {self._config.timeout_s:g} s{heard}; "
+                f"{what}: no valid answer within {self._config.timeout_s:g} s{received}; "
                 "is the device on, and is unit right?"
             ) from None
         except ValueError as error:
@@ -100,10 +100,10 @@ class ModbusDevice:
         except OSError as error:
             self.close()
             raise self._error(f"{what}: connection lost") from error
-        if isinstance(answer, ModbusException):
-            name = EXCEPTION_NAMES.get(answer.code, "unknown cause")
-            raise self._error(f"{what}: device answers exception {answer.code} ({name})")
-        return answer
+        if isinstance(response, ModbusException):
+            name = EXCEPTION_NAMES.get(response.code, "unknown cause")
+            raise self._error(f"{what}: device answers exception {response.code} ({name})")
+        return response
 
     def _connected(self) -> ModbusLink:
         if self._link is None:

@@ -1,6 +1,6 @@
 """Links to Modbus devices: a TCP connection, or a serial line that several devices share.
 
-A link asks one question at a time and waits for its answer, `timeout_s` at most. A computer that
+A link makes one request at a time and waits for its response, `timeout_s` at most. A computer that
 was kept from running for longer than that takes one last look at what has come meanwhile.
 """
 
@@ -14,7 +14,14 @@ from typing import ClassVar, Protocol
 import serial
 
 from motord.config import ModbusConfig
-from motord.wire.modbus.pdu import TCP_HEAD, Answer, Question, rtu_answer, rtu_frame, tcp_frame
+from motord.wire.modbus.pdu import (
+    TCP_HEAD,
+    ModbusRequest,
+    ModbusResponse,
+    rtu_frame,
+    rtu_response,
+    tcp_frame,
+)
 
 CHUNK_BYTES = 4096
 TRANSACTIONS = 1 << 16
@@ -25,10 +32,10 @@ PAUSE_LEAST_S = 0.00175
 
 
 class ModbusLink(Protocol):
-    """Something to ask Modbus devices by."""
+    """A way to exchange requests and responses with Modbus devices."""
 
-    def ask(self, unit: int, question: Question) -> Answer:
-        """Return the answer of `unit`.
+    def exchange(self, unit: int, request: ModbusRequest) -> ModbusResponse:
+        """Return the response of `unit`.
 
         Raises TimeoutError if none comes, ValueError for one that does not fit, and OSError if
         the link is lost.
@@ -57,7 +64,7 @@ class _Deadline:
 
 
 class TcpLink:
-    """A connection of its own. Answers carry the number of their question."""
+    """A connection of its own. Responses carry the number of their request."""
 
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         """Connect. Raises OSError."""
@@ -67,19 +74,19 @@ class TcpLink:
         self._socket = socket.create_connection((host, port), timeout=timeout_s)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def ask(self, unit: int, question: Question) -> Answer:
-        """Return the answer of `unit`. Raises TimeoutError, ValueError, OSError."""
+    def exchange(self, unit: int, request: ModbusRequest) -> ModbusResponse:
+        """Return the response of `unit`. Raises TimeoutError, ValueError, OSError."""
         self._transaction = (self._transaction + 1) % TRANSACTIONS
-        self._socket.sendall(tcp_frame(self._transaction, unit, question))
+        self._socket.sendall(tcp_frame(self._transaction, unit, request))
         deadline = _Deadline(self._timeout_s)
         while True:
-            transaction, answering_unit, pdu = self._frame(deadline)
+            transaction, responding_unit, pdu = self._frame(deadline)
             if transaction != self._transaction:
                 continue
-            answer = question.understand(pdu)
-            if answer is None or answering_unit != unit:
+            response = request.decode(pdu)
+            if response is None or responding_unit != unit:
                 raise ValueError("the answer does not fit the question")
-            return answer
+            return response
 
     def close(self) -> None:
         """Disconnect; may be called twice."""
@@ -114,11 +121,11 @@ class RtuLink:
         self._timeout_s = config.timeout_s
         self._line: _SerialLine | None = _SerialLine.join(config)
 
-    def ask(self, unit: int, question: Question) -> Answer:
-        """Return the answer of `unit`. Raises TimeoutError, OSError."""
+    def exchange(self, unit: int, request: ModbusRequest) -> ModbusResponse:
+        """Return the response of `unit`. Raises TimeoutError, OSError."""
         if self._line is None:
             raise ConnectionResetError("closed")
-        return self._line.ask(unit, question, self._timeout_s)
+        return self._line.exchange(unit, request, self._timeout_s)
 
     def close(self) -> None:
         """Leave the line; the last one closes the port. May be called twice."""
@@ -128,7 +135,7 @@ class RtuLink:
 
 
 class _SerialLine:
-    """An open port. Frames are not numbered: see `wire.modbus_pdu` for what counts as an answer."""
+    """An open port. Frames are not numbered: `wire.modbus.pdu` says what is a response."""
 
     _open: ClassVar[dict[str, "_SerialLine"]] = {}
     _joining: ClassVar[threading.RLock] = threading.RLock()
@@ -162,10 +169,10 @@ class _SerialLine:
         )
         self._quiet_since_s = time.monotonic()
 
-    def ask(self, unit: int, question: Question, timeout_s: float) -> Answer:
+    def exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
         with self._lock:
             try:
-                return self._ask(unit, question, timeout_s)
+                return self._exchange(unit, request, timeout_s)
             except TimeoutError:
                 raise
             except OSError:
@@ -178,26 +185,28 @@ class _SerialLine:
             if self._users == 0:
                 self._close()
 
-    def _ask(self, unit: int, question: Question, timeout_s: float) -> Answer:
+    def _exchange(self, unit: int, request: ModbusRequest, timeout_s: float) -> ModbusResponse:
         self._await_silence(_Deadline(timeout_s))
-        self._port.write(rtu_frame(unit, question))
+        self._port.write(rtu_frame(unit, request))
         deadline = _Deadline(timeout_s)
-        heard = b""
+        received = b""
         try:
-            while (answer := rtu_answer(heard, unit, question)) is None:
-                heard += self._hear(deadline.left_s())
+            while (response := rtu_response(received, unit, request)) is None:
+                received += self._receive(deadline.left_s())
         except TimeoutError:
-            raise TimeoutError(f"{len(heard)} bytes of something else" if heard else "") from None
-        return answer
+            raise TimeoutError(
+                f"{len(received)} bytes of something else" if received else ""
+            ) from None
+        return response
 
     def _await_silence(self, deadline: _Deadline) -> None:
-        """Wait out the pause between frames; what comes now is nobody's answer."""
+        """Wait out the pause between frames; what comes now is no response."""
         while (left_s := self._quiet_since_s + self._pause_s - time.monotonic()) > 0:
-            self._hear(min(left_s, deadline.left_s()))
-        while self._hear(0.0):
+            self._receive(min(left_s, deadline.left_s()))
+        while self._receive(0.0):
             deadline.left_s()
 
-    def _hear(self, timeout_s: float) -> bytes:
+    def _receive(self, timeout_s: float) -> bytes:
         """Return what has come within `timeout_s`, b"" if nothing. Raises OSError."""
         if not select.select([self._port], [], [], timeout_s)[0]:
             return b""

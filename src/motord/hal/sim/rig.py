@@ -49,7 +49,7 @@ class SimRig:
     """A `hal.base.Rig` without hardware; `[bench] rig` names its truth. Raises ConfigError.
 
     As a real inverter does, it switches off if no command comes for `[inverter] timeout_s`, and
-    stays off until a command has told it to be off. `[bench] faults` happen from the first read on.
+    stays off until a command to be off has come. `[bench] faults` happen from the first read on.
     """
 
     def __init__(self, config: Config) -> None:

@@ -1,4 +1,4 @@
-"""The loop for `motord latency`: the simulated rig, run for so many ticks whenever it is told to.
+"""The loop for `motord latency`: the simulated rig, run for so many ticks on request.
 
     python -m motord.loop.latency.measured_loop
 

@@ -103,7 +103,7 @@ class Measured:
 
 
 class LoopOnDemand:
-    """The loop in a process of its own, which runs a slice when it is told to."""
+    """The loop in a process of its own, which runs a slice on request."""
 
     def __init__(self, setup: LoopSetup) -> None:
         self._process = subprocess.Popen(

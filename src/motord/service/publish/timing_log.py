@@ -49,4 +49,4 @@ class TimingLog:
         span = {"t_start_ns": self._since_ns, "t_end_ns": now_ns}
         data = {**span, **summary.model_dump(mode="json")}
         self._since_ns = now_ns
-        self._tell(Event(t_ns=now_ns, kind=KIND, message=summary.words(), data=data))
+        self._tell(Event(t_ns=now_ns, kind=KIND, message=summary.line(), data=data))

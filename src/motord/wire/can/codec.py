@@ -167,7 +167,7 @@ class InverterCodec:
         """Return three currents and the enable bit, or None for a corrupt payload.
 
         The currents are those of the phases; or d, q and 0. A drive without an enable signal is
-        told to be on by every command.
+        commanded on by every command.
         """
         values = self.command.decode(payload)
         if values is None:
@@ -185,7 +185,7 @@ class InverterCodec:
         """Return every feedback message with its payload; `values` has all slots that it maps."""
         return [(m, m.encode([values[s] for s in m.slots], counter)) for m in self.feedback]
 
-    def understand(self, word: int) -> InverterStatus:
+    def decode_status(self, word: int) -> InverterStatus:
         """Return what the drive's status word says, in motord's bits.
 
         A drive without a ready bit (mask 0), or without a status word, counts as ready.

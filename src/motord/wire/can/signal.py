@@ -56,7 +56,7 @@ class SignalCodec:
         return ((raw ^ self._sign) - self._sign) * self._scale + self._offset
 
     def insert(self, value: float) -> int:
-        """Return the bits of the payload that say `value`, or the nearest that can be said."""
+        """Return the bits of the payload for `value`, or the nearest that can be encoded."""
         if value != value:
             value = 0.0
         scaled = (value - self._offset) / self._scale

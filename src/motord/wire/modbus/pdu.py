@@ -1,7 +1,7 @@
-"""Modbus questions and their answers, as bytes: functions 3, 4, 6 and 16, framed for TCP or RTU.
+"""Modbus requests and their responses, as bytes: functions 3, 4, 6 and 16, framed for TCP or RTU.
 
-Modbus over a serial line does not number its frames. So an answer is taken only if it can be the
-answer to the question: unit, function, length, checksum and, for a write, what it echoes.
+Modbus over a serial line does not number its frames. So a response is taken only if it can be the
+response to the request: unit, function, length, checksum and, for a write, what it echoes.
 """
 
 import struct
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 READ_FUNCTIONS = {"holding": 3, "input": 4}
 WRITE_ONE, WRITE_SEVERAL = 6, 16
-REFUSED = 0x80
+EXCEPTION = 0x80
 
 TCP_HEAD = struct.Struct(">HHHB")
 """Transaction, protocol (0), bytes that follow, unit."""
@@ -17,82 +17,82 @@ TCP_HEAD = struct.Struct(">HHHB")
 
 @dataclass(frozen=True)
 class ModbusException:
-    """The device answers with an exception."""
+    """The device responded with an exception."""
 
     code: int
 
 
-Answer = list[int] | ModbusException
+ModbusResponse = list[int] | ModbusException
 """Registers read (none for a write), or why there are none."""
 
 
 @dataclass(frozen=True)
-class Question:
-    """A request without its frame, and how its answer begins before `words` registers."""
+class ModbusRequest:
+    """A request without its frame, and how its response begins before `words` registers."""
 
-    request: bytes
+    pdu: bytes
     beginning: bytes
     words: int
 
     @property
-    def answer_bytes(self) -> int:
-        """Return the length of an answer that is no refusal."""
+    def response_bytes(self) -> int:
+        """Return the length of a response that is no exception."""
         return len(self.beginning) + 2 * self.words
 
-    def understand(self, pdu: bytes) -> Answer | None:
-        """Return what an answer says, or None if it is none to this question."""
-        if len(pdu) == 2 and pdu[0] == self.request[0] | REFUSED:
+    def decode(self, pdu: bytes) -> ModbusResponse | None:
+        """Return what a response has, or None if it is none to this request."""
+        if len(pdu) == 2 and pdu[0] == self.pdu[0] | EXCEPTION:
             return ModbusException(pdu[1])
-        if len(pdu) != self.answer_bytes or not pdu.startswith(self.beginning):
+        if len(pdu) != self.response_bytes or not pdu.startswith(self.beginning):
             return None
         return list(struct.unpack(f">{self.words}H", pdu[len(self.beginning) :]))
 
 
-def read(table: str, address: int, words: int) -> Question:
-    """Return the question for registers of a table, "holding" or "input"."""
+def read(table: str, address: int, words: int) -> ModbusRequest:
+    """Return the request for registers of a table, "holding" or "input"."""
     function = READ_FUNCTIONS[table]
-    return Question(
+    return ModbusRequest(
         struct.pack(">BHH", function, address, words), bytes([function, 2 * words]), words
     )
 
 
-def write(address: int, words: list[int]) -> Question:
-    """Return the question that writes holding registers."""
+def write(address: int, words: list[int]) -> ModbusRequest:
+    """Return the request that writes holding registers."""
     if len(words) == 1:
-        request = struct.pack(">BHH", WRITE_ONE, address, words[0])
-        return Question(request, request, 0)
+        pdu = struct.pack(">BHH", WRITE_ONE, address, words[0])
+        return ModbusRequest(pdu, pdu, 0)
     head = struct.pack(">BHH", WRITE_SEVERAL, address, len(words))
     content = struct.pack(f">B{len(words)}H", 2 * len(words), *words)
-    return Question(head + content, head, 0)
+    return ModbusRequest(head + content, head, 0)
 
 
-def tcp_frame(transaction: int, unit: int, question: Question) -> bytes:
-    """Return the bytes of a question over TCP."""
-    request = question.request
-    return TCP_HEAD.pack(transaction, 0, len(request) + 1, unit) + request
+def tcp_frame(transaction: int, unit: int, request: ModbusRequest) -> bytes:
+    """Return the bytes of a request over TCP."""
+    pdu = request.pdu
+    return TCP_HEAD.pack(transaction, 0, len(pdu) + 1, unit) + pdu
 
 
-def rtu_frame(unit: int, question: Question) -> bytes:
-    """Return the bytes of a question on a serial line."""
-    body = bytes([unit]) + question.request
+def rtu_frame(unit: int, request: ModbusRequest) -> bytes:
+    """Return the bytes of a request on a serial line."""
+    body = bytes([unit]) + request.pdu
     return body + crc16_modbus(body).to_bytes(2, "little")
 
 
-def rtu_answer(heard: bytes, unit: int, question: Question) -> Answer | None:
-    """Return the answer among all bytes heard since the question, or None if there is none yet.
+def rtu_response(received: bytes, unit: int, request: ModbusRequest) -> ModbusResponse | None:
+    """Return the response among all bytes since the request, or None if there is none yet.
 
-    Noise, answers of other units and those to earlier questions are passed over.
+    Noise, responses of other units and those to earlier requests are passed over.
     """
-    for start in range(len(heard)):
-        if heard[start] != unit:
+    for start in range(len(received)):
+        if received[start] != unit:
             continue
-        for size in (question.answer_bytes, 2):
+        for size in (request.response_bytes, 2):
             end = start + 1 + size
-            if crc16_modbus(heard[start:end]).to_bytes(2, "little") != heard[end : end + 2]:
+            if crc16_modbus(received[start:end]).to_bytes(2, "little") != received[end : end + 2]:
                 continue
-            answer = question.understand(heard[start + 1 : end])
-            if answer is not None:
-                return answer
+            response = request.decode(received[start + 1 : end])
+            if response is not None:
+                return response
     return None
 
 

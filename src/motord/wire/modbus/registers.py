@@ -73,7 +73,7 @@ class Layout:
     ready_mask: int
     fault_mask: int
 
-    def understand(self, word: int) -> DeviceStatus:
+    def decode_status(self, word: int) -> DeviceStatus:
         """Return what a status word says; a device without a ready bit (mask 0) is ready."""
         status = DeviceStatus(0)
         if word & self.ready_mask == self.ready_mask:
