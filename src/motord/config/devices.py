@@ -6,9 +6,16 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
-from motord.config.can_load import DEFAULT_BITRATE, load
 from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
+
+SAMPLE_BYTES, HEARTBEAT_BYTES = 19, 6
+"""Bodies of the two frames that are sent all the time (`wire.frames.BODY_BYTES`)."""
+DEFAULT_BITRATE = 1_000_000
+
+_CLASSIC_DATA, _CLASSIC_STUFFED_BITS, _CLASSIC_OTHER_BITS = 7, 34, 13
+_FD_NOMINAL_BITS, _FD_OTHER_BITS = 32, 46
+_STUFFING = 1.25
 
 
 class CanBusConfig(Section):
@@ -82,6 +89,22 @@ class InverterConfig(Section):
         return self.driver == "can-dq" and self.can is not None and self.can.signals.q_only
 
 
+def classic_bits(data_bytes: int) -> int:
+    """Return the most bits of a classical CAN frame with an 11-bit identifier, pause included."""
+    stuffed = _CLASSIC_STUFFED_BITS + 8 * data_bytes
+    return stuffed + (stuffed - 1) // 4 + _CLASSIC_OTHER_BITS
+
+
+def body_s(body_bytes: int, fd: bool, bitrate: int, data_bitrate: int) -> float:
+    """Return the most time that the pieces of a frame with this body take on the bus."""
+    if fd:  # one piece of up to 64 bytes; head and tail at the nominal bit rate
+        data_bits = (8 * (body_bytes + 1) + _FD_OTHER_BITS) * _STUFFING
+        return _FD_NOMINAL_BITS * _STUFFING / bitrate + data_bits / data_bitrate
+    whole, rest = divmod(body_bytes, _CLASSIC_DATA)
+    bits = whole * classic_bits(_CLASSIC_DATA + 1) + (classic_bits(rest + 1) if rest else 0)
+    return bits / bitrate
+
+
 class BridgeCanConfig(CanBusConfig):
     """`[bridge.can]`: the bus of the board, and the identifiers (11 bit) of both directions."""
 
@@ -98,7 +121,9 @@ class BridgeCanConfig(CanBusConfig):
     def load(self, sample_Hz: float, heartbeat_Hz: float) -> float:
         """Return the part of the bus that samples and heartbeats take at worst (1: all of it)."""
         bitrate = self.bitrate or DEFAULT_BITRATE
-        return load(sample_Hz, heartbeat_Hz, self.fd, bitrate, self.data_bitrate or bitrate)
+        rates = (self.fd, bitrate, self.data_bitrate or bitrate)
+        sample_s, heartbeat_s = body_s(SAMPLE_BYTES, *rates), body_s(HEARTBEAT_BYTES, *rates)
+        return sample_Hz * sample_s + heartbeat_Hz * heartbeat_s
 
 
 class BridgeConfig(Section):

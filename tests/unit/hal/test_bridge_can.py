@@ -6,7 +6,7 @@ import can
 import pytest
 
 from motord.config import Config
-from motord.config.can_load import HEARTBEAT_BYTES, SAMPLE_BYTES, classic_bits
+from motord.config.devices import HEARTBEAT_BYTES, SAMPLE_BYTES, classic_bits
 from motord.hal.base import DeviceError
 from motord.hal.bridge.can import CanBridge
 from motord.hal.registry import make_rig
