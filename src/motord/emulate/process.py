@@ -42,6 +42,16 @@ BOARD_STATUS_HZ = 20
 INVERTER_STATUS_HZ = 100
 
 
+def _timeline(config: Config, faults: Timeline | None, firmware: Path | None) -> Timeline:
+    """Return `faults`, by default those of the bench file. Raises ConfigError if they cannot be."""
+    if faults is None:
+        faults = load_timeline(config.bench.faults) if config.bench.faults else Timeline()
+    check_timeline(faults)
+    if firmware is not None:
+        check_faults(faults)
+    return faults
+
+
 class Emulator:
     """The devices of one bench on the wire. Use as a context manager: it opens and closes ports."""
 
@@ -61,12 +71,7 @@ class Emulator:
         `firmware` is an image that QEMU runs as the bridge board.
         """
         check_drivers(config)
-        if faults is None:
-            faults = load_timeline(config.bench.faults) if config.bench.faults else Timeline()
-        check_timeline(faults)
-        if firmware is not None:
-            check_faults(faults)
-        self._timeline = faults
+        self._timeline = _timeline(config, faults, firmware)
         self._firmware = firmware
         self._fault_sink = fault_sink
         assert config.inverter.can is not None
@@ -86,9 +91,7 @@ class Emulator:
         self._cpu_s = 0.0
         self._start_ns = 0
         patience_s = config.bench.rig_patience_s
-        self._catch_up_ns = CATCH_UP_NS
-        if patience_s is not None:
-            self._catch_up_ns = min(CATCH_UP_NS, round(patience_s * 1e9))
+        self._catch_up_ns = min(CATCH_UP_NS, round((patience_s or CATCH_UP_NS) * 1e9))
         self._logged_ns = 0
         self.ticks = 0
         self.skipped = 0

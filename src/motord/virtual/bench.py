@@ -63,18 +63,17 @@ class VirtualBench:
         self.tick = 0
         self.missed = 0
         self._axes = dq_frame_record(config)
-        self._rig = build(
-            self.truth, config.bench.seed if seed is None else seed, self._fitting_substep_s()
-        )
+        seed = config.bench.seed if seed is None else seed
+        self._rig = build(self.truth, seed, self._fitting_substep_s())
         self._input, self._output = new_input(), new_output()
         self._memory = new_memory()
-        self._feedback, self._command = np.zeros(1, FEEDBACK), np.zeros(1, COMMAND)
-        self._sent = np.zeros(1, COMMAND)
+        self._feedback = np.zeros(1, FEEDBACK)
+        self._command, self._sent = np.zeros(1, COMMAND), np.zeros(1, COMMAND)
         self._torque_Nm_per_count = (
             config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
         )
         self._link = new_link(
-            config.bench.seed if seed is None else seed,
+            seed,
             config.inverter.timeout_s,
             config.bridge.heartbeat_timeout_s,
             config.loop.rate_Hz,
