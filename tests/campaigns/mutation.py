@@ -34,7 +34,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/unit/control/test_observer.py",
         "tests/unit/control/test_interlock_times.py",
     ),
-    "motord.sequencing.limits": ("tests/unit/plans/test_limits.py",),
+    "motord.sequencing.limits": ("tests/unit/sequencing/test_limits.py",),
     "motord.service.bench.lease": ("tests/unit/service/test_lease.py",),
 }
 SLOW = "not test_limits_hold_for_any_input and not test_compensation_inverts_the_model"
@@ -46,7 +46,7 @@ SPEED_OF_DENSE_SAMPLES_ONLY = """    if dt_s > STEADY_S:
 
 FEW = (
     ("motord.control.states", "if causes != 0:", "if causes > 1:"),
-    ("motord.control.states", "request == _RESET and causes == 0", "request == _RESET"),
+    ("motord.control.states", "_REQUEST.RESET and causes == 0", "_REQUEST.RESET"),
     ("motord.control.states", "arming and inverter_ready", "arming"),
     ("motord.control.states", "if stopping and at_zero:", "if stopping:"),
     ("motord.control.interlocks", "largest_A > p.trip", "largest_A > 1.001 * p.trip"),
@@ -54,8 +54,8 @@ FEW = (
     ("motord.control.interlocks", "(ratio * ratio - 1.0)", "(ratio * ratio)"),
     (
         "motord.control.interlock_table",
-        '"limits.trip_torque_Nm", Source.BRIDGE, 0.005',
-        '"limits.trip_torque_Nm", Source.BRIDGE, 0.006',
+        '"limits.trip_torque_Nm", EvidenceSource.BRIDGE, 0.005',
+        '"limits.trip_torque_Nm", EvidenceSource.BRIDGE, 0.006',
     ),
     ("motord.control.observer", "    pole = math.exp(", SPEED_OF_DENSE_SAMPLES_ONLY),
     ("motord.control.observer", "POSITION_AGE_MAX_S = 0.03", "POSITION_AGE_MAX_S = 0.1"),
