@@ -31,13 +31,14 @@ LAYERS = {
     "loop": "the real-time process",
     "shm": "shared memory",
     "hal": "devices and rigs",
+    "can_interface": "python-can, opened",
     "control": "pure cores",
     "calibration": "what is applied",
     "config": "imported by nearly all",
 }
 """What a layer is, by the first package in it."""
 
-EVERYWHERE = {"config", "schema", "jit", "atomic_write"}
+EVERYWHERE = {"config", "schema", "jit", "atomic_write", "private_folder", "unix_clock"}
 """Imported nearly everywhere: lines to these would hide the others."""
 
 
