@@ -16,7 +16,6 @@ from motord.service.rpc.calls import CallQueue
 from motord.service.rpc.dispatcher import Desk
 from motord.service.rpc.intake import Slow
 from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
 from tests.support.ports import free_port
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 
@@ -46,17 +45,11 @@ class LiveService(VirtualService):
         )
         self.publisher = Publisher(self.bench, self.state, self.telemetry)
         self.events.listeners.append(self.publisher.event)
-        documents = {
-            "state": self.publisher.state_document,
-            "event": self.publisher.event_document,
-            "plan": self.publisher.plan_document,
-        }
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
-        experiments = Experiments(self.bench, self.resumption)
         self.desk = Desk(
             {
                 **Operate(self.bench, self._restart).handlers,
-                **experiments.handlers,
+                **self.experiments.handlers,
                 **installation.handlers,
             },
             self.bench.erred,
@@ -64,13 +57,13 @@ class LiveService(VirtualService):
         longest = max_request_bytes(self.config.motor.counts)
         slow = {
             "calibration/install": Slow(installation.prepare, installation.keep, longest),
-            "plan/resume": Slow(experiments.look_for_rest),
+            "plan/resume": Slow(self.experiments.look_for_rest),
         }
         self.api = Api(
             self.config.bench.name,
             self.calls,
             slow,
-            documents,
+            self.publisher.documents,
             longest,
             lambda payload: self.bench.lease.is_in(payload, self.now_ns),
         )

@@ -152,7 +152,7 @@ def test_a_bug_in_the_supervisor_takes_the_current_before_the_daemon_ends(
         played.supervisor.bench.events.listeners.append(buggy)
         played.supervisor.bench.loop_fault = ""
     with pytest.raises(daemon.SupervisorFailedError, match="of a bug; stopped, the traceback"):
-        daemon._guarded(played.supervisor, daemon.Stopping(), lambda: None)
+        daemon.supervise(played.supervisor, daemon.StopSignal(), lambda: None)
     assert Request.STOP in played.asked
     assert played.asked.index(Request.STOP) == len(played.asked) - 1
     assert any(r.exc_info and r.exc_info[0] is ZeroDivisionError for r in caplog.records)

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.schema import State
 from motord.sequencing.settings import COMPENSATE
-from motord.service import assembly
+from motord.service import build as service
+from motord.service.host.systemd import Notifier
+from motord.service.processes import PROCESSES
 from motord.service.rpc.calls import Call
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter, capacity_for
@@ -117,13 +120,16 @@ class PlayedDaemon:
         self.run_dir = RunDir("played", folder)
         self.run_dir.create()
         self.loops, self.recorders = [], []
-        monkeypatch.setattr(assembly, "spawn", self._spawn_loop)
-        monkeypatch.setattr(assembly, "spawn_recorder", self._spawn_recorder)
+        self.spawn = {"loop": self._spawn_loop, "recorder": self._spawn_recorder}
+        played = [
+            replace(row, spawn=lambda command, name=row.name: self.spawn[name](command))
+            for row in PROCESSES
+        ]
+        monkeypatch.setattr(service, "PROCESSES", played)
         monkeypatch.chdir(folder)
-        self.parts = assembly.assemble(
-            self.config, "the text", Path("/bench.toml"), self.run_dir, folder, Clock(0)
-        )
-        self.supervisor = self.parts.supervisor
+        self.supervisor = service.build(
+            self.config, "the text", Path("/bench.toml"), self.run_dir, folder, Clock(0), Notifier()
+        ).supervisor
         self.now_ns = 1_000_000_000_000
         self.supervisor.clock_ns = lambda: self.now_ns
 
@@ -136,8 +142,7 @@ class PlayedDaemon:
         return self.recorders[-1]
 
     def up(self):
-        self.supervisor.recording.start_recorder(self.now_ns)
-        self.supervisor.loop.start(self.now_ns)
+        self.supervisor.start()
         self.loops[-1].ready()
         self.step()
         self.recorders[-1].report(recording=False)

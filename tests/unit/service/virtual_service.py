@@ -12,7 +12,7 @@ from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.journal_sink import Durable
+from motord.service.plans.journal_sink import JournalSink
 from motord.service.plans.resume import Resumption
 from motord.service.rpc.calls import Call
 from motord.service.rpc.dispatcher import Desk
@@ -24,7 +24,7 @@ STEP_NS = 10_000_000
 START_NS = 1_000_000_000_000
 
 
-class PlanLog:
+class RecordedSink:
     """A sink that keeps what it hears."""
 
     def __init__(self):
@@ -121,23 +121,22 @@ class VirtualService:
         self.now_ns = START_NS
         self.loop = VirtualLoop(self.config)
         self.events = EventLog(lambda: self.now_ns)
-        self.sink = PlanLog()
+        self.sink = RecordedSink()
         self.journal = journal or journal_in_memory()
         self.calibration_id = ""
         self.resumption = Resumption(
             self.config, self.journal, lambda: self.calibration_id, lambda: self.now_ns
         )
-        durable = Durable(
+        sink = JournalSink(
             self.sink, self.journal, self.resumption, self.events, lambda: self.now_ns
         )
-        self.bench = Bench(self.config, self.loop, devices or {}, self.events, durable)
+        self.bench = Bench(self.config, self.loop, devices or {}, self.events, sink)
         if not safe:
             self.bench.erred = fail
         self.restarts = 0
         handlers = Operate(self.bench, self._restart).handlers
-        self.desk = Desk(
-            {**handlers, **Experiments(self.bench, self.resumption).handlers}, self.bench.erred
-        )
+        self.experiments = Experiments(self.bench, self.resumption)
+        self.desk = Desk({**handlers, **self.experiments.handlers}, self.bench.erred)
         self.bench.loop_up()
         self.step(2)
 
@@ -161,7 +160,10 @@ class VirtualService:
 
     def begin(self, name, /, **arguments):
         """Bring a request, and return it as it waits."""
-        call = Call(name, parse(name, json.dumps(arguments).encode()))
+        payload, prepared = json.dumps(arguments).encode(), None
+        if name == "plan/resume":  # a thread of the intake reads the recordings
+            _, prepared = self.experiments.look_for_rest(payload)
+        call = Call(name, parse(name, payload), prepared)
         self.desk.handle(call, self.now_ns)
         return Pending(call)
 

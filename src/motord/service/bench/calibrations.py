@@ -72,6 +72,10 @@ class CalibrationStore:
         self.path = Path()
         self.current: Calibration | None = None
 
+    def current_id(self) -> str:
+        """Return the id of the calibration in force, "" if there is none."""
+        return self.current.id if self.current is not None else ""
+
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:

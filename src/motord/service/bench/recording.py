@@ -27,8 +27,8 @@ from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
 from motord.sequencing import Plan
 from motord.service.host.child_faults import ChildFaults
+from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.processes import Children
 from motord.service.publish.timing_log import TimingLog
 
 RECORDER = "recorder"
@@ -75,6 +75,11 @@ class RecordingControl:
         events: EventLog,
         unix_ns: Callable[[], int],
         timing: Path,
+        *,
+        calibration_id: Callable[[], str] = str,
+        realtime: Callable[[], dict[str, Any]] = dict,
+        driven: Callable[[], bool] = bool,
+        on_plan_unrecorded: Callable[[str], None] = lambda why: None,
     ) -> None:
         self._config = config
         self._described = describe(config, toml)  # looks up versions, which takes a while
@@ -99,15 +104,8 @@ class RecordingControl:
         self._enabled = self._loop_up = False
         self._timing = TimingLog(timing, self.event)
         self.followers: list[Follower] = []
-        self.calibration_id: Callable[[], str] = str
-        self.realtime: Callable[[], dict[str, Any]] = dict
-        self.driven: Callable[[], bool] = bool
-        self.on_plan_unrecorded: Callable[[str], None] = lambda why: None
-
-    def start_recorder(self, now_ns: int) -> None:
-        """Start the recorder process, which waits for what to record. `now_ns` is monotonic."""
-        self._children.start(RECORDER, now_ns)
-        self._follow_process()
+        self._calibration_id, self._realtime = calibration_id, realtime
+        self._driven, self._on_plan_unrecorded = driven, on_plan_unrecorded
 
     def loop_down(self) -> None:
         """Begin nothing new; what is still to be said of the loop's end goes into the old file."""
@@ -176,7 +174,7 @@ class RecordingControl:
 
     def about(self) -> dict[str, Any]:
         """Return the metadata of a recording that begins now."""
-        now = {"calibration": self.calibration_id(), "realtime": self.realtime()}
+        now = {"calibration": self._calibration_id(), "realtime": self._realtime()}
         return {**self._described, **now}
 
     def event(self, event: Event) -> None:
@@ -216,7 +214,7 @@ class RecordingControl:
         """End the recording of a plan; if the bench is still powered, another goes on."""
         self._plan = False
         auto = self._config.recording.auto
-        if self._loop_up and auto and (auto == "always" or self._enabled or self.driven()):
+        if self._loop_up and auto and (auto == "always" or self._enabled or self._driven()):
             self._powered_ns = self._now_ns
             self._begin("", {})
         else:
@@ -231,7 +229,7 @@ class RecordingControl:
         if self._plan or not self._config.recording.auto:
             return
         always = self._config.recording.auto == "always"
-        if always or enabled.any() or self.driven():
+        if always or enabled.any() or self._driven():
             self._powered_ns = now_ns
             if self._stem is None and len(block):
                 powered = int(block["tick"][np.argmax(enabled)])
@@ -260,7 +258,7 @@ class RecordingControl:
         if unrecorded_s > self._unrecorded_max_s:
             self._recorded_ns = now_ns  # not to be said with every step
             why = self._error or "the recorder does not record"
-            self.on_plan_unrecorded(f"not recorded for {unrecorded_s:.1f} s: {why}")
+            self._on_plan_unrecorded(f"not recorded for {unrecorded_s:.1f} s: {why}")
 
     def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
         for report in link.reports(now_ns):

@@ -86,7 +86,7 @@ def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceV
     return DeviceView(health="simulated" if bench.has(name) else "none")
 
 
-def essence(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
+def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
     """Return what makes a state worth publishing at once when it changes; cheap to make."""
     plan = bench.plans.view
     return (

@@ -43,7 +43,7 @@ class Api:
 
     `slow` has the RPCs with work that must not hold up the supervisor. `documents` answer queries
     for the newest state, events and plan progress. `max_request_bytes` is that of the longest
-    request; `in_command` tells whether a payload holds the token of the lease in force.
+    request; `in_command` says whether a payload holds the token of the lease in force.
     """
 
     def __init__(

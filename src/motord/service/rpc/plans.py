@@ -10,7 +10,7 @@ from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import RemainingPlan, Resumption
-from motord.service.plans.runner import Before
+from motord.service.plans.runner import EarlierPart
 from motord.service.rpc.calls import Answer, Call
 from motord.service.rpc.dispatcher import (
     Handler,
@@ -48,7 +48,7 @@ class Experiments:
         who = bench.lease.require(asked.token, now_ns).holder
         self._need_free_bench()
         if self._resumption.interrupted:
-            raise RpcError("refused", f"not started: {self._resumption.words()}")
+            raise RpcError("refused", f"not started: {self._resumption.summary()}")
         detached = ", detached" if asked.detach else ""
         bench.events.emit("plan", f"{plan.name} started by {who}{detached}", settings=plan.settings)
         bench.hand.rest()
@@ -108,7 +108,7 @@ class Experiments:
         For a thread that may wait, before `plan/resume`: it reads recordings. Raises RpcError.
         """
         request = parse("plan/resume", payload)
-        return request, None if self._bench.plans.active else self._resumption.rest()
+        return request, None if self._bench.plans.active else self._resumption.remaining()
 
     def _resume(self, call: Call, now_ns: int) -> Answer:
         asked, bench = expect(PlanResume, call), self._bench
@@ -117,9 +117,9 @@ class Experiments:
             bench.events.emit("plan", f"resumed by {who}")
             bench.plans.resume()
             return self._progress()
-        rest: RemainingPlan = (
-            call.prepared if call.prepared is not None else self._resumption.rest()
-        )
+        rest: RemainingPlan | None = call.prepared
+        if rest is None:  # to read its recordings here would hold up the heartbeat
+            raise RpcError("busy", "the plan that was under way has just ended; ask again")
         if rest.plan.points:
             self._go_on(rest, who, detached=asked.detach)
         else:
@@ -131,14 +131,14 @@ class Experiments:
         """Take what is missing of an interrupted plan."""
         self._need_free_bench()
         self._need_devices(rest.plan)
-        note, bench = rest.story.plan, self._bench
+        note, bench = rest.log.plan, self._bench
         bench.events.emit(
             "plan",
             f"{note.name} resumed by {who}: {rest.taken} of {note.points} points are taken",
             run_id=note.run_id,
         )
         bench.hand.rest()
-        before = Before(note.run_id, rest.story.recordings[-1], rest.taken)
+        before = EarlierPart(note.run_id, rest.log.recordings[-1], rest.taken)
         bench.plans.start(rest.plan, who, note.notes, detached=detached, before=before)
 
     def _discard(self, call: Call, now_ns: int) -> Answer:
