@@ -23,6 +23,8 @@ MAX_LOCAL_CLIENTS = 64
 """So many connections of this machine at a time, the gate's among them."""
 MAX_ARRIVING = 32
 """So many at a time that have connected but not yet said who they are."""
+ARRIVING_MS = 2000
+"""For so long at most each: connections that say nothing keep others out no longer than that."""
 ENVELOPE_BYTES = 4096
 """What Zenoh adds to the payload of a request: its key and headers."""
 MAX_ANSWER_BYTES = 64 * 1024 * 1024
@@ -66,6 +68,7 @@ def _bound(config: zenoh.Config, clients: int, max_request_bytes: int) -> None:
     link = "transport/link"
     config.insert_json5("transport/unicast/max_sessions", str(clients))
     config.insert_json5("transport/unicast/accept_pending", str(MAX_ARRIVING))
+    config.insert_json5("transport/unicast/accept_timeout", str(ARRIVING_MS))
     config.insert_json5(f"{link}/rx/max_message_size", str(max_request_bytes + ENVELOPE_BYTES))
     stuck = f"{link}/tx/queue/congestion_control/block/wait_before_close"
     config.insert_json5(stuck, str(STUCK_US))
