@@ -11,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from motord.calibration import Calibration, from_json, load
-from motord.cli import learn as module
+from motord.cli.plan import learn as module
 from motord.demo.learn import calibrate_virtual, learn_virtual, learned_report, verify_virtual
 from motord.experiments.plans import build
 from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration

@@ -11,7 +11,6 @@ from motord.security.access import access_control, daemon_access_control
 from motord.security.identity import Identity
 from motord.security.roles import Role
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 UNIX_SOCKET = "unixsock-stream/"
 """What the endpoint of a Unix socket begins with; its path follows."""
 KEY_ROOT = "motord"

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from motord.cli.connection_options import with_identity
 from motord.cli.console import fail, group, lost_output, outlive_readers, remark
-from motord.cli.identity import with_identity
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
@@ -18,16 +18,16 @@ COMMANDS = {
     "emulate": "motord.cli.emulate:emulate",
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
-    "status": "motord.cli.operate:status",
-    "watch": "motord.cli.operate:watch",
-    "events": "motord.cli.operate:events",
-    "enable": "motord.cli.operate:enable",
-    "disable": "motord.cli.operate:disable",
-    "stop": "motord.cli.operate:stop",
-    "reset": "motord.cli.operate:reset",
-    "set": "motord.cli.operate:set_",
-    "plan": "motord.cli.plan:app",
-    "learn": "motord.cli.learn:learn",
+    "status": "motord.cli.bench.status:status",
+    "watch": "motord.cli.bench.status:watch",
+    "events": "motord.cli.bench.status:events",
+    "enable": "motord.cli.bench.operate:enable",
+    "disable": "motord.cli.bench.operate:disable",
+    "stop": "motord.cli.bench.operate:stop",
+    "reset": "motord.cli.bench.operate:reset",
+    "set": "motord.cli.bench.operate:set_",
+    "plan": "motord.cli.plan.commands:app",
+    "learn": "motord.cli.plan.learn:learn",
     "analyse": "motord.cli.analysis_command:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",

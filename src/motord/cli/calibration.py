@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 from motord.cli.console import fail, group, print_json
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -110,13 +110,13 @@ def install(
 ) -> None:
     """Let the running daemon apply a calibration, now and after a restart."""
     from motord.calibration import load
-    from motord.cli.command import in_command
+    from motord.cli.bench.lease_session import in_command
 
     with _explained():
         calibration = load(file)
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
+    with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc(
-            "calibration/install", token=command.token, calibration=calibration.to_json()
+            "calibration/install", token=session.token, calibration=calibration.to_json()
         )
     say(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
 

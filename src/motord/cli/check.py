@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from motord.cli.console import fail, print_json
@@ -103,6 +102,8 @@ def _probe(what: str, probe: Callable[[], str]) -> Finding:
 
 def _probe_rig(bench: "Config") -> str:
     import time
+
+    import numpy as np
 
     from motord.control.types import FEEDBACK
     from motord.hal.registry import make_rig

@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import TextColumn
+    from rich.progress import Progress, ProgressColumn, TextColumn
 
 _GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
 """What a write says when nobody reads any more: a closed pipe, a closed terminal."""
@@ -70,6 +70,17 @@ def text_column(text: str) -> "TextColumn":
     from rich.progress import TextColumn
 
     return TextColumn(text, markup=False)
+
+
+def progress_bar(
+    *columns: "ProgressColumn", silent: bool = False, stderr: bool = False, transient: bool = False
+) -> "Progress":
+    """Return a progress bar; where there is no terminal, or if it is `silent`, it shows nothing."""
+    from rich.progress import Progress
+
+    console = plain_console(stderr=stderr)
+    quiet = silent or not console.is_terminal
+    return Progress(*columns, console=console, transient=transient, disable=quiet)
 
 
 class _Descriptor(io.RawIOBase):

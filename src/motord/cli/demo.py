@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.demo import Demo
@@ -37,12 +37,12 @@ def demo(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
     from motord.demo import STAGES, run_demo, write_report
 
     columns = text_column("{task.description:<28}"), BarColumn(), TimeRemainingColumn()
-    with Progress(*columns, disable=silent) as bars:
+    with progress_bar(*columns, silent=silent) as bars:
         tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
 
         def progress(stage: str, fraction: float) -> None:

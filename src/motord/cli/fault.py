@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.console import fail, group, print_json
-from motord.cli.settings import value_of
+from motord.cli.plan.settings import value_of
 
 app = group("Inject faults into an emulated bench.")
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -81,14 +81,12 @@ def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
 
 
 def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
-    from rich.progress import BarColumn, Progress
+    from rich.progress import BarColumn
 
     from motord.loop.latency.measurement import measure
 
-    console = plain_console(stderr=True)
-    quiet = silent or not console.is_terminal
     columns = text_column("{task.description}"), BarColumn()
-    with Progress(*columns, console=console, transient=True, disable=quiet) as bars:
+    with progress_bar(*columns, silent=silent, stderr=True, transient=True) as bars:
         task = bars.add_task("starting the loop", total=1.0)
 
         def progress(measured: "Measured") -> None:
@@ -101,7 +99,6 @@ def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
 
 
 def _print(found: "LatencyReport") -> None:
-
     console = plain_console()
     policy = f"SCHED_FIFO {found.priority}" if found.priority else "normal priority"
     console.print(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.reproduce import Found
@@ -45,12 +45,12 @@ def reproduce(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Found":
-    from rich.progress import BarColumn, Progress, TimeElapsedColumn
+    from rich.progress import BarColumn, TimeElapsedColumn
 
     from motord.reproduce import STAGES, reproduce
 
     columns = text_column("{task.description:<18}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, disable=silent) as bars:
+    with progress_bar(*columns, silent=silent) as bars:
         tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
 
         def progress(stage: str, fraction: float) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from motord import DEFAULT_ENDPOINT
 from motord.cli.console import fail, group, print_json
 from motord.security.error import SecurityError
 from motord.security.roles import Role
@@ -64,7 +65,7 @@ def _section(folder: Path) -> str:
     return f"""\
 # in the bench file:
 [zenoh]
-listen = ["tcp/127.0.0.1:7447", "{LISTEN}"]
+listen = ["{DEFAULT_ENDPOINT}", "{LISTEN}"]
 
 [zenoh.tls]
 {files}"""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json, text_column
+from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -79,7 +79,7 @@ def simulate(
 
 
 def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":
-    from motord.cli.settings import parse_settings
+    from motord.cli.plan.settings import parse_settings
     from motord.experiments.plans import build
 
     own = getattr(source.config.plans, name.replace("-", "_"), None)
@@ -104,14 +104,14 @@ def _record(
     *,
     silent: bool,
 ) -> dict[str, Any]:
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
     from motord.simulate import record_plan
     from motord.virtual.mesh import processors
 
     began_s = time.monotonic()
     columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
-    with Progress(*columns, disable=silent) as bars, processors() as pool:
+    with progress_bar(*columns, silent=silent) as bars, processors() as pool:
         task = bars.add_task(plan.name, total=1.0)
         bench_s = record_plan(
             source, plan, path, seed, calibration, pool, lambda f: bars.update(task, completed=f)

@@ -9,7 +9,8 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import zenoh
 
-from motord.api.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
+from motord import DEFAULT_ENDPOINT
+from motord.api.endpoints import KEY_ROOT, client_config, key
 from motord.api.errors import RpcError
 from motord.api.messages import BenchState, Event, PlanView
 from motord.api.requests import REQUESTS, check_size

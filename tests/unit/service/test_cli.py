@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from motord import config
 from motord.cli import app
-from motord.cli.observe import sensor_in_words
-from motord.cli.settings import parse_settings
-from motord.cli.shared_token import folder, shared
+from motord.cli.bench.shared_token import folder, shared
+from motord.cli.bench.status import sensor_in_words
+from motord.cli.plan.settings import parse_settings
 from motord.client import Subscription, connect
 from motord.schema import State, Trip
 from tests.unit.service.live_service import endpoint, live_service

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.importing import Imported
@@ -50,12 +50,10 @@ def import_recording(
 @contextmanager
 def _progress(silent: bool) -> "Iterator[Progress]":
     """Give a function that shows the share of the work done, and when it will be, after a while."""
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
-    bar = Progress(
-        text_column("importing"), BarColumn(), TimeRemainingColumn(),
-        console=plain_console(stderr=True), transient=True, disable=silent,
-    )  # fmt: skip
+    columns = text_column("importing"), BarColumn(), TimeRemainingColumn()
+    bar = progress_bar(*columns, silent=silent, stderr=True, transient=True)
     task = bar.add_task("import", total=1.0)
     began_s = time.monotonic()
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.analysis_command import Output, Report, errors_in_one_line, print_files, print_text
-from motord.cli.command import in_command
+from motord.cli.bench.lease_session import in_command
+from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon
 from motord.cli.console import fail, print_json
-from motord.cli.plan import follow
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon
-from motord.cli.settings import settings_of
+from motord.cli.plan.commands import follow
+from motord.cli.plan.settings import settings_of
 from motord.experiments.ilc.command import Gain, HighestOrder, summary, text
 
 if TYPE_CHECKING:
@@ -58,20 +58,20 @@ def learn(
     learning = Learning(gain=gain, highest_order=highest_order)
     with (
         daemon(bench, connect) as client,
-        in_command(client, force=force) as command,
+        in_command(client, force=force) as session,
         errors_in_one_line(),
     ):
         calibration = _in_force(client)
         chosen = settings_of(client, "learn", settings or [])
         if again:
             calibration = reopen(calibration, datetime.now(UTC), learning)
-            _install(client, command.token, calibration)
+            _install(client, session.token, calibration)
         for number in range(1, passes + 1):
-            done = _pass(client, command.token, chosen, calibration, learning, quiet=as_json)
+            done = _pass(client, session.token, chosen, calibration, learning, quiet=as_json)
             if number == passes:
                 done = finish(done, datetime.now(UTC))
             calibration = done.calibration
-            _install(client, command.token, calibration)
+            _install(client, session.token, calibration)
             if not as_json:
                 typer.echo(f"pass {number}: {summary(done)}")
             if done.finished:

@@ -2,20 +2,17 @@
 
 import json
 import shlex
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.command import in_command
-from motord.cli.console import fail, group, text_column
-from motord.cli.preflight import LIMIT_S, as_dict, in_words, predict, warning
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
-from motord.cli.settings import settings_of
+from motord.cli.bench.lease_session import in_command
+from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+from motord.cli.console import fail, group, progress_bar, text_column
+from motord.cli.plan.preflight import LIMIT_S, as_dict, in_words, predict, warning
+from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from motord.api.messages import PlanView
     from motord.client import Client, Subscription
 
@@ -75,14 +72,14 @@ def start(
         if dry_run:
             _dry_run(client, asked, limit_s, as_json)
             return
-        with in_command(client, force=force) as command, client.subscribe_plan() as progress:
+        with in_command(client, force=force) as session, client.subscribe_plan() as progress:
             answer = client.rpc(
-                "plan/start", token=command.token, detach=detach, notes=notes, **asked
+                "plan/start", token=session.token, detach=detach, notes=notes, **asked
             )
             if detach:
                 say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
-            view = follow(client, command.token, progress, quiet=as_json)
+            view = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, view)
         _say_end(view, then, as_json)
 
@@ -138,28 +135,21 @@ def follow(
     client: "Client", token: str, progress: "Subscription[PlanView]", *, quiet: bool
 ) -> "PlanView":
     """Show progress until the plan is over; the first Ctrl-C aborts it."""
-    with nullcontext(None) if quiet else _bar() as bar:
-        task = bar.add_task("", total=1.0) if bar is not None else None
+    from rich.progress import BarColumn, TimeElapsedColumn
+
+    percent, step = text_column("{task.percentage:3.0f} %"), text_column("{task.description}")
+    with progress_bar(BarColumn(), percent, TimeElapsedColumn(), step, silent=quiet) as bar:
+        task = bar.add_task("", total=1.0)
         while True:
             try:
                 view = progress.get(LOOK_S) or client.plan()
                 if view is None:
                     continue
-                if bar is not None and task is not None:
-                    bar.update(task, completed=view.fraction, description=_step(view))
+                bar.update(task, completed=view.fraction, description=_step(view))
                 if view.over:
                     return view
             except KeyboardInterrupt:
                 client.rpc("plan/abort", token=token)
-
-
-def _bar() -> "Progress":
-    from rich.progress import BarColumn, Progress, TimeElapsedColumn
-
-    return Progress(
-        BarColumn(), text_column("{task.percentage:3.0f} %"), TimeElapsedColumn(),
-        text_column("{task.description}"),
-    )  # fmt: skip
 
 
 def _step(view: "PlanView") -> str:
@@ -184,7 +174,10 @@ def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = F
 
 @app.command()
 def pause(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ramp to zero and wait; the point under way is taken again after `resume`."""
     _steer("plan/pause", bench, connect, force=force, as_json=as_json)
@@ -207,35 +200,41 @@ def resume(
     with daemon(bench, connect) as client:
         view = client.plan()
         under_way = view is not None and not view.over
-        with in_command(client, force=force) as command, client.subscribe_plan() as progress:
-            answer = client.rpc("plan/resume", token=command.token, detach=detach)
+        with in_command(client, force=force) as session, client.subscribe_plan() as progress:
+            answer = client.rpc("plan/resume", token=session.token, detach=detach)
             if under_way or detach or answer["state"] == "done":
                 say(answer, f"{answer['plan']}: {answer['state']}", as_json)
                 return
-            end = follow(client, command.token, progress, quiet=as_json)
+            end = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, end)
         _say_end(end, then, as_json)
 
 
 @app.command()
 def discard(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc("plan/discard", token=command.token)
+    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+        answer = client.rpc("plan/discard", token=session.token)
         say(answer, f"{answer['plan']}: discarded", as_json)
 
 
 @app.command()
 def abort(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ramp down, disable, end the plan."""
     _steer("plan/abort", bench, connect, force=force, as_json=as_json)
 
 
 def _steer(rpc: str, bench: str | None, connect: str, *, force: bool, as_json: bool) -> None:
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc(rpc, token=command.token)
+    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+        answer = client.rpc(rpc, token=session.token)
         say(answer, f"{answer['plan']}: {answer['state']}", as_json)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.console import fail, group, print_json
-from motord.cli.importing import import_recording
+from motord.cli.record.importing import import_recording
 
 app = group("Look into recordings, export them, import others.")
 app.command("import")(import_recording)

@@ -12,9 +12,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from motord.cli.bench.interruption import interrupted_once
+from motord.cli.bench.shared_token import shared, tokens
 from motord.cli.console import fail, remark
-from motord.cli.interruption import interrupted_once
-from motord.cli.shared_token import shared, tokens
 from motord.shm.run_directory import RunDirError
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, daemon
 from motord.cli.console import nobody_reads, plain_console, print_line
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, daemon
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -36,7 +36,10 @@ def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = F
 
 
 def watch(
-    bench: Bench = None, connect: Connect = ENDPOINT, for_s: ForS = None, as_json: AsJson = False
+    bench: Bench = None,
+    connect: Connect = ENDPOINT,
+    for_s: ForS = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show the state as it changes, until Ctrl-C; with --json one line each."""
     from rich.live import Live
