@@ -14,9 +14,9 @@ from typer.core import TyperGroup
 
 from motord.atomic_write import write_whole
 from motord.cli.console import fail, group, plain_console, print_json
-from motord.config.experiments import AnalysisKind, analysis_kinds
 
 if TYPE_CHECKING:
+    from motord.config.experiments import AnalysisKind
     from motord.experiments.analysis import Analysis
     from motord.report.text import Table
 
@@ -36,16 +36,22 @@ BenchFile = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
+def _kinds() -> "dict[str, AnalysisKind]":
+    from motord.config.experiments import analysis_kinds
+
+    return analysis_kinds()
+
+
 class _Analyses(TyperGroup):
     """Imports an analysis only when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in the order of the registry."""
-        return list(analysis_kinds())
+        return list(_kinds())
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command, or None if there is none of that name."""
-        for kind in analysis_kinds().values():
+        for kind in _kinds().values():
             if cmd_name in (kind.name, *kind.aliases):
                 alone = group("")
                 alone.command(cmd_name)(_command(kind))
@@ -57,7 +63,7 @@ class _Analyses(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the names with their summaries, which import nothing."""
         with formatter.section("Commands"):
-            formatter.write_dl([(kind.name, kind.summary) for kind in analysis_kinds().values()])
+            formatter.write_dl([(kind.name, kind.summary) for kind in _kinds().values()])
 
 
 app = group("Identify, verify, report.", _Analyses)
@@ -67,7 +73,7 @@ app = group("Identify, verify, report.", _Analyses)
 def _root() -> None: ...
 
 
-def _command(kind: AnalysisKind) -> Callable[..., None]:
+def _command(kind: "AnalysisKind") -> Callable[..., None]:
     """Return the command's function, with the options that all share and the estimate's own."""
     analysis: Analysis[Any] = resolve_name(kind.command)
     own = list(inspect.signature(analysis.estimate).parameters.values())[1:]

@@ -12,7 +12,6 @@ from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Forc
 from motord.cli.console import fail, print_json
 from motord.cli.plan.commands import follow
 from motord.cli.plan.settings import settings_of
-from motord.experiments.ilc.command import Gain, HighestOrder, summary, text
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -32,8 +31,12 @@ def learn(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the plan `learn`."),
     ] = None,
-    gain: Gain = 0.7,
-    highest_order: HighestOrder = 256,
+    gain: Annotated[
+        float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
+    ] = 0.7,
+    highest_order: Annotated[
+        int, typer.Option(min=1, help="Highest order to learn, as far as the loop's rate allows.")
+    ] = 256,
     again: Annotated[
         bool, typer.Option("--again", help="Learn on at points that had settled before.")
     ] = False,
@@ -52,6 +55,7 @@ def learn(
     from datetime import UTC, datetime
 
     from motord.experiments.ilc.analysis import finish, learn_report, reopen
+    from motord.experiments.ilc.command import summary, text
     from motord.experiments.ilc.estimate import Learning
     from motord.experiments.ilc.report import page
 
