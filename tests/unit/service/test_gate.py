@@ -72,7 +72,7 @@ class Opened:
         self.thread = threading.Thread(target=self._keep)
 
     def _keep(self):
-        reads, speaker = AuditLog({}), process.Reporter(self.out)
+        reads, speaker = AuditLog({}), process.AuditReporter(self.out)
         self.changed = process._keep_unchanged(self.config, self.tls, reads, speaker)
 
     def __enter__(self):

@@ -40,7 +40,7 @@ LOOK_S = 1.0
 Signature = tuple[tuple[int, int, int], ...]
 
 
-class Reporter:
+class AuditReporter:
     """Writes lines of JSON for the supervisor, from any thread; never waits for it."""
 
     def __init__(self, out: LineWriter) -> None:
@@ -78,7 +78,7 @@ def take_over_stdout() -> tuple[IO[str], IO[bytes]]:
     return os.fdopen(reader, errors="replace"), out
 
 
-def listen_to(log: IO[str], audit: AuditLog, reporter: Reporter) -> None:
+def listen_to(log: IO[str], audit: AuditLog, reporter: AuditReporter) -> None:
     """Pass on what Zenoh's log says about refusals, until it ends."""
     for line in log:
         refused = audit.read(line)
@@ -86,7 +86,7 @@ def listen_to(log: IO[str], audit: AuditLog, reporter: Reporter) -> None:
             reporter.report(refused.message, **refused.data)
 
 
-def report_link(event: zenoh.LinkEvent, audit: AuditLog, reporter: Reporter) -> None:
+def report_link(event: zenoh.LinkEvent, audit: AuditLog, reporter: AuditReporter) -> None:
     """Report who connects and who has gone."""
     link = event.link
     if not link.src.startswith("tls/"):
@@ -136,7 +136,7 @@ def _until_changed_or_ended(
             return True
 
 
-def keep(config: Config, reporter: Reporter, log: IO[str]) -> None:
+def keep(config: Config, reporter: AuditReporter, log: IO[str]) -> None:
     """Let clients in until stdin ends. Raises SecurityError, zenoh.ZError."""
     assert config.zenoh.tls is not None
     audit = AuditLog({})
@@ -148,7 +148,7 @@ def keep(config: Config, reporter: Reporter, log: IO[str]) -> None:
         reporter.report("roles or certificates have changed; all must come again")
 
 
-def _keep_unchanged(config: Config, tls: TlsConfig, audit: AuditLog, reporter: Reporter) -> bool:
+def _keep_unchanged(config: Config, tls: TlsConfig, audit: AuditLog, reporter: AuditReporter) -> bool:
     """Let clients in under the files as they are; return whether these have changed."""
     before = signature(tls)
     roles = check(tls)
@@ -181,7 +181,7 @@ def main() -> int:
     os.environ.pop("RUST_LOG", None)
     log, out = take_over_stdout()
     os.set_blocking(out.fileno(), False)
-    reporter = Reporter(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
+    reporter = AuditReporter(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
     try:
         keep(config_file.load(path), reporter, log)
     except (ConfigError, SecurityError, zenoh.ZError) as error:
