@@ -6,10 +6,9 @@ from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from motord.cli.connection_options import with_identity
-from motord.cli.console import fail, group, lost_output, outlive_readers, remark
+from motord.cli.console import CommandGroup, group, lost_output, outlive_readers, remark
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
@@ -38,7 +37,7 @@ COMMANDS = {
 """Command to `module:object`; the object is a function or a typer app."""
 
 
-class _Commands(TyperGroup):
+class _Commands(CommandGroup):
     """Imports a command's module only when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -62,16 +61,6 @@ class _Commands(TyperGroup):
         command = typer.main.get_command(app)
         command.name = cmd_name
         return command
-
-    def invoke(self, ctx: Any) -> Any:
-        """Carry out a command; what it meets that is no error of the program is one line."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            fail("interrupted")
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            fail(f"{where}{error.strerror or error}")
 
 
 app = typer.Typer(

@@ -2,18 +2,16 @@
 
 import inspect
 import json
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from inspect import Parameter, Signature
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from motord.atomic_write import write_whole
-from motord.cli.console import fail, group, plain_console, print_json
+from motord.cli.console import CommandGroup, group, plain_console, print_json
 
 if TYPE_CHECKING:
     from motord.config.experiments import AnalysisKind
@@ -42,7 +40,7 @@ def _kinds() -> "dict[str, AnalysisKind]":
     return analysis_kinds()
 
 
-class _Analyses(TyperGroup):
+class _Analyses(CommandGroup):
     """Imports an analysis only when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -119,16 +117,15 @@ def _run(
     from motord.experiments.subject import Recordings
 
     output, report = given["output"], given["report"]
-    with errors_in_one_line():
-        recordings = Recordings.open(paths, config)
-        result = analysis.estimate(recordings, **options)
-        if output and analysis.save:
-            analysis.save(result, output)
-        elif output:
-            text = json.dumps(analysis.json(result, recordings), indent=analysis.indent)
-            write_whole(output, text + "\n")
-        if report:
-            analysis.report(result, recordings).write(report)
+    recordings = Recordings.open(paths, config)
+    result = analysis.estimate(recordings, **options)
+    if output and analysis.save:
+        analysis.save(result, output)
+    elif output:
+        text = json.dumps(analysis.json(result, recordings), indent=analysis.indent)
+        write_whole(output, text + "\n")
+    if report:
+        analysis.report(result, recordings).write(report)
     if given["as_json"]:
         print_json(analysis.json(result, recordings))
         return
@@ -158,20 +155,3 @@ def print_text(parts: "Iterable[str | Table]") -> None:
         for row in part.rows:
             table.add_row(*row)
         console.print(table)
-
-
-@contextmanager
-def errors_in_one_line() -> Iterator[None]:
-    """Turn what can be wrong with the files or the data into one line on stderr."""
-    from motord.calibration import CalibrationError
-    from motord.config import ConfigError
-    from motord.experiments.subject import AnalysisError
-    from motord.identification import IdentifyError
-    from motord.recording.errors import RecordError
-
-    try:
-        yield
-    except (AnalysisError, CalibrationError, ConfigError, IdentifyError, RecordError) as error:
-        fail(str(error))
-    except OSError as error:
-        fail(f"{error.filename}: {error.strerror}")

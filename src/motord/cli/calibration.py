@@ -1,13 +1,19 @@
 """`motord calibration`: calibration files, and which of them the daemon applies."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+from motord.cli.connection_options import (
+    ENDPOINT,
+    AsJson,
+    Bench,
+    Connect,
+    Force,
+    daemon,
+    print_answer,
+)
 from motord.cli.console import fail, group, print_json
 
 if TYPE_CHECKING:
@@ -35,8 +41,7 @@ def show(
         if view is None:
             fail("no calibration is in force; name a file, or install one")
         file = Path(view.path)
-    with _explained():
-        calibration = load(file)
+    calibration = load(file)
     if as_json:
         print_json(calibration.to_json())
     else:
@@ -59,7 +64,7 @@ def list_(
         with daemon(bench, connect) as client:
             view = client.state().calibration
         if view is None:
-            say([], "no calibration is in force", as_json)
+            print_answer([], "no calibration is in force", as_json)
             return
         directory, in_force = Path(view.path).parent, view.id
     rows = _rows(directory, in_force)
@@ -112,23 +117,12 @@ def install(
     from motord.calibration import load
     from motord.cli.bench.lease_session import in_command
 
-    with _explained():
-        calibration = load(file)
+    calibration = load(file)
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc(
             "calibration/install", token=session.token, calibration=calibration.to_json()
         )
-    say(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
-
-
-@contextmanager
-def _explained() -> Iterator[None]:
-    from motord.calibration import CalibrationError
-
-    try:
-        yield
-    except CalibrationError as error:
-        fail(str(error))
+    print_answer(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
 
 
 def _lines(c: "Calibration") -> list[str]:

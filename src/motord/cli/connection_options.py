@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord import DEFAULT_ENDPOINT
-from motord.cli.console import fail
 
 if TYPE_CHECKING:
     from motord.client import Client
@@ -41,7 +40,7 @@ Force = Annotated[
 
 ENDPOINT = DEFAULT_ENDPOINT
 
-shown: ContextVar[Path | None] = ContextVar("shown", default=None)
+given_identity: ContextVar[Path | None] = ContextVar("given_identity", default=None)
 """The identity that this command shows when it connects."""
 
 Identity = Annotated[
@@ -63,7 +62,7 @@ def with_identity(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def run(*arguments: Any, identity: Path | None = None, **named: Any) -> Any:
-        shown.set(identity)
+        given_identity.set(identity)
         return command(*arguments, **named)
 
     option = inspect.Parameter(
@@ -77,16 +76,13 @@ def with_identity(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @contextmanager
 def daemon(bench: str | None, endpoint: str) -> "Iterator[Client]":
-    """Connect to a daemon with the identity of this command; a refusal ends it with one line."""
-    from motord.client import ClientError, connect
+    """Connect to a daemon with the identity of this command. Raises ClientError."""
+    from motord.client import connect
 
-    try:
-        with connect(bench, endpoint, shown.get()) as client:
-            yield client
-    except ClientError as error:
-        fail(str(error))
+    with connect(bench, endpoint, given_identity.get()) as client:
+        yield client
 
 
-def say(answer: Any, words: str, as_json: bool) -> None:
-    """Print an answer, as JSON or in words."""
-    typer.echo(json.dumps(answer) if as_json else words)
+def print_answer(answer: Any, text: str, as_json: bool) -> None:
+    """Print an answer, as JSON or as text."""
+    typer.echo(json.dumps(answer) if as_json else text)

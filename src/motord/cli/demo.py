@@ -20,14 +20,8 @@ def demo(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
-    from motord.identification import IdentifyError
-    from motord.recording.errors import RecordError
-    from motord.virtual.plan import PlanFailed
-
     try:
         found = _run(out, seed, quick, silent=json)
-    except (IdentifyError, PlanFailed, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if json:

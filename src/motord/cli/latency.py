@@ -45,20 +45,13 @@ def latency(
     Time that the host of a virtual machine steals is told apart: figures are over slices of a
     quarter of a second in which the processor's steal counter did not move, and over the others.
     """
-    from motord.config import ConfigError
-    from motord.loop.latency.error import LatencyError
     from motord.loop.latency.measurement import MeasurementPlan
     from motord.loop.latency.report import report
 
     if plot is not None and not plot.absolute().parent.is_dir():
         fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
     limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S
-    try:
-        measured = _measure(
-            MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json
-        )
-    except (ConfigError, LatencyError) as error:
-        fail(str(error))
+    measured = _measure(MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json)
     found = report(measured)
     if plot is not None:
         _draw(measured, plot)

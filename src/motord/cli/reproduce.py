@@ -20,20 +20,13 @@ def reproduce(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
-    from motord.experiments.subject import AnalysisError
-    from motord.identification import IdentifyError
-    from motord.recording.errors import RecordError
     from motord.reproduce import write_page
-    from motord.sequencing import PlanError
-    from motord.virtual.plan import PlanFailed
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
     try:
         found = _run(out, seed, quick, silent=as_json)
         page = write_page(out, found)
-    except (AnalysisError, IdentifyError, PlanError, PlanFailed, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if as_json:

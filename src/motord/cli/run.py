@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail
-
 if TYPE_CHECKING:
     from motord.config import Config
 
@@ -26,7 +24,6 @@ def run(
 ) -> None:
     """Run a bench until SIGTERM or Ctrl-C; it starts OFF and ends ramped down and disabled."""
     from motord.config import packaged
-    from motord.service.daemon import EXPLAINED
     from motord.service.daemon import run as run_daemon
 
     def say_ready(bench: "Config") -> None:
@@ -34,7 +31,4 @@ def run(
         where = ", ".join(bench.zenoh.listen)
         typer.echo(json.dumps(ready) if as_json else f"ready: bench {bench.bench.name} at {where}")
 
-    try:
-        run_daemon(config or packaged("sim.toml"), say_ready)
-    except EXPLAINED as error:
-        fail(str(error))
+    run_daemon(config or packaged("sim.toml"), say_ready)

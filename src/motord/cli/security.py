@@ -9,7 +9,6 @@ import typer
 
 from motord import DEFAULT_ENDPOINT
 from motord.cli.console import fail, group, print_json
-from motord.security.error import SecurityError
 from motord.security.roles import Role
 
 app = group("Let other machines reach a bench: certificates and roles.")
@@ -23,11 +22,10 @@ Days = Annotated[int, typer.Option(min=1, max=3650, help="How long it is good.")
 
 
 @contextmanager
-def _explained() -> Iterator[None]:
+def _with_cryptography() -> Iterator[None]:
+    """Say in one line what is missing if the package cryptography is."""
     try:
         yield
-    except SecurityError as error:
-        fail(str(error))
     except ModuleNotFoundError as error:
         if error.name != "cryptography":
             raise
@@ -44,7 +42,7 @@ def init(
     days: Days = 730,
 ) -> None:
     """Make an authority, the daemon's certificate and an empty roles file; overwrite nothing."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority
 
         authority.init(folder, host or [], days)
@@ -79,7 +77,7 @@ def add(
     days: Days = 730,
 ) -> None:
     """Make the certificate of a client and give it a role."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority
 
         own = authority.add(folder, name, role, days)
@@ -93,7 +91,7 @@ def list_(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List who has which role, and until when the certificates are good."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority, roles
 
         given = roles.read(folder / authority.ROLES)
@@ -118,7 +116,7 @@ def list_(
 @app.command()
 def remove(name: str, folder: In = Path()) -> None:
     """Take the role of a client away: it may do nothing more, within seconds."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority
 
         authority.remove(folder, name)

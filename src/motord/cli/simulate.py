@@ -46,12 +46,8 @@ def simulate(
     Shows what a plan will do on this bench before it is run there, and makes recordings to try
     analyses on. The recording holds the truth of the simulation beside the ticks.
     """
-    from motord.calibration import CalibrationError, load
-    from motord.config import ConfigError
-    from motord.recording.errors import RecordError
-    from motord.sequencing import PlanError
+    from motord.calibration import load
     from motord.simulate import PlanSource
-    from motord.virtual.plan import PlanFailed
 
     path = output or Path(f"{name}.mcap")
     if path.exists():
@@ -65,8 +61,6 @@ def simulate(
         _need_calibration(plan, applied)
         chosen = source.config.bench.seed if seed is None else seed
         result = _record(source, plan, path, chosen, applied, silent=as_json)
-    except (CalibrationError, ConfigError, PlanError, PlanFailed, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or path}: {error.strerror}")
     if as_json:

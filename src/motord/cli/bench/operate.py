@@ -9,7 +9,15 @@ import typer
 
 from motord.cli.bench.lease_session import announce, hold, in_command
 from motord.cli.bench.set_report import set_in_words, show_reached
-from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+from motord.cli.connection_options import (
+    ENDPOINT,
+    AsJson,
+    Bench,
+    Connect,
+    Force,
+    daemon,
+    print_answer,
+)
 
 ForS = Annotated[
     float | None,
@@ -41,7 +49,7 @@ def enable(
     """
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc("enable", token=session.token)
-        say(answer, answer["state"], as_json)
+        print_answer(answer, answer["state"], as_json)
         if session.lease is not None:
             if not as_json:
                 announce(answer["state"], for_s)
@@ -57,7 +65,7 @@ def disable(
     """Ramp the torque to zero, then disable; ends a plan."""
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc("disable", token=session.token)
-        say(answer, answer["state"], as_json)
+        print_answer(answer, answer["state"], as_json)
 
 
 def stop(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
@@ -66,7 +74,7 @@ def stop(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = Fal
 
     with daemon(bench, connect) as client:
         answer = client.rpc("stop", by=operator())
-        say(answer, answer["state"], as_json)
+        print_answer(answer, answer["state"], as_json)
 
 
 def reset(
@@ -78,7 +86,7 @@ def reset(
     """Leave a trip whose cause is gone; start the loop again if it has ended."""
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc("reset", token=session.token)
-        say(answer, answer["state"], as_json)
+        print_answer(answer, answer["state"], as_json)
 
 
 def set_(
@@ -124,7 +132,7 @@ def set_(
         raise typer.BadParameter("nothing to set: give at least one of the options above")
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc("set", token=session.token, enable=enable_first, **asked)
-        say(answer, set_in_words(answer), as_json)
+        print_answer(answer, set_in_words(answer), as_json)
         begun_s = time.monotonic()
         lease = None if asked.keys() == {"compensate"} else session.lease
         with suppress(KeyboardInterrupt):

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.bench.lease_session import in_command
-from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
+from motord.cli.connection_options import (
+    ENDPOINT,
+    AsJson,
+    Bench,
+    Connect,
+    Force,
+    daemon,
+    print_answer,
+)
 from motord.cli.console import fail, group, progress_bar, text_column
 from motord.cli.plan.preflight import LIMIT_S, as_dict, in_words, predict, warning
 from motord.cli.plan.settings import settings_of
@@ -26,7 +34,7 @@ def list_(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = Fa
     """Show the plans and the settings that they start with."""
     with daemon(bench, connect) as client:
         answer = client.rpc("plan/list")
-        say(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
+        print_answer(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
 
 
 def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
@@ -77,7 +85,7 @@ def start(
                 "plan/start", token=session.token, detach=detach, notes=notes, **asked
             )
             if detach:
-                say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
+                print_answer(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
             view = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, view)
@@ -85,7 +93,7 @@ def start(
 
 
 def _say_end(view: "PlanView", then: str, as_json: bool) -> None:
-    say(view.model_dump(mode="json"), _end_line(view) + then, as_json)
+    print_answer(view.model_dump(mode="json"), _end_line(view) + then, as_json)
     if view.state != "done":
         fail(f"{view.plan} {view.state}: {view.message}")
 
@@ -97,7 +105,7 @@ def _dry_run(client: "Client", asked: dict[str, Any], limit_s: float, as_json: b
     found = predict(client, name, settings, limit_s) if limit_s else []
     outline["forecast"] = [as_dict(each) for each in found]
     words = {each.point.index: in_words(each) for each in found}
-    say(outline, "\n".join(_outline_lines(outline, words)), as_json)
+    print_answer(outline, "\n".join(_outline_lines(outline, words)), as_json)
     if said := warning(found, name):
         fail(said)
 
@@ -165,11 +173,11 @@ def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = F
     with daemon(bench, connect) as client:
         view = client.plan()
         if view is None:
-            say(None, "no plan has run since the daemon started", as_json)
+            print_answer(None, "no plan has run since the daemon started", as_json)
             return
         words = f"{view.plan} {view.state}, {100 * view.fraction:.0f} %, {_step(view)}"
         message = f": {view.message}" if view.message else ""
-        say(view.model_dump(mode="json"), words + message + _then(client, view), as_json)
+        print_answer(view.model_dump(mode="json"), words + message + _then(client, view), as_json)
 
 
 @app.command()
@@ -203,7 +211,7 @@ def resume(
         with in_command(client, force=force) as session, client.subscribe_plan() as progress:
             answer = client.rpc("plan/resume", token=session.token, detach=detach)
             if under_way or detach or answer["state"] == "done":
-                say(answer, f"{answer['plan']}: {answer['state']}", as_json)
+                print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)
                 return
             end = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, end)
@@ -220,7 +228,7 @@ def discard(
     """Forget a plan that was interrupted; its recordings stay."""
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc("plan/discard", token=session.token)
-        say(answer, f"{answer['plan']}: discarded", as_json)
+        print_answer(answer, f"{answer['plan']}: discarded", as_json)
 
 
 @app.command()
@@ -237,4 +245,4 @@ def abort(
 def _steer(rpc: str, bench: str | None, connect: str, *, force: bool, as_json: bool) -> None:
     with daemon(bench, connect) as client, in_command(client, force=force) as session:
         answer = client.rpc(rpc, token=session.token)
-        say(answer, f"{answer['plan']}: {answer['state']}", as_json)
+        print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)

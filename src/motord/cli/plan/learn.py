@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.analysis_command import Output, Report, errors_in_one_line, print_files, print_text
+from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
 from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon
 from motord.cli.console import fail, print_json
@@ -63,7 +63,6 @@ def learn(
     with (
         daemon(bench, connect) as client,
         in_command(client, force=force) as session,
-        errors_in_one_line(),
     ):
         calibration = _in_force(client)
         chosen = settings_of(client, "learn", settings or [])

@@ -30,15 +30,11 @@ def import_recording(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Make a run of a recording from elsewhere; every `analyse` works on it."""
-    from motord.config import ConfigError
     from motord.importing import import_run
-    from motord.recording.errors import RecordError
 
     try:
         with _progress(silent=as_json) as progress:
             done = import_run(file, map_file, output, strict=strict, progress=progress)
-    except (ConfigError, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or output}: {error.strerror}")
     if as_json:

@@ -148,7 +148,9 @@ def keep(config: Config, reporter: AuditReporter, log: IO[str]) -> None:
         reporter.report("roles or certificates have changed; all must come again")
 
 
-def _keep_unchanged(config: Config, tls: TlsConfig, audit: AuditLog, reporter: AuditReporter) -> bool:
+def _keep_unchanged(
+    config: Config, tls: TlsConfig, audit: AuditLog, reporter: AuditReporter
+) -> bool:
     """Let clients in under the files as they are; return whether these have changed."""
     before = signature(tls)
     roles = check(tls)
