@@ -19,7 +19,6 @@ from motord.service.bench.loop_link import LoopLink
 from motord.service.bench.recording import RecordingControl
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
 from motord.service.gateway.link import GatewayLink
-from motord.service.host import scheduling
 from motord.service.host.children import Children
 from motord.service.host.descriptors import DescriptorReserve
 from motord.service.host.events import EventLog
@@ -74,6 +73,7 @@ def build(
     loop = LoopLink(children, run_dir)
     store = CalibrationStore(config, state_dir)
     tables = TablesWriter(run_dir.tables, config.motor.counts)
+
     recording = RecordingControl(
         *(config, toml, children, events, clock.now_ns, run_dir.timing),
         calibration_id=store.current_id,
@@ -89,16 +89,22 @@ def build(
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     bench = Bench(config, mailbox, slow_devices(config, events), events, sink)
     bench.watch.on_trip = boxes.trip
+
     tables.write(*parameters.build(config, installed_calibration(store, bench)))
     show_interrupted_plan(journal, resumption, bench)
+
     guard = Guard(events, bench.erred, lambda: bench.setpoint.request(Request.STOP))
     telemetry = Telemetry(
         lambda name, payload: api.put(name, payload),
         *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),
     )
-    state = state_view(bench, store, children, recording, loop, guard, telemetry, clock)
-    publisher = Publisher(bench, state, telemetry)
+    state = StateView(
+        *(bench, store, children, recording, loop, guard, telemetry),
+        *(time.monotonic_ns(), clock.now_ns),
+    )
+    publisher = Publisher(state)
     events.listeners += [publisher.event, recording.event, boxes.event]
+
     handlers, slow = requests(bench, loop, resumption, recording, store, tables, toml)
     api = Api(
         *(config.bench.name, calls, slow, publisher.documents),
@@ -161,31 +167,6 @@ def show_interrupted_plan(journal: Journal, resumption: Resumption, bench: Bench
     if summary := resumption.summary():
         bench.plans.show(resumption.view())
         bench.events.emit("plan", summary)
-
-
-def state_view(
-    bench: Bench,
-    store: CalibrationStore,
-    children: Children,
-    recording: RecordingControl,
-    loop: LoopLink,
-    guard: Guard,
-    telemetry: Telemetry,
-    clock: Clock,
-) -> StateView:
-    """Return where each part of the published state comes from."""
-    return StateView(
-        bench=bench,
-        calibrations=store,
-        processes=children.views,
-        recording=recording.view,
-        realtime=lambda: {**loop.realtime(), "supervisor": scheduling.current()},
-        dropped=lambda: telemetry.dropped,
-        started_ns=time.monotonic_ns(),
-        unix_ns=clock.now_ns,
-        bridge_clock=loop.bridge_clock,
-        faults=lambda: dict(guard.faults),
-    )
 
 
 def requests(

@@ -2,6 +2,7 @@
 
 import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 from motord.api.messages import RecordingView
 from motord.api.requests import max_request_bytes
@@ -36,14 +37,15 @@ class LiveService(VirtualService):
         self.state = StateView(
             bench=self.bench,
             calibrations=store,
-            processes=dict,
-            recording=lambda: RecordingView(recording=False, path=""),
-            realtime=dict,
-            dropped=lambda: self.telemetry.dropped,
+            children=SimpleNamespace(views=dict),
+            recording=SimpleNamespace(view=lambda: RecordingView(recording=False, path="")),
+            loop=SimpleNamespace(realtime=dict, bridge_clock=lambda: None),
+            guard=SimpleNamespace(faults={}),
+            telemetry=self.telemetry,
             started_ns=self.now_ns,
             unix_ns=lambda: self.now_ns,
         )
-        self.publisher = Publisher(self.bench, self.state, self.telemetry)
+        self.publisher = Publisher(self.state)
         self.events.listeners.append(self.publisher.event)
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         self.desk = Desk(

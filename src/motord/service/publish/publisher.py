@@ -6,9 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from motord.api.messages import Event, PlanView
-from motord.service.bench.bench import Bench
 from motord.service.publish.state import StateView, change_key
-from motord.service.publish.telemetry import Telemetry
 
 STATE_NS = 100_000_000
 
@@ -16,10 +14,8 @@ STATE_NS = 100_000_000
 class Publisher:
     """Feeds the telemetry, and keeps the newest documents for any thread that asks."""
 
-    def __init__(self, bench: Bench, state: StateView, telemetry: Telemetry) -> None:
-        self._bench = bench
-        self._state = state
-        self._telemetry = telemetry
+    def __init__(self, state: StateView) -> None:
+        self._state, self._bench, self._telemetry = state, state.bench, state.telemetry
         self._state_ns = self._plan_ns = 0
         self._change_key: tuple[object, ...] = ()
         self._plan: PlanView | None = None
@@ -28,7 +24,7 @@ class Publisher:
     def step(self, block: np.ndarray, now_ns: int) -> None:
         """Publish what is due at `now_ns` (monotonic)."""
         self._telemetry.ticks(block)
-        key = change_key(self._bench, self._state.recording().path, now_ns)
+        key = change_key(self._bench, self._state.recording.view().path, now_ns)
         if key != self._change_key or now_ns - self._state_ns >= STATE_NS:
             self._change_key, self._state_ns = key, now_ns
             self._state_json = self._state.build(now_ns).to_json()

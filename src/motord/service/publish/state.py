@@ -4,39 +4,37 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
-from typing import Any
 
 from motord.api.messages import (
     BenchState,
-    ClockView,
     DeviceView,
     LeaseView,
-    ProcessView,
-    RecordingView,
     TorqueSensorView,
 )
 from motord.config import Config
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore
-
-RecordingSource = Callable[[], RecordingView]
-ProcessSource = Callable[[], dict[str, ProcessView]]
+from motord.service.bench.guard import Guard
+from motord.service.bench.loop_link import LoopLink
+from motord.service.bench.recording import RecordingControl
+from motord.service.host import scheduling
+from motord.service.host.children import Children
+from motord.service.publish.telemetry import Telemetry
 
 
 @dataclass
 class StateView:
-    """Where each part of the state comes from. Times are monotonic ns, but for `unix_ns`."""
+    """The parts that the state is made of. Times are monotonic ns, but for `unix_ns`."""
 
     bench: Bench
     calibrations: CalibrationStore
-    processes: ProcessSource
-    recording: RecordingSource
-    realtime: Callable[[], dict[str, Any]]
-    dropped: Callable[[], int]
+    children: Children
+    recording: RecordingControl
+    loop: LoopLink
+    guard: Guard
+    telemetry: Telemetry
     started_ns: int
     unix_ns: Callable[[], int]
-    bridge_clock: Callable[[], ClockView | None] = lambda: None
-    faults: Callable[[], dict[str, str]] = dict
 
     def build(self, now_ns: int) -> BenchState:
         """Return the state now."""
@@ -67,15 +65,15 @@ class StateView:
             ),
             plan=bench.plans.view,
             loop=bench.watch.loop_view(now_ns),
-            realtime=self.realtime(),
-            recording=self.recording(),
+            realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
+            recording=self.recording.view(),
             calibration=self.calibrations.view(),
             brake=device_view(bench, config, "brake", now_ns),
             drive=device_view(bench, config, "drive", now_ns),
-            bridge_clock=self.bridge_clock(),
-            processes=self.processes(),
-            faults=self.faults(),
-            telemetry_dropped=self.dropped(),
+            bridge_clock=self.loop.bridge_clock(),
+            processes=self.children.views(),
+            faults=dict(self.guard.faults),
+            telemetry_dropped=self.telemetry.dropped,
         )
 
 
