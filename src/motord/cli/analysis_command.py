@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.atomic_write import write_whole
+from motord.cli.common_options import ResultAsJson
 from motord.cli.console import CommandGroup, group, plain_console, print_json
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ BenchFile = Annotated[
         help="Bench file or motor file; without it, what the recordings say of themselves.",
     ),
 ]  # fmt: skip
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
 def _kinds() -> "dict[str, AnalysisKind]":
@@ -98,7 +98,7 @@ def _command(kind: "AnalysisKind") -> Callable[..., None]:
         Parameter("report", keyword, default=None, annotation=Report),
         *own,
         Parameter("config", keyword, default=None, annotation=BenchFile),
-        Parameter("as_json", keyword, default=False, annotation=AsJson),
+        Parameter("as_json", keyword, default=False, annotation=ResultAsJson),
     ]  # fmt: skip
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}

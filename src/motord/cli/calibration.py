@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.common_options import AsJson
 from motord.cli.connection_options import (
     ENDPOINT,
-    AsJson,
     Bench,
     Connect,
     Force,

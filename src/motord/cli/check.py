@@ -1,11 +1,11 @@
 """`motord check`: is this bench file right, do its devices answer, is there real time."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.console import fail, print_json
 
 if TYPE_CHECKING:
@@ -15,12 +15,7 @@ Finding = dict[str, Any]
 
 
 def check(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The bench; without it, the simulated one."
-        ),
-    ] = None,
+    config: BenchFile = None,
     rt: Annotated[
         bool,
         typer.Option(
@@ -28,7 +23,7 @@ def check(
             help="Say which real-time rights it would get, and what of the machine is in the way.",
         ),
     ] = (False),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check a bench file, probe each device and where recordings go; nothing is enabled or set."""
     from motord.config import load

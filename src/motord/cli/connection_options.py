@@ -33,7 +33,6 @@ Connect = Annotated[
         "or tls/HOST:7448 from another machine.",
     ),
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Force = Annotated[
     bool, typer.Option("--force", help="Take command over from whoever has it; it is logged.")
 ]

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.common_options import ResultAsJson
 from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ def demo(
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Four operating points, 8 turns.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: ResultAsJson = False,
 ) -> None:
     """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
     try:

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from motord.cli.common_options import AsJson
 from motord.cli.console import fail, group, print_json
 from motord.cli.plan.settings import value_of
 
@@ -25,7 +26,7 @@ def inject(
         float | None, typer.Option("--for-s", min=0, help="How long; else as its kind does.")
     ] = None,
     at_s: Annotated[float, typer.Option("--at-s", min=0, help="How long from now.")] = 0.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Let a fault happen to the running emulator of a bench."""
     from motord.config import load
@@ -50,7 +51,7 @@ def inject(
 
 @app.command()
 def kinds(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the kinds of faults and their parameters."""
     from motord.config.faults import KINDS

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.common_options import AsJson
 from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def latency(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the histograms into this file.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure wake-up and work of the loop on this machine, with the simulated rig.
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.common_options import ResultAsJson
 from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ def reproduce(
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rigs' noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Small meshes, to see the page.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: ResultAsJson = False,
 ) -> None:
     """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
     from motord.reproduce import write_page

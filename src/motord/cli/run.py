@@ -2,22 +2,18 @@
 
 import json
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from motord.cli.common_options import BenchFile
 
 if TYPE_CHECKING:
     from motord.config import Config
 
 
 def run(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The bench; without it, the simulated one."
-        ),
-    ] = None,
+    config: BenchFile = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one line of JSON when ready.")
     ] = False,

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from motord import DEFAULT_ENDPOINT
+from motord.cli.common_options import AsJson
 from motord.cli.console import fail, group, print_json
 from motord.security.roles import Role
 
@@ -88,7 +89,7 @@ def add(
 @app.command("list")
 def list_(
     folder: In = Path(),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List who has which role, and until when the certificates are good."""
     with _with_cryptography():

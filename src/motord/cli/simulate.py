@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.common_options import PlanSettings, ResultAsJson
 from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -29,17 +30,14 @@ def simulate(
         Path | None,
         typer.Option("--output", "-o", metavar="RUN.mcap", help="Default: the plan's name."),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
-    ] = None,
+    settings: PlanSettings = None,
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration that the loop applies.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of noise and drift; default that of the bench.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: ResultAsJson = False,
 ) -> None:
     """Run a plan on the simulated rig, much faster than real time, and record it.
 

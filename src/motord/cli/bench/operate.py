@@ -9,9 +9,9 @@ import typer
 
 from motord.cli.bench.lease_session import announce, hold, in_command
 from motord.cli.bench.set_report import set_in_words, show_reached
+from motord.cli.common_options import AsJson
 from motord.cli.connection_options import (
     ENDPOINT,
-    AsJson,
     Bench,
     Connect,
     Force,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, daemon
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import ENDPOINT, Bench, Connect, daemon
 from motord.cli.console import nobody_reads, plain_console, print_line
 
 if TYPE_CHECKING:

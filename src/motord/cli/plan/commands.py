@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.bench.lease_session import in_command
+from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import (
     ENDPOINT,
-    AsJson,
     Bench,
     Connect,
     Force,
@@ -49,10 +49,7 @@ def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
 @app.command()
 def start(
     name: Annotated[str, typer.Argument(help="The plan, as `motord plan list` names it.")],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
-    ] = None,
+    settings: PlanSettings = None,
     dry_run: Annotated[
         bool,
         typer.Option(

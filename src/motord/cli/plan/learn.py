@@ -8,7 +8,8 @@ import typer
 
 from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
-from motord.cli.connection_options import ENDPOINT, AsJson, Bench, Connect, Force, daemon
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import ENDPOINT, Bench, Connect, Force, daemon
 from motord.cli.console import fail, print_json
 from motord.cli.plan.commands import follow
 from motord.cli.plan.settings import settings_of

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from motord.cli.common_options import AsJson
 from motord.cli.console import group, print_json
 from motord.cli.record.importing import import_recording
 
@@ -15,7 +16,6 @@ app.command("import")(import_recording)
 RunFile = Annotated[
     Path, typer.Argument(metavar="RUN", help="A recording: .mcap, or .mcap.part if unfinished.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.common_options import AsJson
 from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def import_recording(
     strict: Annotated[
         bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Make a run of a recording from elsewhere; every `analyse` works on it."""
     from motord.importing import import_run
