@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.connection_options import with_identity
+from motord.cli.connection_options import with_connection
 from motord.cli.console import CommandGroup, group, lost_output, outlive_readers, remark
 
 COMMANDS = {
@@ -54,10 +54,10 @@ class _Commands(CommandGroup):
         if isinstance(found, typer.Typer):
             for registered in found.registered_commands:
                 assert registered.callback is not None
-                registered.callback = with_identity(registered.callback)
+                registered.callback = with_connection(registered.callback)
         if not isinstance(found, typer.Typer):
             app = group("")
-            app.command(cmd_name)(with_identity(found))
+            app.command(cmd_name)(with_connection(found))
         command = typer.main.get_command(app)
         command.name = cmd_name
         return command

@@ -6,14 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.connection_options import (
-    ENDPOINT,
-    Bench,
-    Connect,
-    Force,
-    daemon,
-    print_answer,
-)
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_json
 
 if TYPE_CHECKING:
@@ -28,15 +21,14 @@ def show(
         Path | None,
         typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
     ] = None,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     as_json: AsJson = False,
 ) -> None:
     """Check a calibration file, or that which the daemon applies, and show what is in it."""
     from motord.calibration import load
 
     if file is None:
-        with daemon(bench, connect) as client:
+        with connection.open() as client:
             view = client.state().calibration
         if view is None:
             fail("no calibration is in force; name a file, or install one")
@@ -54,14 +46,13 @@ def list_(
         Path | None,
         typer.Option("--dir", metavar="DIR", help="A folder with calibration files."),
     ] = None,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     as_json: AsJson = False,
 ) -> None:
     """List the calibrations that the daemon keeps, or those in a folder; * is in force."""
     in_force = ""
     if directory is None:
-        with daemon(bench, connect) as client:
+        with connection.open() as client:
             view = client.state().calibration
         if view is None:
             print_answer([], "no calibration is in force", as_json)
@@ -108,8 +99,7 @@ def _rows(directory: Path, in_force: str) -> list[dict[str, Any]]:
 @app.command()
 def install(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -118,7 +108,7 @@ def install(
     from motord.cli.bench.lease_session import in_command
 
     calibration = load(file)
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc(
             "calibration/install", token=session.token, calibration=calibration.to_json()
         )

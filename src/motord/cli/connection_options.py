@@ -1,6 +1,6 @@
 """What all commands share that talk to a daemon: options, connection, failure in one line.
 
-`--identity` is an option of every command that has `--connect`; `with_identity` adds it.
+A command has one argument `connection`; `with_connection` makes the options of it.
 """
 
 import functools
@@ -8,7 +8,7 @@ import inspect
 import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -37,11 +37,6 @@ Force = Annotated[
     bool, typer.Option("--force", help="Take command over from whoever has it; it is logged.")
 ]
 
-ENDPOINT = DEFAULT_ENDPOINT
-
-given_identity: ContextVar[Path | None] = ContextVar("given_identity", default=None)
-"""The identity that this command shows when it connects."""
-
 Identity = Annotated[
     Path | None,
     typer.Option(
@@ -53,33 +48,54 @@ Identity = Annotated[
 ]
 
 
-def with_identity(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `command` with the option `--identity` if it has `--connect`, else as it is."""
+@dataclass(frozen=True)
+class Connection:
+    """Which bench, where its daemon listens, and the identity to show there."""
+
+    bench: str | None = None
+    endpoint: str = DEFAULT_ENDPOINT
+    identity: Path | None = None
+
+    @contextmanager
+    def open(self) -> "Iterator[Client]":
+        """Connect to the daemon. Raises ClientError."""
+        from motord.client import connect
+
+        with connect(self.bench, self.endpoint, self.identity) as client:
+            yield client
+
+
+DEFAULT = Connection()
+
+_OPTIONS = {"bench": (Bench, None), "connect": (Connect, DEFAULT_ENDPOINT)}
+_LAST = {"identity": (Identity, None)}
+
+
+def with_connection(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `command` with the options that make up its argument `connection`, if it has one."""
     signature = inspect.signature(command)
-    if "connect" not in signature.parameters or "identity" in signature.parameters:
+    if "connection" not in signature.parameters:
         return command
 
     @functools.wraps(command)
-    def run(*arguments: Any, identity: Path | None = None, **named: Any) -> Any:
-        given_identity.set(identity)
-        return command(*arguments, **named)
+    def run(bench: str | None, connect: str, identity: Path | None, **named: Any) -> Any:
+        return command(**named, connection=Connection(bench, connect, identity))
 
-    option = inspect.Parameter(
-        "identity", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Identity
-    )
-    taken = [*signature.parameters.values(), option]
-    run.__signature__ = signature.replace(parameters=taken)  # type: ignore[attr-defined]
-    run.__annotations__ = {**command.__annotations__, "identity": Identity}
+    def options(wanted: dict[str, tuple[Any, Any]]) -> list[inspect.Parameter]:
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        return [
+            inspect.Parameter(name, keyword, default=default, annotation=annotation)
+            for name, (annotation, default) in wanted.items()
+        ]
+
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        own = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        parameters += options(_OPTIONS) if own.name == "connection" else [own]
+    parameters += options(_LAST)
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run
-
-
-@contextmanager
-def daemon(bench: str | None, endpoint: str) -> "Iterator[Client]":
-    """Connect to a daemon with the identity of this command. Raises ClientError."""
-    from motord.client import connect
-
-    with connect(bench, endpoint, given_identity.get()) as client:
-        yield client
 
 
 def print_answer(answer: Any, text: str, as_json: bool) -> None:

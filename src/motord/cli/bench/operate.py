@@ -10,14 +10,7 @@ import typer
 from motord.cli.bench.lease_session import announce, hold, in_command
 from motord.cli.bench.set_report import set_in_words, show_reached
 from motord.cli.common_options import AsJson
-from motord.cli.connection_options import (
-    ENDPOINT,
-    Bench,
-    Connect,
-    Force,
-    daemon,
-    print_answer,
-)
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 
 ForS = Annotated[
     float | None,
@@ -36,8 +29,7 @@ class CompensateOption(StrEnum):
 
 
 def enable(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     for_s: ForS = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -47,7 +39,7 @@ def enable(
     While it runs, `motord set` in another terminal sets torque and speed. When it ends, the bench
     ramps down and is disabled.
     """
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc("enable", token=session.token)
         print_answer(answer, answer["state"], as_json)
         if session.lease is not None:
@@ -57,34 +49,32 @@ def enable(
 
 
 def disable(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Ramp the torque to zero, then disable; ends a plan."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc("disable", token=session.token)
         print_answer(answer, answer["state"], as_json)
 
 
-def stop(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Zero current now and OFF, whoever is in command."""
     from motord.client import operator
 
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         answer = client.rpc("stop", by=operator())
         print_answer(answer, answer["state"], as_json)
 
 
 def reset(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Leave a trip whose cause is gone; start the loop again if it has ended."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc("reset", token=session.token)
         print_answer(answer, answer["state"], as_json)
 
@@ -107,8 +97,7 @@ def set_(
         CompensateOption | None, typer.Option(help="What of the calibration is applied.")
     ] = None,
     enable_first: Annotated[bool, typer.Option("--enable", help="Enable first.")] = False,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     for_s: ForS = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -130,7 +119,7 @@ def set_(
     asked = {key: value for key, value in given.items() if value is not None}
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc("set", token=session.token, enable=enable_first, **asked)
         print_answer(answer, set_in_words(answer), as_json)
         begun_s = time.monotonic()

@@ -8,14 +8,7 @@ import typer
 
 from motord.cli.bench.lease_session import in_command
 from motord.cli.common_options import AsJson, PlanSettings
-from motord.cli.connection_options import (
-    ENDPOINT,
-    Bench,
-    Connect,
-    Force,
-    daemon,
-    print_answer,
-)
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, progress_bar, text_column
 from motord.cli.plan.preflight import LIMIT_S, as_dict, in_words, predict, warning
 from motord.cli.plan.settings import settings_of
@@ -30,9 +23,9 @@ app = group("Experiments: list, start, steer.")
 
 
 @app.command("list")
-def list_(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the plans and the settings that they start with."""
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         answer = client.rpc("plan/list")
         print_answer(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
 
@@ -66,13 +59,12 @@ def start(
         bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
     ] = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         asked = {"name": name, "settings": settings_of(client, name, settings or [])}
         if dry_run:
             _dry_run(client, asked, limit_s, as_json)
@@ -165,9 +157,9 @@ def _step(view: "PlanView") -> str:
 
 
 @app.command()
-def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the progress of the plan under way, or how the last one ended."""
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         view = client.plan()
         if view is None:
             print_answer(None, "no plan has run since the daemon started", as_json)
@@ -179,13 +171,12 @@ def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = F
 
 @app.command()
 def pause(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Ramp to zero and wait; the point under way is taken again after `resume`."""
-    _steer("plan/pause", bench, connect, force=force, as_json=as_json)
+    _steer("plan/pause", connection, force=force, as_json=as_json)
 
 
 @app.command()
@@ -193,8 +184,7 @@ def resume(
     detach: Annotated[
         bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
     ] = False,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -202,7 +192,7 @@ def resume(
 
     A plan that failed or was aborted can be resumed as well.
     """
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         view = client.plan()
         under_way = view is not None and not view.over
         with in_command(client, force=force) as session, client.subscribe_plan() as progress:
@@ -217,29 +207,27 @@ def resume(
 
 @app.command()
 def discard(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc("plan/discard", token=session.token)
         print_answer(answer, f"{answer['plan']}: discarded", as_json)
 
 
 @app.command()
 def abort(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Ramp down, disable, end the plan."""
-    _steer("plan/abort", bench, connect, force=force, as_json=as_json)
+    _steer("plan/abort", connection, force=force, as_json=as_json)
 
 
-def _steer(rpc: str, bench: str | None, connect: str, *, force: bool, as_json: bool) -> None:
-    with daemon(bench, connect) as client, in_command(client, force=force) as session:
+def _steer(rpc: str, connection: Connection, *, force: bool, as_json: bool) -> None:
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc(rpc, token=session.token)
         print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)

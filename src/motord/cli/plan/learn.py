@@ -9,7 +9,7 @@ import typer
 from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
 from motord.cli.common_options import AsJson
-from motord.cli.connection_options import ENDPOINT, Bench, Connect, Force, daemon
+from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
 from motord.cli.plan.commands import follow
 from motord.cli.plan.settings import settings_of
@@ -43,8 +43,7 @@ def learn(
     ] = False,
     output: Output = None,
     report: Report = None,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -62,7 +61,7 @@ def learn(
 
     learning = Learning(gain=gain, highest_order=highest_order)
     with (
-        daemon(bench, connect) as client,
+        connection.open() as client,
         in_command(client, force=force) as session,
     ):
         calibration = _in_force(client)
