@@ -1,4 +1,4 @@
-"""How every command speaks: one clear line on failure, JSON on request, no markup anywhere.
+"""Output of every command: one clear line on failure, JSON on request, no markup anywhere.
 
 What stands in brackets, such as [loop], is text: in help, messages, tables and progress. So
 consoles and columns of rich, and groups of typer, are made here alone.

@@ -1,4 +1,4 @@
-"""`motord demo`: the whole story on the simulated rig, with progress, a table and a report."""
+"""`motord demo`: calibration and its effect on the simulated rig, with progress, table and report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -78,7 +78,7 @@ def _print(found: "Demo") -> None:
 def _gain_table(summary: dict[str, Any]) -> Any:
     from rich.table import Table
 
-    table = Table(title="what was found, beside what is true")
+    table = Table(title="identified parameters, compared with the truth")
     for heading in ("", "truth", "joint estimator", "residual estimator (report)"):
         table.add_column(heading, justify="right")
     truth, joint, residual = summary["truth"], summary["joint"], summary["residual"]

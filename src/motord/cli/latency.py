@@ -1,4 +1,4 @@
-"""`motord latency`: how punctual the loop is on this machine, beside cyclictest."""
+"""`motord latency`: punctuality of the loop on this machine, compared with cyclictest."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
