@@ -1,4 +1,4 @@
-"""`motord demo`: calibration and its effect on the simulated rig, with progress, table and report."""
+"""`motord demo`: calibration of the simulated rig in virtual time: progress, table and report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
