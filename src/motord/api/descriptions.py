@@ -1,11 +1,10 @@
-"""Trips, flags and requests in words, for events, state and refusals."""
+"""Texts for trips and flags: cause, meaning and action, for events, state and errors."""
 
 from motord.control.interlock_table import INTERLOCKS
 from motord.schema import Flag, Trip
 
 TRIP_MEANING: dict[Trip, str] = {row.trip: row.meaning for row in INTERLOCKS}
-"""What each cause of a trip means, with the key of the bench file that sets its limit."""
-
+"""Meaning of each cause, with the key of the bench file that sets its limit."""
 
 TRIP_ACTION: dict[Trip, str] = {
     Trip.OVER_CURRENT: "look at the phase currents before the trip: a peak in one phase points to "
@@ -54,7 +53,7 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.ENABLE_LINE: "bridge_status in the ticks says why the board opened it: heartbeat lost "
     "(its cable, or a loop that was late: see `motord check --rt`) or a reset (its supply)",
 }
-"""What to do after each cause of a trip, before the reset."""
+"""What to do about each cause before the reset."""
 
 
 def trip_action(bits: int) -> str:
@@ -67,8 +66,8 @@ def trip_names(bits: int) -> list[str]:
     return [trip.name for trip in Trip if bits & trip and trip.name]
 
 
-def trip_words(bits: int) -> str:
-    """Return the causes in `bits` in words, in one line."""
+def trip_text(bits: int) -> str:
+    """Return the causes in `bits` with their meaning, in one line."""
     parts = [f"{trip.name} ({TRIP_MEANING[trip]})" for trip in Trip if bits & trip]
     return "; ".join(parts) or "no cause"
 

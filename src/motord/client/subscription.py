@@ -1,4 +1,4 @@
-"""What comes in on one key of a daemon."""
+"""Subscription to one key of a daemon."""
 
 import logging
 import queue
@@ -17,11 +17,11 @@ _Item = TypeVar("_Item")
 
 
 class Subscription(Generic[_Item]):
-    """What comes in on one key: handed to a callback, or kept for `get` and iteration.
+    """Items of one key: passed to a callback, or queued for `get` and iteration.
 
-    At most `KEPT` items are kept; older ones are dropped and counted in `lost`. What the daemon
-    cannot have sent is dropped and counted in `malformed`; the first is logged. The callback runs
-    in a thread of its own.
+    At most `KEPT` items are queued; older ones are dropped and counted in `lost`. Malformed items
+    are dropped and counted in `malformed`; the first is logged. The callback runs in a thread of
+    its own.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Subscription(Generic[_Item]):
         self.close()
 
     def close(self) -> None:
-        """Receive no more."""
+        """End the subscription."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
     def get(self, timeout_s: float) -> _Item | None:
@@ -60,7 +60,7 @@ class Subscription(Generic[_Item]):
             return None
 
     def __iter__(self) -> Iterator[_Item]:
-        """Yield items as they come, without end."""
+        """Yield items without end."""
         while True:
             item = self.get(WAIT_S)
             if item is not None:

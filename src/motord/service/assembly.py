@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from motord.api.requests import max_request_bytes
+from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
@@ -17,7 +17,8 @@ from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.bench.loop_link import LOOP, LoopLink
-from motord.service.bench.recording import RECORDER, RecordingControl
+from motord.service.bench.recorder_session import RECORDER
+from motord.service.bench.recording import RecordingControl
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
 from motord.service.gateway.link import GateLink, gate_spec
 from motord.service.host import scheduling
@@ -32,11 +33,10 @@ from motord.service.publish.state import StateView
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.dispatcher import Desk
-from motord.service.rpc.intake import Slow
-from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
+from motord.service.rpc.dispatcher import Dispatcher
+from motord.service.rpc.intake import Offloaded
+from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plans import PlanControl
 from motord.service.supervisor import Supervisor
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
@@ -125,14 +125,14 @@ def assemble(
     tables = TablesWriter(run_dir.tables, config.motor.counts)
     bench = Bench(config, mailbox, devices, events, sink)
     boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
-    recording.followers += [boxes, sink]
-    bench.watch.on_trip = boxes.trip
+    recording.recorder.followers += [boxes, sink]
+    bench.monitor.on_trip = boxes.trip
     store = CalibrationStore(config, state_dir)
     tables.write(*parameters.build(config, _installed(store, bench)))
     _take_up(journal, resumption, bench)
 
     def loop_is_gone(why: str) -> None:
-        boxes.loop_died(why, bench.watch)
+        boxes.loop_died(why, bench.monitor)
         recording.loop_down()
         tables.forget_loop()
         bench.loop_down(why)
@@ -143,14 +143,10 @@ def assemble(
     recording.realtime = loop.realtime
     recording.driven = lambda: bench.setpoint.drive_Hz != 0.0
     recording.on_plan_unrecorded = bench.plans.abort
-    experiments = Experiments(bench, resumption, recording.obstacle)
+    plans = PlanControl(bench, resumption, recording.obstacle)
     installation = Installation(bench, store, tables.write, toml)
-    handlers = {
-        **Operate(bench, lambda: loop.start(time.monotonic_ns())).handlers,
-        **experiments.handlers,
-        **installation.handlers,
-    }
-    calls, zenoh = CallQueue(), config.zenoh
+    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
+    dispatcher, zenoh = Dispatcher(bench, operation, plans, installation), config.zenoh
     telemetry = Telemetry(
         lambda name, payload: api.put(name, payload),
         config.loop.rate_Hz,
@@ -174,10 +170,10 @@ def assemble(
     longest = max_request_bytes(config.motor.counts)
     api = Api(
         config.bench.name,
-        calls,
-        slow={
-            "calibration/install": Slow(installation.prepare, installation.keep, longest),
-            "plan/resume": Slow(experiments.look_for_rest),
+        dispatcher.calls,
+        offloaded={
+            CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+            PLAN_RESUME.name: Offloaded(plans.read_remaining),
         },
         documents={
             "state": publisher.state_document,
@@ -188,7 +184,7 @@ def assemble(
         in_command=lambda payload: bench.lease.is_in(payload, time.monotonic_ns()),
     )
     supervisor = Supervisor(
-        *(bench, Desk(handlers, bench.erred), calls, children, loop, recording, publisher),
+        *(bench, dispatcher, children, loop, recording, publisher),
         gate=GateLink(children, events) if config.zenoh.remote else None,
     )
     return Assembly(

@@ -124,7 +124,7 @@ def _run(
     stack.callback(supervisor.take_down)
     if supervisor.gate is not None:
         supervisor.gate.start(time.monotonic_ns())
-    supervisor.recording.start_recorder(time.monotonic_ns())
+    supervisor.recording.recorder.start(time.monotonic_ns())
     supervisor.loop.start(time.monotonic_ns())
     scheduling.lift_threads()
     _guarded(supervisor, stopping, on_ready)

@@ -21,8 +21,7 @@ from motord.service.host.log import log_error
 from motord.service.host.systemd import Notifier
 from motord.service.processes import Children
 from motord.service.publish.publisher import Publisher
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.dispatcher import Desk
+from motord.service.rpc.dispatcher import Dispatcher
 
 PERIOD_NS = 10_000_000
 RAMP_MARGIN_S = 1.0
@@ -35,8 +34,7 @@ class Supervisor:
     """All parts of the daemon, and the order in which they get their turn."""
 
     bench: Bench
-    desk: Desk
-    calls: CallQueue
+    dispatcher: Dispatcher
     children: Children
     loop: LoopLink
     recording: RecordingControl
@@ -48,7 +46,9 @@ class Supervisor:
 
     def __post_init__(self) -> None:
         bench = self.bench
-        self.guard = Guard(bench.events, bench.erred, lambda: bench.setpoint.request(Request.STOP))
+        self.guard = Guard(
+            bench.events, bench.fault_stop, lambda: bench.setpoint.request(Request.STOP)
+        )
 
     def step(self) -> None:
         """Do everything that is due now."""
@@ -59,11 +59,10 @@ class Supervisor:
         with part("processes", now_ns):
             self._follow_processes(now_ns)
         with part("requests", now_ns):
-            for call in self.calls.take():
-                self.desk.handle(call, now_ns)
+            self.dispatcher.take(now_ns)
         self.bench.step(block, lost, now_ns)
         with part("answers", now_ns):
-            self.desk.step(now_ns)
+            self.dispatcher.step(now_ns)
         with part("gateway", now_ns):
             if self.gate is not None:
                 self.gate.step(now_ns)
@@ -72,7 +71,7 @@ class Supervisor:
         with part("publisher", now_ns):
             self.publisher.step(block, now_ns)
         with part("service manager", now_ns):
-            self.notifier.progress(self.bench.watch.ticks, now_ns)
+            self.notifier.progress(self.bench.monitor.ticks, now_ns)
 
     def _follow_processes(self, now_ns: int) -> None:
         """Say who has ended; those that are due are started again."""
@@ -118,7 +117,7 @@ class Supervisor:
         setpoint = self.bench.setpoint
         setpoint.request(Request.STOP)
         end_ns = self.clock_ns() + STOP_NS
-        seen_seq, state = 0, self.bench.watch.state
+        seen_seq, state = 0, self.bench.monitor.state
         while self.clock_ns() < end_ns:
             setpoint.write(self.clock_ns(), seen_seq)
             block, _ = self.loop.read()
@@ -137,8 +136,7 @@ class Supervisor:
 
     def take_down(self) -> None:
         """Take no more requests, end the loop, then the recorder, which by then has everything."""
-        self.calls.close("the daemon is shutting down")
-        self.desk.give_up("the daemon is shutting down")
+        self.dispatcher.close("the daemon is shutting down")
         if self.gate is not None:
             self.gate.stop(self.clock_ns())
         self.children.stop(LOOP)

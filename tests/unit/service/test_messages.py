@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from motord.api import requests
 from motord.api.errors import RpcError
 from motord.api.messages import Event
-from motord.api.requests import REQUESTS, parse
+from motord.api.requests import RPCS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.experiments import plans_model
 
@@ -41,7 +41,7 @@ json_values = st.recursive(
     ),
     max_leaves=12,
 )
-names = st.sampled_from(sorted(REQUESTS))
+names = st.sampled_from(sorted(RPCS))
 
 
 def refusal_of(name, payload):
@@ -52,7 +52,7 @@ def refusal_of(name, payload):
 
 
 def test_there_is_a_valid_example_for_every_rpc():
-    assert VALID.keys() == REQUESTS.keys()
+    assert VALID.keys() == RPCS.keys()
 
 
 @pytest.mark.parametrize("name", sorted(VALID))
@@ -70,7 +70,7 @@ def test_an_unknown_field_is_named(name):
 
 @pytest.mark.parametrize("name", sorted(n for n in VALID if VALID[n]))
 def test_missing_fields_are_named(name):
-    required = [k for k, f in REQUESTS[name].model_fields.items() if f.is_required()]
+    required = [k for k, f in RPCS[name].request.model_fields.items() if f.is_required()]
     for field in required:
         body = {k: v for k, v in VALID[name].items() if k != field}
         assert f"{field}: missing" in refusal_of(name, json.dumps(body).encode())
@@ -93,8 +93,8 @@ def test_json_never_escapes(name, body):
     request = outcome(name, json.dumps(body).encode())
     if request != "invalid":
         assert isinstance(body, dict)
-        assert set(body) <= set(REQUESTS[name].model_fields)
-        assert isinstance(request, REQUESTS[name])
+        assert set(body) <= set(RPCS[name].request.model_fields)
+        assert isinstance(request, RPCS[name].request)
 
 
 @given(field=st.sampled_from(["torque_Nm", "speed_Hz", "brake", "drive_Hz"]), value=json_values)

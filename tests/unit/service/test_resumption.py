@@ -246,13 +246,11 @@ def test_a_plan_of_which_nothing_is_missing_is_done(days):
 def test_what_was_found_in_the_requests_thread_is_used(days):
     interrupted(days)
     service = days.daemon()
-    [experiments] = {handler.__self__ for name, handler in service.desk._handlers.items()
-                     if name == "plan/resume"}  # fmt: skip
-    _, rest = experiments.look_for_rest(b'{"token": "t"}')
+    _, rest = service.plans.read_remaining(b'{"token": "t"}')
     assert [point.index for point in rest.plan.points] == [1, 2]
     token = service.acquire()
     service.ask("plan/resume", token=token)
-    assert experiments.look_for_rest(b'{"token": "t"}')[1] is None
+    assert service.plans.read_remaining(b'{"token": "t"}')[1] is None
 
 
 def test_a_journal_that_cannot_be_written_is_told_once_and_the_plan_goes_on(days, tmp_path):

@@ -14,10 +14,9 @@ from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.journal_sink import Durable
 from motord.service.plans.resume import Resumption
-from motord.service.rpc.calls import Call
-from motord.service.rpc.dispatcher import Desk
-from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
+from motord.service.rpc.dispatcher import Call, Dispatcher
+from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plans import PlanControl
 from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000
@@ -97,7 +96,7 @@ class Pending:
     def outcome(self):
         """The answer, the refusal, or None."""
         try:
-            return self.call.wait(0)
+            return self.call.wait(0).content()
         except RpcError as refusal:
             return None if refusal.code == "busy" else refusal
 
@@ -108,7 +107,7 @@ def fail(where, error):
 
 
 class VirtualService:
-    """Bench and desk over a virtual loop; `devices` are slow devices on a wire.
+    """Bench and dispatcher over a virtual loop; `devices` are slow devices on a wire.
 
     Errors in the program come out, unless it is to be as `safe` as the daemon.
     """
@@ -132,12 +131,11 @@ class VirtualService:
         )
         self.bench = Bench(self.config, self.loop, devices or {}, self.events, durable)
         if not safe:
-            self.bench.erred = fail
+            self.bench.fault_stop = fail
         self.restarts = 0
-        handlers = Operate(self.bench, self._restart).handlers
-        self.desk = Desk(
-            {**handlers, **Experiments(self.bench, self.resumption).handlers}, self.bench.erred
-        )
+        self.operation = ManualOperation(self.bench, self._restart)
+        self.plans = PlanControl(self.bench, self.resumption)
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans)
         self.bench.loop_up()
         self.step(2)
 
@@ -150,7 +148,7 @@ class VirtualService:
         for _ in range(steps):
             self.now_ns += STEP_NS
             self.bench.step(self.loop.run(), lost, self.now_ns)
-            self.desk.step(self.now_ns)
+            self.dispatcher.step(self.now_ns)
 
     def run_s(self, seconds, token=None):
         """Let `seconds` pass, with the lease renewed if `token` is given."""
@@ -162,7 +160,7 @@ class VirtualService:
     def begin(self, name, /, **arguments):
         """Bring a request, and return it as it waits."""
         call = Call(name, parse(name, json.dumps(arguments).encode()))
-        self.desk.handle(call, self.now_ns)
+        self.dispatcher.handle(call, self.now_ns)
         return Pending(call)
 
     def ask(self, name, /, **arguments):

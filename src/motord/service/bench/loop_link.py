@@ -1,4 +1,4 @@
-"""The loop process as the supervisor sees it: started, ready, publishing ticks, gone."""
+"""The loop process as the supervisor sees it: started, ready, publishing ticks, ended."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,8 +21,8 @@ LOOP = "loop"
 class LoopLink:
     """Follows the loop from start to ready to its end.
 
-    `phase` is "down", "starting" or "up"; `on_up` and `on_down` (with the reason in words) are
-    called when it comes up and when it is gone.
+    `phase` is "down", "starting" or "up"; `on_up` and `on_down` (with the reason) are called
+    when it comes up and when it has ended.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class LoopLink:
         self.phase = "starting"
 
     def follow(self) -> None:
-        """Look whether a loop that is starting is ready.
+        """Attach to a loop that has become ready.
 
         Raises OSError if what it has made ready cannot be opened yet, or makes no sense.
         """
         if self.phase == "starting":
-            self._look_whether_ready()
+            self._attach_if_ready()
 
     def read(self) -> tuple[np.ndarray, int]:
         """Return (block, lost), the ticks published since the last call."""
@@ -68,7 +68,7 @@ class LoopLink:
         """Note that the loop process has ended by itself."""
         why = f"the loop ended: {end.how}"
         status = None
-        with suppress(OSError):  # what it has said of its end cannot be read; how it ended is known
+        with suppress(OSError):  # without its status file, the exit code remains
             status = LoopStatus.read(self._run_dir.loop_status)
         if status is not None and status.error:
             why = f"the loop ended: {status.error}"
@@ -78,7 +78,7 @@ class LoopLink:
         self._on_down(why)
 
     def realtime(self) -> dict[str, Any]:
-        """Return which real-time rights the loop got, for clients and recordings."""
+        """Return the real-time rights of the loop, for clients and recordings."""
         status = self.status
         if status is None or status.realtime is None:
             return {}
@@ -91,15 +91,15 @@ class LoopLink:
         }
 
     def bridge_clock(self) -> ClockView | None:
-        """Return what the loop knows of the bridge's clock; None for a loop without one."""
+        """Return drift and jitter of the bridge's clock; None for a loop without one."""
         if self._timing is None or self.phase != "up":
             return None
-        told = self._timing.clock
-        if not any(told):
+        clock = self._timing.clock
+        if not any(clock):
             return None
-        return ClockView(drift_ppm=round(told.drift_ppm, 2), jitter_us=round(told.jitter_us, 1))
+        return ClockView(drift_ppm=round(clock.drift_ppm, 2), jitter_us=round(clock.jitter_us, 1))
 
-    def _look_whether_ready(self) -> None:
+    def _attach_if_ready(self) -> None:
         status = LoopStatus.read(self._run_dir.loop_status)
         if status is None or status.phase is not LoopPhase.READY:
             return
