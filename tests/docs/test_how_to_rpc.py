@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,7 @@ dispatcher = Dispatcher(bench, ManualOperation(bench, lambda: None))
 
 def ask(**fields):
     replies = []
-    request = parse("note", json.dumps(fields).encode())
+    request = parse(RPCS["note"], json.dumps(fields).encode())
     dispatcher.handle(Call("note", request, on_reply=replies.append), 0)
     return replies[0]
 
@@ -59,12 +60,14 @@ def edited(tmp_path_factory):
     shutil.copytree(ROOT / "src", root / "src", ignore=skip)
     shutil.copy(ROOT / "pyproject.toml", root)
     edits = EDIT.findall(PAGE.read_text(encoding="utf-8"))
-    assert len(edits) == 6
+    assert len(edits) == 5
     for file, where, anchor, block in edits:
         path = root / file
         text = path.read_text(encoding="utf-8")
-        lines = re.findall(rf"^{re.escape(anchor)}.*\n", text, re.M)
+        lines = re.findall(rf"^ *{re.escape(anchor)}.*\n", text, re.M)
         assert len(lines) == 1, f"{file} has {len(lines)} lines that begin with {anchor!r}"
+        margin = lines[0][: len(lines[0]) - len(lines[0].lstrip())]
+        block = textwrap.indent(block, margin)
         new = block + lines[0] if where == "before" else lines[0] + block
         path.write_text(text.replace(lines[0], new), encoding="utf-8")
     return root

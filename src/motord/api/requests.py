@@ -139,27 +139,9 @@ CONFIG = Rpc("config", NoArguments, replies.ConfigReply)
 CALIBRATION_INSTALL = Rpc("calibration/install", CalibrationInstall, replies.InstalledCalibration)
 
 RPCS: dict[str, Rpc[Any, Any]] = {
-    rpc.name: rpc
-    for rpc in (
-        LEASE_ACQUIRE,
-        LEASE_RENEW,
-        LEASE_RELEASE,
-        ENABLE,
-        DISABLE,
-        STOP,
-        RESET,
-        SET,
-        PLAN_START,
-        PLAN_PAUSE,
-        PLAN_RESUME,
-        PLAN_ABORT,
-        PLAN_DISCARD,
-        PLAN_LIST,
-        CONFIG,
-        CALIBRATION_INSTALL,
-    )
+    value.name: value for value in tuple(globals().values()) if isinstance(value, Rpc)
 }
-"""Every RPC, by its name."""
+"""Every RPC above, by its name."""
 
 MAX_REQUEST_BYTES = 64 * 1024
 """Of every request but `calibration/install`."""
@@ -191,14 +173,13 @@ def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
         raise RpcError("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
 
 
-def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> RpcRequest:
-    """Return the request of RPC `name`. Raises RpcError "invalid", which says what is wrong."""
-    check_size(name, len(payload), limit)
+def parse(rpc: Rpc[RequestT, ReplyT], payload: bytes, limit: int = MAX_REQUEST_BYTES) -> RequestT:
+    """Return the request of an RPC. Raises RpcError "invalid", which says what is wrong."""
+    check_size(rpc.name, len(payload), limit)
     try:
-        request: RpcRequest = RPCS[name].request.model_validate_json(payload or b"{}")
+        return rpc.request.model_validate_json(payload or b"{}")
     except ValidationError as error:
-        raise RpcError("invalid", f"{name}: {_message(error)}") from None
-    return request
+        raise RpcError("invalid", f"{rpc.name}: {_message(error)}") from None
 
 
 def _message(error: ValidationError) -> str:

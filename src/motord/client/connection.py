@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -126,12 +125,7 @@ class Client:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -195,7 +189,10 @@ class Client:
         payload = None if arguments is None else json.dumps(arguments).encode()
         rpc = name.removeprefix("rpc/")
         if payload is not None and rpc in RPCS and rpc != CALIBRATION_INSTALL.name:
-            _check_size(rpc, len(payload))
+            try:
+                check_size(rpc, len(payload))
+            except RpcError as error:
+                raise ClientError(error.code, error.message) from None
         replies = self._query(name, payload, timeout_s)
         content = single_reply(replies, key(self.bench, name), timeout_s)
         if content is not None:
@@ -235,10 +232,3 @@ class Client:
         except zenoh.ZError:  # closed meanwhile
             return False
         return any(token.ok is not None for token in tokens)
-
-
-def _check_size(rpc: str, size: int) -> None:
-    try:
-        check_size(rpc, size)
-    except RpcError as refusal:
-        raise ClientError(refusal.code, refusal.message) from None

@@ -146,7 +146,7 @@ class Rpc:
             if name == "calibration/install":
                 request, prepared = self._installation.prepare(payload)
             else:
-                request, prepared = parse(name, payload), None
+                request, prepared = parse(RPCS[name], payload), None
             call = Call(name, request, prepared)
             self.service.dispatcher.handle(call, self.service.now_ns)
         except RpcError as refusal:

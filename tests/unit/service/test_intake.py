@@ -85,8 +85,8 @@ class Played:
         }
         self.intake = Intake(self.calls, self.replies, slow, lambda payload: TOKEN in payload)
 
-    def _parse(self, name, payload):
-        self.parsed.append((name, len(payload)))
+    def _parse(self, rpc, payload):
+        self.parsed.append((rpc.name, len(payload)))
         return WithToken(token="t")
 
     def _prepare(self, payload):
@@ -179,7 +179,7 @@ def test_what_needs_no_lease_is_paced_and_neither_stop_nor_the_commander_is(play
 
 
 def test_an_error_in_taking_on_is_answered(played, monkeypatch):
-    monkeypatch.setattr(intake, "parse", lambda name, payload: 1 / 0)
+    monkeypatch.setattr(intake, "parse", lambda rpc, payload: 1 / 0)
     assert played.bring("stop", b"").outcome() == "internal"
 
 

@@ -158,7 +158,7 @@ class PlayedDaemon:
             self.supervisor.step()
 
     def bring(self, name, /, **arguments):
-        call = Call(name, parse(name, json.dumps(arguments).encode()))
+        call = Call(name, parse(RPCS[name], json.dumps(arguments).encode()))
         self.supervisor.dispatcher.calls.put(call)
         return call
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from motord import config
 from motord.api.errors import RpcError
-from motord.api.requests import parse
+from motord.api.requests import RPCS, parse
 from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
@@ -159,7 +159,7 @@ class VirtualService:
 
     def begin(self, name, /, **arguments):
         """Bring a request, and return it as it waits."""
-        call = Call(name, parse(name, json.dumps(arguments).encode()))
+        call = Call(name, parse(RPCS[name], json.dumps(arguments).encode()))
         self.dispatcher.handle(call, self.now_ns)
         return Pending(call)
 

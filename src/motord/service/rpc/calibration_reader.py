@@ -14,7 +14,6 @@ from collections.abc import Callable
 from motord.api.errors import RpcError
 from motord.api.requests import (
     CALIBRATION_INSTALL,
-    CalibrationInstall,
     max_request_bytes,
     parse,
 )
@@ -34,9 +33,8 @@ Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
 
 
 def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
-    """Read a request of the form `CalibrationInstall`, here and now."""
-    request = parse(CALIBRATION_INSTALL.name, payload, max_request_bytes(motor.counts))
-    assert isinstance(request, CalibrationInstall)
+    """Read a request to install a calibration, here and now."""
+    request = parse(CALIBRATION_INSTALL, payload, max_request_bytes(motor.counts))
     try:
         return request.token, check_given(motor, request.calibration, request.path)
     except CalibrationError as error:

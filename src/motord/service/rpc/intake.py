@@ -137,7 +137,7 @@ class Intake:
                 raise self._without_lease(name, payload)
             if lane is None:
                 reply = partial(self._outstanding.reply, pending)
-                self._calls.put(Call(name, parse(name, payload), on_reply=reply))
+                self._calls.put(Call(name, parse(RPCS[name], payload), on_reply=reply))
             else:
                 _put(lane, pending, payload)
         except RpcError as error:
@@ -158,7 +158,7 @@ class Intake:
     def _without_lease(self, name: str, payload: bytes) -> RpcError:
         """Return why a request is not read; a short one may be invalid in itself."""
         if len(payload) <= UNPROVEN_BYTES:
-            parse(name, payload)
+            parse(RPCS[name], payload)
         return RpcError("no_lease", f"{name}: not read, without the token of the lease in force")
 
     def _serve_lane(

@@ -93,7 +93,7 @@ class PlanControl:
 
         For a thread that may wait, before `resume`: it reads recordings. Raises RpcError.
         """
-        request = rpc.parse(rpc.PLAN_RESUME.name, payload)
+        request = rpc.parse(rpc.PLAN_RESUME, payload)
         return request, None if self._bench.plans.active else self._resumption.rest()
 
     @handles(rpc.PLAN_RESUME)
@@ -155,22 +155,16 @@ class PlanControl:
         return PlanProgress.model_validate(view.model_dump(mode="json"))
 
 
+_POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")
+
+
 def _outline(plan: Plan) -> PlanOutline:
     """Return what a plan will do: points, estimated time, settings. Raises RpcError."""
     if not math.isfinite(plan.seconds):
         raise RpcError("invalid", f"{plan.name}: would not end with these settings")
     return PlanOutline(
         plan=plan.name,
-        points=[
-            {
-                "index": p.index,
-                "torque_Nm": p.torque_Nm,
-                "speed_Hz": p.speed_Hz,
-                "turns": p.turns,
-                "aim": p.aim,
-            }
-            for p in plan.points
-        ],
+        points=[{name: getattr(point, name) for name in _POINT_FIELDS} for point in plan.points],
         estimate_s=round(plan.seconds, 1),
         settings=plan.settings,
     )
