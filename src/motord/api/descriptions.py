@@ -8,8 +8,8 @@ TRIP_MEANING: dict[Trip, str] = {row.trip: row.meaning for row in INTERLOCKS}
 
 TRIP_ACTION: dict[Trip, str] = {
     Trip.OVER_CURRENT: "look at the phase currents before the trip: a peak in one phase points to "
-    "its sensor or a short, a swing of all to the current controller; lower limits.current_A if "
-    "the command itself came close",
+    "its sensor or a short, an oscillation of all to the current controller; lower "
+    "limits.current_A if the command itself came close",
     Trip.OVER_SPEED: "check that the brake answers and holds; lower the torque or raise the brake "
     "before the torque",
     Trip.OVER_TORQUE: "look for a blow or a stop in the torque; check the sensor's gain and "
@@ -25,12 +25,12 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.INVERTER_STALE: "check the CAN bus (cable, termination, load) and that the inverter is "
     "on; if the loop was late at the same time, see `motord check --rt`",
     Trip.INVERTER_FAULT: "read the fault in the inverter's own tool (inverter_status in the ticks "
-    "is its status word), clear it there, then reset; if it tells of none, the enable line opened: "
+    "is its status word), clear it there, then reset; if it reports none, the enable line opened: "
     "emergency stop, or a bridge that was reset (its supply)",
     Trip.BUS_OFF: "check the CAN bus: bit rate, termination, a short; reset the CAN interface",
     Trip.LOOP_OVERRUN: "see what kept the loop from running: `motord check --rt`, other programs "
     "on its processor",
-    Trip.SUPERVISOR_STALE: "see in the daemon's log what held it up: memory, a stopped process, "
+    Trip.SUPERVISOR_STALE: "see in the daemon's log what delayed it: memory, a stopped process, "
     "a busy computer",
     Trip.TEMPERATURE: "let the inverter cool; check its fan and heat sink; lower the torque",
     Trip.LINK_ERRORS: "check cables, screens and termination of both links; keep motor cables "

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from motord.sequencing.settings import Compensation
 
 
-class Message(BaseModel):
+class PublishedMessage(BaseModel):
     """A published message, or a part of one."""
 
     model_config = ConfigDict(extra="ignore")
@@ -18,21 +18,21 @@ class Message(BaseModel):
         return self.model_dump_json().encode()
 
 
-class TripView(Message):
+class TripView(PublishedMessage):
     """A cause of a trip: its name in `schema.Trip`, and what it means."""
 
     name: str
     meaning: str
 
 
-class TripValue(Message):
+class TripValue(PublishedMessage):
     """A quantity that an interlock watches, at the trip, and its limit."""
 
     value: float | None
     limit: float | None
 
 
-class TripReport(Message):
+class TripReport(PublishedMessage):
     """A trip: causes, values, what to do, and the path of the black box ("": none).
 
     `values` are by quantity and unit; `first` are the causes of the tick that tripped.
@@ -61,7 +61,7 @@ class TripReport(Message):
         return f"{reason}; {self.action}; then `motord reset`{box}"
 
 
-class TickView(Message):
+class TickView(PublishedMessage):
     """The newest tick in short."""
 
     tick: int
@@ -78,7 +78,7 @@ class TickView(Message):
     torque_ripple_Nm: float | None = None  # measured: RMS about its mean over the last second
 
 
-class TorqueSensorView(Message):
+class TorqueSensorView(PublishedMessage):
     """High-pass of the torque sensor; 0 s passes the mean."""
 
     highpass_time_constant_s: float = 0.0
@@ -89,7 +89,7 @@ class TorqueSensorView(Message):
         return self.highpass_time_constant_s == 0.0
 
 
-class SetpointView(Message):
+class SetpointView(PublishedMessage):
     """The set-point in force; torque_target_Nm follows once the brake has risen."""
 
     torque_Nm: float
@@ -100,7 +100,7 @@ class SetpointView(Message):
     compensate: Compensation
 
 
-class LeaseView(Message):
+class LeaseView(PublishedMessage):
     """The holder of the lease; a detached plan without one is shown as `plan NAME`."""
 
     holder: str | None
@@ -108,7 +108,7 @@ class LeaseView(Message):
     duration_s: float
 
 
-class LoopView(Message):
+class LoopView(PublishedMessage):
     """Timing of the loop: over the last second, and since it started."""
 
     rate_Hz: float
@@ -126,7 +126,7 @@ Health = Literal["none", "simulated", "ok", "failing", "stale"]
 """Of a slow device; `failing` does not answer now, `stale` has not for its `stale_after_s`."""
 
 
-class DeviceView(Message):
+class DeviceView(PublishedMessage):
     """A slow device."""
 
     health: Health
@@ -137,14 +137,14 @@ class DeviceView(Message):
     age_s: float | None = None
 
 
-class ClockView(Message):
+class ClockView(PublishedMessage):
     """The bridge board's clock: drift against the host's, jitter of its samples' delay."""
 
     drift_ppm: float
     jitter_us: float
 
 
-class ProcessView(Message):
+class ProcessView(PublishedMessage):
     """A child process. bad_messages: lines of it that were no messages; dropped_messages: what it
     did not take in time."""
 
@@ -156,7 +156,7 @@ class ProcessView(Message):
     dropped_messages: int = 0
 
 
-class CalibrationView(Message):
+class CalibrationView(PublishedMessage):
     """The calibration in force."""
 
     id: str
@@ -167,11 +167,11 @@ class CalibrationView(Message):
     path: str
 
 
-class PlanView(Message):
+class PlanView(PublishedMessage):
     """`motord/<bench>/plan`: a plan's progress. It is over in done, aborted and failed.
 
     In interrupted the daemon had ended meanwhile; it can be resumed. `run_id` stays the same then,
-    and `continues` names the recording that the one of now goes on from.
+    and `continues` names the recording that the present one continues.
     """
 
     plan: str
@@ -200,7 +200,7 @@ class PlanView(Message):
         return self.state in ("done", "aborted", "failed", "interrupted")
 
 
-class RecordingView(Message):
+class RecordingView(PublishedMessage):
     """State of the recorder.
 
     path: the newest file by its present name, with `.part` until it is complete; final_path: its
@@ -215,7 +215,7 @@ class RecordingView(Message):
     detail: dict[str, Any] = {}
 
 
-class BenchState(Message):
+class BenchState(PublishedMessage):
     """`motord/<bench>/state`: the full state of bench and daemon."""
 
     bench: str
@@ -246,7 +246,7 @@ class BenchState(Message):
     telemetry_dropped: int
 
 
-class Event(Message):
+class Event(PublishedMessage):
     """`motord/<bench>/event`, at `t_ns` (Unix)."""
 
     t_ns: int

@@ -67,7 +67,7 @@ def single_reply(replies: Sequence[zenoh.Reply], key: str, timeout_s: float) -> 
     given = [r for r in replies if r.err is None or r.err.payload.to_bytes() != _TIMEOUT]
     if len(given) > 1:
         who = ", ".join(sorted({str(reply.replier_id) for reply in given}))
-        raise _wrong(f"{len(given)} answers to {key}, from {who}: somebody answers besides it")
+        raise _wrong(f"{len(given)} answers to {key}, from {who}: another program answers, too")
     if not given and replies:
         raise ClientError("unreachable", f"{key}: no answer within {timeout_s:g} s")
     if not given:

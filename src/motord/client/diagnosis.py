@@ -64,7 +64,7 @@ def why_closed(endpoint: str, who: Identity) -> str:
         return f"its own certificate is not accepted here: {error.verify_message}"
     except ssl.SSLError as error:
         alert = error.reason or str(error)
-        return next((words for sign, words in _ALERTS if sign in alert), alert)
+        return next((meaning for sign, meaning in _ALERTS if sign in alert), alert)
     except OSError:
         return ""
     return ""

@@ -93,7 +93,7 @@ def test_a_bug_in_the_servo_stops_the_bench_only(service, turning, caplog, monke
     with monkeypatch.context() as patch:
         patch.setattr(service.bench.manual, "update", buggy)
         service.step(3)
-        check_safe(service, caplog, "in a look at the bench")
+        check_safe(service, caplog, "in an update of the plan or the servo")
     check_works(service, turning)
 
 
@@ -105,7 +105,7 @@ def test_a_bug_in_a_plan_ends_the_plan_as_failed(service, caplog, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(service.bench.plans._executor, "advance", buggy)
         service.step(3)
-        check_safe(service, caplog, "in a look at the bench")
+        check_safe(service, caplog, "in an update of the plan or the servo")
     assert service.bench.plans.view.state == "failed"
     assert "ZeroDivisionError" in service.bench.plans.view.message
     check_works(service, token)

@@ -260,8 +260,8 @@ class Bench:
         self._pending.clear()
         try:
             self.plans.look(seen) if self.plans.active else self.manual.update(seen)
-        except Exception as error:  # of a plan, or of the servo: the rest of the bench goes on
-            self.fault_stop("in a look at the bench", error)
+        except Exception as error:  # of a plan or the servo: the bench itself goes on
+            self.fault_stop("in an update of the plan or the servo", error)
 
     def _order_devices(self, now_ns: int) -> None:
         brake, drive = self.devices.get("brake"), self.devices.get("drive")

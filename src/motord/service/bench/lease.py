@@ -99,7 +99,7 @@ class CommandLease:
     def expire(self, now_ns: int, notice_ns: int) -> str | None:
         """Return who has just lost command by not renewing, once; else None.
 
-        `notice_ns`: so long before its end the lease is lost from now on, until said otherwise.
+        `notice_ns`: the lease is lost so long before its end, from now on.
         """
         self._notice_ns = notice_ns
         held = self._held

@@ -53,7 +53,7 @@ class RecordingControl:
         timing: Path,
     ) -> None:
         self._config = config
-        self._described = describe(config, toml)  # looks up versions, which takes a while
+        self._described = describe(config, toml)  # versions of packages: it takes a while
         self._unix_ns = unix_ns
         self._newest_tick = 0
         self._now_ns = self._recorded_ns = self._powered_ns = 0
