@@ -166,7 +166,7 @@ def assemble(
         faults=lambda: dict(supervisor.guard.faults),
     )
     publisher = Publisher(bench, state, telemetry)
-    events.listeners += [publisher.event, recording.event, boxes.event]
+    events.listeners += [publisher.event, recording.recorder.event, boxes.event]
     longest = max_request_bytes(config.motor.counts)
     api = Api(
         config.bench.name,

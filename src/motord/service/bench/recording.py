@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.api.messages import Event, PlanView, RecordingView
+from motord.api.messages import PlanView, RecordingView
 from motord.config import Config
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
@@ -60,8 +60,8 @@ class RecordingControl:
         self._plan = False
         self._plan_progress: tuple[object, ...] = ()
         self._enabled = self._loop_up = False
-        self._timing = TimingLog(timing, self.event)
         self.recorder = RecorderSession(children, events, unix_ns)
+        self._timing = TimingLog(timing, self.recorder.event)
         self.calibration_id: Callable[[], str] = str
         self.realtime: Callable[[], dict[str, Any]] = dict
         self.driven: Callable[[], bool] = bool
@@ -126,10 +126,6 @@ class RecordingControl:
         """Return the metadata of a recording that begins now."""
         now = {"calibration": self.calibration_id(), "realtime": self.realtime()}
         return {**self._described, **now}
-
-    def event(self, event: Event) -> None:
-        """Record an event."""
-        self.recorder.event(event)
 
     def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
         """Begin the recording of a plan; returns its path."""

@@ -57,17 +57,17 @@ class TickMonitor:
     @property
     def state(self) -> State:
         """State of the drive in the newest tick; OFF before the first."""
-        return State(int(self.last["state"])) if self.last is not None else State.OFF
+        return State(self._newest("state"))
 
     @property
     def trip_bits(self) -> int:
         """Latched causes; in OFF, the conditions that prevent enabling."""
-        return int(self.last["trip_bits"]) if self.last is not None else 0
+        return self._newest("trip_bits")
 
     @property
     def setpoint_seq(self) -> int:
         """Number of the set-point that the newest tick used."""
-        return int(self.last["setpoint_seq"]) if self.last is not None else 0
+        return self._newest("setpoint_seq")
 
     @property
     def torque_set_Nm(self) -> float:
@@ -100,7 +100,7 @@ class TickMonitor:
 
     def _follow_states(self, block: np.ndarray) -> None:
         before = int(self.state)
-        first_bits = int(self.last["trip_bits"]) if self.last is not None else 0
+        first_bits = self.trip_bits
         states = block["state"]
         bits = block["trip_bits"]
         if (states == before).all() and (bits == first_bits).all():
@@ -170,7 +170,10 @@ class TickMonitor:
     @property
     def missed(self) -> int:
         """Ticks that the loop skipped since it started."""
-        return int(self.last["missed"]) if self.last is not None else 0
+        return self._newest("missed")
+
+    def _newest(self, name: str) -> int:
+        return int(self.last[name]) if self.last is not None else 0
 
     def trip_summary(self) -> str:
         """Return the causes, what to do, and the path of the black box, in one line."""
@@ -181,7 +184,7 @@ class TickMonitor:
     def trips(self) -> tuple[list[TripView], str]:
         """Return the causes that are latched (in OFF: that prevent enabling) and the first one."""
         bits = self.trip_bits
-        first = int(self.last["first_trip"]) if self.last is not None else 0
+        first = self._newest("first_trip")
         causes = [Trip[name] for name in trip_names(bits)]
         views = [TripView(name=str(t.name), meaning=TRIP_MEANING[t]) for t in causes]
         return views, "".join(trip_names(first)[:1])
