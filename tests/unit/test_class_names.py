@@ -9,7 +9,6 @@ SOURCES = Path(__file__).parents[2] / "src" / "motord"
 TWICE = {
     "BackEmfHarmonic": "what a bench file says, and what was measured, with its uncertainty",
     "CoggingHarmonic": "what the simulated rig has, and what was measured, with its uncertainty",
-    "Phase": "state of a motion, in each plan that is written as a state machine",
     "Stop": "a request of a client, and a command frame to the bridge board",
     "Table": "ticks read out of a recording, and a table on a page",
 }

@@ -1,4 +1,4 @@
-"""What other tools import to talk to a running daemon; the command line uses nothing else.
+"""Python client of a running daemon, also used by the command line.
 
 with motord.client.connect() as client:
     print(client.state().state)

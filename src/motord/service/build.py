@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from motord.api.requests import max_request_bytes
+from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
@@ -32,11 +32,10 @@ from motord.service.publish.state import StateView
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.dispatcher import Desk, Handler
-from motord.service.rpc.intake import Slow
-from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
+from motord.service.rpc.dispatcher import Dispatcher
+from motord.service.rpc.intake import Offloaded
+from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plans import PlanControl
 from motord.service.supervisor import Supervisor
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
@@ -64,7 +63,7 @@ def build(
     notifier: Notifier,
 ) -> Daemon:
     """Return the daemon of a bench, with its shared files made. Raises DeviceError."""
-    events, calls = EventLog(clock.now_ns), CallQueue()
+    events = EventLog(clock.now_ns)
     children = Children(
         [process for process in PROCESSES if process.while_(config)],
         lambda process: process.start(config_path, run_dir),
@@ -85,15 +84,15 @@ def build(
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
     resumption = Resumption(config, journal, store.current_id, clock.now_ns)
     sink = JournalSink(recording, journal, resumption, events, clock.now_ns)
-    recording.followers += [boxes, sink]
+    recording.recorder.followers += [boxes, sink]
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     bench = Bench(config, mailbox, slow_devices(config, events), events, sink)
-    bench.watch.on_trip = boxes.trip
+    bench.monitor.on_trip = boxes.trip
 
     tables.write(*parameters.build(config, installed_calibration(store, bench)))
     show_interrupted_plan(journal, resumption, bench)
 
-    guard = Guard(events, bench.erred, lambda: bench.setpoint.request(Request.STOP))
+    guard = Guard(events, bench.fault_stop, lambda: bench.setpoint.request(Request.STOP))
     telemetry = Telemetry(
         lambda name, payload: api.put(name, payload),
         *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),
@@ -103,16 +102,23 @@ def build(
         *(time.monotonic_ns(), clock.now_ns),
     )
     publisher = Publisher(state)
-    events.listeners += [publisher.event, recording.event, boxes.event]
+    events.listeners += [publisher.event, recording.recorder.event, boxes.event]
 
-    handlers, slow = requests(bench, loop, resumption, recording, store, tables, toml)
+    plans = PlanControl(bench, resumption, recording.obstacle)
+    installation = Installation(bench, store, tables.write, toml)
+    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
+    dispatcher = Dispatcher(bench, operation, plans, installation)
+    longest = max_request_bytes(config.motor.counts)
+    offloaded = {
+        CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+        PLAN_RESUME.name: Offloaded(plans.read_remaining),
+    }
     api = Api(
-        *(config.bench.name, calls, slow, publisher.documents),
-        max_request_bytes=max_request_bytes(config.motor.counts),
+        *(config.bench.name, dispatcher.calls, offloaded, publisher.documents, longest),
         in_command=lambda payload: bench.lease.is_in(payload, time.monotonic_ns()),
     )
     supervisor = Supervisor(
-        *(bench, Desk(handlers, bench.erred), calls, children, loop, tables, recording, boxes),
+        *(bench, dispatcher, children, loop, tables, recording, boxes),
         *(publisher, GatewayLink(children, events) if config.zenoh.remote else None),
         *(guard, notifier),
     )
@@ -167,25 +173,3 @@ def show_interrupted_plan(journal: Journal, resumption: Resumption, bench: Bench
     if summary := resumption.summary():
         bench.plans.show(resumption.view())
         bench.events.emit("plan", summary)
-
-
-def requests(
-    bench: Bench,
-    loop: LoopLink,
-    resumption: Resumption,
-    recording: RecordingControl,
-    store: CalibrationStore,
-    tables: TablesWriter,
-    toml: str,
-) -> tuple[dict[str, Handler], dict[str, Slow]]:
-    """Return the handler of every RPC, and the work of those that take long."""
-    operate = Operate(bench, lambda: loop.start(time.monotonic_ns()))
-    experiments = Experiments(bench, resumption, recording.obstacle)
-    installation = Installation(bench, store, tables.write, toml)
-    slow = {
-        "calibration/install": Slow(
-            installation.prepare, installation.keep, max_request_bytes(bench.config.motor.counts)
-        ),
-        "plan/resume": Slow(experiments.look_for_rest),
-    }
-    return {**operate.handlers, **experiments.handlers, **installation.handlers}, slow

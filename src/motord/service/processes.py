@@ -4,7 +4,7 @@ from motord.config import Config
 from motord.loop.launch import loop_command
 from motord.recorder.launch import recorder_command, spawn_recorder
 from motord.service.bench.loop_link import LOOP
-from motord.service.bench.recording import RECORDER
+from motord.service.bench.recorder_session import RECORDER
 from motord.service.gateway.link import GATEWAY, gateway_command, spawn_gateway
 from motord.service.host.children import Process, spawn
 

@@ -22,15 +22,13 @@ from motord.service.host.children import Children, Ended
 from motord.service.host.log import log_error
 from motord.service.host.systemd import Notifier
 from motord.service.publish.publisher import Publisher
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.dispatcher import Desk
+from motord.service.rpc.dispatcher import Dispatcher
 from motord.shm.tables import TablesWriter
 
 PERIOD_NS = 10_000_000
 RAMP_MARGIN_S = 1.0
 STOP_NS = 300_000_000
 RECORDER_START_NS = 20_000_000_000
-SHUTS_DOWN = "the daemon is shutting down"
 
 
 @dataclass
@@ -38,8 +36,7 @@ class Supervisor:
     """What gets its turn in every step, and in which order. `gateway`: None without TLS."""
 
     bench: Bench
-    desk: Desk
-    calls: CallQueue
+    dispatcher: Dispatcher
     children: Children
     loop: LoopLink
     tables: TablesWriter
@@ -67,11 +64,10 @@ class Supervisor:
             for end in self.children.poll(now_ns):
                 self._process_ended(end)
         with part("requests", now_ns):
-            for call in self.calls.take():
-                self.desk.handle(call, now_ns)
+            self.dispatcher.take(now_ns)
         self.bench.step(block, lost, now_ns)
         with part("answers", now_ns):
-            self.desk.step(now_ns)
+            self.dispatcher.step(now_ns)
         with part("gateway", now_ns):
             if self.gateway is not None:
                 self.gateway.step(now_ns)
@@ -80,7 +76,7 @@ class Supervisor:
         with part("publisher", now_ns):
             self.publisher.step(block, now_ns)
         with part("service manager", now_ns):
-            self.notifier.progress(self.bench.watch.ticks, now_ns)
+            self.notifier.progress(self.bench.monitor.ticks, now_ns)
 
     def _process_ended(self, end: Ended) -> None:
         """Report a process that has ended; the loop's end is a fault of the bench."""
@@ -90,7 +86,7 @@ class Supervisor:
             bench.events.emit("process", f"{name} ended: {end.how}: {end.process.loss}{again}")
             return
         why = self.loop.ended(end)
-        self.boxes.loop_died(why, bench.watch)
+        self.boxes.loop_died(why, bench.monitor)
         self.recording.loop_down()
         self.tables.forget_loop()
         bench.loop_down(why)
@@ -129,7 +125,7 @@ class Supervisor:
         setpoint = self.bench.setpoint
         setpoint.request(Request.STOP)
         end_ns = self.clock_ns() + STOP_NS
-        seen_seq, state = 0, self.bench.watch.state
+        seen_seq, state = 0, self.bench.monitor.state
         while self.clock_ns() < end_ns:
             setpoint.write(self.clock_ns(), seen_seq)
             block, _ = self.loop.read()
@@ -146,8 +142,7 @@ class Supervisor:
 
     def take_down(self) -> None:
         """Take no more requests, end the loop, then the recorder, which by then has everything."""
-        self.calls.close(SHUTS_DOWN)
-        self.desk.give_up(SHUTS_DOWN)
+        self.dispatcher.close("the daemon is shutting down")
         if self.gateway is not None:
             self.gateway.stop(self.clock_ns())
         self.children.stop(LOOP)

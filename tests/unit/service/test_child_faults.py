@@ -188,8 +188,8 @@ def test_the_reserve_starts_a_child_when_there_are_no_descriptors_left(size, sta
 PERIPHERAL = {
     "loop link": "loop.follow",
     "processes": "children.poll",
-    "requests": "calls.take",
-    "answers": "desk.step",
+    "requests": "dispatcher.take",
+    "answers": "dispatcher.step",
     "recording": "recording.step",
     "publisher": "publisher.step",
     "service manager": "notifier.progress",

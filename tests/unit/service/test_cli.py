@@ -186,7 +186,7 @@ BOX = "/runs/blackbox/blackbox-[cli]-1.mcap"
 
 
 def test_a_trip_ends_the_hold_and_is_told_with_all_that_helps(live, motord, monkeypatch):
-    monkeypatch.setattr(live.bench.watch, "on_trip", lambda t_ns, tick, account: BOX)
+    monkeypatch.setattr(live.bench.monitor, "on_trip", lambda t_ns, tick, account: BOX)
     seen = threading.Event()
 
     def trip_when_enabled():

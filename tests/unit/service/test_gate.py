@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 import zenoh
 
-from motord.api.endpoints import client_config, gate_config
+from motord.api.endpoints import client_config, gateway_config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
 from motord.security import authority, identity
@@ -194,7 +194,7 @@ def test_a_change_is_noticed(gated, folder):
 
 
 def test_the_gate_goes_by_what_zenoh_itself_checks(gated):
-    config = gate_config(gated.config, {"anna": Role.OPERATOR})
+    config = gateway_config(gated.config, {"anna": Role.OPERATOR})
     tls = json.loads(config.get_json("transport/link/tls"))
     assert (tls["enable_mtls"], tls["close_link_on_expiration"]) == (True, True)
     access = json.loads(config.get_json("access_control"))

@@ -9,7 +9,7 @@ from contextlib import ExitStack, suppress
 import pytest
 import zenoh
 
-from motord.api.endpoints import ARRIVING_MS, MAX_ARRIVING, client_config, router_config
+from motord.api.endpoints import HANDSHAKE_MS, MAX_HANDSHAKES, client_config, router_config
 from motord.client import ClientError, connect
 from tests.unit.service.live_service import endpoint, live_service
 
@@ -36,7 +36,7 @@ def session(where, mode):
 def test_connections_that_say_nothing_keep_nobody_out_for_long(tmp_path):
     with live_service(tmp_path) as service, ExitStack() as silent:
         host, port = service.listen.removeprefix("tcp/").split(":")
-        for _ in range(MAX_ARRIVING + 8):
+        for _ in range(MAX_HANDSHAKES + 8):
             silent.enter_context(socket.create_connection((host, int(port))))
         begun_s = time.monotonic()
         while True:
@@ -44,7 +44,7 @@ def test_connections_that_say_nothing_keep_nobody_out_for_long(tmp_path):
                 connect("live", service.listen).close()
                 break
         waited_s = time.monotonic() - begun_s
-    assert waited_s < ARRIVING_MS / 1e3 + 3.0  # Zenoh's own limit is 10 s
+    assert waited_s < HANDSHAKE_MS / 1e3 + 3.0  # Zenoh's own limit is 10 s
 
 
 class Intruder:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from motord.api.errors import RpcError
-from motord.api.requests import parse
+from motord.api.requests import PLAN_RESUME, parse
 from motord.config import load
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
@@ -19,7 +19,7 @@ from motord.service.plans import resume
 from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import bench_parts, points_digest, recorded
-from motord.service.rpc.calls import Call
+from motord.service.rpc.dispatcher import Call
 from tests.unit.recording.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService
 
@@ -249,21 +249,19 @@ def test_a_plan_of_which_nothing_is_missing_is_done(days):
 def test_what_was_found_in_the_requests_thread_is_used(days):
     interrupted(days)
     service = days.daemon()
-    [experiments] = {handler.__self__ for name, handler in service.desk._handlers.items()
-                     if name == "plan/resume"}  # fmt: skip
-    _, rest = experiments.look_for_rest(b'{"token": "t"}')
+    _, rest = service.plans.read_remaining(b'{"token": "t"}')
     assert [point.index for point in rest.plan.points] == [1, 2]
     token = service.acquire()
     service.ask("plan/resume", token=token)
-    assert experiments.look_for_rest(b'{"token": "t"}')[1] is None
+    assert service.plans.read_remaining(b'{"token": "t"}')[1] is None
 
 
 def test_recordings_are_never_read_in_the_supervisors_loop(days):
     interrupted(days)
     service = days.daemon()
     payload = json.dumps({"token": service.acquire()}).encode()
-    call = Call("plan/resume", parse("plan/resume", payload))  # a plan was under way a moment ago
-    service.desk.handle(call, service.now_ns)
+    call = Call("plan/resume", parse(PLAN_RESUME, payload))  # a plan was under way a moment ago
+    service.dispatcher.handle(call, service.now_ns)
     with pytest.raises(RpcError, match="has just ended; ask again") as caught:
         call.wait(0)
     assert caught.value.code == "busy"

@@ -7,17 +7,16 @@ import numpy as np
 
 from motord import config
 from motord.api.errors import RpcError
-from motord.api.requests import parse
+from motord.api.requests import RPCS, parse
 from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.journal_sink import JournalSink
 from motord.service.plans.resume import Resumption
-from motord.service.rpc.calls import Call
-from motord.service.rpc.dispatcher import Desk
-from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
+from motord.service.rpc.dispatcher import Call, Dispatcher
+from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plans import PlanControl
 from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000
@@ -97,7 +96,7 @@ class Pending:
     def outcome(self):
         """The answer, the refusal, or None."""
         try:
-            return self.call.wait(0)
+            return self.call.wait(0).content()
         except RpcError as refusal:
             return None if refusal.code == "busy" else refusal
 
@@ -108,7 +107,7 @@ def fail(where, error):
 
 
 class VirtualService:
-    """Bench and desk over a virtual loop; `devices` are slow devices on a wire.
+    """Bench and dispatcher over a virtual loop; `devices` are slow devices on a wire.
 
     Errors in the program come out, unless it is to be as `safe` as the daemon.
     """
@@ -132,11 +131,11 @@ class VirtualService:
         )
         self.bench = Bench(self.config, self.loop, devices or {}, self.events, sink)
         if not safe:
-            self.bench.erred = fail
+            self.bench.fault_stop = fail
         self.restarts = 0
-        handlers = Operate(self.bench, self._restart).handlers
-        self.experiments = Experiments(self.bench, self.resumption)
-        self.desk = Desk({**handlers, **self.experiments.handlers}, self.bench.erred)
+        self.operation = ManualOperation(self.bench, self._restart)
+        self.plans = PlanControl(self.bench, self.resumption)
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans)
         self.bench.loop_up()
         self.step(2)
 
@@ -149,7 +148,7 @@ class VirtualService:
         for _ in range(steps):
             self.now_ns += STEP_NS
             self.bench.step(self.loop.run(), lost, self.now_ns)
-            self.desk.step(self.now_ns)
+            self.dispatcher.step(self.now_ns)
 
     def run_s(self, seconds, token=None):
         """Let `seconds` pass, with the lease renewed if `token` is given."""
@@ -162,9 +161,9 @@ class VirtualService:
         """Bring a request, and return it as it waits."""
         payload, prepared = json.dumps(arguments).encode(), None
         if name == "plan/resume":  # a thread of the intake reads the recordings
-            _, prepared = self.experiments.look_for_rest(payload)
-        call = Call(name, parse(name, payload), prepared)
-        self.desk.handle(call, self.now_ns)
+            _, prepared = self.plans.read_remaining(payload)
+        call = Call(name, parse(RPCS[name], payload), prepared)
+        self.dispatcher.handle(call, self.now_ns)
         return Pending(call)
 
     def ask(self, name, /, **arguments):

@@ -1,7 +1,6 @@
-"""The calibration in force: installed, kept over restarts, turned into the loop's tables.
+"""Installed calibrations on disk: `<state folder>/calibrations/<bench>/<id>.json`.
 
-Installed calibrations lie in `<state folder>/calibrations/<bench>/`, each under its id; the file
-`installed` there names the one in force.
+The file `installed` there names the one in force.
 """
 
 import os
@@ -21,7 +20,7 @@ MARK = "installed"
 
 
 def state_directory() -> Path:
-    """Return where the daemon keeps what outlives it.
+    """Return the folder of the daemon's persistent state.
 
     `$STATE_DIRECTORY` under systemd, else `$XDG_STATE_HOME/motord` or `~/.local/state/motord`.
     """
@@ -90,7 +89,7 @@ class CalibrationStore:
         self.path, self.current = path, loaded
         return loaded
 
-    def keep(self, checked: Calibration) -> Path:
+    def save(self, checked: Calibration) -> Path:
         """Write a checked calibration and mark it as the one in force."""
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
@@ -110,7 +109,7 @@ class CalibrationStore:
             raise CalibrationError(f"{mark}: cannot write it: {error.strerror}") from error
 
     def view(self) -> CalibrationView | None:
-        """Return the calibration in force as clients see it."""
+        """Return the calibration in force as published."""
         if self.current is None:
             return None
         now = datetime.now(UTC)

@@ -1,4 +1,4 @@
-"""The loop process as the supervisor sees it: started, ready, publishing ticks, gone."""
+"""The loop process as the supervisor sees it: started, ready, publishing ticks, ended."""
 
 from contextlib import suppress
 from typing import Any, Literal
@@ -38,11 +38,11 @@ class LoopLink:
         self.phase = "starting"
 
     def follow(self) -> bool:
-        """Return True once when a loop that is starting is ready: it is up then.
+        """Attach to a loop that has become ready; return True if it has.
 
         Raises OSError if what it has made ready cannot be opened yet, or makes no sense.
         """
-        return self.phase == "starting" and self._is_ready()
+        return self.phase == "starting" and self._attach_if_ready()
 
     def read(self) -> tuple[np.ndarray, int]:
         """Return (block, lost), the ticks published since the last call."""
@@ -54,7 +54,7 @@ class LoopLink:
         """Note that the loop process has ended by itself; return why, in words."""
         why = f"the loop ended: {end.how}"
         status = None
-        with suppress(OSError):  # what it has said of its end cannot be read; how it ended is known
+        with suppress(OSError):  # without its status file, the exit code remains
             status = LoopStatus.read(self._run_dir.loop_status)
         if status is not None and status.error:
             why = f"the loop ended: {status.error}"
@@ -64,7 +64,7 @@ class LoopLink:
         return why
 
     def realtime(self) -> dict[str, Any]:
-        """Return which real-time rights the loop got, for clients and recordings."""
+        """Return the real-time rights of the loop, for clients and recordings."""
         status = self.status
         if status is None or status.realtime is None:
             return {}
@@ -77,15 +77,15 @@ class LoopLink:
         }
 
     def bridge_clock(self) -> ClockView | None:
-        """Return what the loop knows of the bridge's clock; None for a loop without one."""
+        """Return drift and jitter of the bridge's clock; None for a loop without one."""
         if self._timing is None or self.phase != "up":
             return None
-        told = self._timing.clock
-        if not any(told):
+        clock = self._timing.clock
+        if not any(clock):
             return None
-        return ClockView(drift_ppm=round(told.drift_ppm, 2), jitter_us=round(told.jitter_us, 1))
+        return ClockView(drift_ppm=round(clock.drift_ppm, 2), jitter_us=round(clock.jitter_us, 1))
 
-    def _is_ready(self) -> bool:
+    def _attach_if_ready(self) -> bool:
         status = LoopStatus.read(self._run_dir.loop_status)
         if status is None or status.phase is not LoopPhase.READY:
             return False

@@ -21,7 +21,7 @@ from typing import IO
 import zenoh
 
 from motord import config as config_file
-from motord.api.endpoints import gate_config
+from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError
 from motord.config.bench import TlsConfig
 from motord.recorder.pipe_lines import LineWriter
@@ -155,7 +155,7 @@ def _keep_unchanged(
     before = signature(tls)
     roles = check(tls)
     audit.roles = {name: str(role) for name, role in roles.items()}
-    with zenoh.open(gate_config(config, roles)) as session:
+    with zenoh.open(gateway_config(config, roles)) as session:
         listener = session.info.declare_link_events_listener(
             lambda event: report_link(event, audit, reporter), history=True
         )

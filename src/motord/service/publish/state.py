@@ -39,8 +39,8 @@ class StateView:
     def build(self, now_ns: int) -> BenchState:
         """Return the state now."""
         bench, config = self.bench, self.bench.config
-        trips, first = bench.watch.trips()
-        holder = bench.in_command(now_ns)
+        trips, first = bench.monitor.trips()
+        holder = bench.commander(now_ns)
         return BenchState(
             bench=config.bench.name,
             motor=f"{config.motor.name} {config.motor.serial}".strip(),
@@ -52,8 +52,8 @@ class StateView:
             fault=bench.fault,
             trips=trips,
             first_trip=first,
-            trip=bench.watch.trip,
-            tick=bench.watch.tick_view(),
+            trip=bench.monitor.trip,
+            tick=bench.monitor.tick_view(),
             torque_sensor=TorqueSensorView(
                 highpass_time_constant_s=config.torque_sensor.highpass_time_constant_s
             ),
@@ -64,7 +64,7 @@ class StateView:
                 duration_s=config.zenoh.lease_s,
             ),
             plan=bench.plans.view,
-            loop=bench.watch.loop_view(now_ns),
+            loop=bench.monitor.loop_view(now_ns),
             realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
             recording=self.recording.view(),
             calibration=self.calibrations.view(),
@@ -90,8 +90,8 @@ def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, 
     return (
         bench.state,
         bench.fault,
-        bench.watch.trip_bits,
-        bench.in_command(now_ns),
+        bench.monitor.trip_bits,
+        bench.commander(now_ns),
         bench.setpoint.torque_Nm,
         bench.setpoint.speed_Hz,
         bench.setpoint.drive_Hz,
