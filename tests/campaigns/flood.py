@@ -25,7 +25,7 @@ import numpy as np
 import zenoh
 
 from motord.api.endpoints import client_config, key
-from motord.api.requests import REQUESTS
+from motord.api.requests import RPCS
 from motord.client import Client, ClientError
 from tests.system.daemons import daemon, write_sim
 
@@ -49,7 +49,7 @@ def _payload(rng: random.Random, size: int) -> bytes:
 def _send(endpoint: str, bench: str, seed: int, payloads: int, flood_s: float) -> None:
     """Send without waiting for an answer."""
     rng = random.Random(seed)
-    names = sorted(REQUESTS)
+    names = sorted(RPCS)
     with zenoh.open(client_config(endpoint)) as session:
         for _ in range(payloads):
             name = rng.choice(["calibration/install", "calibration/install", *names])

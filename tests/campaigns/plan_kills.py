@@ -169,8 +169,8 @@ class Sweep:
             self.kills.append(Kill(victim, int(block["t_ns"][-1]), files))
         [journal] = (self.folder / "state").rglob(f"{self.bench.stem}.jsonl")
         content = journal.read_bytes()
-        text = read(content)
-        if text.story is None or text.size != len(content):
+        parsed = read(content)
+        if parsed.log is None or parsed.size != len(content):
             self.outcome.torn.append(f"journal torn after {victim} was killed")
 
 

@@ -12,11 +12,11 @@ pytestmark = [pytest.mark.system, pytest.mark.slow]
 BUGS = """
 import sys
 if "run" in sys.orig_argv:
-    from motord.service.bench.manual_control import Hand
+    from motord.service.bench.manual_control import ManualControl
     from motord.service.publish.publisher import Publisher
-    from motord.service.bench.tick_monitor import TickWatch
+    from motord.service.bench.tick_monitor import TickMonitor
 
-    publish, update, set_by_hand = Publisher.step, TickWatch.update, Hand.set
+    publish, update, set_by_hand = Publisher.step, TickMonitor.update, ManualControl.set
 
     def failing_set(self, asked, state):
         if asked.torque_Nm == 1.25:
@@ -33,7 +33,8 @@ if "run" in sys.orig_argv:
             raise ZeroDivisionError("put into the supervisor")
         return update(self, block, lost, now_ns)
 
-    Hand.set, Publisher.step, TickWatch.update = failing_set, failing_publisher, failing_watch
+    ManualControl.set, Publisher.step = failing_set, failing_publisher
+    TickMonitor.update = failing_watch
 """
 """A torque of 1.25 Nm meets a bug in a request's handler, one of 1.375 Nm in the publisher, which
 is no part of the bench, one of 1.5 Nm in the bench itself."""

@@ -2,11 +2,13 @@
 
 import shlex
 import socket
+from pkgutil import resolve_name
 
 import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
+from motord.cli.console import EXPLAINED
 from motord.config.experiments import plan_kinds
 from tests.unit.service.live_service import endpoint
 from tests.unit.test_cli_text import ALL
@@ -177,3 +179,10 @@ def test_what_cannot_be_done_is_one_line(words):
 )
 def test_wrong_usage_is_exit_2(words):
     assert invoke(shlex.split(words)).exit_code == 2
+
+
+@pytest.mark.parametrize("name", sorted(EXPLAINED))
+def test_errors_that_end_a_command_with_one_line_are_known_by_their_right_names(name):
+    kind = resolve_name(name)
+    assert issubclass(kind, Exception)
+    assert f"{kind.__module__}.{kind.__qualname__}" == name

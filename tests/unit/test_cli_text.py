@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from motord.cli import app
-from motord.cli.console import plain_console, text_column
+from motord.cli.console import plain_console, progress_bar, text_column
 from motord.config.experiments import plan_kinds
 
 CLI = Path(__file__).parents[2] / "src" / "motord" / "cli"
@@ -69,6 +71,23 @@ def test_consoles_and_columns_print_text_as_it_is():
     with Progress(text_column("{task.description}"), console=console) as bars:
         task = bars.add_task("[loop]", total=1.0)
         assert str(bars.columns[0].render(bars.tasks[task])) == "[loop]"
+
+
+def test_the_list_of_commands_loads_nothing_heavy():
+    script = (
+        "import sys\nfrom typer.testing import CliRunner\nfrom motord.cli import app\n"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0\n"
+        "print({'numpy', 'pydantic', 'zenoh', 'rich.progress', 'matplotlib'} & sys.modules.keys())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stdout == "set()\n", done.stderr
+
+
+def test_progress_prints_nothing_where_there_is_no_terminal(capfd):
+    for silent in (False, True):
+        with progress_bar(text_column("{task.description}"), silent=silent) as bars:
+            bars.update(bars.add_task("[loop]", total=1.0), completed=1.0)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("path", sorted(CLI.rglob("*.py")), ids=lambda p: str(p.relative_to(CLI)))

@@ -8,7 +8,7 @@ import pytest
 import zenoh
 
 from motord.api.endpoints import client_config, router_config
-from motord.api.requests import REQUESTS
+from motord.api.requests import RPCS
 from motord.client import ClientError, Lease, connect, operator
 from motord.schema import TICK_DTYPE
 from motord.service.publish.zenoh_api import ApiError
@@ -181,7 +181,7 @@ def test_refusals_carry_code_and_message(client):
     assert code_of(client, "dance") == "unknown"
 
 
-@pytest.mark.parametrize("name", sorted(REQUESTS))
+@pytest.mark.parametrize("name", sorted(RPCS))
 @pytest.mark.parametrize(
     "payload", [b"", b"\xff\xfe", b"[]", b'{"token": 1}', b'{"a": NaN}', b"{" * 900]
 )
@@ -255,10 +255,10 @@ def test_a_daemon_that_went_away_is_noticed(tmp_path):
 
 
 def test_a_supervisor_that_does_not_answer_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("motord.service.rpc.replies.ANSWER_S", 0.2)
+    monkeypatch.setattr("motord.service.rpc.outstanding.REPLY_S", 0.2)
     with live_service(tmp_path, name="asleep") as service:
         service.paused.set()
         with connect("asleep", service.listen) as client:
             assert code_of(client, "stop") == "busy"
-            monkeypatch.setattr("motord.client.connection.ANSWER_S", 0.05)
+            monkeypatch.setattr("motord.client.connection.REPLY_S", 0.05)
             assert code_of(client, "stop") == "unreachable"

@@ -10,16 +10,15 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.api.endpoints import MAX_ANSWER_BYTES, router_config
-from motord.api.requests import MAX_REQUEST_BYTES, REQUESTS
+from motord.api.endpoints import MAX_REPLY_BYTES, router_config
+from motord.api.requests import MAX_REQUEST_BYTES, RPCS
 from motord.client import Client, ClientError, connect
-from motord.client.answers import (
-    ANSWERS,
-    decode_answer,
+from motord.client.decoding import (
     decode_event,
     decode_events,
     decode_plan,
     decode_plan_or_none,
+    decode_reply,
     decode_state,
     decode_ticks,
 )
@@ -63,8 +62,9 @@ def client(false_daemon):
         yield client
 
 
+WITH_FIELDS = sorted(name for name, rpc in RPCS.items() if rpc.reply.model_fields)
 ASKS = {
-    **{name: lambda client, name=name: client.rpc(name) for name in sorted(ANSWERS)},
+    **{name: lambda client, name=name: client.rpc(name) for name in WITH_FIELDS},
     "lease": lambda client: client.lease("anna").acquire(),
     "state": Client.state,
     "events": Client.events,
@@ -120,7 +120,7 @@ def test_no_answer_of_somebody_who_is_there_is_said(false_daemon, client):
 
 
 def test_what_is_too_long_is_not_sent(client):
-    for name in sorted(set(REQUESTS) - {"calibration/install"}):
+    for name in sorted(set(RPCS) - {"calibration/install"}):
         with pytest.raises(ClientError, match="more than the 65536 allowed") as caught:
             client.rpc(name, by="x" * MAX_REQUEST_BYTES)
         assert caught.value.code == "invalid"
@@ -128,11 +128,11 @@ def test_what_is_too_long_is_not_sent(client):
 
 def test_what_is_too_long_is_not_read():
     with pytest.raises(ClientError, match="at most"):
-        decode_state(bytes(MAX_ANSWER_BYTES + 1))
+        decode_state(bytes(MAX_REPLY_BYTES + 1))
 
 
 DECODERS = {
-    **{name: lambda content, name=name: decode_answer(name, content) for name in sorted(REQUESTS)},
+    **{name: lambda content, name=name: decode_reply(name, content) for name in sorted(RPCS)},
     "state": decode_state,
     "event": decode_event,
     "events": decode_events,

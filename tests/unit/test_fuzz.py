@@ -51,9 +51,9 @@ def test_a_request_carried_out_without_the_lease_is_found(monkeypatch):
 
 
 def test_a_change_by_a_refused_request_is_found(monkeypatch):
-    def careless(name, payload):
+    def careless(asked, payload):
         target.service.bench.setpoint.brake = 0.123
-        return parse(name, payload)
+        return parse(asked, payload)
 
     target = Rpc()
     monkeypatch.setattr(fuzz, "TARGETS", {"rpc": lambda: target})

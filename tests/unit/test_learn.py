@@ -11,7 +11,8 @@ import typer
 from typer.testing import CliRunner
 
 from motord.calibration import Calibration, from_json, load
-from motord.cli import learn as module
+from motord.cli.connection_options import with_connection
+from motord.cli.plan import learn as module
 from motord.demo.learn import calibrate_virtual, learn_virtual, learned_report, verify_virtual
 from motord.experiments.plans import build
 from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
@@ -81,7 +82,7 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Daemon:
     def in_command(client: Any, *, force: bool) -> Any:
         yield SimpleNamespace(token="t")
 
-    monkeypatch.setattr(module, "daemon", given)
+    monkeypatch.setattr(module.Connection, "open", given)
     monkeypatch.setattr(module, "in_command", in_command)
     monkeypatch.setattr(module, "follow", played.follow)
     monkeypatch.setattr(module, "settings_of", lambda *_: {})
@@ -91,7 +92,7 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Daemon:
 
 def run(*arguments: object) -> tuple[int, str, str]:
     app = typer.Typer()
-    app.command()(module.learn)
+    app.command()(with_connection(module.learn))
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception

@@ -1,16 +1,15 @@
-"""Trips, flags and requests in words, for events, state and refusals."""
+"""Texts for trips and flags: cause, meaning and action, for events, state and errors."""
 
 from motord.control.interlock_table import INTERLOCKS
 from motord.schema import Flag, Trip
 
 TRIP_MEANING: dict[Trip, str] = {row.trip: row.meaning for row in INTERLOCKS}
-"""What each cause of a trip means, with the key of the bench file that sets its limit."""
-
+"""Meaning of each cause, with the key of the bench file that sets its limit."""
 
 TRIP_ACTION: dict[Trip, str] = {
     Trip.OVER_CURRENT: "look at the phase currents before the trip: a peak in one phase points to "
-    "its sensor or a short, a swing of all to the current controller; lower limits.current_A if "
-    "the command itself came close",
+    "its sensor or a short, an oscillation of all to the current controller; lower "
+    "limits.current_A if the command itself came close",
     Trip.OVER_SPEED: "check that the brake answers and holds; lower the torque or raise the brake "
     "before the torque",
     Trip.OVER_TORQUE: "look for a blow or a stop in the torque; check the sensor's gain and "
@@ -26,12 +25,12 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.INVERTER_STALE: "check the CAN bus (cable, termination, load) and that the inverter is "
     "on; if the loop was late at the same time, see `motord check --rt`",
     Trip.INVERTER_FAULT: "read the fault in the inverter's own tool (inverter_status in the ticks "
-    "is its status word), clear it there, then reset; if it tells of none, the enable line opened: "
+    "is its status word), clear it there, then reset; if it reports none, the enable line opened: "
     "emergency stop, or a bridge that was reset (its supply)",
     Trip.BUS_OFF: "check the CAN bus: bit rate, termination, a short; reset the CAN interface",
     Trip.LOOP_OVERRUN: "see what kept the loop from running: `motord check --rt`, other programs "
     "on its processor",
-    Trip.SUPERVISOR_STALE: "see in the daemon's log what held it up: memory, a stopped process, "
+    Trip.SUPERVISOR_STALE: "see in the daemon's log what delayed it: memory, a stopped process, "
     "a busy computer",
     Trip.TEMPERATURE: "let the inverter cool; check its fan and heat sink; lower the torque",
     Trip.LINK_ERRORS: "check cables, screens and termination of both links; keep motor cables "
@@ -54,7 +53,7 @@ TRIP_ACTION: dict[Trip, str] = {
     Trip.ENABLE_LINE: "bridge_status in the ticks says why the board opened it: heartbeat lost "
     "(its cable, or a loop that was late: see `motord check --rt`) or a reset (its supply)",
 }
-"""What to do after each cause of a trip, before the reset."""
+"""What to do about each cause before the reset."""
 
 
 def trip_action(bits: int) -> str:
@@ -67,8 +66,8 @@ def trip_names(bits: int) -> list[str]:
     return [trip.name for trip in Trip if bits & trip and trip.name]
 
 
-def trip_words(bits: int) -> str:
-    """Return the causes in `bits` in words, in one line."""
+def trip_text(bits: int) -> str:
+    """Return the causes in `bits` with their meaning, in one line."""
     parts = [f"{trip.name} ({TRIP_MEANING[trip]})" for trip in Trip if bits & trip]
     return "; ".join(parts) or "no cause"
 

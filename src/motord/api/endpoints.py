@@ -1,37 +1,38 @@
-"""Zenoh sessions of the daemon and of its clients: no scouting, only what the config names."""
+"""Zenoh sessions of daemon and clients: no scouting, only the endpoints of the config."""
 
 import json
 from collections.abc import Mapping, Sequence
 
 import zenoh
 
-from motord.api.requests import REQUESTS, max_request_bytes
+from motord.api.requests import RPCS, max_request_bytes
 from motord.config import Config
 from motord.security.access import access_control, daemon_access_control
 from motord.security.identity import Identity
 from motord.security.roles import Role
 
-DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 UNIX_SOCKET = "unixsock-stream/"
-"""What the endpoint of a Unix socket begins with; its path follows."""
+"""Prefix of the endpoint of a Unix socket, before its path."""
 KEY_ROOT = "motord"
-AGAIN = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
-"""When a client whose connection has ended tries again."""
+RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+"""Reconnection of a client."""
 MAX_CLIENTS = 32
-"""So many connections from other machines at a time."""
+"""Connections from other machines at a time."""
 MAX_LOCAL_CLIENTS = 64
-"""So many connections of this machine at a time, the gate's among them."""
-MAX_ARRIVING = 32
-"""So many at a time that have connected but not yet said who they are."""
+"""Connections from this machine at a time, that of the gateway among them."""
+MAX_HANDSHAKES = 32
+"""Connections at a time that are not yet authenticated."""
+HANDSHAKE_MS = 2000
+"""For each of them: connections that send nothing keep others out no longer than that."""
 ENVELOPE_BYTES = 4096
-"""What Zenoh adds to the payload of a request: its key and headers."""
-MAX_ANSWER_BYTES = 64 * 1024 * 1024
+"""Added to the payload of a request by Zenoh: key and headers."""
+MAX_REPLY_BYTES = 64 * 1024 * 1024
 """To a client. The largest is `config` with a table of the back-EMF at 1,048,576 counts."""
-STUCK_US = 1_000_000
-"""Who takes no answers for so long is disconnected: the thread that answers waits for nobody."""
+BLOCKED_US = 1_000_000
+"""A client that takes no replies for so long is disconnected: no thread waits for it."""
 
 
-def _quiet() -> zenoh.Config:
+def _base() -> zenoh.Config:
     config = zenoh.Config()
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("scouting/gossip/enabled", "false")
@@ -43,7 +44,7 @@ def _quiet() -> zenoh.Config:
 
 def router_config(listen: Sequence[str]) -> zenoh.Config:
     """Return the configuration of a router that listens on `listen` only."""
-    config = _quiet()
+    config = _base()
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", json.dumps(list(listen)))
     config.insert_json5("listen/exit_on_failure", "true")
@@ -52,12 +53,12 @@ def router_config(listen: Sequence[str]) -> zenoh.Config:
 
 
 def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> zenoh.Config:
-    """Return the configuration of the daemon's router, on which nobody but it speaks for `bench`.
+    """Return the configuration of the daemon's router, where only it speaks for `bench`.
 
     Messages of more than `max_request_bytes` are dropped by Zenoh as they arrive.
     """
     config = router_config(listen)
-    config.insert_json5("access_control", json.dumps(daemon_access_control(bench, REQUESTS)))
+    config.insert_json5("access_control", json.dumps(daemon_access_control(bench, RPCS)))
     _bound(config, MAX_LOCAL_CLIENTS, max_request_bytes)
     return config
 
@@ -65,19 +66,20 @@ def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> 
 def _bound(config: zenoh.Config, clients: int, max_request_bytes: int) -> None:
     link = "transport/link"
     config.insert_json5("transport/unicast/max_sessions", str(clients))
-    config.insert_json5("transport/unicast/accept_pending", str(MAX_ARRIVING))
+    config.insert_json5("transport/unicast/accept_pending", str(MAX_HANDSHAKES))
+    config.insert_json5("transport/unicast/accept_timeout", str(HANDSHAKE_MS))
     config.insert_json5(f"{link}/rx/max_message_size", str(max_request_bytes + ENVELOPE_BYTES))
-    stuck = f"{link}/tx/queue/congestion_control/block/wait_before_close"
-    config.insert_json5(stuck, str(STUCK_US))
+    blocked = f"{link}/tx/queue/congestion_control/block/wait_before_close"
+    config.insert_json5(blocked, str(BLOCKED_US))
 
 
-def gate_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
-    """Return the configuration of the gate: TLS with certificates in, the daemon behind it."""
+def gateway_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
+    """Return the configuration of the gateway: TLS with client certificates, then the daemon."""
     tls = config.zenoh.tls
     assert tls is not None
-    gate = router_config(config.zenoh.remote)
-    gate.insert_json5("connect/endpoints", json.dumps(config.zenoh.local[:1]))
-    _bound(gate, MAX_CLIENTS + 1, max_request_bytes(config.motor.counts))
+    gateway = router_config(config.zenoh.remote)
+    gateway.insert_json5("connect/endpoints", json.dumps(config.zenoh.local[:1]))
+    _bound(gateway, MAX_CLIENTS + 1, max_request_bytes(config.motor.counts))
     files = {
         "root_ca_certificate": str(tls.ca),
         "listen_certificate": str(tls.certificate),
@@ -85,20 +87,20 @@ def gate_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
         "enable_mtls": True,
         "close_link_on_expiration": True,
     }
-    gate.insert_json5("transport/link/tls", json.dumps(files))
-    gate.insert_json5("access_control", json.dumps(access_control(config.bench.name, roles)))
-    return gate
+    gateway.insert_json5("transport/link/tls", json.dumps(files))
+    gateway.insert_json5("access_control", json.dumps(access_control(config.bench.name, roles)))
+    return gateway
 
 
 def client_config(endpoint: str, identity: Identity | None = None) -> zenoh.Config:
     """Return the configuration of a client of the daemon at `endpoint`; it tries once."""
-    config = _quiet()
+    config = _base()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
     config.insert_json5("connect/timeout_ms", "0")
     config.insert_json5("connect/exit_on_failure", "true")
-    config.insert_json5("connect/retry", json.dumps(AGAIN))
-    config.insert_json5("transport/link/rx/max_message_size", str(MAX_ANSWER_BYTES))
+    config.insert_json5("connect/retry", json.dumps(RETRY))
+    config.insert_json5("transport/link/rx/max_message_size", str(MAX_REPLY_BYTES))
     if identity is not None:
         files = {
             "root_ca_certificate": str(identity.ca),

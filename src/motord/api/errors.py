@@ -1,18 +1,19 @@
-"""What a request is answered with when it is not carried out."""
+"""Errors of the RPCs: the codes, and the exception that a refused request raises."""
 
+import json
 from typing import Literal
 
 Code = Literal[
     "invalid",  # the request itself: a field missing, unknown, of the wrong type or not finite
     "no_lease",  # the token is wrong, has expired or was taken over
-    "lease_held",  # somebody else is in command
+    "lease_held",  # somebody else holds the lease
     "plan_running",  # a plan sets torque and speed now
     "refused",  # not possible in this state; the message says why and what to do
     "tripped",  # the drive tripped instead
-    "timeout",  # what was asked for did not happen in time
+    "timeout",  # the condition did not come about in time
     "failed",  # a file or a device could not be used
-    "busy",  # the daemon did not come to it in time
-    "internal",  # the program erred; the bench was stopped, the traceback is in the daemon's log
+    "busy",  # too many requests, or no reply in time
+    "internal",  # an error in the program; the bench was stopped, the traceback is in the log
 ]
 
 
@@ -25,5 +26,9 @@ class RpcError(Exception):
         self.message = message
 
     def __reduce__(self) -> tuple[type["RpcError"], tuple[Code, str]]:
-        """Let it pass from one process to another."""
+        """Pickle by code and message: a calibration is read in another process."""
         return type(self), (self.code, self.message)
+
+    def to_json(self) -> bytes:
+        """Return the body of an error reply."""
+        return json.dumps({"code": self.code, "message": self.message}).encode()

@@ -1,7 +1,4 @@
-"""What the daemon tells: the replies and published messages, `state`, `event` and `plan`.
-
-They may grow: a reader skips what it does not know.
-"""
+"""Published messages, JSON: `state`, `event` and `plan`. Readers skip unknown fields."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -11,32 +8,32 @@ from pydantic import BaseModel, ConfigDict
 from motord.sequencing.settings import Compensation
 
 
-class Reply(BaseModel):
-    """What a client reads: fields that it does not know are skipped."""
+class PublishedMessage(BaseModel):
+    """A published message, or a part of one."""
 
     model_config = ConfigDict(extra="ignore")
 
     def to_json(self) -> bytes:
-        """Return JSON in UTF-8; what is not finite becomes null."""
+        """Return JSON in UTF-8; numbers that are not finite become null."""
         return self.model_dump_json().encode()
 
 
-class TripView(Reply):
-    """A cause of a trip, by its name in `schema.Trip` and in words."""
+class TripView(PublishedMessage):
+    """A cause of a trip: its name in `schema.Trip`, and what it means."""
 
     name: str
     meaning: str
 
 
-class TripValue(Reply):
+class TripValue(PublishedMessage):
     """A quantity that an interlock watches, at the trip, and its limit."""
 
     value: float | None
     limit: float | None
 
 
-class TripReport(Reply):
-    """What is known of a trip: why, what to do about it, where the black box goes ("": nowhere).
+class TripReport(PublishedMessage):
+    """A trip: causes, values, what to do, and the path of the black box ("": none).
 
     `values` are by quantity and unit; `first` are the causes of the tick that tripped.
     """
@@ -49,20 +46,22 @@ class TripReport(Reply):
     action: str
     blackbox: str
 
-    def further(self, causes: list[str], values: Mapping[str, Mapping[str, float]]) -> "TripReport":
-        """Return the report with causes that came later."""
+    def extended(
+        self, causes: list[str], values: Mapping[str, Mapping[str, float]]
+    ) -> "TripReport":
+        """Return the report with later causes added."""
         added = {what: TripValue.model_validate(value) for what, value in values.items()}
         changes = {"causes": [*self.causes, *causes], "values": {**self.values, **added}}
         return self.model_copy(update=changes)
 
     def in_words(self) -> str:
-        """Return the report in one line."""
+        """Return the report as one line of text."""
         reason = self.reason.partition("-> TRIPPED: ")[2] or self.reason
         box = f"; black box: {self.blackbox}" if self.blackbox else ""
         return f"{reason}; {self.action}; then `motord reset`{box}"
 
 
-class TickView(Reply):
+class TickView(PublishedMessage):
     """The newest tick in short."""
 
     tick: int
@@ -79,19 +78,19 @@ class TickView(Reply):
     torque_ripple_Nm: float | None = None  # measured: RMS about its mean over the last second
 
 
-class TorqueSensorView(Reply):
-    """What the torque sensor can show; a high-pass of 0 s passes the mean."""
+class TorqueSensorView(PublishedMessage):
+    """High-pass of the torque sensor; 0 s passes the mean."""
 
     highpass_time_constant_s: float = 0.0
 
     @property
     def passes_mean(self) -> bool:
-        """False for a piezoelectric sensor, say: what it shows of a steady torque is nothing."""
+        """False for a sensor, piezoelectric for instance, that cannot measure a steady torque."""
         return self.highpass_time_constant_s == 0.0
 
 
-class SetpointView(Reply):
-    """What is asked of the bench now; torque_target_Nm comes once the brake has risen."""
+class SetpointView(PublishedMessage):
+    """The set-point in force; torque_target_Nm follows once the brake has risen."""
 
     torque_Nm: float
     torque_target_Nm: float | None = None
@@ -101,16 +100,16 @@ class SetpointView(Reply):
     compensate: Compensation
 
 
-class LeaseView(Reply):
-    """Who is in command; a detached plan without a commander shows as `plan NAME`."""
+class LeaseView(PublishedMessage):
+    """The holder of the lease; a detached plan without one is shown as `plan NAME`."""
 
     holder: str | None
     remaining_s: float
     duration_s: float
 
 
-class LoopView(Reply):
-    """How the loop keeps time: over the last second, and since it started."""
+class LoopView(PublishedMessage):
+    """Timing of the loop: over the last second, and since it started."""
 
     rate_Hz: float
     ticks: int
@@ -127,7 +126,7 @@ Health = Literal["none", "simulated", "ok", "failing", "stale"]
 """Of a slow device; `failing` does not answer now, `stale` has not for its `stale_after_s`."""
 
 
-class DeviceView(Reply):
+class DeviceView(PublishedMessage):
     """A slow device."""
 
     health: Health
@@ -138,14 +137,14 @@ class DeviceView(Reply):
     age_s: float | None = None
 
 
-class ClockView(Reply):
-    """The bridge board's clock: drift against the computer's, jitter of its samples' delay."""
+class ClockView(PublishedMessage):
+    """The bridge board's clock: drift against the host's, jitter of its samples' delay."""
 
     drift_ppm: float
     jitter_us: float
 
 
-class ProcessView(Reply):
+class ProcessView(PublishedMessage):
     """A child process. bad_messages: lines of it that were no messages; dropped_messages: what it
     did not take in time."""
 
@@ -157,22 +156,22 @@ class ProcessView(Reply):
     dropped_messages: int = 0
 
 
-class CalibrationView(Reply):
+class CalibrationView(PublishedMessage):
     """The calibration in force."""
 
     id: str
     created: str
     age_s: float
-    age: str  # in words
+    age: str  # as text
     method: str
     path: str
 
 
-class PlanView(Reply):
+class PlanView(PublishedMessage):
     """`motord/<bench>/plan`: a plan's progress. It is over in done, aborted and failed.
 
     In interrupted the daemon had ended meanwhile; it can be resumed. `run_id` stays the same then,
-    and `continues` names the recording that the one of now goes on from.
+    and `continues` names the recording that the present one continues.
     """
 
     plan: str
@@ -201,12 +200,11 @@ class PlanView(Reply):
         return self.state in ("done", "aborted", "failed", "interrupted")
 
 
-class RecordingView(Reply):
-    """What the recorder says of itself.
+class RecordingView(PublishedMessage):
+    """State of the recorder.
 
-    path: the newest file by the name that it has now, with `.part` until it is whole; final_path:
-    the name that it gets then. error: why what should be recorded is not; obstacle: why a recording
-    could not begin now, though none has to.
+    path: the newest file by its present name, with `.part` until it is complete; final_path: its
+    name from then on. error: why the recording failed; obstacle: why one could not begin now.
     """
 
     recording: bool
@@ -217,8 +215,8 @@ class RecordingView(Reply):
     detail: dict[str, Any] = {}
 
 
-class BenchState(Reply):
-    """`motord/<bench>/state`: everything that an operator wants to know."""
+class BenchState(PublishedMessage):
+    """`motord/<bench>/state`: the full state of bench and daemon."""
 
     bench: str
     motor: str
@@ -244,12 +242,12 @@ class BenchState(Reply):
     drive: DeviceView
     bridge_clock: ClockView | None = None
     processes: dict[str, ProcessView]
-    faults: dict[str, str] = {}  # what is wrong with a part of the daemon, by part
+    faults: dict[str, str] = {}  # by part of the daemon
     telemetry_dropped: int
 
 
-class Event(Reply):
-    """`motord/<bench>/event`: something happened, at `t_ns` (Unix)."""
+class Event(PublishedMessage):
+    """`motord/<bench>/event`, at `t_ns` (Unix)."""
 
     t_ns: int
     kind: str

@@ -1,14 +1,16 @@
-"""What the daemon is asked: the requests of the RPCs, JSON objects, checked before all else.
+"""The RPCs: name, request and reply of each, in one table; size limits and parsing of requests.
 
-They take nothing that they do not know, nothing of another type and no number that is not finite.
+A request is a JSON object. Unknown fields, other types and numbers that are not finite are refused.
 """
 
-import json
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from motord.api import replies
 from motord.api.errors import RpcError
+from motord.api.replies import RpcReply
 from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.sequencing.settings import Compensation
 
@@ -40,21 +42,20 @@ class WithToken(RpcRequest):
     token: Token
 
 
-class Stop(RpcRequest):
+class StopNow(RpcRequest):
     """`stop`: from anyone, no token; `by` is for the log."""
 
     by: Annotated[str, Field(max_length=64)] = ""
 
 
-class Set(RpcRequest):
-    """`set`: what is left out stays as it is.
+class SetpointChange(WithToken):
+    """`set`: fields that are left out stay as they are.
 
     With `speed_Hz` the brake is servoed until the rotor turns at that speed (turns per second);
     `brake` sets the excitation itself, 0 to 1, and ends the servo. `drive_Hz` turns the rotor with
     the external drive. `enable`: enable the bench first, if all of it can be done.
     """
 
-    token: Token
     enable: bool = False
     torque_Nm: Finite | None = None
     speed_Hz: Finite | None = None
@@ -63,7 +64,7 @@ class Set(RpcRequest):
     compensate: Compensation | None = None
 
     @model_validator(mode="after")
-    def _something_to_set(self) -> "Set":
+    def _something_to_set(self) -> "SetpointChange":
         given = self.model_fields_set - {"token", "enable"}
         if not given:
             raise ValueError("nothing to set: torque_Nm, speed_Hz, brake, drive_Hz, compensate")
@@ -89,10 +90,9 @@ class PlanResume(WithToken):
     detach: bool = False
 
 
-class CalibrationInstall(RpcRequest):
+class CalibrationInstall(WithToken):
     """`calibration/install`: the file's content, or its path as the daemon's host sees it."""
 
-    token: Token
     calibration: dict[str, Any] | None = None
     path: Annotated[str, Field(max_length=4096)] | None = None
 
@@ -103,25 +103,45 @@ class CalibrationInstall(RpcRequest):
         return self
 
 
-REQUESTS: dict[str, type[RpcRequest]] = {
-    "lease/acquire": LeaseAcquire,
-    "lease/renew": WithToken,
-    "lease/release": WithToken,
-    "enable": WithToken,
-    "disable": WithToken,
-    "stop": Stop,
-    "reset": WithToken,
-    "set": Set,
-    "plan/start": PlanStart,
-    "plan/pause": WithToken,
-    "plan/resume": PlanResume,
-    "plan/abort": WithToken,
-    "plan/discard": WithToken,
-    "plan/list": NoArguments,
-    "config": NoArguments,
-    "calibration/install": CalibrationInstall,
+RequestT = TypeVar("RequestT", bound=RpcRequest)
+ReplyT = TypeVar("ReplyT", bound=RpcReply)
+
+
+@dataclass(frozen=True)
+class Rpc(Generic[RequestT, ReplyT]):
+    """A request `rpc/<name>`, the model of its body and that of its reply."""
+
+    name: str
+    request: type[RequestT]
+    reply: type[ReplyT]
+
+    @property
+    def needs_lease(self) -> bool:
+        """True if it is refused without the token of the lease in force."""
+        return issubclass(self.request, WithToken)
+
+
+LEASE_ACQUIRE = Rpc("lease/acquire", LeaseAcquire, replies.LeaseGrant)
+LEASE_RENEW = Rpc("lease/renew", WithToken, replies.LeaseTerms)
+LEASE_RELEASE = Rpc("lease/release", WithToken, RpcReply)
+ENABLE = Rpc("enable", WithToken, replies.StateReply)
+DISABLE = Rpc("disable", WithToken, replies.StateReply)
+STOP = Rpc("stop", StopNow, replies.StateReply)
+RESET = Rpc("reset", WithToken, replies.StateReply)
+SET = Rpc("set", SetpointChange, replies.SetpointReply)
+PLAN_START = Rpc("plan/start", PlanStart, replies.PlanOutline)
+PLAN_PAUSE = Rpc("plan/pause", WithToken, replies.PlanProgress)
+PLAN_RESUME = Rpc("plan/resume", PlanResume, replies.PlanProgress)
+PLAN_ABORT = Rpc("plan/abort", WithToken, replies.PlanProgress)
+PLAN_DISCARD = Rpc("plan/discard", WithToken, replies.PlanName)
+PLAN_LIST = Rpc("plan/list", NoArguments, replies.PlanList)
+CONFIG = Rpc("config", NoArguments, replies.ConfigReply)
+CALIBRATION_INSTALL = Rpc("calibration/install", CalibrationInstall, replies.InstalledCalibration)
+
+RPCS: dict[str, Rpc[Any, Any]] = {
+    value.name: value for value in tuple(globals().values()) if isinstance(value, Rpc)
 }
-"""Every RPC and the model of its request."""
+"""Every RPC above, by its name."""
 
 MAX_REQUEST_BYTES = 64 * 1024
 """Of every request but `calibration/install`."""
@@ -129,8 +149,8 @@ UNPROVEN_BYTES = 4096
 """A request that needs the lease and is longer is not even parsed without its token."""
 NUMBER_BYTES = 32
 """A number in JSON with all its digits, sign, exponent, comma, line end and some indentation."""
-WORDS_BYTES = 256 * 1024
-"""All of a calibration that is not a table: harmonics, runs, errors by point, words."""
+TEXT_BYTES = 256 * 1024
+"""All of a calibration that is not a table: harmonics, runs, errors by point, text."""
 PASSES = 64
 """Passes of learning whose errors a calibration lists for each point."""
 LEARNED_NUMBERS = MAX_NODES**2 * (4 * MAX_ORDERS + PASSES)
@@ -139,18 +159,12 @@ LEARNED_NUMBERS = MAX_NODES**2 * (4 * MAX_ORDERS + PASSES)
 
 def max_calibration_bytes(counts: int) -> int:
     """Return how long a calibration file may be for an encoder of `counts` counts."""
-    return WORDS_BYTES + NUMBER_BYTES * (counts + LEARNED_NUMBERS)
+    return TEXT_BYTES + NUMBER_BYTES * (counts + LEARNED_NUMBERS)
 
 
 def max_request_bytes(counts: int) -> int:
     """Return how long the longest request may be, which is an installation."""
     return MAX_REQUEST_BYTES + max_calibration_bytes(counts)
-
-
-def needs_token(name: str) -> bool:
-    """Return whether RPC `name` is refused without the token of the lease in force."""
-    field = REQUESTS[name].model_fields.get("token")
-    return field is not None and field.is_required()
 
 
 def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
@@ -159,16 +173,16 @@ def check_size(name: str, size: int, limit: int = MAX_REQUEST_BYTES) -> None:
         raise RpcError("invalid", f"{name}: {size} bytes, more than the {limit} allowed")
 
 
-def parse(name: str, payload: bytes, limit: int = MAX_REQUEST_BYTES) -> RpcRequest:
-    """Return the request of RPC `name`. Raises RpcError "invalid", which says what is wrong."""
-    check_size(name, len(payload), limit)
+def parse(rpc: Rpc[RequestT, ReplyT], payload: bytes, limit: int = MAX_REQUEST_BYTES) -> RequestT:
+    """Return the request of an RPC. Raises RpcError "invalid", which says what is wrong."""
+    check_size(rpc.name, len(payload), limit)
     try:
-        return REQUESTS[name].model_validate_json(payload or b"{}")
+        return rpc.request.model_validate_json(payload or b"{}")
     except ValidationError as error:
-        raise RpcError("invalid", f"{name}: {_in_words(error)}") from None
+        raise RpcError("invalid", f"{rpc.name}: {_message(error)}") from None
 
 
-def _in_words(error: ValidationError) -> str:
+def _message(error: ValidationError) -> str:
     lines = []
     for item in error.errors(include_url=False, include_input=False):
         where = ".".join(str(part) for part in item["loc"])
@@ -176,8 +190,3 @@ def _in_words(error: ValidationError) -> str:
         what = {"extra_forbidden": "unknown field", "missing": "missing"}.get(item["type"], what)
         lines.append(f"{where}: {what}" if where else what)
     return "; ".join(lines[:5])
-
-
-def error_json(code: str, message: str) -> bytes:
-    """Return the body of an error reply."""
-    return json.dumps({"code": code, "message": message}).encode()

@@ -6,10 +6,9 @@ from importlib.metadata import version
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
-from motord.cli.console import fail, group, lost_output, outlive_readers, remark
-from motord.cli.identity import with_identity
+from motord.cli.connection_options import with_connection
+from motord.cli.console import CommandGroup, group, lost_output, outlive_readers, remark
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
@@ -18,16 +17,16 @@ COMMANDS = {
     "emulate": "motord.cli.emulate:emulate",
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
-    "status": "motord.cli.operate:status",
-    "watch": "motord.cli.operate:watch",
-    "events": "motord.cli.operate:events",
-    "enable": "motord.cli.operate:enable",
-    "disable": "motord.cli.operate:disable",
-    "stop": "motord.cli.operate:stop",
-    "reset": "motord.cli.operate:reset",
-    "set": "motord.cli.operate:set_",
-    "plan": "motord.cli.plan:app",
-    "learn": "motord.cli.learn:learn",
+    "status": "motord.cli.bench.status:status",
+    "watch": "motord.cli.bench.status:watch",
+    "events": "motord.cli.bench.status:events",
+    "enable": "motord.cli.bench.operate:enable",
+    "disable": "motord.cli.bench.operate:disable",
+    "stop": "motord.cli.bench.operate:stop",
+    "reset": "motord.cli.bench.operate:reset",
+    "set": "motord.cli.bench.operate:set_",
+    "plan": "motord.cli.plan.commands:app",
+    "learn": "motord.cli.plan.learn:learn",
     "analyse": "motord.cli.analysis_command:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
@@ -38,7 +37,7 @@ COMMANDS = {
 """Command to `module:object`; the object is a function or a typer app."""
 
 
-class _Commands(TyperGroup):
+class _Commands(CommandGroup):
     """Imports a command's module only when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -55,23 +54,13 @@ class _Commands(TyperGroup):
         if isinstance(found, typer.Typer):
             for registered in found.registered_commands:
                 assert registered.callback is not None
-                registered.callback = with_identity(registered.callback)
+                registered.callback = with_connection(registered.callback)
         if not isinstance(found, typer.Typer):
             app = group("")
-            app.command(cmd_name)(with_identity(found))
+            app.command(cmd_name)(with_connection(found))
         command = typer.main.get_command(app)
         command.name = cmd_name
         return command
-
-    def invoke(self, ctx: Any) -> Any:
-        """Carry out a command; what it meets that is no error of the program is one line."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            fail("interrupted")
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            fail(f"{where}{error.strerror or error}")
 
 
 app = typer.Typer(

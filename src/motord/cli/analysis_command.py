@@ -2,21 +2,20 @@
 
 import inspect
 import json
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from inspect import Parameter, Signature
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from motord.atomic_write import write_whole
-from motord.cli.console import fail, group, plain_console, print_json
-from motord.config.experiments import AnalysisKind, analysis_kinds
+from motord.cli.common_options import ResultAsJson
+from motord.cli.console import CommandGroup, group, plain_console, print_json
 
 if TYPE_CHECKING:
+    from motord.config.experiments import AnalysisKind
     from motord.experiments.analysis import Analysis
     from motord.report.text import Table
 
@@ -33,19 +32,24 @@ BenchFile = Annotated[
         help="Bench file or motor file; without it, what the recordings say of themselves.",
     ),
 ]  # fmt: skip
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 
 
-class _Analyses(TyperGroup):
+def _kinds() -> "dict[str, AnalysisKind]":
+    from motord.config.experiments import analysis_kinds
+
+    return analysis_kinds()
+
+
+class _Analyses(CommandGroup):
     """Imports an analysis only when it is asked for."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names in the order of the registry."""
-        return list(analysis_kinds())
+        return list(_kinds())
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command, or None if there is none of that name."""
-        for kind in analysis_kinds().values():
+        for kind in _kinds().values():
             if cmd_name in (kind.name, *kind.aliases):
                 alone = group("")
                 alone.command(cmd_name)(_command(kind))
@@ -57,7 +61,7 @@ class _Analyses(TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """List the names with their summaries, which import nothing."""
         with formatter.section("Commands"):
-            formatter.write_dl([(kind.name, kind.summary) for kind in analysis_kinds().values()])
+            formatter.write_dl([(kind.name, kind.summary) for kind in _kinds().values()])
 
 
 app = group("Identify, verify, report.", _Analyses)
@@ -67,7 +71,7 @@ app = group("Identify, verify, report.", _Analyses)
 def _root() -> None: ...
 
 
-def _command(kind: AnalysisKind) -> Callable[..., None]:
+def _command(kind: "AnalysisKind") -> Callable[..., None]:
     """Return the command's function, with the options that all share and the estimate's own."""
     analysis: Analysis[Any] = resolve_name(kind.command)
     own = list(inspect.signature(analysis.estimate).parameters.values())[1:]
@@ -94,7 +98,7 @@ def _command(kind: AnalysisKind) -> Callable[..., None]:
         Parameter("report", keyword, default=None, annotation=Report),
         *own,
         Parameter("config", keyword, default=None, annotation=BenchFile),
-        Parameter("as_json", keyword, default=False, annotation=AsJson),
+        Parameter("as_json", keyword, default=False, annotation=ResultAsJson),
     ]  # fmt: skip
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}
@@ -113,16 +117,15 @@ def _run(
     from motord.experiments.subject import Recordings
 
     output, report = given["output"], given["report"]
-    with errors_in_one_line():
-        recordings = Recordings.open(paths, config)
-        result = analysis.estimate(recordings, **options)
-        if output and analysis.save:
-            analysis.save(result, output)
-        elif output:
-            text = json.dumps(analysis.json(result, recordings), indent=analysis.indent)
-            write_whole(output, text + "\n")
-        if report:
-            analysis.report(result, recordings).write(report)
+    recordings = Recordings.open(paths, config)
+    result = analysis.estimate(recordings, **options)
+    if output and analysis.save:
+        analysis.save(result, output)
+    elif output:
+        text = json.dumps(analysis.json(result, recordings), indent=analysis.indent)
+        write_whole(output, text + "\n")
+    if report:
+        analysis.report(result, recordings).write(report)
     if given["as_json"]:
         print_json(analysis.json(result, recordings))
         return
@@ -152,20 +155,3 @@ def print_text(parts: "Iterable[str | Table]") -> None:
         for row in part.rows:
             table.add_row(*row)
         console.print(table)
-
-
-@contextmanager
-def errors_in_one_line() -> Iterator[None]:
-    """Turn what can be wrong with the files or the data into one line on stderr."""
-    from motord.calibration import CalibrationError
-    from motord.config import ConfigError
-    from motord.experiments.subject import AnalysisError
-    from motord.identification import IdentifyError
-    from motord.recording.errors import RecordError
-
-    try:
-        yield
-    except (AnalysisError, CalibrationError, ConfigError, IdentifyError, RecordError) as error:
-        fail(str(error))
-    except OSError as error:
-        fail(f"{error.filename}: {error.strerror}")

@@ -1,14 +1,13 @@
 """`motord calibration`: calibration files, and which of them the daemon applies."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_json
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -22,21 +21,19 @@ def show(
         Path | None,
         typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
     ] = None,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     as_json: AsJson = False,
 ) -> None:
     """Check a calibration file, or that which the daemon applies, and show what is in it."""
     from motord.calibration import load
 
     if file is None:
-        with daemon(bench, connect) as client:
+        with connection.open() as client:
             view = client.state().calibration
         if view is None:
             fail("no calibration is in force; name a file, or install one")
         file = Path(view.path)
-    with _explained():
-        calibration = load(file)
+    calibration = load(file)
     if as_json:
         print_json(calibration.to_json())
     else:
@@ -49,17 +46,16 @@ def list_(
         Path | None,
         typer.Option("--dir", metavar="DIR", help="A folder with calibration files."),
     ] = None,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     as_json: AsJson = False,
 ) -> None:
     """List the calibrations that the daemon keeps, or those in a folder; * is in force."""
     in_force = ""
     if directory is None:
-        with daemon(bench, connect) as client:
+        with connection.open() as client:
             view = client.state().calibration
         if view is None:
-            say([], "no calibration is in force", as_json)
+            print_answer([], "no calibration is in force", as_json)
             return
         directory, in_force = Path(view.path).parent, view.id
     rows = _rows(directory, in_force)
@@ -103,32 +99,20 @@ def _rows(directory: Path, in_force: str) -> list[dict[str, Any]]:
 @app.command()
 def install(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Let the running daemon apply a calibration, now and after a restart."""
     from motord.calibration import load
-    from motord.cli.command import in_command
+    from motord.cli.bench.lease_session import in_command
 
-    with _explained():
-        calibration = load(file)
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
+    calibration = load(file)
+    with connection.open() as client, in_command(client, force=force) as session:
         answer = client.rpc(
-            "calibration/install", token=command.token, calibration=calibration.to_json()
+            "calibration/install", token=session.token, calibration=calibration.to_json()
         )
-    say(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
-
-
-@contextmanager
-def _explained() -> Iterator[None]:
-    from motord.calibration import CalibrationError
-
-    try:
-        yield
-    except CalibrationError as error:
-        fail(str(error))
+    print_answer(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
 
 
 def _lines(c: "Calibration") -> list[str]:

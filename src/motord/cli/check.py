@@ -1,12 +1,11 @@
 """`motord check`: is this bench file right, do its devices answer, is there real time."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
+from motord.cli.common_options import AsJson, BenchFile
 from motord.cli.console import fail, print_json
 
 if TYPE_CHECKING:
@@ -16,12 +15,7 @@ Finding = dict[str, Any]
 
 
 def check(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The bench; without it, the simulated one."
-        ),
-    ] = None,
+    config: BenchFile = None,
     rt: Annotated[
         bool,
         typer.Option(
@@ -29,15 +23,12 @@ def check(
             help="Say which real-time rights it would get, and what of the machine is in the way.",
         ),
     ] = (False),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check a bench file, probe each device and where recordings go; nothing is enabled or set."""
-    from motord.config import ConfigError, load
+    from motord.config import load
 
-    try:
-        bench = load(config)
-    except ConfigError as error:
-        fail(str(error))
+    bench = load(config)
     findings: list[Finding] = [
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
@@ -103,6 +94,8 @@ def _probe(what: str, probe: Callable[[], str]) -> Finding:
 
 def _probe_rig(bench: "Config") -> str:
     import time
+
+    import numpy as np
 
     from motord.control.types import FEEDBACK
     from motord.hal.registry import make_rig

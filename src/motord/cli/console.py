@@ -1,4 +1,4 @@
-"""How every command speaks: one clear line on failure, JSON on request, no markup anywhere.
+"""Output of every command: one clear line on failure, JSON on request, no markup anywhere.
 
 What stands in brackets, such as [loop], is text: in help, messages, tables and progress. So
 consoles and columns of rich, and groups of typer, are made here alone.
@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import TextColumn
+    from rich.progress import Progress, ProgressColumn, TextColumn
 
 _GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
 """What a write says when nobody reads any more: a closed pipe, a closed terminal."""
@@ -46,7 +46,50 @@ def print_json(obj: Any) -> None:
     print(json.dumps(obj, indent=2, allow_nan=True))  # noqa: T201
 
 
-def group(summary: str, kind: type[TyperGroup] = TyperGroup) -> typer.Typer:
+EXPLAINED = frozenset(
+    {
+        "motord.calibration.CalibrationError",
+        "motord.client.error.ClientError",
+        "motord.config.base.ConfigError",
+        "motord.emulate.EmulatorError",
+        "motord.experiments.subject.AnalysisError",
+        "motord.hal.base.DeviceError",
+        "motord.identification.IdentifyError",
+        "motord.loop.latency.error.LatencyError",
+        "motord.recording.errors.RecordError",
+        "motord.security.error.SecurityError",
+        "motord.sequencing.settings.PlanError",
+        "motord.service.daemon.LoopFailedError",
+        "motord.service.daemon.SupervisorFailedError",
+        "motord.service.publish.zenoh_api.ApiError",
+        "motord.shm.run_directory.RunDirError",
+        "motord.shm.shared_records.SharedFileError",
+        "motord.virtual.plan.PlanFailed",
+    }
+)
+"""Errors that say what is wrong, where and what to do; by name, so that none has to be loaded."""
+
+
+class CommandGroup(TyperGroup):
+    """Carries out a command; an error that is none of the program ends it with one line."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Carry out a command."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            fail("interrupted")
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            fail(f"{where}{error.strerror or error}")
+        except Exception as error:
+            kinds = type(error).__mro__
+            if EXPLAINED.isdisjoint(f"{one.__module__}.{one.__qualname__}" for one in kinds):
+                raise
+            fail(str(error))
+
+
+def group(summary: str, kind: type[CommandGroup] = CommandGroup) -> typer.Typer:
     """Return a group of commands with this help."""
     return typer.Typer(
         cls=kind,
@@ -70,6 +113,17 @@ def text_column(text: str) -> "TextColumn":
     from rich.progress import TextColumn
 
     return TextColumn(text, markup=False)
+
+
+def progress_bar(
+    *columns: "ProgressColumn", silent: bool = False, stderr: bool = False, transient: bool = False
+) -> "Progress":
+    """Return a progress bar; where there is no terminal, or if it is `silent`, it shows nothing."""
+    from rich.progress import Progress
+
+    console = plain_console(stderr=stderr)
+    quiet = silent or not console.is_terminal
+    return Progress(*columns, console=console, transient=transient, disable=quiet)
 
 
 class _Descriptor(io.RawIOBase):

@@ -1,11 +1,12 @@
-"""`motord demo`: the whole story on the simulated rig, with progress, a table and a report."""
+"""`motord demo`: calibration of the simulated rig in virtual time: progress, table and report."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.common_options import ResultAsJson
+from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.demo import Demo
@@ -17,17 +18,11 @@ def demo(
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Four operating points, 8 turns.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: ResultAsJson = False,
 ) -> None:
     """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
-    from motord.identification import IdentifyError
-    from motord.recording.errors import RecordError
-    from motord.virtual.plan import PlanFailed
-
     try:
         found = _run(out, seed, quick, silent=json)
-    except (IdentifyError, PlanFailed, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if json:
@@ -37,12 +32,12 @@ def demo(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
     from motord.demo import STAGES, run_demo, write_report
 
     columns = text_column("{task.description:<28}"), BarColumn(), TimeRemainingColumn()
-    with Progress(*columns, disable=silent) as bars:
+    with progress_bar(*columns, silent=silent) as bars:
         tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
 
         def progress(stage: str, fraction: float) -> None:
@@ -83,7 +78,7 @@ def _print(found: "Demo") -> None:
 def _gain_table(summary: dict[str, Any]) -> Any:
     from rich.table import Table
 
-    table = Table(title="what was found, beside what is true")
+    table = Table(title="identified parameters, compared with the truth")
     for heading in ("", "truth", "joint estimator", "residual estimator (report)"):
         table.add_column(heading, justify="right")
     truth, joint, residual = summary["truth"], summary["joint"], summary["residual"]

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail
-
 if TYPE_CHECKING:
     from types import FrameType
 
@@ -44,32 +42,27 @@ def emulate(
     ] = False,
 ) -> None:
     """Be the devices of a bench on the wire: inverter, bridge, brake and external drive."""
-    from motord.config import ConfigError, load
+    from motord.config import load
     from motord.config.faults import load_timeline
-    from motord.emulate import EmulatorError
     from motord.emulate.process import Emulator
-    from motord.recording.errors import RecordError
     from motord.rig.truth import load as load_rig
 
-    try:
-        bench = load(config)
-        with _sink(truth, bench.bench.name) as sink:
-            timeline = load_timeline(faults) if faults else None
-            rig = load_rig(bench.bench.rig)
-            emulator = Emulator(
-                bench,
-                rig,
-                sink,
-                timeline,
-                lambda told: _say(told, _fault_line(told), as_json),
-                firmware,
-            )
-            with _signals_stop(emulator), emulator:
-                _say(emulator.ready(), _ready_line(emulator.ready()), as_json)
-                emulator.run(duration_s)
-        _say(emulator.summary(), _summary_line(emulator.summary()), as_json)
-    except (ConfigError, EmulatorError, RecordError) as error:
-        fail(str(error))
+    bench = load(config)
+    with _sink(truth, bench.bench.name) as sink:
+        timeline = load_timeline(faults) if faults else None
+        rig = load_rig(bench.bench.rig)
+        emulator = Emulator(
+            bench,
+            rig,
+            sink,
+            timeline,
+            lambda fault: _print(fault, _fault_line(fault), as_json),
+            firmware,
+        )
+        with _signals_stop(emulator), emulator:
+            _print(emulator.ready(), _ready_line(emulator.ready()), as_json)
+            emulator.run(duration_s)
+    _print(emulator.summary(), _summary_line(emulator.summary()), as_json)
 
 
 @contextmanager
@@ -99,7 +92,7 @@ def _signals_stop(emulator: "Emulator") -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _say(data: dict[str, object], line: str, as_json: bool) -> None:
+def _print(data: dict[str, object], line: str, as_json: bool) -> None:
     typer.echo(json.dumps(data) if as_json else line)
     sys.stdout.flush()
 
@@ -114,9 +107,9 @@ def _ready_line(ready: dict[str, object]) -> str:
     )
 
 
-def _fault_line(told: dict[str, object]) -> str:
-    parts = ", ".join(f"{name} {value}" for name, value in told.items() if name != "kind")
-    return f"fault: {told['kind']}, {parts}"
+def _fault_line(fault: dict[str, object]) -> str:
+    parts = ", ".join(f"{name} {value}" for name, value in fault.items() if name != "kind")
+    return f"fault: {fault['kind']}, {parts}"
 
 
 def _summary_line(summary: dict[str, object]) -> str:

@@ -5,8 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
+from motord.cli.common_options import AsJson
 from motord.cli.console import fail, group, print_json
-from motord.cli.settings import value_of
+from motord.cli.plan.settings import value_of
 
 app = group("Inject faults into an emulated bench.")
 
@@ -25,12 +26,11 @@ def inject(
         float | None, typer.Option("--for-s", min=0, help="How long; else as its kind does.")
     ] = None,
     at_s: Annotated[float, typer.Option("--at-s", min=0, help="How long from now.")] = 0.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Let a fault happen to the running emulator of a bench."""
-    from motord.config import ConfigError, load
+    from motord.config import load
     from motord.config.faults import Fault
-    from motord.emulate import EmulatorError
     from motord.emulate.control import inject as send
 
     wanted: dict[str, Any] = {"kind": kind, "at_s": at_s}
@@ -41,10 +41,7 @@ def inject(
         if not equals:
             fail(f"{parameter!r} is not NAME=VALUE")
         wanted[name] = value_of(value)
-    try:
-        injected = send(load(config), wanted)
-    except (ConfigError, EmulatorError) as error:
-        fail(str(error))
+    injected = send(load(config), wanted)
     if as_json:
         print_json(injected)
     else:
@@ -54,7 +51,7 @@ def inject(
 
 @app.command()
 def kinds(
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the kinds of faults and their parameters."""
     from motord.config.faults import KINDS

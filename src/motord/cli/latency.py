@@ -1,11 +1,12 @@
-"""`motord latency`: how punctual the loop is on this machine, beside cyclictest."""
+"""`motord latency`: punctuality of the loop on this machine, compared with cyclictest."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.common_options import AsJson
+from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,27 +39,20 @@ def latency(
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Draw the histograms into this file.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure wake-up and work of the loop on this machine, with the simulated rig.
 
     Time that the host of a virtual machine steals is told apart: figures are over slices of a
     quarter of a second in which the processor's steal counter did not move, and over the others.
     """
-    from motord.config import ConfigError
-    from motord.loop.latency.error import LatencyError
     from motord.loop.latency.measurement import MeasurementPlan
     from motord.loop.latency.report import report
 
     if plot is not None and not plot.absolute().parent.is_dir():
         fail(f"{plot}: there is no folder {plot.absolute().parent}; make it first")
     limit_s = seconds if seconds is not None else DEFAULT_COMPARE_S if compare else DEFAULT_S
-    try:
-        measured = _measure(
-            MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json
-        )
-    except (ConfigError, LatencyError) as error:
-        fail(str(error))
+    measured = _measure(MeasurementPlan(_loop(config, rate_Hz), limit_s, compare), silent=as_json)
     found = report(measured)
     if plot is not None:
         _draw(measured, plot)
@@ -81,14 +75,12 @@ def _loop(config: Path | None, rate_Hz: int | None) -> "LoopConfig":
 
 
 def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
-    from rich.progress import BarColumn, Progress
+    from rich.progress import BarColumn
 
     from motord.loop.latency.measurement import measure
 
-    console = plain_console(stderr=True)
-    quiet = silent or not console.is_terminal
     columns = text_column("{task.description}"), BarColumn()
-    with Progress(*columns, console=console, transient=True, disable=quiet) as bars:
+    with progress_bar(*columns, silent=silent, stderr=True, transient=True) as bars:
         task = bars.add_task("starting the loop", total=1.0)
 
         def progress(measured: "Measured") -> None:
@@ -101,7 +93,6 @@ def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
 
 
 def _print(found: "LatencyReport") -> None:
-
     console = plain_console()
     policy = f"SCHED_FIFO {found.priority}" if found.priority else "normal priority"
     console.print(

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.common_options import ResultAsJson
+from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.reproduce import Found
@@ -17,23 +18,16 @@ def reproduce(
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rigs' noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Small meshes, to see the page.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: ResultAsJson = False,
 ) -> None:
     """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
-    from motord.experiments.subject import AnalysisError
-    from motord.identification import IdentifyError
-    from motord.recording.errors import RecordError
     from motord.reproduce import write_page
-    from motord.sequencing import PlanError
-    from motord.virtual.plan import PlanFailed
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
     try:
         found = _run(out, seed, quick, silent=as_json)
         page = write_page(out, found)
-    except (AnalysisError, IdentifyError, PlanError, PlanFailed, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if as_json:
@@ -45,12 +39,12 @@ def reproduce(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Found":
-    from rich.progress import BarColumn, Progress, TimeElapsedColumn
+    from rich.progress import BarColumn, TimeElapsedColumn
 
     from motord.reproduce import STAGES, reproduce
 
     columns = text_column("{task.description:<18}"), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, disable=silent) as bars:
+    with progress_bar(*columns, silent=silent) as bars:
         tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
 
         def progress(stage: str, fraction: float) -> None:

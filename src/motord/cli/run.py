@@ -2,31 +2,24 @@
 
 import json
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail
+from motord.cli.common_options import BenchFile
 
 if TYPE_CHECKING:
     from motord.config import Config
 
 
 def run(
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            "--config", "-c", metavar="FILE", help="The bench; without it, the simulated one."
-        ),
-    ] = None,
+    config: BenchFile = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one line of JSON when ready.")
     ] = False,
 ) -> None:
     """Run a bench until SIGTERM or Ctrl-C; it starts OFF and ends ramped down and disabled."""
     from motord.config import packaged
-    from motord.service.daemon import EXPLAINED
     from motord.service.daemon import run as run_daemon
 
     def say_ready(bench: "Config") -> None:
@@ -34,7 +27,4 @@ def run(
         where = ", ".join(bench.zenoh.listen)
         typer.echo(json.dumps(ready) if as_json else f"ready: bench {bench.bench.name} at {where}")
 
-    try:
-        run_daemon(config or packaged("sim.toml"), say_ready)
-    except EXPLAINED as error:
-        fail(str(error))
+    run_daemon(config or packaged("sim.toml"), say_ready)

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
+from motord import DEFAULT_ENDPOINT
+from motord.cli.common_options import AsJson
 from motord.cli.console import fail, group, print_json
-from motord.security.error import SecurityError
 from motord.security.roles import Role
 
 app = group("Let other machines reach a bench: certificates and roles.")
@@ -22,11 +23,10 @@ Days = Annotated[int, typer.Option(min=1, max=3650, help="How long it is good.")
 
 
 @contextmanager
-def _explained() -> Iterator[None]:
+def _with_cryptography() -> Iterator[None]:
+    """Say in one line what is missing if the package cryptography is."""
     try:
         yield
-    except SecurityError as error:
-        fail(str(error))
     except ModuleNotFoundError as error:
         if error.name != "cryptography":
             raise
@@ -43,7 +43,7 @@ def init(
     days: Days = 730,
 ) -> None:
     """Make an authority, the daemon's certificate and an empty roles file; overwrite nothing."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority
 
         authority.init(folder, host or [], days)
@@ -64,7 +64,7 @@ def _section(folder: Path) -> str:
     return f"""\
 # in the bench file:
 [zenoh]
-listen = ["tcp/127.0.0.1:7447", "{LISTEN}"]
+listen = ["{DEFAULT_ENDPOINT}", "{LISTEN}"]
 
 [zenoh.tls]
 {files}"""
@@ -78,7 +78,7 @@ def add(
     days: Days = 730,
 ) -> None:
     """Make the certificate of a client and give it a role."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority
 
         own = authority.add(folder, name, role, days)
@@ -89,10 +89,10 @@ def add(
 @app.command("list")
 def list_(
     folder: In = Path(),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List who has which role, and until when the certificates are good."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority, roles
 
         given = roles.read(folder / authority.ROLES)
@@ -117,7 +117,7 @@ def list_(
 @app.command()
 def remove(name: str, folder: In = Path()) -> None:
     """Take the role of a client away: it may do nothing more, within seconds."""
-    with _explained():
+    with _with_cryptography():
         from motord.security import authority
 
         authority.remove(folder, name)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, print_json, text_column
+from motord.cli.common_options import PlanSettings, ResultAsJson
+from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -29,29 +30,22 @@ def simulate(
         Path | None,
         typer.Option("--output", "-o", metavar="RUN.mcap", help="Default: the plan's name."),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
-    ] = None,
+    settings: PlanSettings = None,
     calibration: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Calibration that the loop applies.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of noise and drift; default that of the bench.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    as_json: ResultAsJson = False,
 ) -> None:
     """Run a plan on the simulated rig, much faster than real time, and record it.
 
     Shows what a plan will do on this bench before it is run there, and makes recordings to try
     analyses on. The recording holds the truth of the simulation beside the ticks.
     """
-    from motord.calibration import CalibrationError, load
-    from motord.config import ConfigError
-    from motord.recording.errors import RecordError
-    from motord.sequencing import PlanError
+    from motord.calibration import load
     from motord.simulate import PlanSource
-    from motord.virtual.plan import PlanFailed
 
     path = output or Path(f"{name}.mcap")
     if path.exists():
@@ -65,8 +59,6 @@ def simulate(
         _need_calibration(plan, applied)
         chosen = source.config.bench.seed if seed is None else seed
         result = _record(source, plan, path, chosen, applied, silent=as_json)
-    except (CalibrationError, ConfigError, PlanError, PlanFailed, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or path}: {error.strerror}")
     if as_json:
@@ -79,7 +71,7 @@ def simulate(
 
 
 def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":
-    from motord.cli.settings import parse_settings
+    from motord.cli.plan.settings import parse_settings
     from motord.experiments.plans import build
 
     own = getattr(source.config.plans, name.replace("-", "_"), None)
@@ -104,14 +96,14 @@ def _record(
     *,
     silent: bool,
 ) -> dict[str, Any]:
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
     from motord.simulate import record_plan
     from motord.virtual.mesh import processors
 
     began_s = time.monotonic()
     columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
-    with Progress(*columns, disable=silent) as bars, processors() as pool:
+    with progress_bar(*columns, silent=silent) as bars, processors() as pool:
         task = bars.add_task(plan.name, total=1.0)
         bench_s = record_plan(
             source, plan, path, seed, calibration, pool, lambda f: bars.update(task, completed=f)

@@ -1,4 +1,4 @@
-"""What other tools import to talk to a running daemon; the command line uses nothing else.
+"""Python client of a running daemon, also used by the command line.
 
 with motord.client.connect() as client:
     print(client.state().state)
@@ -7,7 +7,7 @@ with motord.client.connect() as client:
         client.rpc("set", token=lease.token, torque_Nm=1.0, speed_Hz=0.5)
 """
 
-from motord.api.endpoints import DEFAULT_ENDPOINT
+from motord import DEFAULT_ENDPOINT
 from motord.client.connection import Client, connect
 from motord.client.error import ClientError
 from motord.client.holder import operator

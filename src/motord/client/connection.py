@@ -3,25 +3,25 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
 import zenoh
 
-from motord.api.endpoints import DEFAULT_ENDPOINT, KEY_ROOT, client_config, key
+from motord import DEFAULT_ENDPOINT
+from motord.api.endpoints import KEY_ROOT, client_config, key
 from motord.api.errors import RpcError
 from motord.api.messages import BenchState, Event, PlanView
-from motord.api.requests import REQUESTS, check_size
-from motord.client.answers import (
-    decode_answer,
+from motord.api.requests import CALIBRATION_INSTALL, RPCS, check_size
+from motord.client.decoding import (
     decode_event,
     decode_events,
     decode_plan,
     decode_plan_or_none,
+    decode_reply,
     decode_state,
     decode_ticks,
-    only_answer,
+    single_reply,
 )
 from motord.client.diagnosis import why_closed, why_no_socket
 from motord.client.error import ClientError
@@ -32,9 +32,9 @@ from motord.security import identity as identity_folder
 from motord.security.error import SecurityError
 from motord.security.identity import Identity
 
-ANSWER_S = 40.0
-"""An answer that does not come in this time will not come: the daemon's own limit is shorter."""
-LOOK_S = 2.0
+REPLY_S = 40.0
+"""Timeout of an RPC; the daemon's own limit is shorter."""
+QUERY_S = 2.0
 
 _Item = TypeVar("_Item")
 
@@ -53,9 +53,9 @@ def connect(
     try:
         session = zenoh.open(client_config(endpoint, who))
     except zenoh.ZError:
-        raise _absent(bench, endpoint, who) from None
+        raise _unreachable(bench, endpoint, who) from None
     try:
-        return Client(session, _choose(session, bench, endpoint, who), endpoint, who)
+        return Client(session, _find_bench(session, bench, endpoint, who), endpoint, who)
     except ClientError:
         session.close()  # type: ignore[no-untyped-call]
         raise
@@ -74,7 +74,7 @@ def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | 
         raise ClientError("forbidden", str(error)) from None
 
 
-def _absent(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
+def _unreachable(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
     if who is not None:
         refused = why_closed(endpoint, who)
         if refused:
@@ -88,9 +88,11 @@ def _absent(bench: str | None, endpoint: str, who: Identity | None = None) -> Cl
     )
 
 
-def _choose(session: zenoh.Session, bench: str | None, endpoint: str, who: Identity | None) -> str:
+def _find_bench(
+    session: zenoh.Session, bench: str | None, endpoint: str, who: Identity | None
+) -> str:
     """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
-    tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=LOOK_S)
+    tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=QUERY_S)
     benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
     if bench is None and len(benches) == 1:
         return benches[0]
@@ -101,7 +103,7 @@ def _choose(session: zenoh.Session, bench: str | None, endpoint: str, who: Ident
             "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"
         )
     if not benches:
-        raise _absent(bench, endpoint)
+        raise _unreachable(bench, endpoint)
     there = ", ".join(benches)
     if bench is None:
         raise ClientError("unreachable", f"several benches at {endpoint}: {there}; name one")
@@ -124,12 +126,7 @@ class Client:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -139,25 +136,25 @@ class Client:
 
     def state(self) -> BenchState:
         """Return the state now."""
-        return decode_state(self._get("state", None, LOOK_S))
+        return decode_state(self._get("state", None, QUERY_S))
 
     def events(self) -> list[Event]:
         """Return the newest events that the daemon remembers, the oldest first."""
-        return decode_events(self._get("event", None, LOOK_S))
+        return decode_events(self._get("event", None, QUERY_S))
 
     def plan(self) -> PlanView | None:
         """Return the progress of the plan under way or of the last one."""
-        return decode_plan_or_none(self._get("plan", None, LOOK_S))
+        return decode_plan_or_none(self._get("plan", None, QUERY_S))
 
     def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
-        """Ask for `rpc/<name>` (docs/api.md lists them) and return the answer.
+        """Call `rpc/<name>` (docs/api.md lists them) and return the reply.
 
         Raises ClientError with the daemon's code and message if it refuses.
         """
-        return decode_answer(name, self._get(f"rpc/{name}", arguments, ANSWER_S))
+        return decode_reply(name, self._get(f"rpc/{name}", arguments, REPLY_S))
 
     def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
-        """Return a lease on command, as a context manager that renews it until it is left."""
+        """Return a lease: a context manager that acquires, renews and releases it."""
         return Lease(self.rpc, holder or operator(), force=force)
 
     def subscribe_state(
@@ -192,36 +189,39 @@ class Client:
     def _get(self, name: str, arguments: dict[str, Any] | None, timeout_s: float) -> bytes:
         payload = None if arguments is None else json.dumps(arguments).encode()
         rpc = name.removeprefix("rpc/")
-        if payload is not None and rpc in REQUESTS and rpc != "calibration/install":
-            _check_size(rpc, len(payload))
-        replies = self._ask(name, payload, timeout_s)
-        content = only_answer(replies, key(self.bench, name), timeout_s)
+        if payload is not None and rpc in RPCS and rpc != CALIBRATION_INSTALL.name:
+            try:
+                check_size(rpc, len(payload))
+            except RpcError as error:
+                raise ClientError(error.code, error.message) from None
+        replies = self._query(name, payload, timeout_s)
+        content = single_reply(replies, key(self.bench, name), timeout_s)
         if content is not None:
             return content
-        raise self._no_answer(name, rpc)
+        raise self._no_reply(name, rpc)
 
-    def _no_answer(self, name: str, rpc: str) -> ClientError:
-        """Return why a request was not answered: Zenoh does not say."""
+    def _no_reply(self, name: str, rpc: str) -> ClientError:
+        """Return the error for a request without a reply: Zenoh gives no reason."""
         if not self._alive():
             where = f"the daemon of bench '{self.bench}' at {self.endpoint}"
             return ClientError("unreachable", f"{where} is gone")
-        if rpc in REQUESTS and self.identity is not None:
+        if rpc in RPCS and self.identity is not None:
             who = self.identity
             return ClientError(
                 "forbidden", f"no answer to {name}: not permitted for {who.name} ({who.role})?"
             )
-        if rpc in REQUESTS or not name.startswith("rpc/"):
+        if rpc in RPCS or not name.startswith("rpc/"):
             return ClientError("busy", f"no answer to {name}: too much is asked of the daemon")
         return ClientError("unknown", f"this daemon has no {name}")
 
-    def _ask(self, name: str, payload: bytes | None, timeout_s: float) -> list[zenoh.Reply]:
+    def _query(self, name: str, payload: bytes | None, timeout_s: float) -> list[zenoh.Reply]:
         try:
             replies = self._session.get(
                 key(self.bench, name),
                 payload=payload,
                 encoding=zenoh.Encoding.APPLICATION_JSON,
                 timeout=timeout_s,
-                consolidation=zenoh.ConsolidationMode.NONE,  # a second answer has to be seen
+                consolidation=zenoh.ConsolidationMode.NONE,  # or a second reply would be hidden
             )
         except zenoh.ZError:
             raise ClientError("unreachable", f"the connection to {self.endpoint} is over") from None
@@ -229,14 +229,7 @@ class Client:
 
     def _alive(self) -> bool:
         try:
-            tokens = self._session.liveliness().get(key(self.bench, "alive"), timeout=LOOK_S)
+            tokens = self._session.liveliness().get(key(self.bench, "alive"), timeout=QUERY_S)
         except zenoh.ZError:  # closed meanwhile
             return False
         return any(token.ok is not None for token in tokens)
-
-
-def _check_size(rpc: str, size: int) -> None:
-    try:
-        check_size(rpc, size)
-    except RpcError as refusal:
-        raise ClientError(refusal.code, refusal.message) from None

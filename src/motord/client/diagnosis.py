@@ -1,4 +1,4 @@
-"""Why an endpoint does not let somebody in: Zenoh says only that it could not connect."""
+"""Diagnosis of a failed connection: Zenoh gives no reason."""
 
 import grp
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 from motord.api.endpoints import UNIX_SOCKET
 from motord.security.identity import Identity
 
-PATIENCE_S = 3.0
+CONNECT_S = 3.0
 _ENDPOINT = re.compile(r"tls/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^:]+)):(?P<port>\d+)")
 _ALERTS = (
     ("CERTIFICATE_REQUIRED", "it asks for a certificate"),
@@ -56,7 +56,7 @@ def why_closed(endpoint: str, who: Identity) -> str:
     context.load_cert_chain(who.certificate, who.key)
     try:
         with (
-            socket.create_connection((host, int(where["port"])), PATIENCE_S) as plain,
+            socket.create_connection((host, int(where["port"])), CONNECT_S) as plain,
             context.wrap_socket(plain, server_hostname=host) as secure,
         ):
             secure.recv(1)  # a refusal of the certificate comes after the handshake
@@ -64,7 +64,7 @@ def why_closed(endpoint: str, who: Identity) -> str:
         return f"its own certificate is not accepted here: {error.verify_message}"
     except ssl.SSLError as error:
         alert = error.reason or str(error)
-        return next((words for sign, words in _ALERTS if sign in alert), alert)
+        return next((meaning for sign, meaning in _ALERTS if sign in alert), alert)
     except OSError:
         return ""
     return ""

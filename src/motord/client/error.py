@@ -1,8 +1,8 @@
-"""What goes wrong between a client and the daemon."""
+"""The one exception of the client."""
 
 
 class ClientError(Exception):
-    """The daemon cannot be reached or refuses, or what came is not from it.
+    """The daemon cannot be reached or refuses a request, or a reply is not of its form.
 
     `code` is the daemon's own, or "unreachable", "forbidden", "unknown", "busy" or "bad_answer".
     """

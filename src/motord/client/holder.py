@@ -1,4 +1,4 @@
-"""Who is asking, for leases and logs."""
+"""Name of the lease's holder: user, host, terminal and process."""
 
 import getpass
 import os
@@ -7,8 +7,8 @@ import socket
 from contextlib import suppress
 
 LENGTH_MAX = 64
-"""Of a holder's name, as the daemon takes it."""
-_FOREIGN = re.compile(r"[^\w.@:/ -]")
+"""Of a holder's name: the daemon accepts no longer one."""
+_NOT_ALLOWED = re.compile(r"[^\w.@:/ -]")
 
 
 def operator() -> str:
@@ -19,7 +19,7 @@ def operator() -> str:
     terminal = _terminal()
     own = f" {terminal} {os.getpid()}" if terminal else f" {os.getpid()}"
     who = f"{_user()}@{socket.gethostname()}"
-    return _FOREIGN.sub("_", who[: LENGTH_MAX - len(own)] + own)
+    return _NOT_ALLOWED.sub("_", who[: LENGTH_MAX - len(own)] + own)
 
 
 def _user() -> str:

@@ -1,21 +1,20 @@
-"""Command over a bench, held for as long as a `with` block runs."""
+"""The lease of a client: acquired, renewed in the background, released."""
 
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 from motord.client.error import ClientError
 
 RENEWALS = 4
-"""How often a lease is renewed within the time in which it must be."""
+"""Renewals within the time in which one is due."""
 
 Rpc = Callable[..., dict[str, Any]]
 
 
 class Lease:
-    """Command over the bench while the `with` block runs; renewed in the background.
+    """The lease while a `with` block runs, renewed by a thread.
 
     `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
     longer than the lease lasts.
@@ -42,29 +41,24 @@ class Lease:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.release()
 
     def acquire(self) -> None:
-        """Take command. Raises ClientError if somebody else is in command."""
-        answer = self._rpc("lease/acquire", holder=self.holder, force=self._force)
-        self.token, self.took_over_from = answer["token"], answer["took_over_from"]
-        self._lease_s = float(answer["lease_s"])
+        """Acquire the lease. Raises ClientError if somebody else holds it."""
+        reply = self._rpc("lease/acquire", holder=self.holder, force=self._force)
+        self.token, self.took_over_from = reply["token"], reply["took_over_from"]
+        self._lease_s = float(reply["lease_s"])
         self._thread = threading.Thread(
             target=self._renew,
-            args=(answer["lease_s"], answer["renew_within_s"]),
+            args=(reply["lease_s"], reply["renew_within_s"]),
             name="motord-lease",
             daemon=True,
         )
         self._thread.start()
 
     def release(self) -> None:
-        """Give up command: an enabled bench ramps down, unless a detached plan runs."""
+        """Release the lease: an enabled bench ramps down, unless a detached plan runs."""
         self._done.set()
         thread, self._thread = self._thread, None
         if thread is not None:

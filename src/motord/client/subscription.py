@@ -1,9 +1,8 @@
-"""What comes in on one key of a daemon."""
+"""Subscription to one key of a daemon."""
 
 import logging
 import queue
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import Generic, Self, TypeVar
 
 import zenoh
@@ -17,11 +16,11 @@ _Item = TypeVar("_Item")
 
 
 class Subscription(Generic[_Item]):
-    """What comes in on one key: handed to a callback, or kept for `get` and iteration.
+    """Items of one key: passed to a callback, or queued for `get` and iteration.
 
-    At most `KEPT` items are kept; older ones are dropped and counted in `lost`. What the daemon
-    cannot have sent is dropped and counted in `malformed`; the first is logged. The callback runs
-    in a thread of its own.
+    At most `KEPT` items are queued; older ones are dropped and counted in `lost`. Malformed items
+    are dropped and counted in `malformed`; the first is logged. The callback runs in a thread of
+    its own.
     """
 
     def __init__(
@@ -40,16 +39,11 @@ class Subscription(Generic[_Item]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Receive no more."""
+        """End the subscription."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
     def get(self, timeout_s: float) -> _Item | None:
@@ -60,7 +54,7 @@ class Subscription(Generic[_Item]):
             return None
 
     def __iter__(self) -> Iterator[_Item]:
-        """Yield items as they come, without end."""
+        """Yield items without end."""
         while True:
             item = self.get(WAIT_S)
             if item is not None:

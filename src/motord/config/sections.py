@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from motord import DEFAULT_ENDPOINT
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.devices import BrakeConfig, BridgeConfig, DriveConfig, InverterConfig
 from motord.config.experiments import Plans
@@ -161,7 +162,7 @@ class ZenohConfig(Section):
     default that of the daemon.
     """
 
-    listen: Endpoints = ("tcp/127.0.0.1:7447",)
+    listen: Endpoints = (DEFAULT_ENDPOINT,)
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0

@@ -1,9 +1,9 @@
-"""What clients may do, as Zenoh's own access control: the rules of the daemon and of the gate.
+"""What clients may do, as Zenoh's own access control: the rules of the daemon and of the gateway.
 
 What is not allowed is denied. A client, wherever it is, may ask, subscribe and look who is alive;
-it may never publish, answer or declare anything in the name of the bench. To the gate clients come
-by TLS and are known by the common name of their certificate; it goes on to the daemon over the
-loopback interface or a Unix socket.
+it may never publish, answer or declare anything in the name of the bench. Clients connect to the
+gateway by TLS and are known by the common name of their certificate; the gateway connects to the
+daemon over the loopback interface or a Unix socket.
 """
 
 from collections.abc import Iterable, Mapping
@@ -31,21 +31,21 @@ _ALL = (
 
 DOCUMENTS = ("state", "event", "plan")
 """Keys that are asked for the newest, also by whoever does not know the bench's name."""
-_LISTENS = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
+_SENDS = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
 """What a client sends besides queries."""
-_TELLS = ("put", "reply", "declare_queryable", "liveliness_token")
+_RECEIVES = ("put", "reply", "declare_queryable", "liveliness_token")
 """What a client receives."""
 _TO_DAEMON = (
     {"id": "daemon", "interfaces": ["lo"], "link_protocols": ["tcp"]},
     {"id": "daemon_socket", "link_protocols": ["unixsock-stream"]},
 )
-"""How the gate reaches the daemon; it listens on TLS alone, so that nobody comes in this way."""
+"""How the gateway reaches the daemon; it listens on TLS alone, so that nobody comes in this way."""
 
 
 def daemon_access_control(bench: str, requests: Iterable[str]) -> dict[str, Any]:
     """Return `access_control` of the Zenoh configuration of the daemon's own router.
 
-    The same for everybody who connects: the gate, programs of this machine, in whatever mode of
+    The same for everybody who connects: the gateway, programs of this machine, in whatever mode of
     Zenoh. The daemon's own session is the router itself and passes no link. `requests` are asked
     for by their full name: a query by wildcard would come to all of them.
     """
@@ -53,16 +53,16 @@ def daemon_access_control(bench: str, requests: Iterable[str]) -> dict[str, Any]
     asked = [f"{where}/{name}" for where in (root, "motord/*") for name in DOCUMENTS]
     asked += [f"{root}/rpc/{name}" for name in requests]
     rules = [
-        _rule("listens", ("ingress",), _LISTENS, ["**"]),
+        _rule("listens", ("ingress",), _SENDS, ["**"]),
         _rule("asks", ("ingress",), ("query",), asked),
-        _rule("receives", ("egress",), _TELLS, [f"{root}/**"]),
+        _rule("receives", ("egress",), _RECEIVES, [f"{root}/**"]),
     ]
     policy = {"rules": [rule["id"] for rule in rules], "subjects": ["anyone"]}
     return _enabled(rules, [{"id": "anyone"}], [policy])
 
 
 def access_control(bench: str, roles: Mapping[str, Role]) -> dict[str, Any]:
-    """Return `access_control` of the Zenoh configuration of the gate of `bench`."""
+    """Return `access_control` of the Zenoh configuration of the gateway of `bench`."""
     root = f"motord/{bench}"
     watched = [f"{root}/{name}" for name in (*WATCHED, *READ)]
     alive = [f"{root}/alive", "motord/*/alive"]

@@ -1,4 +1,4 @@
-"""`motord run`: builds all parts of the daemon, runs them, takes them down in order."""
+"""`motord run`: build the daemon, start it, run it, stop it in the opposite order."""
 
 import gc
 import signal
@@ -13,8 +13,8 @@ from motord import config as config_file
 from motord.config import Config, ConfigError
 from motord.hal.base import DeviceError
 from motord.security.error import SecurityError
-from motord.service.assembly import Assembly, assemble
 from motord.service.bench.calibrations import state_directory
+from motord.service.build import Daemon, build
 from motord.service.gateway import process
 from motord.service.host import descriptors, scheduling
 from motord.service.host.log import log_to_stderr
@@ -48,23 +48,23 @@ EXPLAINED = (
 
 
 @dataclass
-class Stopping:
-    """Set by a signal: the daemon ramps down and ends."""
+class StopSignal:
+    """The signal that asked the daemon to ramp down and end, "" if none has."""
 
-    reason: str = ""
+    name: str = ""
 
     def __call__(self) -> bool:
-        """Return whether a signal came."""
-        return bool(self.reason)
+        """Return whether one came."""
+        return bool(self.name)
 
 
 @contextmanager
-def stop_signals() -> Iterator[Stopping]:
+def stop_signals() -> Iterator[StopSignal]:
     """Note SIGTERM, SIGINT and SIGHUP instead of dying of them."""
-    stopping = Stopping()
+    stopping = StopSignal()
 
     def note(number: int, _frame: FrameType | None) -> None:
-        stopping.reason = signal.Signals(number).name
+        stopping.name = signal.Signals(number).name
 
     noted = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
     before = {number: signal.signal(number, note) for number in noted}
@@ -85,71 +85,66 @@ def run(
     Installed calibrations are kept under `state_dir`. Raises one of EXPLAINED.
     """
     config = config_file.load(config_path)
-    text = config_path.read_text(encoding="utf-8")
+    toml = config_path.read_text(encoding="utf-8")
     if config.zenoh.tls is not None:
         process.check(config.zenoh.tls)
     descriptors.raise_limit()
-    with ExitStack() as stack:
-        stack.enter_context(log_to_stderr())
-        stopping = stack.enter_context(stop_signals())
-        run_dir = stack.enter_context(RunDir(config.bench.name).hold())
-        notifier = stack.enter_context(closing(Notifier.of_environment()))
-        daemon = assemble(
-            config, text, config_path.resolve(), run_dir, state_dir or state_directory(),
-            Clock.measure(),
+    with (
+        log_to_stderr(),
+        stop_signals() as stopping,
+        RunDir(config.bench.name).hold() as run_dir,
+        closing(Notifier.of_environment()) as notifier,
+    ):
+        daemon = build(
+            config, toml, config_path.resolve(), run_dir, state_dir or state_directory(),
+            Clock.measure(), notifier,
         )  # fmt: skip
-        daemon.supervisor.notifier = notifier
-        _run(daemon, stack, stopping, lambda: on_ready(config))
+        with started(daemon):
+            supervise(daemon.supervisor, stopping, lambda: on_ready(config))
 
 
-def _run(
-    daemon: Assembly, stack: ExitStack, stopping: Stopping, on_ready: Callable[[], None]
-) -> None:
-    """Bring everything up in order, run, take it down in the opposite order."""
+@contextmanager
+def started(daemon: Daemon) -> Iterator[None]:
+    """Open and start everything in this order; stop and close it in the opposite one."""
     gc.collect()
     gc.freeze()  # modules and compiled kernels: to look through them takes longer than a step may
     supervisor, config = daemon.supervisor, daemon.supervisor.bench.config
-    stack.callback(scheduling.fall)
-    scheduling.rise(config.loop.priority)
-    for device in daemon.devices.values():
-        stack.callback(device.close)
-        device.open(time.monotonic_ns())
-    supervisor.step()  # so that there is a state for whoever asks at once
-    stack.callback(daemon.api.close)
-    daemon.api.open(config.zenoh.local, config.zenoh.socket_group)
-    stack.callback(daemon.telemetry.stop)
-    daemon.telemetry.start()
-    stack.callback(daemon.device_threads.stop)
-    daemon.device_threads.start()
-    stack.callback(supervisor.take_down)
-    if supervisor.gate is not None:
-        supervisor.gate.start(time.monotonic_ns())
-    supervisor.recording.start_recorder(time.monotonic_ns())
-    supervisor.loop.start(time.monotonic_ns())
-    scheduling.lift_threads()
-    _guarded(supervisor, stopping, on_ready)
+    with ExitStack() as stack:
+        stack.callback(scheduling.fall)
+        scheduling.rise(config.loop.priority)
+        for device in supervisor.bench.devices.values():
+            stack.callback(device.close)
+            device.open(time.monotonic_ns())
+        supervisor.step()  # so that there is a state for whoever asks at once
+        stack.callback(daemon.api.close)
+        daemon.api.open(config.zenoh.local, config.zenoh.socket_group)
+        stack.callback(daemon.telemetry.stop)
+        daemon.telemetry.start()
+        stack.callback(daemon.device_threads.stop)
+        daemon.device_threads.start()
+        stack.callback(supervisor.take_down)
+        supervisor.start()
+        scheduling.lift_threads()
+        yield
 
 
-def _guarded(supervisor: Supervisor, stopping: Stopping, on_ready: Callable[[], None]) -> None:
-    """As `_supervise`; an error in the program takes the current away. Raises one of EXPLAINED."""
+def supervise(supervisor: Supervisor, stopping: StopSignal, on_ready: Callable[[], None]) -> None:
+    """Wait for the loop, step until a signal comes, ramp down. Raises one of EXPLAINED.
+
+    An error in the program takes the current away.
+    """
+    bench, notifier = supervisor.bench, supervisor.notifier
     try:
-        _supervise(supervisor, stopping, on_ready)
+        if supervisor.wait_for_loop(stopping):
+            on_ready()
+            notifier.ready(f"bench {bench.config.bench.name} is up, OFF")
+            supervisor.run(stopping)
+            notifier.stopping(f"ramping down: {stopping.name}")
+            supervisor.ramp_down(stopping.name)
+        elif not stopping():
+            raise LoopFailedError(bench.loop_fault)
     except EXPLAINED:
         raise
     except Exception as error:  # whatever it is, the current has to go before the daemon does
-        said = supervisor.emergency(error)
-        raise SupervisorFailedError(f"{said}; stopped, the traceback is in the log") from error
-
-
-def _supervise(supervisor: Supervisor, stopping: Stopping, on_ready: Callable[[], None]) -> None:
-    """Wait for the loop, step until a signal comes, ramp down. Raises LoopFailedError."""
-    if not supervisor.wait_for_loop(stopping):
-        if stopping():
-            return
-        raise LoopFailedError(supervisor.bench.loop_fault)
-    on_ready()
-    config = supervisor.bench.config
-    supervisor.notifier.ready(f"bench {config.bench.name} is up, OFF")
-    supervisor.run(stopping)
-    supervisor.notifier.stopping(f"ramping down: {stopping.reason}")
-    supervisor.ramp_down(stopping.reason)
+        line = supervisor.emergency(error)
+        raise SupervisorFailedError(f"{line}; stopped, the traceback is in the log") from error

@@ -1,195 +1,33 @@
-"""The daemon's child processes: what each is, when it is started again, how it ended.
+"""The table of the daemon's child processes: add a process by adding a line."""
 
-`table` says it all: add a process by adding a row.
-"""
-
-import signal
-import subprocess
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
-
-from motord.api.messages import ProcessView
-from motord.service.host.descriptors import DescriptorReserve
-
-BACKOFF_FIRST_S = 0.1
-BACKOFF_LAST_S = 0.5
-"""Ticks wait in the ring for a recorder, and are lost if the ring goes, too: never for long."""
-SETTLED_S = 10.0
-"""A child that ran this long is started again at once when it ends."""
+from motord.config import Config
+from motord.loop.launch import loop_command
+from motord.recorder.launch import recorder_command, spawn_recorder
+from motord.service.bench.loop_link import LOOP
+from motord.service.bench.recorder_session import RECORDER
+from motord.service.gateway.link import GATEWAY, gateway_command, spawn_gateway
+from motord.service.host.children import Process, spawn
 
 
-class Process(Protocol):
-    """What is used of `subprocess.Popen`."""
-
-    pid: int
-
-    def poll(self) -> int | None:
-        """Return the exit code, None while it runs."""
-
-    def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end. Raises subprocess.TimeoutExpired."""
-
-    def send_signal(self, sig: int) -> None:
-        """Send a signal, if it still runs."""
+def listens_to_others(config: Config) -> bool:
+    """Return whether a bench can be reached from other machines."""
+    return bool(config.zenoh.remote)
 
 
-Spawn = Callable[[Sequence[str]], Any]
-"""Starts a process, returns a `Process`."""
-
-
-def spawn(command: Sequence[str]) -> Process:
-    """Start a child; it writes to the same stderr as the daemon."""
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL)
-
-
-@dataclass(frozen=True)
-class ChildSpec:
-    """A child process.
-
-    `restart`: "always" starts it again by itself, "on reset" waits for an operator. `consequence`
-    is what its end means, for the event; `spawn` starts it.
-    """
-
-    name: str
-    command: tuple[str, ...]
-    restart: Literal["always", "on reset"]
-    stop_timeout_s: float
-    consequence: str
-    spawn: Spawn
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A child that has ended by itself or could not be started.
-
-    `again_s`: when it is started again, None for never.
-    """
-
-    spec: ChildSpec
-    how: str
-    again_s: float | None
-
-
-@dataclass
-class _Child:
-    spec: ChildSpec
-    process: Process | None = None
-    started_ns: int = 0
-    restarts: int = -1  # the first start is none
-    how: str = ""
-    backoff_s: float = BACKOFF_FIRST_S
-    start_at_ns: int | None = None
-    stopping: bool = field(default=False)
-    bad_messages: int = 0
-    dropped_messages: int = 0
-
-
-class Children:
-    """Starts, watches and stops the processes of a table. Times are monotonic ns."""
-
-    def __init__(
-        self, specs: Sequence[ChildSpec], reserve: DescriptorReserve | None = None
-    ) -> None:
-        self._children = {spec.name: _Child(spec) for spec in specs}
-        self._reserve = reserve if reserve is not None else DescriptorReserve(0)
-        self._not_started: list[Ended] = []
-
-    def start(self, name: str, now_ns: int) -> None:
-        """Start a child, unless it runs; one that cannot be started counts as ended."""
-        child = self._children[name]
-        if child.process is not None:
-            return
-        child.started_ns, child.start_at_ns = now_ns, None
-        child.restarts += 1
-        child.stopping = False
-        try:
-            with self._reserve.released():
-                child.process = child.spec.spawn(child.spec.command)
-        except OSError as error:
-            how = f"it cannot be started: {error.strerror}"
-            self._not_started.append(self._note_end(child, how, now_ns))
-
-    def process(self, name: str) -> Any:
-        """Return the process of a child as its `spawn` made it, None if it does not run."""
-        return self._children[name].process
-
-    def poll(self, now_ns: int) -> list[Ended]:
-        """Return the children that have ended since the last call; start those that are due."""
-        self._reserve.fill()
-        for child in self._children.values():
-            if child.start_at_ns is not None and now_ns >= child.start_at_ns:
-                self.start(child.spec.name, now_ns)
-        ended, self._not_started = self._not_started, []
-        for child in self._children.values():
-            if child.process is not None:
-                code = child.process.poll()
-                if code is not None:
-                    ended.append(self._note_end(child, in_words(code), now_ns))
-        return ended
-
-    def _note_end(self, child: _Child, how: str, now_ns: int) -> Ended:
-        child.process = None
-        child.how = how
-        if child.spec.restart != "always" or child.stopping:
-            return Ended(child.spec, child.how, None)
-        if now_ns - child.started_ns > SETTLED_S * 1e9:
-            child.backoff_s = BACKOFF_FIRST_S
-        again_s = child.backoff_s
-        child.backoff_s = min(2 * again_s, BACKOFF_LAST_S)
-        child.start_at_ns = now_ns + round(again_s * 1e9)
-        return Ended(child.spec, child.how, again_s)
-
-    def signal(self, name: str, sig: signal.Signals) -> None:
-        """Send a signal to a child, if it runs."""
-        process = self._children[name].process
-        if process is not None:
-            process.send_signal(sig)
-
-    def kill(self, name: str) -> None:
-        """End a child that does not behave, without its consent; by its policy it comes back."""
-        self.signal(name, signal.SIGKILL)
-
-    def count(self, name: str, bad: int, dropped: int) -> None:
-        """Note how many messages of a child were none, and how many to it were dropped."""
-        child = self._children[name]
-        child.bad_messages, child.dropped_messages = bad, dropped
-
-    def stop(self, name: str) -> str:
-        """End a child: SIGTERM, after its time SIGKILL; it stays down. Returns how it ended."""
-        child = self._children[name]
-        child.stopping, child.start_at_ns = True, None
-        if child.process is None:
-            return child.how
-        child.process.send_signal(signal.SIGTERM)
-        try:
-            code = child.process.wait(child.spec.stop_timeout_s)
-        except subprocess.TimeoutExpired:
-            child.process.send_signal(signal.SIGKILL)
-            code = child.process.wait()
-        child.process, child.how = None, in_words(code)
-        return child.how
-
-    def views(self) -> dict[str, ProcessView]:
-        """Return every child as clients see it."""
-        return {
-            name: ProcessView(
-                pid=child.process.pid if child.process else None,
-                running=child.process is not None,
-                restarts=max(child.restarts, 0),
-                exit=child.how,
-                bad_messages=child.bad_messages,
-                dropped_messages=child.dropped_messages,
-            )
-            for name, child in self._children.items()
-        }
-
-
-def in_words(code: int) -> str:
-    """Return an exit code in words."""
-    if code >= 0:
-        return f"exit code {code}"
-    try:
-        return f"killed by {signal.Signals(-code).name}"
-    except ValueError:
-        return f"killed by signal {-code}"
+PROCESSES = (
+    Process(
+        GATEWAY, gateway_command, spawn_gateway,
+        restart="always", while_=listens_to_others, stop_timeout_s=2.0,
+        loss="until it is back nobody gets in from other machines",
+    ),
+    Process(
+        RECORDER, recorder_command, spawn_recorder,
+        restart="always", stop_timeout_s=10.0,
+        loss="the next one goes on where its files end, as far as the ring reaches",
+    ),
+    Process(
+        LOOP, loop_command, spawn,
+        restart="on reset", stop_timeout_s=3.0,
+        loss="inverter and bridge take the current away by their own timeouts",
+    ),
+)  # fmt: skip

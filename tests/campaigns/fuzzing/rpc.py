@@ -13,14 +13,13 @@ from typing import Any, get_args
 import numpy as np
 
 from motord.api.errors import Code, RpcError
-from motord.api.requests import REQUESTS, parse
+from motord.api.requests import RPCS, parse
 from motord.config.experiments import plan_kinds
 from motord.schema import Trip
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_reader import read
-from motord.service.rpc.calls import Call
-from motord.service.rpc.dispatcher import Desk
+from motord.service.rpc.dispatcher import Call, Dispatcher
 from tests.campaigns.fuzzing.mutate import (
     ODD_NUMBERS,
     mutate_bytes,
@@ -59,7 +58,7 @@ class Rpc:
         if not self._left:
             self._begin()
         self._left -= 1
-        name = rng.choice(sorted(REQUESTS))
+        name = rng.choice(sorted(RPCS))
         return self._bring(name, self._payload(rng, name))
 
     def _begin(self) -> None:
@@ -68,8 +67,9 @@ class Rpc:
         store = CalibrationStore(service.config, Path(self._folder.name))
         self._installation = Installation(service.bench, store, lambda *tables: None, "text", read)
         self._store = store
-        handlers = {**service.desk._handlers, **self._installation.handlers}
-        service.desk = Desk(handlers, service.bench.erred)
+        service.dispatcher = Dispatcher(
+            service.bench, service.operation, service.plans, self._installation
+        )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])
         self._turn += 1
@@ -146,9 +146,9 @@ class Rpc:
             if name == "calibration/install":
                 request, prepared = self._installation.prepare(payload)
             else:
-                request, prepared = parse(name, payload), None
+                request, prepared = parse(RPCS[name], payload), None
             call = Call(name, request, prepared)
-            self.service.desk.handle(call, self.service.now_ns)
+            self.service.dispatcher.handle(call, self.service.now_ns)
         except RpcError as refusal:
             self._refused(refusal)
             assert self._snapshot() == before, "a request that was refused changed something"
@@ -183,7 +183,7 @@ class Rpc:
         written = service.loop.setpoint[0]
         numbers = [written[n] for n in written.dtype.names if n not in NO_NUMBER]
         assert all(np.all(np.isfinite(n)) for n in numbers), f"set-point not finite: {written}"
-        assert np.all(np.isfinite(service.bench.watch.torque_set_Nm))
+        assert np.all(np.isfinite(service.bench.monitor.torque_set_Nm))
 
     def _refused(self, refusal: RpcError) -> None:
         assert refusal.code in CODES, f"unknown code {refusal.code}"
@@ -205,6 +205,6 @@ def _values(rng: random.Random) -> dict[str, float]:
 
 def _outcome(call: Call) -> Any:
     try:
-        return call.wait(0)
+        return call.wait(0).content()
     except RpcError as refusal:
         return None if refusal.code == "busy" else refusal

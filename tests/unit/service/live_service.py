@@ -2,9 +2,10 @@
 
 import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 from motord.api.messages import RecordingView
-from motord.api.requests import max_request_bytes
+from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.state import StateView
@@ -12,11 +13,8 @@ from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_reader import read
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.dispatcher import Desk
-from motord.service.rpc.intake import Slow
-from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
+from motord.service.rpc.dispatcher import Dispatcher
+from motord.service.rpc.intake import Offloaded
 from tests.support.ports import free_port
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 
@@ -31,46 +29,33 @@ class LiveService(VirtualService):
     def __init__(self, tmp_path, listen, **changes):
         super().__init__(**changes)
         self.listen = listen
-        self.calls = CallQueue()
         store = CalibrationStore(self.config, tmp_path)
         self.telemetry = Telemetry(self._put, self.config.loop.rate_Hz, 100.0, 0.1)
         self.state = StateView(
             bench=self.bench,
             calibrations=store,
-            processes=dict,
-            recording=lambda: RecordingView(recording=False, path=""),
-            realtime=dict,
-            dropped=lambda: self.telemetry.dropped,
+            children=SimpleNamespace(views=dict),
+            recording=SimpleNamespace(view=lambda: RecordingView(recording=False, path="")),
+            loop=SimpleNamespace(realtime=dict, bridge_clock=lambda: None),
+            guard=SimpleNamespace(faults={}),
+            telemetry=self.telemetry,
             started_ns=self.now_ns,
             unix_ns=lambda: self.now_ns,
         )
-        self.publisher = Publisher(self.bench, self.state, self.telemetry)
+        self.publisher = Publisher(self.state)
         self.events.listeners.append(self.publisher.event)
-        documents = {
-            "state": self.publisher.state_document,
-            "event": self.publisher.event_document,
-            "plan": self.publisher.plan_document,
-        }
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
-        experiments = Experiments(self.bench, self.resumption)
-        self.desk = Desk(
-            {
-                **Operate(self.bench, self._restart).handlers,
-                **experiments.handlers,
-                **installation.handlers,
-            },
-            self.bench.erred,
-        )
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans, installation)
         longest = max_request_bytes(self.config.motor.counts)
-        slow = {
-            "calibration/install": Slow(installation.prepare, installation.keep, longest),
-            "plan/resume": Slow(experiments.look_for_rest),
+        offloaded = {
+            CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+            PLAN_RESUME.name: Offloaded(self.plans.read_remaining),
         }
         self.api = Api(
             self.config.bench.name,
-            self.calls,
-            slow,
-            documents,
+            self.dispatcher.calls,
+            offloaded,
+            self.publisher.documents,
             longest,
             lambda payload: self.bench.lease.is_in(payload, self.now_ns),
         )
@@ -85,12 +70,11 @@ class LiveService(VirtualService):
         while not self._done.wait(STEP_NS / 1e9):
             if self.paused.is_set():
                 continue
-            for call in self.calls.take():
-                self.desk.handle(call, self.now_ns)
+            self.dispatcher.take(self.now_ns)
             block = self.loop.run()
             self.now_ns += STEP_NS
             self.bench.step(block, 0, self.now_ns)
-            self.desk.step(self.now_ns)
+            self.dispatcher.step(self.now_ns)
             self.publisher.step(block, self.now_ns)
 
     def open(self):

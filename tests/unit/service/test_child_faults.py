@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from motord.schema import Request, State
-from motord.service import assembly
 from motord.service.bench import guard
+from motord.service.host.children import Children, Process, spawn
 from motord.service.host.descriptors import DescriptorReserve
-from motord.service.processes import Children, ChildSpec, spawn
 from motord.shm.shared_records import SharedFileError
 from tests.support.nonsense import random_line
 from tests.unit.service.test_supervisor import PlayedDaemon
@@ -119,9 +118,8 @@ def test_a_ring_that_cannot_be_opened_yet_is_tried_again(tmp_path, monkeypatch):
     played.close()
 
 
-def test_a_recorder_that_cannot_be_started_is_told_and_tried_again(played, monkeypatch):
-    start, tries = assembly.spawn_recorder, []
-    spec = played.supervisor.children._children["recorder"].spec
+def test_a_recorder_that_cannot_be_started_is_told_and_tried_again(played):
+    start, tries = played.spawn["recorder"], []
 
     def without_descriptors(command):
         tries.append(played.now_ns)
@@ -129,7 +127,7 @@ def test_a_recorder_that_cannot_be_started_is_told_and_tried_again(played, monke
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
         return start(command)
 
-    object.__setattr__(spec, "spawn", without_descriptors)
+    played.spawn["recorder"] = without_descriptors
     played.recorders[0].code = -9
     played.step(200, State.ENABLED)
     assert len(tries) == 4
@@ -147,8 +145,7 @@ def test_a_loop_that_cannot_be_started_says_so(tmp_path, monkeypatch):
     def without_memory(command):
         raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
 
-    spec = played.supervisor.children._children["loop"].spec
-    object.__setattr__(spec, "spawn", without_memory)
+    played.spawn["loop"] = without_memory
     played.supervisor.loop.start(played.now_ns)
     assert not played.supervisor.wait_for_loop(lambda: False)
     assert "cannot be started: Cannot allocate memory" in played.supervisor.bench.loop_fault
@@ -177,8 +174,8 @@ def no_descriptors_left():
 @pytest.mark.parametrize(("size", "starts"), [(0, False), (12, True)])
 def test_the_reserve_starts_a_child_when_there_are_no_descriptors_left(size, starts):
     command = (sys.executable, "-c", "")
-    spec = ChildSpec("recorder", command, "always", 5.0, consequence="", spawn=spawn)
-    children = Children([spec], DescriptorReserve(size))
+    row = Process("recorder", lambda path, run_dir: command, spawn, "always", 5.0, loss="")
+    children = Children([row], lambda row: spawn(command), DescriptorReserve(size))
     with no_descriptors_left():
         children.start("recorder", 0)
         assert (children.process("recorder") is not None) is starts
@@ -191,8 +188,8 @@ def test_the_reserve_starts_a_child_when_there_are_no_descriptors_left(size, sta
 PERIPHERAL = {
     "loop link": "loop.follow",
     "processes": "children.poll",
-    "requests": "calls.take",
-    "answers": "desk.step",
+    "requests": "dispatcher.take",
+    "answers": "dispatcher.step",
     "recording": "recording.step",
     "publisher": "publisher.step",
     "service manager": "notifier.progress",

@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from motord import config
 from motord.cli import app
-from motord.cli.observe import sensor_in_words
-from motord.cli.settings import parse_settings
-from motord.cli.shared_token import folder, shared
+from motord.cli.bench.shared_token import folder, shared
+from motord.cli.bench.status import sensor_in_words
+from motord.cli.plan.settings import parse_settings
 from motord.client import Subscription, connect
 from motord.schema import State, Trip
 from tests.unit.service.live_service import endpoint, live_service
@@ -186,7 +186,7 @@ BOX = "/runs/blackbox/blackbox-[cli]-1.mcap"
 
 
 def test_a_trip_ends_the_hold_and_is_told_with_all_that_helps(live, motord, monkeypatch):
-    monkeypatch.setattr(live.bench.watch, "on_trip", lambda t_ns, tick, account: BOX)
+    monkeypatch.setattr(live.bench.monitor, "on_trip", lambda t_ns, tick, account: BOX)
     seen = threading.Event()
 
     def trip_when_enabled():

@@ -25,7 +25,7 @@ def silence_s(service, token):
     service.bench.lease.renew(token, service.now_ns)
     begun_ns = last_ns = service.now_ns
     while service.bench.state is State.ENABLED:
-        if service.bench.watch.torque_set_Nm != 0.0:
+        if service.bench.monitor.torque_set_Nm != 0.0:
             last_ns = service.now_ns
         service.step()
         assert service.now_ns < begun_ns + 10**10
@@ -39,7 +39,7 @@ def test_a_silent_commander_leaves_no_torque_behind(torque_Nm, lease_s):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=torque_Nm, brake=1.0)
     service.run_s(2.0, token)
-    assert service.bench.watch.torque_set_Nm == pytest.approx(torque_Nm)
+    assert service.bench.monitor.torque_set_Nm == pytest.approx(torque_Nm)
     timeout_s = service.config.loop.supervisor_timeout_s
     assert lease_s - timeout_s - 0.1 <= silence_s(service, token) <= lease_s
     assert "lease" in service.kinds()
@@ -76,7 +76,7 @@ def test_a_plan_of_a_silent_commander_is_at_zero_when_the_lease_ends():
     point = {"torques_Nm": [3.0], "speeds_Hz": [0.7], "turns": 1000}
     service.ask("plan/start", token=token, name="calibrate", settings=point)
     service.run_s(4.0, token)
-    assert service.bench.watch.torque_set_Nm == pytest.approx(3.0)
+    assert service.bench.monitor.torque_set_Nm == pytest.approx(3.0)
     assert silence_s(service, token) <= service.config.zenoh.lease_s
     service.step(5)
     assert service.bench.plans.view.state == "aborted"

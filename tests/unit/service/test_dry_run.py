@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 import typer
 
-from motord.cli.preflight import in_words, predict, warning
+from motord.cli.plan.preflight import in_words, predict, warning
 from motord.config import load
 from tests.unit.service.test_installation import calibration
 

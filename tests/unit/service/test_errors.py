@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from motord.api.errors import RpcError
+from motord.api.requests import RESET, RPCS
 from motord.hal.base import DeviceReading
 from motord.schema import Request, State
 from motord.service import daemon
 from motord.service.bench.slow_devices import SlowDevice
 from motord.service.publish.telemetry import Telemetry
-from motord.service.rpc.dispatcher import Wait
+from motord.service.rpc.dispatcher import Handler, Wait
 from tests.unit.service.test_supervisor import PlayedDaemon
 from tests.unit.service.virtual_service import VirtualService
 
@@ -33,7 +34,7 @@ def turning(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=2.0, speed_Hz=0.7)
     service.run_s(1.5, token)
-    assert service.bench.watch.torque_set_Nm == 2.0
+    assert service.bench.monitor.torque_set_Nm == 2.0
     return token
 
 
@@ -41,7 +42,7 @@ def check_safe(service, caplog, where):
     """The bench is off, the traceback is in the log, and a reason among the events."""
     service.step(3)
     assert service.bench.state is State.OFF
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     assert service.bench.setpoint.torque_Nm == 0.0
     records = [r for r in caplog.records if r.exc_info]
     assert records[-1].exc_info[0] is ZeroDivisionError
@@ -55,13 +56,13 @@ def check_works(service, token):
     assert service.ask("enable", token=token) == {"state": "ENABLED"}
     service.ask("set", token=token, torque_Nm=1.0, brake=1.0)
     service.run_s(0.5, token)
-    assert service.bench.watch.torque_set_Nm == 1.0
+    assert service.bench.monitor.torque_set_Nm == 1.0
 
 
 @pytest.mark.parametrize("name", HANDLERS)
 def test_a_bug_in_a_handler_is_answered_and_stops_the_bench(service, turning, caplog, name):
-    right = dict(service.desk._handlers)
-    service.desk._handlers = {**right, name: buggy}
+    right = dict(service.dispatcher.handlers)
+    service.dispatcher.handlers[name] = Handler(RPCS[name], (), buggy)
     fields = {"token": turning} if name not in ("plan/list", "config") else {}
     if name == "set":
         fields["torque_Nm"] = 1.0
@@ -72,7 +73,7 @@ def test_a_bug_in_a_handler_is_answered_and_stops_the_bench(service, turning, ca
     assert caught.value.code == "internal"
     assert "ZeroDivisionError: of a bug; stopped" in caught.value.message
     check_safe(service, caplog, f"in {name}")
-    service.desk._handlers = right
+    service.dispatcher.handlers = right
     check_works(service, turning)
 
 
@@ -80,7 +81,7 @@ def test_a_bug_in_a_handler_is_answered_and_stops_the_bench(service, turning, ca
 def test_a_bug_in_what_a_call_waits_for(service, turning, caplog, part):
     wait = Wait(lambda: None, 0.1, lambda: "late")
     setattr(wait, part, buggy)
-    service.desk._handlers = {**service.desk._handlers, "reset": lambda call, now_ns: wait}
+    service.dispatcher.handlers["reset"] = Handler(RESET, (), lambda request, context: wait)
     with pytest.raises(RpcError) as caught:
         service.ask("reset", token=turning)
     assert caught.value.code == "internal"
@@ -90,9 +91,9 @@ def test_a_bug_in_what_a_call_waits_for(service, turning, caplog, part):
 
 def test_a_bug_in_the_servo_stops_the_bench_only(service, turning, caplog, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(service.bench.hand, "look", buggy)
+        patch.setattr(service.bench.manual, "update", buggy)
         service.step(3)
-        check_safe(service, caplog, "in a look at the bench")
+        check_safe(service, caplog, "in an update of the plan or the servo")
     check_works(service, turning)
 
 
@@ -104,7 +105,7 @@ def test_a_bug_in_a_plan_ends_the_plan_as_failed(service, caplog, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(service.bench.plans._executor, "advance", buggy)
         service.step(3)
-        check_safe(service, caplog, "in a look at the bench")
+        check_safe(service, caplog, "in an update of the plan or the servo")
     assert service.bench.plans.view.state == "failed"
     assert "ZeroDivisionError" in service.bench.plans.view.message
     check_works(service, token)
@@ -152,7 +153,7 @@ def test_a_bug_in_the_supervisor_takes_the_current_before_the_daemon_ends(
         played.supervisor.bench.events.listeners.append(buggy)
         played.supervisor.bench.loop_fault = ""
     with pytest.raises(daemon.SupervisorFailedError, match="of a bug; stopped, the traceback"):
-        daemon._guarded(played.supervisor, daemon.Stopping(), lambda: None)
+        daemon.supervise(played.supervisor, daemon.StopSignal(), lambda: None)
     assert Request.STOP in played.asked
     assert played.asked.index(Request.STOP) == len(played.asked) - 1
     assert any(r.exc_info and r.exc_info[0] is ZeroDivisionError for r in caplog.records)

@@ -194,7 +194,7 @@ def test_pause_ramps_to_zero_and_resume_takes_the_point_again(service):
     assert service.ask("plan/pause", token=token)["state"] == "pausing"
     service.run_s(1.0, token)
     assert service.bench.plans.view.state == "paused"
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     assert service.ask("plan/resume", token=token)["state"] == "running"
     assert run_to_end(service, token).state == "done"
     assert [p["index"] for p in service.sink.points] == [0, 1]
@@ -244,17 +244,17 @@ def test_a_detached_plan_is_its_own_commander(service):
     start(service, token, detach=True)
     service.ask("lease/release", token=token)
     service.run_s(3.0)
-    assert service.bench.in_command(service.now_ns) == "plan calibrate"
+    assert service.bench.commander(service.now_ns) == "plan calibrate"
     assert service.bench.state is State.ENABLED
     other = service.acquire("ben")
-    assert service.bench.in_command(service.now_ns) == "ben"
+    assert service.bench.commander(service.now_ns) == "ben"
     service.ask("plan/pause", token=other)
     service.run_s(3.0)
-    assert service.bench.in_command(service.now_ns) == "plan calibrate"
+    assert service.bench.commander(service.now_ns) == "plan calibrate"
     assert service.bench.plans.view.state == "paused"
     service.ask("plan/resume", token=service.acquire("ben"))
     assert run_to_end(service).state == "done"
-    assert service.bench.in_command(service.now_ns) is None
+    assert service.bench.commander(service.now_ns) is None
 
 
 def test_a_takeover_goes_on_with_the_plan(service):
@@ -329,7 +329,7 @@ def test_a_brake_that_stops_answering_takes_the_torque_away():
     run_with(service, brake, 3.0, token)
     wire.answers = False
     run_with(service, brake, 1.5, token)
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     assert service.bench.state is State.ENABLED
     assert "no torque now" in refused(service, "refused", "set", token=token, torque_Nm=1)
     wire.answers = True
@@ -346,5 +346,5 @@ def test_a_hot_brake_takes_the_torque_away_and_its_temperature_is_in_the_ticks()
     assert service.loop.setpoint["brake_temperature_C"][0] == 30.0
     wire.temperature_C = 151.0
     run_with(service, brake, 1.0, token)
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     assert "temperature_max_C" in service.bench.fault

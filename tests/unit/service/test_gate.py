@@ -6,23 +6,24 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import zenoh
 
-from motord.api.endpoints import client_config, gate_config
+from motord.api.endpoints import client_config, gateway_config
 from motord.client import ClientError, connect
 from motord.client.diagnosis import why_closed
 from motord.security import authority, identity
 from motord.security.error import SecurityError
 from motord.security.roles import Role
 from motord.service.gateway import process
-from motord.service.gateway.audit import GateLog
-from motord.service.gateway.link import GATE, GateLink, gate_spec
+from motord.service.gateway.audit import AuditLog
+from motord.service.gateway.link import GATEWAY, GatewayLink, gateway_command
+from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.processes import Children
+from motord.service.processes import PROCESSES
+from motord.shm.run_directory import RunDir
 from tests.support.ports import free_port
 from tests.unit.service.live_service import endpoint, live_service
 
@@ -65,13 +66,13 @@ class Opened:
             assert self.end.wait(WAIT_S)
             return process.signature(tls) != before
 
-        monkeypatch.setattr(process, "_until_told_or_changed", until)
+        monkeypatch.setattr(process, "_until_changed_or_ended", until)
         self.tls, self.config = config.zenoh.tls, config
         self.changed = None
         self.thread = threading.Thread(target=self._keep)
 
     def _keep(self):
-        reads, speaker = GateLog({}), process.Speaker(self.out)
+        reads, speaker = AuditLog({}), process.AuditReporter(self.out)
         self.changed = process._keep_unchanged(self.config, self.tls, reads, speaker)
 
     def __enter__(self):
@@ -193,7 +194,7 @@ def test_a_change_is_noticed(gated, folder):
 
 
 def test_the_gate_goes_by_what_zenoh_itself_checks(gated):
-    config = gate_config(gated.config, {"anna": Role.OPERATOR})
+    config = gateway_config(gated.config, {"anna": Role.OPERATOR})
     tls = json.loads(config.get_json("transport/link/tls"))
     assert (tls["enable_mtls"], tls["close_link_on_expiration"]) == (True, True)
     access = json.loads(config.get_json("access_control"))
@@ -201,16 +202,19 @@ def test_the_gate_goes_by_what_zenoh_itself_checks(gated):
     assert json.loads(config.get_json("scouting/multicast/enabled")) is False
 
 
-def spoken(script, tmp_path):
+def in_its_place(script):
+    """Return the gateway as a child whose process runs a script."""
+    [row] = [row for row in PROCESSES if row.name == GATEWAY]
+    return Children([row], lambda row: row.spawn((sys.executable, "-c", script)))
+
+
+def spoken(script):
     """Return the events that a process in the gate's place causes."""
-    spec = gate_spec(tmp_path / "bench.toml")
-    command = (sys.executable, "-c", script)
-    children = Children([type(spec)(**{**spec.__dict__, "command": command})])
-    events = EventLog(lambda: 0)
-    link = GateLink(children, events)
+    children, events = in_its_place(script), EventLog(lambda: 0)
+    link = GatewayLink(children, events)
     link.step(0)
-    link.start(0)
-    process = children.process(GATE)
+    children.start_all(0)
+    process = children.process(GATEWAY)
     process.wait(WAIT_S)
     for _ in range(3):
         link.step(0)
@@ -218,10 +222,10 @@ def spoken(script, tmp_path):
     return [event.message for event in events.recent()]
 
 
-def test_what_the_gate_says_becomes_an_event_whatever_it_is(tmp_path):
+def test_what_the_gate_says_becomes_an_event_whatever_it_is():
     good = json.dumps({"message": "hello", "data": {"who": "anna"}})
     bad = ["not JSON", "[1]", json.dumps({"message": "x", "data": {"kind": "an argument of emit"}})]
-    hello, fault = spoken(f"print({chr(10).join([good, *bad])!r})", tmp_path)
+    hello, fault = spoken(f"print({chr(10).join([good, *bad])!r})")
     assert hello == "hello"
     assert fault.startswith("gate sent 3 lines that are no messages, the last of them")
 
@@ -236,18 +240,15 @@ FLOODS = {
 @pytest.mark.parametrize("flood", FLOODS)
 def test_a_gate_that_floods_is_ended_and_started_again(flood):
     script = f"import random, sys; r = random.Random(5); o = sys.stdout.buffer\n{FLOODS[flood]}"
-    spec = gate_spec(Path("bench.toml"))
-    command = (sys.executable, "-c", script)
-    children = Children([type(spec)(**{**spec.__dict__, "command": command})])
-    events = EventLog(lambda: 0)
-    link = GateLink(children, events)
-    link.start(0)
-    first, ends, end_s = children.process(GATE), [], time.monotonic() + WAIT_S
+    children, events = in_its_place(script), EventLog(lambda: 0)
+    link = GatewayLink(children, events)
+    children.start_all(0)
+    first, ends, end_s = children.process(GATEWAY), [], time.monotonic() + WAIT_S
     while not ends and time.monotonic() < end_s:
         link.step(0)  # no time passes: whatever comes is at once
         ends += children.poll(0)
     children.poll(10**9)
-    assert children.process(GATE) not in (None, first)
+    assert children.process(GATEWAY) not in (None, first)
     while link._process is first and time.monotonic() < end_s:  # read the rest, then the next one
         link.step(10**9)
     link.stop(10**9)
@@ -260,7 +261,7 @@ def test_a_gate_that_floods_is_ended_and_started_again(flood):
 
 
 def test_a_gate_that_cannot_open_says_why(tmp_path):
-    command = gate_spec(tmp_path / "none.toml").command
+    command = gateway_command(tmp_path / "none.toml", RunDir("none"))
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert done.returncode == 1
     assert "none.toml: cannot read it" in json.loads(done.stdout)["message"]
@@ -285,7 +286,7 @@ def test_the_gate_ends_with_its_daemon(monkeypatch, folder):
     reader, writer = os.pipe()
     monkeypatch.setattr("motord.service.gateway.process.STDIN", reader)
     authority.remove(folder, "ben")
-    assert process._until_told_or_changed(tls, before, lambda: None) is True
+    assert process._until_changed_or_ended(tls, before, lambda: None) is True
     os.close(writer)
-    assert process._until_told_or_changed(tls, process.signature(tls), lambda: None) is False
+    assert process._until_changed_or_ended(tls, process.signature(tls), lambda: None) is False
     os.close(reader)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.service.gateway.audit import GateLog, Throttle
+from motord.service.gateway.audit import AuditLog, Throttle
 
 ACCESS = "zenoh::net::routing::interceptor::access_control"
 ZID = "babe5e813b1ed6c2ad9d0447f6d553f5"
@@ -18,7 +18,7 @@ def line(text, level="TRACE", target=ACCESS, thread="ThreadId(08)"):
 
 
 def log():
-    return GateLog({"ben": "viewer", "anna": "operator"})
+    return AuditLog({"ben": "viewer", "anna": "operator"})
 
 
 def test_a_denied_query_is_told():

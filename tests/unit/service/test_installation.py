@@ -13,7 +13,7 @@ from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_reader import read
-from motord.service.rpc.calls import Call
+from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.shm.tables import TablesBusyError
 from tests.unit.service.virtual_service import VirtualService
 
@@ -61,7 +61,7 @@ def service(tables, tmp_path):
     service.installation = Installation(
         service.bench, service.store, tables.write, "the text", read
     )
-    service.desk._handlers = {**service.desk._handlers, **service.installation.handlers}
+    service.dispatcher = Dispatcher(service.bench, service.operation, service.installation)
     return service
 
 
@@ -69,9 +69,9 @@ def install(service, token, **source):
     payload = json.dumps({"token": token, **source}).encode()
     request, prepared = service.installation.prepare(payload)
     call = Call("calibration/install", request, prepared)
-    service.desk.handle(call, service.now_ns)
+    service.dispatcher.handle(call, service.now_ns)
     service.step(200)
-    return service.installation.keep(prepared, call.wait(0))
+    return service.installation.save(prepared, call.wait(0)).content()
 
 
 def test_an_installed_calibration_is_applied_shown_and_kept(service, tables, tmp_path):
@@ -166,7 +166,7 @@ def test_an_unreadable_mark_is_told(service):
     with pytest.raises(CalibrationError, match=MARK):
         service.store.load_installed()
     with pytest.raises(CalibrationError, match="cannot write"):
-        service.store.keep(calibration())
+        service.store.save(calibration())
 
 
 def test_the_configuration_is_told_as_text_and_in_full(service):

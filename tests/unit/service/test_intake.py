@@ -11,23 +11,28 @@ import zenoh
 from motord import config
 from motord.api.endpoints import ENVELOPE_BYTES, client_config
 from motord.api.errors import RpcError
+from motord.api.replies import RpcReply
 from motord.api.requests import (
     MAX_REQUEST_BYTES,
     PASSES,
-    REQUESTS,
+    RPCS,
     UNPROVEN_BYTES,
     WithToken,
     max_calibration_bytes,
     max_request_bytes,
-    needs_token,
 )
 from motord.calibration import Calibration
 from motord.learned import MAX_NODES, MAX_ORDERS, LearnedPoint, LearnedTorque, Verified
-from motord.service.rpc import calibration_reader, intake, replies
+from motord.service.rpc import calibration_reader, intake, outstanding
 from motord.service.rpc.calibration_reader import read_elsewhere
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.intake import Intake, Slow
-from motord.service.rpc.replies import ROOM, ROOM_IN_COMMAND, ROOM_OF_STOP, Replies
+from motord.service.rpc.dispatcher import CallQueue
+from motord.service.rpc.intake import Intake, Offloaded
+from motord.service.rpc.outstanding import (
+    ROOM,
+    ROOM_IN_COMMAND,
+    ROOM_OF_STOP,
+    OutstandingQueries,
+)
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_installation import calibration
 
@@ -67,19 +72,21 @@ class Query:
         return self.code or self.content
 
 
-class Desk:
+class Played:
     """An intake whose parsing is taken down; `slow` is a slow request that waits to go on."""
 
     def __init__(self, monkeypatch):
         self.parsed = []
         monkeypatch.setattr(intake, "parse", self._parse)
-        self.calls, self.replies = CallQueue(), Replies(4 * LIMIT)
+        self.calls, self.replies = CallQueue(), OutstandingQueries(4 * LIMIT)
         self.begun, self.go_on = threading.Semaphore(0), threading.Semaphore(0)
-        slow = {name: Slow(self._prepare, max_bytes=LIMIT) for name in ("calibration/install",)}
+        slow = {
+            name: Offloaded(self._prepare, max_bytes=LIMIT) for name in ("calibration/install",)
+        }
         self.intake = Intake(self.calls, self.replies, slow, lambda payload: TOKEN in payload)
 
-    def _parse(self, name, payload):
-        self.parsed.append((name, len(payload)))
+    def _parse(self, rpc, payload):
+        self.parsed.append((rpc.name, len(payload)))
         return WithToken(token="t")
 
     def _prepare(self, payload):
@@ -104,97 +111,97 @@ class Desk:
 
 
 @pytest.fixture
-def desk(monkeypatch):
-    with Desk(monkeypatch) as made:
+def played(monkeypatch):
+    with Played(monkeypatch) as made:
         yield made
 
 
-GUARDED = sorted(name for name in REQUESTS if needs_token(name))
+GUARDED = sorted(name for name in RPCS if RPCS[name].needs_lease)
 
 
 def test_all_but_these_need_the_lease():
-    assert set(REQUESTS) - set(GUARDED) == {
+    assert set(RPCS) - set(GUARDED) == {
         "lease/acquire", "stop", "plan/start", "plan/list", "config",
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", GUARDED)
-def test_a_long_request_is_not_parsed_without_the_lease(desk, name):
+def test_a_long_request_is_not_parsed_without_the_lease(played, name):
     long = b'{"token": "guess"' + b" " * UNPROVEN_BYTES
-    assert desk.bring(name, long).outcome() == "no_lease"
-    assert desk.parsed == []
-    desk.go_on.release()
-    proven = desk.bring(name, long + TOKEN)
+    assert played.bring(name, long).outcome() == "no_lease"
+    assert played.parsed == []
+    played.go_on.release()
+    proven = played.bring(name, long + TOKEN)
     if name == "calibration/install":
-        assert desk.begun.acquire(timeout=WAIT_S)
+        assert played.begun.acquire(timeout=WAIT_S)
     else:
-        assert [call.name for call in desk.calls.take()] == [name]
-        assert desk.parsed == [(name, UNPROVEN_BYTES + 17 + len(TOKEN))]
+        assert [call.name for call in played.calls.take()] == [name]
+        assert played.parsed == [(name, UNPROVEN_BYTES + 17 + len(TOKEN))]
     assert not proven.dropped
 
 
-@pytest.mark.parametrize("name", sorted(REQUESTS))
-def test_a_request_that_is_too_long_is_not_parsed_with_it_either(desk, name):
+@pytest.mark.parametrize("name", sorted(RPCS))
+def test_a_request_that_is_too_long_is_not_parsed_with_it_either(played, name):
     limit = LIMIT if name == "calibration/install" else MAX_REQUEST_BYTES
-    assert desk.bring(name, TOKEN + b" " * (limit + 1 - len(TOKEN))).outcome() == "invalid"
-    assert desk.parsed == []
+    assert played.bring(name, TOKEN + b" " * (limit + 1 - len(TOKEN))).outcome() == "invalid"
+    assert played.parsed == []
 
 
-def test_what_takes_long_is_not_begun_without_the_lease(desk):
-    assert desk.bring("calibration/install", b"{}").outcome() == "no_lease"
-    assert desk.parsed == [("calibration/install", 2)]  # short: it may be wrong in itself
-    assert not desk.begun.acquire(blocking=False)
+def test_what_takes_long_is_not_begun_without_the_lease(played):
+    assert played.bring("calibration/install", b"{}").outcome() == "no_lease"
+    assert played.parsed == [("calibration/install", 2)]  # short: it may be wrong in itself
+    assert not played.begun.acquire(blocking=False)
 
 
-def test_what_takes_long_is_done_one_after_the_other(desk):
-    first = desk.bring("calibration/install", TOKEN)
-    assert desk.begun.acquire(timeout=WAIT_S)
-    second = desk.bring("calibration/install", TOKEN)
-    assert desk.bring("calibration/install", TOKEN).outcome() == "busy"
-    desk.go_on.release(2)
+def test_what_takes_long_is_done_one_after_the_other(played):
+    first = played.bring("calibration/install", TOKEN)
+    assert played.begun.acquire(timeout=WAIT_S)
+    second = played.bring("calibration/install", TOKEN)
+    assert played.bring("calibration/install", TOKEN).outcome() == "busy"
+    played.go_on.release(2)
     assert (first.outcome(), second.outcome()) == ("failed", "failed")
 
 
-def test_what_needs_no_lease_is_paced_and_neither_stop_nor_the_commander_is(desk, monkeypatch):
+def test_what_needs_no_lease_is_paced_and_neither_stop_nor_the_commander_is(played, monkeypatch):
     clock = SimpleNamespace(now_s=100.0, slept_s=[])
     monkeypatch.setattr(intake.time, "monotonic", lambda: clock.now_s)
     monkeypatch.setattr(intake.time, "sleep", clock.slept_s.append)
-    queries = [desk.bring("plan/list", b"{}") for _ in range(ROOM)]
+    queries = [played.bring("plan/list", b"{}") for _ in range(ROOM)]
     arrived = []
     while len(arrived) < ROOM:
-        arrived += desk.calls.take()
+        arrived += played.calls.take()
     assert not any(query.dropped for query in queries)
     assert len(clock.slept_s) == ROOM - intake.BURST
     assert clock.slept_s[-1] == pytest.approx((ROOM - intake.BURST) * intake.PACE_S)
     for name, payload in (("stop", b""), ("lease/renew", TOKEN)):
-        desk.bring(name, payload)
-        assert [call.name for call in desk.calls.take()] == [name]  # in this very thread
+        played.bring(name, payload)
+        assert [call.name for call in played.calls.take()] == [name]  # in this very thread
 
 
-def test_an_error_in_taking_on_is_answered(desk, monkeypatch):
-    monkeypatch.setattr(intake, "parse", lambda name, payload: 1 / 0)
-    assert desk.bring("stop", b"").outcome() == "internal"
+def test_an_error_in_taking_on_is_answered(played, monkeypatch):
+    monkeypatch.setattr(intake, "parse", lambda rpc, payload: 1 / 0)
+    assert played.bring("stop", b"").outcome() == "internal"
 
 
-def test_room_is_kept_for_whoever_is_in_command_and_for_stop(desk):
+def test_room_is_kept_for_whoever_is_in_command_and_for_stop(played):
     assert ROOM < ROOM_IN_COMMAND < ROOM_OF_STOP <= CallQueue.CAPACITY
-    taken = [desk.bring("lease/acquire", b"{}") for _ in range(ROOM)]
-    assert desk.bring("lease/acquire", b"{}").dropped
-    taken += [desk.bring("lease/renew", TOKEN) for _ in range(ROOM_IN_COMMAND - ROOM)]
-    assert desk.bring("lease/renew", TOKEN).dropped
-    taken += [desk.bring("stop", b"") for _ in range(ROOM_OF_STOP - ROOM_IN_COMMAND)]
-    assert desk.bring("stop", b"").dropped
+    taken = [played.bring("lease/acquire", b"{}") for _ in range(ROOM)]
+    assert played.bring("lease/acquire", b"{}").dropped
+    taken += [played.bring("lease/renew", TOKEN) for _ in range(ROOM_IN_COMMAND - ROOM)]
+    assert played.bring("lease/renew", TOKEN).dropped
+    taken += [played.bring("stop", b"") for _ in range(ROOM_OF_STOP - ROOM_IN_COMMAND)]
+    assert played.bring("stop", b"").dropped
     assert not any(query.dropped for query in taken)
     until_s = time.monotonic() + WAIT_S
     while not all(query.done.is_set() for query in taken) and time.monotonic() < until_s:
-        for call in desk.calls.take():
-            call.answer({})
-    assert {query.outcome() for query in taken} == {"{}"}
-    assert not desk.bring("lease/acquire", b"{}").dropped
+        for call in played.calls.take():
+            call.reply(RpcReply())
+    assert {query.outcome() for query in taken} == {b"{}"}
+    assert not played.bring("lease/acquire", b"{}").dropped
 
 
 def test_bytes_under_way_are_bounded(monkeypatch):
-    kept = Replies(100)  # not open: nothing is answered
+    kept = OutstandingQueries(100)  # not open: nothing is answered
     assert kept.admit("a", "k", Query(), 60) is not None
     late = Query()
     assert kept.admit("a", "k", late, 41) is None
@@ -203,22 +210,22 @@ def test_bytes_under_way_are_bounded(monkeypatch):
 
 
 def test_only_the_first_answer_counts_and_none_is_forgotten():
-    kept, query, left = Replies(100), Query(), Query()
+    kept, query, left = OutstandingQueries(100), Query(), Query()
     pending = kept.admit("a", "k", query, 0)
     kept.admit("b", "k", left, 0)
-    kept.answer(pending, RpcError("busy", "first"))
-    kept.answer(pending, {"second": 1})
+    kept.reply(pending, RpcError("busy", "first"))
+    kept.reply(pending, RpcReply())
     kept.open()
     kept.close()
     assert (query.outcome(), query.content, left.outcome()) == ("busy", None, "refused")
 
 
 def test_refusals_are_counted_in_the_log(monkeypatch, caplog):
-    monkeypatch.setattr(replies, "LOG_S", 0.0)
-    monkeypatch.setattr(replies, "LOOK_S", 0.0)
-    kept, query = Replies(0), Query()
+    monkeypatch.setattr(outstanding, "LOG_S", 0.0)
+    monkeypatch.setattr(outstanding, "CHECK_S", 0.0)
+    kept, query = OutstandingQueries(0), Query()
     kept.admit("a", "k", Query(), 1)
-    kept.answer(kept.admit("a", "k", query, 0), RpcError("no_lease", "x"))
+    kept.reply(kept.admit("a", "k", query, 0), RpcError("no_lease", "x"))
     with caplog.at_level("WARNING", "motord"):
         kept.open()
         kept.close()
@@ -226,13 +233,13 @@ def test_refusals_are_counted_in_the_log(monkeypatch, caplog):
 
 
 def test_longer_messages_are_dropped_by_zenoh_and_the_session_goes_on(tmp_path, monkeypatch):
-    sizes, admit = [], Replies.admit
+    sizes, admit = [], OutstandingQueries.admit
 
     def spy(self, name, key, query, size, room=ROOM):
         sizes.append(size)
         return admit(self, name, key, query, size, room)
 
-    monkeypatch.setattr(Replies, "admit", spy)
+    monkeypatch.setattr(OutstandingQueries, "admit", spy)
     with live_service(tmp_path) as live, zenoh.open(client_config(live.listen)) as session:
         longest = max_request_bytes(live.config.motor.counts)
         install, stop = (f"motord/live/rpc/{name}" for name in ("calibration/install", "stop"))
@@ -247,13 +254,13 @@ def test_longer_messages_are_dropped_by_zenoh_and_the_session_goes_on(tmp_path, 
 
 def test_memory_shared_with_a_client_is_not_read(tmp_path, monkeypatch):
     """It could be changed, or cut off, in the midst of reading: by whoever shares it."""
-    shared, admit = [], Replies.admit
+    shared, admit = [], OutstandingQueries.admit
 
     def spy(self, name, key, query, size, room=ROOM):
         shared.append(query.payload.as_shm() is not None)
         return admit(self, name, key, query, size, room)
 
-    monkeypatch.setattr(Replies, "admit", spy)
+    monkeypatch.setattr(OutstandingQueries, "admit", spy)
     with live_service(tmp_path) as live:
         sharing = client_config(live.listen)
         sharing.insert_json5("transport/shared_memory/enabled", "true")

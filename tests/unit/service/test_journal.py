@@ -3,6 +3,7 @@
 import errno
 import os
 import threading
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -46,32 +47,43 @@ def test_a_plan_is_told_as_it_happened(journal):
     journal.end("aborted", "by ben", 8)
     journal.resumed("/runs/b-000.mcap", "carl", 9)
     journal.point(point(3))
-    story = reloaded(journal).story
-    assert story == journal.story
-    assert story.plan == NOTE
-    assert story.recordings == ("/runs/a-000.mcap", "/runs/b-000.mcap")
-    assert (story.stretches[0].state, story.state) == ("aborted", "")
-    assert story.taken == {0, 1, 3}
+    log = reloaded(journal).log
+    assert log == journal.log
+    assert log.plan == NOTE
+    assert log.recordings == ("/runs/a-000.mcap", "/runs/b-000.mcap")
+    assert (log.segments[0].state, log.state) == ("aborted", "")
+    assert log.taken == {0, 1, 3}
     journal.end("done", "", 10)
-    assert reloaded(journal).story.state == "done"
+    assert reloaded(journal).log.state == "done"
+
+
+def test_a_journal_of_an_earlier_version_is_read():
+    content = Path(__file__).with_name("journal_format_1.jsonl").read_bytes()
+    parsed = read(content)
+    assert parsed.size == len(content)
+    assert (parsed.log.plan.name, parsed.log.plan.points) == ("calibrate", 3)
+    assert parsed.log.taken == {0, 1}
+    assert [segment.state for segment in parsed.log.segments] == ["aborted", ""]
+    assert [segment.sure for segment in parsed.log.segments] == [True, False]
+    assert parsed.log.recordings == ("/runs/calibrate.mcap", "/runs/calibrate.mcap")
 
 
 def test_a_poor_point_counts_only_when_it_is_not_to_be_taken_again(journal):
     fill(journal, [point(0, "noisy"), point(1, "noisy", 3)])
-    assert journal.story.taken == {1}
+    assert journal.log.taken == {1}
 
 
 def test_without_a_file_there_is_no_story(journal):
-    assert reloaded(journal).story is None
+    assert reloaded(journal).log is None
     journal.point(point(0))  # of a plan that was discarded meanwhile
-    assert reloaded(journal).story is None
+    assert reloaded(journal).log is None
 
 
 def test_a_plan_that_begins_takes_the_place_of_the_one_before(journal):
     fill(journal, [point(0)])
     journal.begin(NOTE.model_copy(update={"run_id": "r2"}), "/runs/c-000.mcap")
-    story = reloaded(journal).story
-    assert (story.plan.run_id, story.taken) == ("r2", set())
+    log = reloaded(journal).log
+    assert (log.plan.run_id, log.taken) == ("r2", set())
 
 
 def test_what_is_forgotten_is_gone(journal):
@@ -79,7 +91,7 @@ def test_what_is_forgotten_is_gone(journal):
     journal.forget()
     journal.settle()
     assert not journal._disk.path.exists()
-    assert reloaded(journal).story is None
+    assert reloaded(journal).log is None
     journal.forget()
     journal.settle()
     assert journal.error == ""
@@ -104,11 +116,11 @@ def test_any_truncation_gives_the_points_up_to_it(tmp_path_factory, points, data
     cut = reloaded(journal)
     whole = content[:size].count(b"\n")
     if whole == 0:
-        assert cut.story is None
+        assert cut.log is None
         return
-    assert list(cut.story.stretches[0].points) == points[: whole - 1]
+    assert list(cut.log.segments[0].points) == points[: whole - 1]
     cut.point(point(7))  # what was cut off is not in the way of what comes
-    assert list(reloaded(cut).story.stretches[0].points) == [*points[: whole - 1], point(7)]
+    assert list(reloaded(cut).log.segments[0].points) == [*points[: whole - 1], point(7)]
 
 
 @given(points=points_taken, at=st.integers(0, 2000), garbage=st.binary(max_size=40))
@@ -119,10 +131,10 @@ def test_whatever_is_in_the_file_is_read_up_to_what_makes_no_sense(
     fill(journal, points)
     journal.settle()
     content = journal._disk.path.read_bytes()
-    text = read(content[:at] + garbage + content[at + len(garbage) :])
-    assert text.size <= max(len(content), at + len(garbage))
+    parsed = read(content[:at] + garbage + content[at + len(garbage) :])
+    assert parsed.size <= max(len(content), at + len(garbage))
     if at >= len(content):
-        assert list(text.story.stretches[0].points)[: len(points)] == points
+        assert list(parsed.log.segments[0].points)[: len(points)] == points
 
 
 @pytest.mark.parametrize(
@@ -133,7 +145,7 @@ def test_whatever_is_in_the_file_is_read_up_to_what_makes_no_sense(
     ],
 )  # fmt: skip
 def test_what_was_never_a_journal_tells_nothing(content):
-    assert read(content).story is None
+    assert read(content).log is None
 
 
 @pytest.mark.parametrize(
@@ -145,8 +157,8 @@ def test_a_line_that_makes_no_sense_ends_the_story(journal, line):
     fill(journal, [point(0)])
     journal.settle()
     content = journal._disk.path.read_bytes()
-    text = read(content + line + b"\n" + content.splitlines(keepends=True)[1])
-    assert (text.size, len(text.story.stretches[0].points)) == (len(content), 1)
+    parsed = read(content + line + b"\n" + content.splitlines(keepends=True)[1])
+    assert (parsed.size, len(parsed.log.segments[0].points)) == (len(content), 1)
 
 
 def test_a_journal_of_another_format_is_none():
@@ -154,7 +166,7 @@ def test_a_journal_of_another_format_is_none():
         b'{"kind":"plan","recording":"","plan":'
         + NOTE.model_copy(update={"format": 2}).model_dump_json().encode()
     )
-    assert read(line + b"}\n").story is None
+    assert read(line + b"}\n").log is None
 
 
 def test_a_full_disk_is_told_and_what_fits_again_is_kept(journal, monkeypatch):
@@ -170,7 +182,7 @@ def test_a_full_disk_is_told_and_what_fits_again_is_kept(journal, monkeypatch):
         journal.settle()
         assert "No space left" in journal.error
     journal.point(point(2))
-    assert [p["index"] for p in reloaded(journal).story.stretches[0].points] == [0, 2]
+    assert [p["index"] for p in reloaded(journal).log.segments[0].points] == [0, 2]
     assert journal.error == ""
 
 
@@ -182,7 +194,7 @@ def test_a_line_that_fits_in_part_is_taken_back(journal, monkeypatch):
     journal.point(point(1))
     journal.settle()
     assert "No space left" in journal.error
-    assert len(reloaded(journal).story.stretches[0].points) == 1
+    assert len(reloaded(journal).log.segments[0].points) == 1
 
 
 def test_a_plan_whose_beginning_cannot_be_kept_adds_nothing_to_another_ones(journal, monkeypatch):
@@ -206,7 +218,7 @@ def test_a_plan_whose_beginning_cannot_be_kept_adds_nothing_to_another_ones(jour
 def test_a_journal_that_cannot_be_read_is_told(tmp_path):
     journal = Journal(tmp_path)
     journal.load()
-    assert journal.story is None
+    assert journal.log is None
     assert "directory" in journal.error
 
 
@@ -219,7 +231,7 @@ def test_a_disk_that_stalls_holds_nobody_up(journal, monkeypatch):
 
     monkeypatch.setattr(journal_file, "_write", stalled)
     fill(journal, [point(0), point(1)])
-    assert journal.story.taken == {0, 1}
+    assert journal.log.taken == {0, 1}
     assert not journal._disk.path.exists()
     go_on.set()
-    assert reloaded(journal).story.taken == {0, 1}
+    assert reloaded(journal).log.taken == {0, 1}

@@ -1,15 +1,16 @@
 """Programs of the daemon's own machine: they may ask and listen, and never speak for the bench."""
 
 import json
+import socket
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 import zenoh
 
-from motord.api.endpoints import client_config, router_config
-from motord.client import connect
+from motord.api.endpoints import HANDSHAKE_MS, MAX_HANDSHAKES, client_config, router_config
+from motord.client import ClientError, connect
 from tests.unit.service.live_service import endpoint, live_service
 
 WAIT_S = 20.0
@@ -30,6 +31,20 @@ def session(where, mode):
     config.insert_json5("connect/timeout_ms", "-1")
     config.insert_json5("connect/exit_on_failure", "false")
     return zenoh.open(config)
+
+
+def test_connections_that_say_nothing_keep_nobody_out_for_long(tmp_path):
+    with live_service(tmp_path) as service, ExitStack() as silent:
+        host, port = service.listen.removeprefix("tcp/").split(":")
+        for _ in range(MAX_HANDSHAKES + 8):
+            silent.enter_context(socket.create_connection((host, int(port))))
+        begun_s = time.monotonic()
+        while True:
+            with suppress(ClientError):
+                connect("live", service.listen).close()
+                break
+        waited_s = time.monotonic() - begun_s
+    assert waited_s < HANDSHAKE_MS / 1e3 + 3.0  # Zenoh's own limit is 10 s
 
 
 class Intruder:

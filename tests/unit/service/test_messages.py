@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from motord.api import requests
 from motord.api.errors import RpcError
 from motord.api.messages import Event
-from motord.api.requests import REQUESTS, parse
+from motord.api.requests import RPCS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.experiments import plans_model
 
@@ -41,23 +41,23 @@ json_values = st.recursive(
     ),
     max_leaves=12,
 )
-names = st.sampled_from(sorted(REQUESTS))
+names = st.sampled_from(sorted(RPCS))
 
 
 def refusal_of(name, payload):
     with pytest.raises(RpcError) as caught:
-        parse(name, payload)
+        parse(RPCS[name], payload)
     assert caught.value.code == "invalid"
     return caught.value.message
 
 
 def test_there_is_a_valid_example_for_every_rpc():
-    assert VALID.keys() == REQUESTS.keys()
+    assert VALID.keys() == RPCS.keys()
 
 
 @pytest.mark.parametrize("name", sorted(VALID))
 def test_valid_requests_come_through(name):
-    request = parse(name, json.dumps(VALID[name]).encode())
+    request = parse(RPCS[name], json.dumps(VALID[name]).encode())
     assert request.model_dump(exclude_unset=True) == VALID[name]
 
 
@@ -70,7 +70,7 @@ def test_an_unknown_field_is_named(name):
 
 @pytest.mark.parametrize("name", sorted(n for n in VALID if VALID[n]))
 def test_missing_fields_are_named(name):
-    required = [k for k, f in REQUESTS[name].model_fields.items() if f.is_required()]
+    required = [k for k, f in RPCS[name].request.model_fields.items() if f.is_required()]
     for field in required:
         body = {k: v for k, v in VALID[name].items() if k != field}
         assert f"{field}: missing" in refusal_of(name, json.dumps(body).encode())
@@ -78,7 +78,7 @@ def test_missing_fields_are_named(name):
 
 def outcome(name, payload):
     try:
-        return parse(name, payload)
+        return parse(RPCS[name], payload)
     except RpcError as refusal:
         return refusal.code
 
@@ -93,8 +93,8 @@ def test_json_never_escapes(name, body):
     request = outcome(name, json.dumps(body).encode())
     if request != "invalid":
         assert isinstance(body, dict)
-        assert set(body) <= set(REQUESTS[name].model_fields)
-        assert isinstance(request, REQUESTS[name])
+        assert set(body) <= set(RPCS[name].request.model_fields)
+        assert isinstance(request, RPCS[name].request)
 
 
 @given(field=st.sampled_from(["torque_Nm", "speed_Hz", "brake", "drive_Hz"]), value=json_values)
@@ -104,7 +104,7 @@ def test_set_takes_finite_numbers_only(field, value):
     finite = is_number and abs(value) <= sys.float_info.max
     in_range = finite and (field != "brake" or 0 <= value <= 1)
     if in_range:
-        assert getattr(parse("set", body), field) == pytest.approx(value)
+        assert getattr(parse(RPCS["set"], body), field) == pytest.approx(value)
     elif value is None or (is_number and finite is False and isinstance(value, int)):
         return  # null is the same as left out; integers beyond a double are refused or infinite
     else:
@@ -142,7 +142,7 @@ def test_a_request_that_is_too_long_is_refused():
 
 
 def test_no_payload_is_an_empty_object():
-    assert parse("stop", b"").model_dump() == {"by": ""}
+    assert parse(RPCS["stop"], b"").model_dump() == {"by": ""}
 
 
 def test_replies_skip_what_they_do_not_know_and_lose_what_is_not_finite():

@@ -31,7 +31,7 @@ def test_starts_off_and_is_enabled_by_whoever_is_in_command(service):
     assert service.bench.state is State.OFF
     token = service.acquire()
     assert service.ask("enable", token=token) == {"state": "ENABLED"}
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
 
 
 @pytest.mark.parametrize("name", ["enable", "disable", "reset", "lease/renew", "lease/release"])
@@ -53,11 +53,11 @@ def test_torque_and_speed_are_reached_and_held_by_the_brake(service):
     token = service.enabled()
     service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)
     service.run_s(8.0, token)
-    assert service.bench.watch.torque_set_Nm == pytest.approx(3.0)
+    assert service.bench.monitor.torque_set_Nm == pytest.approx(3.0)
     speeds_Hz = []
     for _ in range(200):
         service.run_s(0.01, token)
-        speeds_Hz.append(service.bench.watch.last["speed_rad_s"] / (2 * np.pi))
+        speeds_Hz.append(service.bench.monitor.last["speed_rad_s"] / (2 * np.pi))
     assert np.mean(speeds_Hz) == pytest.approx(0.7, rel=0.03)
 
 
@@ -66,9 +66,9 @@ def test_the_brake_leads_a_rising_torque(service):
     service.ask("set", token=token, torque_Nm=3.0, speed_Hz=0.7)
     service.run_s(0.4, token)
     assert service.bench.setpoint.brake > 0.1
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     service.run_s(0.8, token)
-    assert service.bench.watch.torque_set_Nm > 1.0
+    assert service.bench.monitor.torque_set_Nm > 1.0
 
 
 def test_torque_alone_keeps_the_speed_servo_and_brake_alone_ends_it(service):
@@ -131,7 +131,7 @@ def test_what_is_refused_never_touches_the_power(service, code, asked):
 
 
 def test_a_bench_in_trouble_is_not_enabled_for_a_torque(service):
-    service.bench._trouble = "the brake is at 190 degC"
+    service.bench.device_fault = "the brake is at 190 degC"
     token = service.acquire()
     said = refused(service, "refused", "set", token=token, enable=True, torque_Nm=1.0)
     assert "190 degC" in said
@@ -148,7 +148,7 @@ def test_set_enables_first_and_tells_where_the_torque_is_going(service):
     ramp_s = 3.0 / service.config.limits.torque_rate_Nm_per_s
     assert answer["reached_in_s"] > ramp_s  # the brake rises before
     service.run_s(answer["reached_in_s"] + 0.1, token)
-    assert service.bench.watch.torque_set_Nm == pytest.approx(3.0)
+    assert service.bench.monitor.torque_set_Nm == pytest.approx(3.0)
     assert service.ask("set", token=token, torque_Nm=3.0)["reached_in_s"] < 0.01
 
 
@@ -165,7 +165,7 @@ def test_what_was_to_be_set_once_enabled_is_forgotten_if_something_comes_between
         service.begin(how, **({} if how == "stop" else {"token": token}))
     service.loop.running = True
     service.run_s(1.0)
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     assert service.bench.setpoint_view().torque_target_Nm == 0.0
     assert service.bench.state is not State.ENABLED
     assert waiting.outcome.code == "refused"
@@ -181,7 +181,7 @@ def test_a_set_that_cannot_enable_in_time_leaves_nothing_behind(service):
     assert service.bench.state is not State.ENABLED
     service.ask("enable", token=token)
     service.run_s(0.5, token)
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
 
 
 def test_a_set_that_trips_while_enabling_leaves_nothing_behind(service):
@@ -193,7 +193,7 @@ def test_a_set_that_trips_while_enabling_leaves_nothing_behind(service):
     service.ask("reset", token=token)
     service.ask("enable", token=token)
     service.run_s(0.5, token)
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
 
 
 def test_the_drive_may_not_be_set_near_the_over_speed_trip():
@@ -234,7 +234,7 @@ def test_disable_ramps_down_and_forgets_what_was_set(service):
     disabling = service.begin("disable", token=token)
     service.step(5)
     assert disabling.outcome is None
-    assert 0.0 < service.bench.watch.torque_set_Nm < 2.0
+    assert 0.0 < service.bench.monitor.torque_set_Nm < 2.0
     service.step(40)
     assert disabling.outcome == {"state": "READY"}
     assert service.bench.setpoint.view().model_dump() == {
@@ -248,7 +248,7 @@ def test_stop_is_taken_from_anyone_and_is_immediate(service):
     service.ask("set", token=token, torque_Nm=2.0, speed_Hz=0.6)
     service.run_s(2.0, token)
     assert service.ask("stop", by="a passer-by") == {"state": "OFF"}
-    assert service.bench.watch.torque_set_Nm == 0.0
+    assert service.bench.monitor.torque_set_Nm == 0.0
     assert "request: stop, from a passer-by" in service.messages()
     assert service.ask("stop") == {"state": "OFF"}
 
@@ -295,7 +295,7 @@ def test_a_trip_is_told_with_cause_and_value_and_reset_leaves_it(service):
     said = next(m for m in service.messages() if m.startswith("trip"))
     assert "OVER_SPEED" in said
     assert "limit 25" in said
-    report = service.bench.watch.trip
+    report = service.bench.monitor.trip
     assert (report.first, report.causes) == (["OVER_SPEED"], ["OVER_SPEED"])
     assert report.values["speed, rad/s"].limit == 25.0
     refusal = refused(service, "tripped", "enable", token=token)
@@ -303,7 +303,7 @@ def test_a_trip_is_told_with_cause_and_value_and_reset_leaves_it(service):
         assert words in refusal
     assert "OVER_SPEED" in refused(service, "tripped", "set", token=token, torque_Nm=1)
     assert service.ask("reset", token=token) == {"state": "READY"}
-    assert service.bench.watch.trip is None
+    assert service.bench.monitor.trip is None
     assert service.ask("enable", token=token) == {"state": "ENABLED"}
 
 
@@ -408,7 +408,7 @@ def test_requests_reach_the_loop_one_at_a_time(service):
 
 def test_lost_ticks_are_told(service):
     service.step(lost=7)
-    assert service.bench.watch.lost == 7
+    assert service.bench.monitor.lost == 7
     assert "ring_loss" in service.kinds()
 
 
@@ -434,4 +434,4 @@ def test_a_trim_of_the_brake_learnt_from_a_frozen_encoder_is_forgotten(service):
         service.ask("set", **asked)
         assert service.bench.setpoint.brake == pytest.approx(held, rel=0.1)
         service.run_s(8.0, token)
-        assert service.bench.watch.tick_view().speed_Hz == pytest.approx(0.7, rel=0.1)
+        assert service.bench.monitor.tick_view().speed_Hz == pytest.approx(0.7, rel=0.1)

@@ -14,18 +14,18 @@ from motord.api.descriptions import (
     TRIP_MEANING,
     trip_action,
     trip_names,
-    trip_words,
+    trip_text,
 )
 from motord.api.errors import RpcError
-from motord.api.requests import NoArguments, Set, Stop
+from motord.api.replies import RpcReply, StateReply
+from motord.api.requests import STOP, StopNow
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request, Trip
 from motord.service.bench.setpoint import UNSEEN_NS, Setpoint
 from motord.service.host import scheduling
 from motord.service.host.events import KEPT, EventLog
 from motord.service.host.log import log_to_stderr
-from motord.service.rpc.calls import Call, CallQueue
-from motord.service.rpc.dispatcher import Desk, Wait, expect
+from motord.service.rpc.dispatcher import Call, CallQueue, Dispatcher, Wait, handles
 
 WAIT_S = 20.0
 
@@ -34,9 +34,9 @@ def test_every_trip_has_a_meaning():
     assert set(TRIP_MEANING) == set(TRIP_ACTION) == set(Trip)
     everything = sum(Trip)
     assert trip_names(everything) == [trip.name for trip in Trip]
-    assert all(meaning in trip_words(everything) for meaning in TRIP_MEANING.values())
+    assert all(meaning in trip_text(everything) for meaning in TRIP_MEANING.values())
     assert all(action in trip_action(everything) for action in TRIP_ACTION.values())
-    assert trip_words(0) == "no cause"
+    assert trip_text(0) == "no cause"
 
 
 def test_priority_rises_as_far_as_allowed(monkeypatch):
@@ -143,41 +143,41 @@ def test_only_the_newest_events_are_kept_but_all_are_passed_on():
 def test_calls_are_refused_when_too_many_wait():
     calls = CallQueue()
     for _ in range(CallQueue.CAPACITY):
-        calls.put(Call("stop", Stop()))
+        calls.put(Call("stop", StopNow()))
     with pytest.raises(RpcError) as caught:
-        calls.put(Call("stop", Stop()))
+        calls.put(Call("stop", StopNow()))
     assert caught.value.code == "busy"
     assert len(calls.take()) == CallQueue.CAPACITY
     assert calls.take() == []
 
 
 def test_only_the_first_answer_counts():
-    call = Call("stop", Stop())
+    call = Call("stop", StopNow())
     with pytest.raises(RpcError, match="no answer"):
         call.wait(0)
-    call.answer({"state": "OFF"})
-    call.answer(RpcError("busy", "too late"))
-    assert call.wait(0) == {"state": "OFF"}
+    call.reply(StateReply(state="OFF"))
+    call.reply(RpcError("busy", "too late"))
+    assert call.wait(0) == StateReply(state="OFF")
 
 
 def test_a_wait_ends_with_its_condition_or_its_time():
     seen = []
-    wait = Wait(lambda: {} if seen else None, 1.0, lambda: "too slow")
-    desk = Desk({"stop": lambda call, now_ns: wait}, lambda where, error: "")
-    late, right = Call("stop", Stop()), Call("stop", Stop())
-    desk.handle(late, 0)
-    desk.step(1_000_000_000)
+
+    class Waits:
+        @handles(STOP)
+        def stop(self, request, context):
+            return Wait(lambda: RpcReply() if seen else None, 1.0, lambda: "too slow")
+
+    dispatcher = Dispatcher(None, Waits())
+    late, right = Call("stop", StopNow()), Call("stop", StopNow())
+    dispatcher.handle(late, 0)
+    dispatcher.step(1_000_000_000)
     with pytest.raises(RpcError, match="too slow"):
         late.wait(0)
-    desk.handle(right, 0)
+    dispatcher.handle(right, 0)
     seen.append(1)
-    desk.step(1)
-    assert right.wait(0) == {}
-
-
-def test_a_request_at_the_wrong_handler_is_a_mistake_of_the_program():
-    with pytest.raises(TypeError, match="NoArguments where Set"):
-        expect(Set, Call("set", NoArguments()))
+    dispatcher.step(1)
+    assert right.wait(0) == RpcReply()
 
 
 class Mailbox:

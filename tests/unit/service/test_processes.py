@@ -3,23 +3,31 @@
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from motord.service.processes import (
+from motord import config
+from motord.service.host.children import (
     BACKOFF_FIRST_S,
     BACKOFF_LAST_S,
     Children,
-    ChildSpec,
-    in_words,
+    Process,
+    exit_words,
     spawn,
 )
+from motord.service.processes import PROCESSES
+from motord.shm.run_directory import RunDir
 
 SECOND_NS = 1_000_000_000
 
 
-def spec(name, restart, start, command=("x",)):
-    return ChildSpec(name, command, restart, 5.0, consequence="a gap", spawn=start)
+def process(name, restart, start, command=("x",)):
+    return Process(name, lambda path, run_dir: command, start, restart, 5.0, loss="a gap")
+
+
+def children_of(*table):
+    return Children(table, lambda row: row.start(Path("bench.toml"), RunDir("sim")))
 
 
 class FakeProcess:
@@ -56,7 +64,7 @@ def children(started):
         started.append(FakeProcess(command))
         return started[-1]
 
-    return Children([spec("loop", "on reset", start), spec("recorder", "always", start)])
+    return children_of(process("loop", "on reset", start), process("recorder", "always", start))
 
 
 def test_the_loop_stays_down_until_it_is_started_again(children, started):
@@ -64,7 +72,7 @@ def test_the_loop_stays_down_until_it_is_started_again(children, started):
     assert children.process("loop") is started[0]
     started[0].code = -9
     [end] = children.poll(SECOND_NS)
-    assert (end.spec.name, end.how, end.again_s) == ("loop", "killed by SIGKILL", None)
+    assert (end.process.name, end.how, end.again_s) == ("loop", "killed by SIGKILL", None)
     assert children.poll(100 * SECOND_NS) == []
     assert len(started) == 1
     children.start("loop", 100 * SECOND_NS)
@@ -136,13 +144,36 @@ def test_views_and_signals(children, started):
     [(0, "exit code 0"), (3, "exit code 3"), (-15, "killed by SIGTERM"), (-99, "signal 99")],
 )
 def test_ends_in_words(code, words):
-    assert words in in_words(code)
+    assert words in exit_words(code)
 
 
 def test_real_processes_end_when_they_are_told():
     command = (sys.executable, "-c", "import time; time.sleep(60)")
-    children = Children([spec("recorder", "always", spawn, command)])
+    children = children_of(process("recorder", "always", spawn, command))
     children.start("recorder", 0)
     assert children.stop("recorder") == "killed by SIGTERM"
-    process = spawn((sys.executable, "-c", "raise SystemExit(3)"))
-    assert process.wait(30) == 3
+    child = spawn((sys.executable, "-c", "raise SystemExit(3)"))
+    assert child.wait(30) == 3
+
+
+def test_those_that_always_run_are_started_together(children, started):
+    children.start_all(0)
+    assert children.process("recorder") is started[0]
+    assert children.process("loop") is None
+
+
+@pytest.mark.parametrize(
+    ("listen", "names"),
+    [
+        (("tcp/127.0.0.1:7447",), ["recorder", "loop"]),
+        (("tcp/127.0.0.1:7447", "tls/0.0.0.0:7448"), ["gate", "recorder", "loop"]),
+    ],
+)
+def test_the_table_has_what_a_bench_needs(listen, names):
+    bench = config.load()
+    bench = bench.model_copy(update={"zenoh": bench.zenoh.model_copy(update={"listen": listen})})
+    assert [row.name for row in PROCESSES if row.while_(bench)] == names
+    for row in PROCESSES:
+        command = row.command(Path("bench.toml"), RunDir("sim"))
+        assert command[:2] == [sys.executable, "-m"]
+        assert "bench.toml" in command

@@ -1,21 +1,25 @@
 """Plans that go on after the daemon has died, on the virtual bench."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from motord.api.errors import RpcError
+from motord.api.requests import PLAN_RESUME, parse
 from motord.config import load
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
 from motord.schema import Compensate
-from motord.service import assembly
+from motord.service.build import show_interrupted_plan
 from motord.service.plans import resume
 from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import bench_parts, points_digest, recorded
+from motord.service.rpc.dispatcher import Call
 from tests.unit.recording.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService
 
@@ -35,7 +39,7 @@ class Days:
         journal = Journal(self.path)
         service = VirtualService(journal=journal, **changes)
         service.calibration_id = calibration_id
-        assembly._take_up(journal, service.resumption, service.bench)
+        show_interrupted_plan(journal, service.resumption, service.bench)
         return service
 
     def crash(self, service):
@@ -213,9 +217,8 @@ def test_with_another_calibration_it_does_not_go_on(days):
 def test_a_plan_that_this_version_makes_otherwise_does_not_go_on(days, change, words):
     interrupted(days)
     service = days.daemon()
-    story = service.journal.story
-    note = story.plan.model_copy(update=change)
-    service.journal.story = type(story)(note, story.stretches)
+    log = service.journal.log
+    service.journal.log = replace(log, plan=log.plan.model_copy(update=change))
     assert words in refused(service, "plan/resume", token=service.acquire())
 
 
@@ -246,13 +249,22 @@ def test_a_plan_of_which_nothing_is_missing_is_done(days):
 def test_what_was_found_in_the_requests_thread_is_used(days):
     interrupted(days)
     service = days.daemon()
-    [experiments] = {handler.__self__ for name, handler in service.desk._handlers.items()
-                     if name == "plan/resume"}  # fmt: skip
-    _, rest = experiments.look_for_rest(b'{"token": "t"}')
+    _, rest = service.plans.read_remaining(b'{"token": "t"}')
     assert [point.index for point in rest.plan.points] == [1, 2]
     token = service.acquire()
     service.ask("plan/resume", token=token)
-    assert experiments.look_for_rest(b'{"token": "t"}')[1] is None
+    assert service.plans.read_remaining(b'{"token": "t"}')[1] is None
+
+
+def test_recordings_are_never_read_in_the_supervisors_loop(days):
+    interrupted(days)
+    service = days.daemon()
+    payload = json.dumps({"token": service.acquire()}).encode()
+    call = Call("plan/resume", parse(PLAN_RESUME, payload))  # a plan was under way a moment ago
+    service.dispatcher.handle(call, service.now_ns)
+    with pytest.raises(RpcError, match="has just ended; ask again") as caught:
+        call.wait(0)
+    assert caught.value.code == "busy"
 
 
 def test_a_journal_that_cannot_be_written_is_told_once_and_the_plan_goes_on(days, tmp_path):
@@ -313,13 +325,13 @@ def record(path, points, first, count, *, finished=True):
 
 def test_what_the_recording_holds_counts_and_not_what_the_journal_says(tmp_path):
     name = tmp_path / "a-000.mcap"
-    stretch = JournalSegment(str(name), (point(0, 10, 20), point(1, 30, 40)))
-    assert recorded(stretch) == {0, 1}  # no files: the journal is believed
+    segment = JournalSegment(str(name), (point(0, 10, 20), point(1, 30, 40)))
+    assert recorded(segment) == {0, 1}  # no files: the journal is believed
     record(name, [point(0, 10, 20), point(7, 21, 29)], 0, 50)
-    assert recorded(stretch) == {0, 7}
-    ended = JournalSegment(str(name), stretch.points, state="aborted")
+    assert recorded(segment) == {0, 7}
+    ended = JournalSegment(str(name), segment.points, state="aborted")
     assert recorded(ended) == {0, 1}
-    assert recorded(JournalSegment("", stretch.points)) == {0, 1}
+    assert recorded(JournalSegment("", segment.points)) == {0, 1}
 
 
 def test_a_point_whose_last_ticks_were_lost_is_missing(tmp_path):
@@ -348,21 +360,21 @@ def test_if_a_recorder_died_meanwhile_the_files_are_asked_even_after_an_orderly_
 
 def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
     service = days.daemon()
-    durable = service.bench.plans._sink
-    durable.recorder(None)  # no plan is under way
+    sink = service.bench.plans._sink
+    sink.recorder(None)  # no plan is under way
     token = service.acquire()
     start(service, token)
     until(service, token, lambda: service.sink.points)
-    durable.report({})
-    durable.recorder(None)
-    durable.recorder(object())
+    sink.report({})
+    sink.recorder(None)
+    sink.recorder(object())
     assert run_to_end(service, token).state == "done"
     assert "the recorder died meanwhile" in service.messages()[-1]
-    story = service.journal.story
-    assert (story.stretches[-1].sure, story.state) == (False, "failed")
+    log = service.journal.log
+    assert (log.segments[-1].sure, log.state) == (False, "failed")
     service.journal.settle()
     again = days.daemon()
-    assert again.journal.story == story
+    assert again.journal.log == log
     assert again.ask("plan/resume", token=again.acquire())["state"] == "done"
 
 
@@ -373,7 +385,7 @@ def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypa
     until(service, token, lambda: service.sink.points)
     service.bench.plans._sink.recorder(None)
     run_to_end(service, token)
-    monkeypatch.setattr(resume, "recorded", lambda stretch: {0, 2})
+    monkeypatch.setattr(resume, "recorded", lambda segment: {0, 2})
     service.ask("plan/resume", token=token)
     assert run_to_end(service, token).state == "done"
     assert [p["index"] for p in service.sink.points] == [0, 1, 2, 1]

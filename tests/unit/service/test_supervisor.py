@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,15 @@ import pytest
 
 from motord import config
 from motord.api.errors import RpcError
-from motord.api.requests import REQUESTS, parse
+from motord.api.requests import RPCS, parse
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.schema import State
 from motord.sequencing.settings import COMPENSATE
-from motord.service import assembly
-from motord.service.rpc.calls import Call
+from motord.service import build as service
+from motord.service.host.systemd import Notifier
+from motord.service.processes import PROCESSES
+from motord.service.rpc.dispatcher import Call
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir
@@ -117,13 +120,16 @@ class PlayedDaemon:
         self.run_dir = RunDir("played", folder)
         self.run_dir.create()
         self.loops, self.recorders = [], []
-        monkeypatch.setattr(assembly, "spawn", self._spawn_loop)
-        monkeypatch.setattr(assembly, "spawn_recorder", self._spawn_recorder)
+        self.spawn = {"loop": self._spawn_loop, "recorder": self._spawn_recorder}
+        played = [
+            replace(row, spawn=lambda command, name=row.name: self.spawn[name](command))
+            for row in PROCESSES
+        ]
+        monkeypatch.setattr(service, "PROCESSES", played)
         monkeypatch.chdir(folder)
-        self.parts = assembly.assemble(
-            self.config, "the text", Path("/bench.toml"), self.run_dir, folder, Clock(0)
-        )
-        self.supervisor = self.parts.supervisor
+        self.supervisor = service.build(
+            self.config, "the text", Path("/bench.toml"), self.run_dir, folder, Clock(0), Notifier()
+        ).supervisor
         self.now_ns = 1_000_000_000_000
         self.supervisor.clock_ns = lambda: self.now_ns
 
@@ -136,8 +142,7 @@ class PlayedDaemon:
         return self.recorders[-1]
 
     def up(self):
-        self.supervisor.recording.start_recorder(self.now_ns)
-        self.supervisor.loop.start(self.now_ns)
+        self.supervisor.start()
         self.loops[-1].ready()
         self.step()
         self.recorders[-1].report(recording=False)
@@ -158,14 +163,14 @@ class PlayedDaemon:
             self.supervisor.step()
 
     def bring(self, name, /, **arguments):
-        call = Call(name, parse(name, json.dumps(arguments).encode()))
-        self.supervisor.calls.put(call)
+        call = Call(name, parse(RPCS[name], json.dumps(arguments).encode()))
+        self.supervisor.dispatcher.calls.put(call)
         return call
 
     def ask(self, name, /, **arguments):
         call = self.bring(name, **arguments)
         self.step(2)
-        return call.wait(0)
+        return call.wait(0).content()
 
     def messages(self):
         return [e.message for e in self.supervisor.bench.events.recent()]
@@ -186,7 +191,7 @@ def played(tmp_path, monkeypatch):
 
 
 def test_every_rpc_has_a_handler(played):
-    assert played.supervisor.desk._handlers.keys() == REQUESTS.keys()
+    assert played.supervisor.dispatcher.handlers.keys() == RPCS.keys()
 
 
 def test_a_bench_that_is_not_powered_is_not_recorded(played):
@@ -417,7 +422,7 @@ def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     assert played.recorders[0].told("start") == []
     played.loops[1].ready()
     played.step(3)
-    assert resetting.wait(0) == {"state": "OFF"}
+    assert resetting.wait(0).content() == {"state": "OFF"}
     played.step(1, State.ENABLED)
     assert played.recorders[0].told("start")
     played.step(12)

@@ -13,9 +13,9 @@ import threading
 import pytest
 
 from motord.api.requests import LeaseAcquire
-from motord.cli import shared_token
-from motord.cli.command import in_command
-from motord.cli.interruption import interrupted_once
+from motord.cli.bench import shared_token
+from motord.cli.bench.interruption import interrupted_once
+from motord.cli.bench.lease_session import in_command
 from motord.client import ClientError, Lease, holder, operator
 
 
@@ -51,7 +51,7 @@ def test_without_a_terminal_or_an_entry_of_the_user_there_is_a_holder_too(monkey
 
 HOLDER = """
 import sys
-from motord.cli.shared_token import shared
+from motord.cli.bench.shared_token import shared
 with shared("b", sys.argv[1]):
     print("shared", flush=True)
     sys.stdin.read()

@@ -6,10 +6,11 @@ import pytest
 from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
 from motord.config import load
 from motord.config.faults import Fault
+from motord.control import parameters
 from motord.schema import TICK_DTYPE, Request, State, Trip
 from motord.service.bench.recent_ticks import RecentTicks
-from motord.service.bench.tick_monitor import TickWatch
-from motord.service.bench.trip_report import Seen, trip_values
+from motord.service.bench.tick_monitor import TickMonitor
+from motord.service.bench.trip_report import TripWindow, trip_values
 from motord.service.host.events import EventLog
 from tests.campaigns.fault_bench import TORQUE_NM, Driver
 
@@ -17,17 +18,22 @@ BLOCK = 10
 STEP_RAD = 2 * np.pi / 4096
 
 
+def window(ticks):
+    """Return what is known of a trip in the last of `ticks`, on the packaged bench."""
+    return TripWindow(ticks, 0.0, parameters.build(load())[0][0])
+
+
 def watched(ticks):
     """Return the accounts that a watch gives of the trips in `ticks`, read in blocks."""
     events = EventLog(lambda: 0)
-    watch = TickWatch(load(), events)
+    watch = TickMonitor(load(), events)
     for first in range(0, len(ticks), BLOCK):
         watch.update(ticks[first : first + BLOCK], 0, 0)
     return [event for event in events.recent() if event.kind == "trip"]
 
 
 def test_every_trip_has_a_value_a_limit_a_meaning_and_an_action():
-    seen = Seen(np.zeros(3, TICK_DTYPE), 0.0, load())
+    seen = window(np.zeros(3, TICK_DTYPE))
     told = {trip: trip_values(int(trip), seen) for trip in Trip}
     assert all(len(values) == 1 for values in told.values())
     assert len(trip_values(sum(Trip), seen)) == len(Trip)
@@ -74,7 +80,7 @@ def test_the_value_of_a_first_cause_is_beyond_its_limit(trip, kind, parameters):
 
 
 def _of(trip, values):
-    what = next(iter(trip_values(int(trip), Seen(np.zeros(3, TICK_DTYPE), 0.0, load()))))
+    what = next(iter(trip_values(int(trip), window(np.zeros(3, TICK_DTYPE)))))
     return values[what]["value"], values[what]["limit"]
 
 
@@ -110,7 +116,7 @@ def test_values_that_are_read_off_several_ticks(trip, fields, value, limit):
     ticks["tick"] = [7, 8, 9, 10]
     for name, given in fields.items():
         ticks[name] = given
-    [told] = trip_values(int(trip), Seen(ticks, 0.0, load())).values()
+    [told] = trip_values(int(trip), window(ticks)).values()
     assert told["value"] == pytest.approx(value)
     assert told["limit"] == limit
 
@@ -122,7 +128,8 @@ def test_the_torque_expected_goes_through_the_high_pass():
     recent = RecentTicks(driver.bench.config)
     for first in range(0, len(ticks), BLOCK):
         recent.add(ticks[first : first + BLOCK])
-    seen, expected_Nm = recent.until(BLOCK - 1)
+    window = recent.until(BLOCK - 1)
+    seen, expected_Nm = window.ticks, window.expected_Nm
     assert seen["tick"][-1] == ticks["tick"][-1]
     assert len(seen) < len(ticks)
     mean_Nm = float(ticks["torque_Nm"][-200:].mean())
@@ -130,7 +137,7 @@ def test_the_torque_expected_goes_through_the_high_pass():
     assert expected_Nm < 0.7 * TORQUE_NM
     recent.forget()
     recent.add(ticks[:1])
-    assert recent.until(0)[1] == 0.0
+    assert recent.until(0).expected_Nm == 0.0
 
 
 def test_a_further_cause_has_its_value_too():

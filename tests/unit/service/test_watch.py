@@ -5,7 +5,7 @@ import pytest
 
 from motord.config import load
 from motord.schema import TICK_DTYPE, Flag, State, Trip
-from motord.service.bench.tick_monitor import TickWatch
+from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 
 SECOND_NS = 1_000_000_000
@@ -18,7 +18,7 @@ def events():
 
 @pytest.fixture
 def watch(events):
-    return TickWatch(load(), events)
+    return TickMonitor(load(), events)
 
 
 def block(count=4, **fields):

@@ -7,24 +7,23 @@ import numpy as np
 
 from motord import config
 from motord.api.errors import RpcError
-from motord.api.requests import parse
+from motord.api.requests import RPCS, parse
 from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.journal_sink import Durable
+from motord.service.plans.journal_sink import JournalSink
 from motord.service.plans.resume import Resumption
-from motord.service.rpc.calls import Call
-from motord.service.rpc.dispatcher import Desk
-from motord.service.rpc.operation import Operate
-from motord.service.rpc.plans import Experiments
+from motord.service.rpc.dispatcher import Call, Dispatcher
+from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plans import PlanControl
 from motord.virtual import VirtualBench
 
 STEP_NS = 10_000_000
 START_NS = 1_000_000_000_000
 
 
-class PlanLog:
+class RecordedSink:
     """A sink that keeps what it hears."""
 
     def __init__(self):
@@ -97,7 +96,7 @@ class Pending:
     def outcome(self):
         """The answer, the refusal, or None."""
         try:
-            return self.call.wait(0)
+            return self.call.wait(0).content()
         except RpcError as refusal:
             return None if refusal.code == "busy" else refusal
 
@@ -108,7 +107,7 @@ def fail(where, error):
 
 
 class VirtualService:
-    """Bench and desk over a virtual loop; `devices` are slow devices on a wire.
+    """Bench and dispatcher over a virtual loop; `devices` are slow devices on a wire.
 
     Errors in the program come out, unless it is to be as `safe` as the daemon.
     """
@@ -121,23 +120,22 @@ class VirtualService:
         self.now_ns = START_NS
         self.loop = VirtualLoop(self.config)
         self.events = EventLog(lambda: self.now_ns)
-        self.sink = PlanLog()
+        self.sink = RecordedSink()
         self.journal = journal or journal_in_memory()
         self.calibration_id = ""
         self.resumption = Resumption(
             self.config, self.journal, lambda: self.calibration_id, lambda: self.now_ns
         )
-        durable = Durable(
+        sink = JournalSink(
             self.sink, self.journal, self.resumption, self.events, lambda: self.now_ns
         )
-        self.bench = Bench(self.config, self.loop, devices or {}, self.events, durable)
+        self.bench = Bench(self.config, self.loop, devices or {}, self.events, sink)
         if not safe:
-            self.bench.erred = fail
+            self.bench.fault_stop = fail
         self.restarts = 0
-        handlers = Operate(self.bench, self._restart).handlers
-        self.desk = Desk(
-            {**handlers, **Experiments(self.bench, self.resumption).handlers}, self.bench.erred
-        )
+        self.operation = ManualOperation(self.bench, self._restart)
+        self.plans = PlanControl(self.bench, self.resumption)
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans)
         self.bench.loop_up()
         self.step(2)
 
@@ -150,7 +148,7 @@ class VirtualService:
         for _ in range(steps):
             self.now_ns += STEP_NS
             self.bench.step(self.loop.run(), lost, self.now_ns)
-            self.desk.step(self.now_ns)
+            self.dispatcher.step(self.now_ns)
 
     def run_s(self, seconds, token=None):
         """Let `seconds` pass, with the lease renewed if `token` is given."""
@@ -161,8 +159,11 @@ class VirtualService:
 
     def begin(self, name, /, **arguments):
         """Bring a request, and return it as it waits."""
-        call = Call(name, parse(name, json.dumps(arguments).encode()))
-        self.desk.handle(call, self.now_ns)
+        payload, prepared = json.dumps(arguments).encode(), None
+        if name == "plan/resume":  # a thread of the intake reads the recordings
+            _, prepared = self.plans.read_remaining(payload)
+        call = Call(name, parse(RPCS[name], payload), prepared)
+        self.dispatcher.handle(call, self.now_ns)
         return Pending(call)
 
     def ask(self, name, /, **arguments):

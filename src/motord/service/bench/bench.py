@@ -1,7 +1,7 @@
 """The bench as the supervisor runs it: one step about a hundred times a second.
 
 Knows no process, socket or clock: ticks, device readings and the time come in; set-point, events
-and progress go out. `requests` carries out what clients ask, on this.
+and progress go out. The handlers in `service.rpc` carry out requests on it.
 """
 
 from collections.abc import Mapping
@@ -16,35 +16,35 @@ from motord.sequencing import TickWatcher
 from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
-from motord.service.bench.manual_control import WATCHED, Hand
+from motord.service.bench.manual_control import WATCHED, ManualControl
 from motord.service.bench.setpoint import RAD_PER_TURN, Mailbox, Setpoint
 from motord.service.bench.slow_devices import SlowDevice
-from motord.service.bench.tick_monitor import TickWatch
+from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
 from motord.service.plans.runner import PlanRunner, PlanSink
 
-LOOK_NS = 20_000_000
-"""Time between two looks of a plan or of the speed servo."""
+UPDATE_NS = 20_000_000
+"""Time between two updates of a plan or of the speed servo."""
 STALLED_NS = 1_000_000_000
 """A loop that publishes nothing for this long is reported, and a plan ends."""
 LOOP_STARTS = "the loop is not up yet"
-AWAY_NS = 500_000_000
-"""A supervisor that did not run for this long does not go on with what the drive turned."""
+SUSPENDED_NS = 500_000_000
+"""A supervisor that did not run for this long stops the external drive."""
 REPORT_AGAIN_NS = 1_000_000_000
-"""A device that fails now and then is reported at most this often."""
+"""Least time between two reports of a device that fails now and then."""
 
 
 @dataclass
 class _DeviceReport:
-    """What was last said of a device."""
+    """The last reported health of a device."""
 
     health: Health = "ok"
-    said_ns: int = 0
+    t_ns: int = 0
 
 
 class Bench:
-    """Lease, set-point, watch over the ticks, hand operation and plan runner, put together.
+    """Lease, set-point, tick monitor, manual control and plan runner.
 
     `devices`: the slow devices that are on a wire, by name ("brake", "drive"). Times are
     monotonic ns.
@@ -62,20 +62,21 @@ class Bench:
         self.events = events
         self.devices = devices
         self.setpoint = Setpoint(mailbox)
-        self.watch = TickWatch(config, events)
+        self.monitor = TickMonitor(config, events)
         self.injected = InjectedFaults(config, events)
         self.lease = CommandLease(config.zenoh.lease_s)
-        self.hand = Hand(config, self.setpoint)
+        self.manual = ManualControl(config, self.setpoint)
         self.plans = PlanRunner(self.setpoint, sink)
         self.calibrated = False
         self.loop_fault = LOOP_STARTS
         self.loop_starting = True
         self._watcher = TickWatcher()
-        self._unlooked: list[np.ndarray] = []
-        self._looked_ns = 0
+        self._pending: list[np.ndarray] = []
+        self._updated_ns = 0
         self._state = State.OFF
         self._device_reports = {name: _DeviceReport() for name in devices}
-        self._trouble = ""
+        self.device_fault = ""
+        """Why no torque may be set now, or nothing."""
         self._stalled = False
         self._stepped_ns = 0
         self._tick_age_ns = round(config.order_s * 1e9)
@@ -83,70 +84,65 @@ class Bench:
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
         """Take in a block of ticks and do everything that is due; ends with the heartbeat."""
         self.injected.update(block)
-        self.watch.update(block, lost, now_ns)
-        self._watch_own_pace(now_ns)
+        self.monitor.update(block, lost, now_ns)
+        self._check_suspended(now_ns)
         self._expire_lease(now_ns)
         self._watch_devices(now_ns)
         self._watch_loop(now_ns)
         self._follow_state()
-        self._look(block, now_ns)
-        self._pass_to_devices(now_ns)
-        self.setpoint.write(now_ns, self.watch.setpoint_seq)
+        self._update(block, now_ns)
+        self._order_devices(now_ns)
+        self.setpoint.write(now_ns, self.monitor.setpoint_seq)
 
     @property
     def state(self) -> State:
         """State of the drive; OFF without a loop."""
-        return State.OFF if self.loop_fault else self.watch.state
+        return State.OFF if self.loop_fault else self.monitor.state
 
     @property
     def fault(self) -> str:
-        """What is wrong with the bench, in words, or nothing."""
+        """What is wrong with the bench, or nothing."""
         if self.loop_fault:
             return self.loop_fault
-        return "the loop publishes no ticks" if self._stalled else self._trouble
-
-    @property
-    def trouble(self) -> str:
-        """Why no torque may be set now, or nothing."""
-        return self._trouble
+        return "the loop publishes no ticks" if self._stalled else self.device_fault
 
     def has(self, name: str) -> bool:
         """Return whether there is a brake or a drive to set, on a wire or in the simulated rig."""
         section = self.config.brake if name == "brake" else self.config.drive
         return name in self.devices or (self.config.simulated and section.driver == "sim")
 
-    def in_command(self, now_ns: int) -> str | None:
-        """Return who is in command: the lease's holder, else a detached plan."""
+    def commander(self, now_ns: int) -> str | None:
+        """Return the lease's holder, else a detached plan, else None."""
         holder = self.lease.holder(now_ns)
         if holder is None and self.plans.detached and self.plans.view:
             return f"plan {self.plans.view.plan}"
         return holder
 
     def setpoint_view(self) -> SetpointView:
-        """Return what is asked for now, by hand or by a plan."""
-        return self.setpoint.view() if self.plans.active else self.hand.view()
+        """Return the set-point, manual or of a plan."""
+        return self.setpoint.view() if self.plans.active else self.manual.view()
 
     def disable(self) -> None:
         """Ramp the torque to zero, then disable."""
-        self.hand.drop_torque()
+        self.manual.drop_torque()
         self.setpoint.request(Request.DISABLE)
 
     def stop(self, why: str) -> None:
         """Zero current now, OFF; a plan ends."""
         self.setpoint.request(Request.STOP)
         self.plans.end(why, "aborted")
-        self.hand.rest()
+        self.manual.rest()
 
-    def erred(self, where: str, error: Exception) -> str:
-        """Stop, because the program erred; return in a line how. The traceback is in the log."""
+    def fault_stop(self, where: str, error: Exception) -> str:
+        """Stop after an error in the program, which the log has; return it in one line."""
         self.setpoint.request(Request.STOP)
-        said = log_error(where, error)
-        self.events.emit("fault", f"{said}; stopped")
-        self.plans.end(said)
-        self.stop(said)
-        return said
+        message = log_error(where, error)
+        self.events.emit("fault", f"{message}; stopped")
+        self.plans.end(message)
+        self.stop(message)
+        return message
 
-    def nobody_commands(self, why: str) -> None:
+    def command_lost(self, why: str) -> None:
         """Ramp down and disable, unless a detached plan is its own commander."""
         if self.plans.detached:
             return
@@ -156,12 +152,12 @@ class Bench:
         if self.state is State.ENABLED:
             self.events.emit("lease", f"{why}: ramping down and disabling")
         else:
-            self.hand.rest()
+            self.manual.rest()
         self.setpoint.drive_Hz = 0.0
         self.disable()
 
     def calibration_installed(self) -> None:
-        """Compensate from now on with what was installed."""
+        """Apply the installed calibration from now on."""
         self.calibrated = True
         self.setpoint.compensate = COMPENSATE["on"]
 
@@ -174,101 +170,100 @@ class Bench:
         self.loop_fault, self.loop_starting = "", False
 
     def loop_down(self, why: str) -> None:
-        """The loop is gone: nothing is asked for any more, nothing will be by itself."""
+        """The loop has ended: no set-point remains."""
         self.loop_fault, self.loop_starting = why, False
         self.events.emit("fault", why)
         self.plans.end(why)
-        self.hand.rest()
-        self.watch.forget()
-        self._watcher, self._unlooked = TickWatcher(), []
+        self.manual.rest()
+        self.monitor.forget()
+        self._watcher, self._pending = TickWatcher(), []
         self._state, self._stalled = State.OFF, False
 
     def _expire_lease(self, now_ns: int) -> None:
-        """Take the lease away so early that no torque is left when it ends.
+        """End the lease so early that no torque is left when it runs out.
 
-        The most that the torque can be without a further act of the supervisor is what there is or
-        what is set, whichever is more.
+        The largest possible torque is the present one or the one set, whichever is more.
         """
-        most_Nm = max(abs(self.watch.torque_set_Nm), abs(self.setpoint.torque_Nm))
+        most_Nm = max(abs(self.monitor.torque_set_Nm), abs(self.setpoint.torque_Nm))
         lost = self.lease.expire(now_ns, round(self.config.wind_down_s(most_Nm) * 1e9))
         if lost is not None:
             self.events.emit("lease", f"the lease of {lost} ran out", holder=lost)
-            self.nobody_commands(f"the lease of {lost} ran out")
+            self.command_lost(f"the lease of {lost} ran out")
 
     def _watch_devices(self, now_ns: int) -> None:
-        trouble = ""
+        fault = ""
         for name, device in self.devices.items():
             view, report = device.view(now_ns), self._device_reports[name]
             if view.health != report.health:
-                soon = now_ns - report.said_ns < REPORT_AGAIN_NS
+                soon = now_ns - report.t_ns < REPORT_AGAIN_NS
                 if view.health == "stale" or not soon:
                     what = "answers again" if view.health == "ok" else view.error
                     self.events.emit(
                         "device", f"{name} {view.health}: {what}", device=name, health=view.health
                     )
-                    report.health, report.said_ns = view.health, now_ns
+                    report.health, report.t_ns = view.health, now_ns
             used = name == "brake" or self.setpoint.drive_Hz != 0.0
             if view.health == "stale" and used:
-                trouble = trouble or f"{name} has not answered for {view.age_s} s: {view.error}"
+                fault = fault or f"{name} has not answered for {view.age_s} s: {view.error}"
             hottest_C = self.config.brake.temperature_max_C
             if name == "brake" and view.value is not None and view.value > hottest_C:
-                trouble = trouble or (
+                fault = fault or (
                     f"the brake is at {view.value:.0f} degC, above [brake] "
                     f"temperature_max_C = {hottest_C:g}"
                 )
-        if trouble and not self._trouble:
-            self._give_up_torque(trouble)
-        self._trouble = trouble
+        if fault and not self.device_fault:
+            self._drop_torque(fault)
+        self.device_fault = fault
 
-    def _give_up_torque(self, why: str) -> None:
+    def _drop_torque(self, why: str) -> None:
         if self.plans.active:
             self.plans.abort(why)
         elif self.setpoint.torque_Nm != 0.0:
             self.events.emit("device", f"torque set-point to zero: {why}")
-            self.hand.drop_torque()
+            self.manual.drop_torque()
 
     def _watch_loop(self, now_ns: int) -> None:
-        if self.loop_fault or self.watch.last is None:
+        if self.loop_fault or self.monitor.last is None:
             return
-        stalled = now_ns - self.watch.seen_at_ns > STALLED_NS
+        stalled = now_ns - self.monitor.read_ns > STALLED_NS
         if stalled and not self._stalled:
             why = f"the loop has published no tick for {STALLED_NS / 1e9:g} s"
             self.events.emit("fault", why)
             self.plans.end(why)
-            self.hand.rest()
+            self.manual.rest()
         self._stalled = stalled
 
-    def _watch_own_pace(self, now_ns: int) -> None:
-        """Stop what the drive turned if this was away for long; the device is safe by then."""
-        away_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
-        if away_ns <= AWAY_NS or "drive" not in self.devices or self.setpoint.drive_Hz == 0.0:
+    def _check_suspended(self, now_ns: int) -> None:
+        """Stop the drive if the supervisor did not run for long; the device is safe by then."""
+        gap_ns, self._stepped_ns = now_ns - self._stepped_ns, now_ns
+        if gap_ns <= SUSPENDED_NS or "drive" not in self.devices or self.setpoint.drive_Hz == 0.0:
             return
-        why = f"the supervisor did not run for {away_ns / 1e9:.1f} s, and the drive was stopped"
+        why = f"the supervisor did not run for {gap_ns / 1e9:.1f} s, and the drive was stopped"
         self.events.emit("fault", why)
         self.plans.end(why)
-        self.hand.rest()
+        self.manual.rest()
 
     def _follow_state(self) -> None:
-        """Forget what was set by hand once the bench is no longer enabled, or no longer watched."""
+        """Forget the manual set-point once the bench is no longer enabled, or no longer watched."""
         before, self._state = self._state, self.state
         left = before is State.ENABLED or (before is State.READY and self._state not in WATCHED)
         if left and self._state is not before and not self.plans.active:
-            self.hand.rest()
+            self.manual.rest()
 
-    def _look(self, block: np.ndarray, now_ns: int) -> None:
+    def _update(self, block: np.ndarray, now_ns: int) -> None:
         if len(block):
-            self._unlooked.append(block)
-        if not self._unlooked or now_ns - self._looked_ns < LOOK_NS:
+            self._pending.append(block)
+        if not self._pending or now_ns - self._updated_ns < UPDATE_NS:
             return
-        self._looked_ns = now_ns
-        seen = self._watcher.take(np.concatenate(self._unlooked))
-        self._unlooked.clear()
+        self._updated_ns = now_ns
+        seen = self._watcher.take(np.concatenate(self._pending))
+        self._pending.clear()
         try:
-            self.plans.look(seen) if self.plans.active else self.hand.look(seen)
-        except Exception as error:  # of a plan, or of the servo: the rest of the bench goes on
-            self.erred("in a look at the bench", error)
+            self.plans.look(seen) if self.plans.active else self.manual.update(seen)
+        except Exception as error:  # of a plan or the servo: the bench itself goes on
+            self.fault_stop("in an update of the plan or the servo", error)
 
-    def _pass_to_devices(self, now_ns: int) -> None:
+    def _order_devices(self, now_ns: int) -> None:
         brake, drive = self.devices.get("brake"), self.devices.get("drive")
         if brake is not None:
             brake.order(self.setpoint.brake, now_ns)
@@ -278,11 +273,11 @@ class Bench:
             self._order_drive(drive, now_ns)
 
     def _order_drive(self, drive: SlowDevice, now_ns: int) -> None:
-        """Let the drive turn only while fresh ticks say that the interlocks watch its speed."""
+        """Let the drive turn only while fresh ticks show that the interlocks watch its speed."""
         speed_rad_s = self.setpoint.drive_Hz * RAD_PER_TURN
         if speed_rad_s == 0.0 or self.state not in WATCHED:
             drive.order(0.0, now_ns)
-        elif now_ns - self.watch.seen_at_ns > self._tick_age_ns:
+        elif now_ns - self.monitor.read_ns > self._tick_age_ns:
             drive.withhold(now_ns)
         else:
             drive.order(speed_rad_s, now_ns)

@@ -1,7 +1,7 @@
-"""Black boxes: at a trip the recorder is asked to keep what led to it, recorded or not.
+"""Black boxes: at a trip the recorder is asked to write the ticks around it, recorded or not.
 
-What was asked for is kept until the recorder says that it is written: a recorder that was started
-again is asked again, and the ring still has the ticks.
+A request is kept until the recorder reports it as written: a recorder that was started again is
+asked again, and the ring still has the ticks.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from motord.recorder.blackbox import AFTER_S, BEFORE_S, BlackBoxRequest, path_of
 from motord.recorder.launch import RecorderLink
 from motord.recorder.protocol import RecorderReport
 from motord.schema import State
-from motord.service.bench.tick_monitor import TickWatch
+from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 
 OPEN_NS = round((AFTER_S + 1.0) * 1e9)
@@ -22,7 +22,7 @@ ASKED_MAX = 4
 
 
 class BlackBoxTrigger:
-    """Asks for black boxes and tells what became of them. `about` gives a recording's metadata."""
+    """Requests black boxes and reports on them. `about` returns a recording's metadata."""
 
     def __init__(
         self,
@@ -38,19 +38,19 @@ class BlackBoxTrigger:
         self._asked: dict[str, BlackBoxRequest] = {}
         self._unix_ns = unix_ns
 
-    def trip(self, t_ns: int, tick: int, account: Mapping[str, Any]) -> str:
+    def trip(self, t_ns: int, tick: int, report: Mapping[str, Any]) -> str:
         """Ask for the box of a trip in `tick` at `t_ns` (Unix ns); return the name of its file."""
-        cause = ", ".join(account["first"] or account["causes"])
-        return self._ask(t_ns, tick, AFTER_S, {"cause": cause, **account})
+        cause = ", ".join(report["first"] or report["causes"])
+        return self._ask(t_ns, tick, AFTER_S, {"cause": cause, **report})
 
-    def loop_died(self, why: str, watch: TickWatch) -> None:
+    def loop_died(self, why: str, monitor: TickMonitor) -> None:
         """Ask for the box of a loop that has ended, unless it was tripped or never ran."""
-        if watch.last is None or watch.state is State.TRIPPED:
+        if monitor.last is None or monitor.state is State.TRIPPED:
             return
         account = {
             "cause": "loop died",
             "reason": why,
-            "state": watch.state.name,
+            "state": monitor.state.name,
             "action": "see in the system's log what ended the loop process; `motord reset` starts "
             "it again, OFF",
         }
@@ -74,20 +74,20 @@ class BlackBoxTrigger:
             self._link.blackbox_event(content)
 
     def recorder(self, link: RecorderLink | None) -> None:
-        """Ask a new recorder for what the one before has not written."""
+        """Ask a new recorder for the boxes that the one before has not written."""
         self._link = link
         if link is not None:
             for wanted in self._asked.values():
                 link.blackbox(wanted)
 
     def report(self, report: RecorderReport) -> None:
-        """Take in what became of the boxes."""
+        """Take in the outcome of the boxes."""
         for path, outcome in report.blackboxes.items():
             wanted = self._asked.pop(path, None)
             if wanted is None:
                 continue
-            said = f"no black box of the trip: {outcome}" if outcome else f"black box: {path}"
-            self._events.emit("blackbox", said, path=path, cause=wanted.account["cause"])
+            message = f"no black box of the trip: {outcome}" if outcome else f"black box: {path}"
+            self._events.emit("blackbox", message, path=path, cause=wanted.account["cause"])
 
     def _ask(self, t_ns: int, tick: int | None, after_s: float, account: dict[str, Any]) -> str:
         rate_Hz = self._config.loop.rate_Hz

@@ -1,7 +1,6 @@
-"""The calibration in force: installed, kept over restarts, turned into the loop's tables.
+"""Installed calibrations on disk: `<state folder>/calibrations/<bench>/<id>.json`.
 
-Installed calibrations lie in `<state folder>/calibrations/<bench>/`, each under its id; the file
-`installed` there names the one in force.
+The file `installed` there names the one in force.
 """
 
 import os
@@ -21,7 +20,7 @@ MARK = "installed"
 
 
 def state_directory() -> Path:
-    """Return where the daemon keeps what outlives it.
+    """Return the folder of the daemon's persistent state.
 
     `$STATE_DIRECTORY` under systemd, else `$XDG_STATE_HOME/motord` or `~/.local/state/motord`.
     """
@@ -72,6 +71,10 @@ class CalibrationStore:
         self.path = Path()
         self.current: Calibration | None = None
 
+    def current_id(self) -> str:
+        """Return the id of the calibration in force, "" if there is none."""
+        return self.current.id if self.current is not None else ""
+
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:
@@ -86,7 +89,7 @@ class CalibrationStore:
         self.path, self.current = path, loaded
         return loaded
 
-    def keep(self, checked: Calibration) -> Path:
+    def save(self, checked: Calibration) -> Path:
         """Write a checked calibration and mark it as the one in force."""
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
@@ -106,7 +109,7 @@ class CalibrationStore:
             raise CalibrationError(f"{mark}: cannot write it: {error.strerror}") from error
 
     def view(self) -> CalibrationView | None:
-        """Return the calibration in force as clients see it."""
+        """Return the calibration in force as published."""
         if self.current is None:
             return None
         now = datetime.now(UTC)

@@ -1,10 +1,9 @@
-"""The parts of the supervisor's step that may fail while the bench goes on.
+"""Fault containment: the parts of the supervisor's step that may fail while the bench goes on.
 
-The bench itself, from the tick ring to the set-point mailbox, is not among them: an error there
-ends the daemon with the current taken away. Every other part has a row here, and is stepped inside
-`Guard.part`. What the world does to it (an OSError, no memory) is a fault that is told, and it is
-tried again with the next step. An error in the program puts its result in doubt, so the bench is
-stopped as well.
+Each has a row here and is stepped inside `Guard.part`. A fault of the environment (OSError, no
+memory) is reported, and the part is tried again with the next step. An error in the program stops
+the bench as well. The bench itself, from the tick ring to the set-point mailbox, is not among the
+parts: an error there ends the daemon, with the current taken away.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,7 +11,7 @@ from contextlib import contextmanager
 
 from motord.service.host.events import EventLog
 
-TELL_NS = 10_000_000_000
+REPORT_NS = 10_000_000_000
 """Time between two events about the same part."""
 
 PARTS = {
@@ -20,19 +19,19 @@ PARTS = {
     "processes": "children that end are not started again",
     "requests": "requests are not carried out",
     "answers": "requests wait for their answer",
-    "gateway": "what the gateway reports is not told",
+    "gateway": "what the gateway reports is not passed on",
     "recording": "recorder and recording are not followed",
     "publisher": "clients see no news",
     "service manager": "its watchdog is not fed",
 }
-"""What it means while a part fails."""
+"""By part, the consequence while it fails."""
 
 
 class Guard:
-    """Keeps errors of a part from the rest. `faults`: what is wrong now, by part.
+    """Contains the errors of a part. `faults`: present faults, by part.
 
-    An error of the program calls `stop` every time, so that nothing is powered while it lasts, and
-    `on_bug`, with where it was and the error, as often as it is told.
+    An error in the program calls `stop` every time, so that nothing is powered while it lasts, and
+    `on_bug`, with the place and the error, at most every `REPORT_NS`.
     """
 
     def __init__(
@@ -44,7 +43,7 @@ class Guard:
         self._events = events
         self._on_bug = on_bug
         self._stop = stop
-        self._told_ns: dict[str, int] = {}
+        self._reported_ns: dict[str, int] = {}
         self.faults: dict[str, str] = {}
 
     @contextmanager
@@ -53,10 +52,10 @@ class Guard:
         try:
             yield
         except (OSError, MemoryError) as error:
-            said = f"{name}: {str(error) or type(error).__name__}; {PARTS[name]}"
-            self.faults[name] = said
+            message = f"{name}: {str(error) or type(error).__name__}; {PARTS[name]}"
+            self.faults[name] = message
             if self._due(name, now_ns):
-                self._events.emit("fault", said, part=name)
+                self._events.emit("fault", message, part=name)
         except Exception as error:
             self.faults[name] = f"{name}: {type(error).__name__}: {error}; {PARTS[name]}"
             self._stop()
@@ -66,8 +65,8 @@ class Guard:
             self.faults.pop(name, None)
 
     def _due(self, name: str, now_ns: int) -> bool:
-        told_ns = self._told_ns.get(name)
-        if told_ns is not None and now_ns - told_ns < TELL_NS:
+        reported_ns = self._reported_ns.get(name)
+        if reported_ns is not None and now_ns - reported_ns < REPORT_NS:
             return False
-        self._told_ns[name] = now_ns
+        self._reported_ns[name] = now_ns
         return True

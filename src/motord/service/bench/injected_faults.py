@@ -1,4 +1,4 @@
-"""Faults injected on purpose, as the recording tells of them: an event for each."""
+"""Injected faults: an event for each, so that recordings contain them."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ _MASK = 127
 
 
 class InjectedFaults:
-    """Follows the count in bridge_status; of a bench simulated in the loop it knows which."""
+    """Follows the count in bridge_status; for a bench simulated in the loop it names the fault."""
 
     def __init__(self, config: Config, events: EventLog) -> None:
         """Raises ConfigError for a timeline that cannot be read."""
@@ -21,34 +21,34 @@ class InjectedFaults:
             self._timeline = load_timeline(config.bench.faults)
         self._events = events
         self._count = 0
-        self._told = 0
-        self._met = config.simulated  # an emulator may have been running before
+        self._reported = 0
+        self._synchronised = config.simulated  # an emulator may have been running before
 
     def update(self, block: np.ndarray) -> None:
         """Take in a block of ticks, shape (n,)."""
         if not len(block):
             return
         counts = block["bridge_status"] >> FAULT_COUNT_SHIFT & _MASK
-        if not self._met:
-            self._met, self._count = True, int(counts[0])
-            self._told = self._count
+        if not self._synchronised:
+            self._synchronised, self._count = True, int(counts[0])
+            self._reported = self._count
         if (counts == self._count).all():
             return
         for row in np.flatnonzero(np.diff(counts, prepend=self._count)):
-            self._tell(int(counts[row]), block[row])
+            self._report(int(counts[row]), block[row])
 
-    def _tell(self, count: int, tick: np.void) -> None:
-        """Tell of the faults up to `count`; one that went back is of a bench that started anew."""
+    def _report(self, count: int, tick: np.void) -> None:
+        """Emit the faults up to `count`; a count that went back is that of a bench started anew."""
         new = (count - self._count) & _MASK
         if new > _MASK // 2:
-            self._told, new = 0, count
+            self._reported, new = 0, count
         self._count = count
         for _ in range(new):
-            fault = self._timeline.fault[self._told : self._told + 1]
-            self._told += 1
-            what = fault[0].summary() if fault else f"number {self._told}"
+            fault = self._timeline.fault[self._reported : self._reported + 1]
+            self._reported += 1
+            what = fault[0].summary() if fault else f"number {self._reported}"
             known = fault[0].log_entry() if fault else {}
             self._events.emit(
                 "fault_injected", f"fault injected on purpose: {what}", int(tick["t_ns"]),
-                number=self._told, tick=int(tick["tick"]), fault=known,
+                number=self._reported, tick=int(tick["tick"]), fault=known,
             )  # fmt: skip

@@ -1,10 +1,9 @@
-"""The command lease: one commander at a time, who must say again and again that they are there.
+"""The command lease: one commander at a time, who has to renew it.
 
-Whoever holds the lease may move the bench. It runs out `duration_s` after it was last renewed, and
-is lost so long before that as the torque takes to come down, so that none is left when it runs out.
-Only an explicit takeover (`force`) ends the lease of somebody else, and its token is then worth
-nothing.
-Times are monotonic ns and come from the caller, so that nothing here reads a clock.
+The holder may move the bench. The lease runs out `duration_s` after it was last renewed, and is
+lost so long before that as the torque takes to ramp down, so that none is left when it runs out.
+Only an explicit takeover (`force`) ends the lease of somebody else; its token is then invalid.
+Times are monotonic ns and come from the caller: no clock is read here.
 """
 
 import secrets
@@ -39,7 +38,7 @@ class CommandLease:
         self._new_token = new_token or (lambda: secrets.token_hex(16))
         self._notice_ns = 0
         self._held: _Held | None = None
-        self._lost: tuple[str, str] = ("", "")  # the newest token that is worth nothing, and why
+        self._lost: tuple[str, str] = ("", "")  # the newest invalid token, and why
 
     def holder(self, now_ns: int) -> str | None:
         """Return who is in command, or None."""
@@ -47,12 +46,12 @@ class CommandLease:
         return held.holder if held else None
 
     def remaining_s(self, now_ns: int) -> float:
-        """Return for how long the lease is good without being renewed, 0 without one."""
+        """Return the time until the lease is lost unless renewed, 0 without one."""
         held = self._current(now_ns)
         return (self._lost_ns(held) - now_ns) / 1e9 if held else 0.0
 
     def acquire(self, holder: str, now_ns: int, *, force: bool = False) -> Grant:
-        """Put `holder` in command. Raises RpcError if somebody is, unless `force`."""
+        """Grant the lease to `holder`. Raises RpcError if somebody holds it, unless `force`."""
         held = self._current(now_ns)
         if held is not None and not force:
             raise RpcError(
@@ -91,8 +90,8 @@ class CommandLease:
     def is_in(self, payload: bytes, now_ns: int) -> bool:
         """Return whether the token of the lease in force occurs in `payload`; for any thread.
 
-        Says that nobody else can have made the payload, before it is parsed; what it asks for still
-        has to `require` the token.
+        Evidence, before it is parsed, that nobody else made the payload; the request still has to
+        `require` the token.
         """
         held = self._current(now_ns)
         return held is not None and held.token.encode() in payload
@@ -100,7 +99,7 @@ class CommandLease:
     def expire(self, now_ns: int, notice_ns: int) -> str | None:
         """Return who has just lost command by not renewing, once; else None.
 
-        `notice_ns`: so long before its end the lease is lost from now on, until said otherwise.
+        `notice_ns`: the lease is lost so long before its end, from now on.
         """
         self._notice_ns = notice_ns
         held = self._held

@@ -1,6 +1,5 @@
-"""The loop process as the supervisor sees it: started, ready, publishing ticks, gone."""
+"""The loop process as the supervisor sees it: started, ready, publishing ticks, ended."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Literal
 
@@ -9,7 +8,7 @@ import numpy as np
 from motord.api.messages import ClockView
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.schema import TICK_DTYPE
-from motord.service.processes import Children, Ended
+from motord.service.host.children import Children, Ended
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from motord.shm.shared_records import SharedFileError
@@ -19,23 +18,11 @@ LOOP = "loop"
 
 
 class LoopLink:
-    """Follows the loop from start to ready to its end.
+    """Follows the loop from start to ready to its end; `phase` is "down", "starting" or "up"."""
 
-    `phase` is "down", "starting" or "up"; `on_up` and `on_down` (with the reason in words) are
-    called when it comes up and when it is gone.
-    """
-
-    def __init__(
-        self,
-        children: Children,
-        run_dir: RunDir,
-        on_up: Callable[[], None],
-        on_down: Callable[[str], None],
-    ) -> None:
+    def __init__(self, children: Children, run_dir: RunDir) -> None:
         self._children = children
         self._run_dir = run_dir
-        self._on_up = on_up
-        self._on_down = on_down
         self._ring: RingReader | None = None
         self._timing: Timing | None = None
         self.phase: Literal["down", "starting", "up"] = "down"
@@ -50,13 +37,12 @@ class LoopLink:
         self._children.start(LOOP, now_ns)
         self.phase = "starting"
 
-    def follow(self) -> None:
-        """Look whether a loop that is starting is ready.
+    def follow(self) -> bool:
+        """Attach to a loop that has become ready; return True if it has.
 
         Raises OSError if what it has made ready cannot be opened yet, or makes no sense.
         """
-        if self.phase == "starting":
-            self._look_whether_ready()
+        return self.phase == "starting" and self._attach_if_ready()
 
     def read(self) -> tuple[np.ndarray, int]:
         """Return (block, lost), the ticks published since the last call."""
@@ -64,21 +50,21 @@ class LoopLink:
             return np.empty(0, TICK_DTYPE), 0
         return self._ring.read()
 
-    def ended(self, end: Ended) -> None:
-        """Note that the loop process has ended by itself."""
+    def ended(self, end: Ended) -> str:
+        """Note that the loop process has ended by itself; return why, in words."""
         why = f"the loop ended: {end.how}"
         status = None
-        with suppress(OSError):  # what it has said of its end cannot be read; how it ended is known
+        with suppress(OSError):  # without its status file, the exit code remains
             status = LoopStatus.read(self._run_dir.loop_status)
         if status is not None and status.error:
             why = f"the loop ended: {status.error}"
         elif status is not None and status.phase is LoopPhase.STOPPED and status.reason:
             why = f"the loop ended: {status.reason}"
         self.phase, self._ring = "down", None
-        self._on_down(why)
+        return why
 
     def realtime(self) -> dict[str, Any]:
-        """Return which real-time rights the loop got, for clients and recordings."""
+        """Return the real-time rights of the loop, for clients and recordings."""
         status = self.status
         if status is None or status.realtime is None:
             return {}
@@ -91,18 +77,18 @@ class LoopLink:
         }
 
     def bridge_clock(self) -> ClockView | None:
-        """Return what the loop knows of the bridge's clock; None for a loop without one."""
+        """Return drift and jitter of the bridge's clock; None for a loop without one."""
         if self._timing is None or self.phase != "up":
             return None
-        told = self._timing.clock
-        if not any(told):
+        clock = self._timing.clock
+        if not any(clock):
             return None
-        return ClockView(drift_ppm=round(told.drift_ppm, 2), jitter_us=round(told.jitter_us, 1))
+        return ClockView(drift_ppm=round(clock.drift_ppm, 2), jitter_us=round(clock.jitter_us, 1))
 
-    def _look_whether_ready(self) -> None:
+    def _attach_if_ready(self) -> bool:
         status = LoopStatus.read(self._run_dir.loop_status)
         if status is None or status.phase is not LoopPhase.READY:
-            return
+            return False
         try:
             self._ring = RingReader(self._run_dir.ring, "oldest")
         except SharedFileError as error:
@@ -111,4 +97,4 @@ class LoopLink:
         with suppress(SharedFileError):
             self._timing = Timing.attach(self._run_dir.timing)
         self.phase = "up"
-        self._on_up()
+        return True

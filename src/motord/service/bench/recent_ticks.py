@@ -1,11 +1,12 @@
-"""The ticks of the last moments, as far as the account of a trip looks back on them."""
+"""The newest ticks, as far back as the report of a trip needs them."""
 
-import math
 from collections import deque
 
 import numpy as np
 
 from motord.config import Config
+from motord.control import parameters
+from motord.service.bench.trip_report import TripWindow
 
 LEAST_S = 1.0
 
@@ -13,15 +14,15 @@ LEAST_S = 1.0
 class RecentTicks:
     """Blocks of ticks of the last second, or of the longest time that an interlock waits.
 
-    It also follows what the torque sensor should say: the set-point through its high-pass.
+    It also follows what the torque sensor should show: the set-point through its high-pass.
     """
 
     def __init__(self, config: Config) -> None:
-        loop, tau_s = config.loop, config.torque_sensor.highpass_time_constant_s
+        loop = config.loop
         self._kept = round(
             loop.rate_Hz * max(LEAST_S, loop.enable_timeout_s, loop.supervisor_timeout_s)
         )
-        self._decay_per_tick = math.exp(-1.0 / (loop.rate_Hz * tau_s)) if tau_s else 1.0
+        self._parameters: np.record = parameters.build(config)[0][0]
         self._blocks: deque[np.ndarray] = deque()
         self._expected_Nm = self._set_Nm = 0.0  # at the end of the block before the newest
 
@@ -41,17 +42,19 @@ class RecentTicks:
         self._blocks.clear()
         self._expected_Nm = self._set_Nm = 0.0
 
-    def until(self, row: int) -> tuple[np.ndarray, float]:
-        """Return the ticks up to `row` of the newest block, and the torque (Nm) expected before."""
+    def until(self, row: int) -> TripWindow:
+        """Return the ticks up to `row` of the newest block."""
         *earlier, newest = self._blocks
-        return np.concatenate([*earlier, newest[: row + 1]]), self._expect_Nm(newest[:row])
+        ticks = np.concatenate([*earlier, newest[: row + 1]])
+        return TripWindow(ticks, self._expect_Nm(newest[:row]), self._parameters)
 
     def _expect_Nm(self, ticks: np.ndarray) -> float:
-        """Return what the sensor should say at the end of `ticks`, the first of the newest block.
+        """Return what the sensor should show at the end of `ticks`, the first of the newest block.
 
         Their set-point counts as if it had changed at their end: a block is short.
         """
         if not len(ticks):
             return self._expected_Nm
         change_Nm = float(ticks["torque_set_Nm"][-1]) - self._set_Nm
-        return float(self._decay_per_tick ** len(ticks)) * self._expected_Nm + change_Nm
+        decay = float(self._parameters.torque_decay) ** len(ticks)
+        return decay * self._expected_Nm + change_Nm

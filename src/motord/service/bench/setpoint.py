@@ -1,8 +1,8 @@
-"""The set-point that the supervisor holds in the mailbox, and the requests that travel with it.
+"""The set-point that the supervisor writes to the mailbox, and the state requests that go with it.
 
-A request (enable, disable, stop, reset) is carried out once, when its number changes; the loop
-sees only what the mailbox holds when a tick begins. So one request at a time is put there, the
-next not before a tick says that it has seen the one before.
+A request (enable, disable, stop, reset) is carried out once, when its number changes, and the loop
+reads the mailbox once a tick. So one request at a time is written, the next not before a tick
+confirms the one before.
 """
 
 from collections import deque
@@ -14,27 +14,22 @@ from motord.api.messages import SetpointView
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request
 from motord.sequencing import NOTHING_INDUCED
-from motord.sequencing.settings import COMPENSATE, Compensation
+from motord.sequencing.settings import COMPENSATE
 
 RAD_PER_TURN = 2 * np.pi
 UNSEEN_NS = 200_000_000
-"""A request that no tick confirms within this time makes room for the next."""
-
-
-def compensation_word(compensate: Compensate) -> Compensation:
-    """Return the word for a set of flags."""
-    return next(word for word, flags in COMPENSATE.items() if flags == compensate)
+"""A request that no tick confirms within this time is followed by the next."""
 
 
 class Mailbox(Protocol):
-    """Where the loop looks for its set-point."""
+    """Where the loop reads its set-point."""
 
     def write(self, setpoint: np.ndarray) -> None:
         """Put `setpoint` (shape (1,), SETPOINT) in place of the one before."""
 
 
 class Setpoint:
-    """What is asked of the loop. Torque and drive speed are zero until somebody sets them."""
+    """Torque, speed, brake, drive and compensation; torque and drive begin at zero."""
 
     def __init__(self, mailbox: Mailbox) -> None:
         self._mailbox = mailbox
@@ -52,20 +47,20 @@ class Setpoint:
         self.induced = NOTHING_INDUCED
 
     def request(self, request: Request) -> None:
-        """Ask for `request`. A stop goes before everything else, which is then forgotten."""
+        """Queue `request`. A stop replaces all others."""
         if request is Request.STOP:
             self._requests.clear()
             self._request_seq_at = 0
         self._requests.append(request)
 
     def rest(self) -> None:
-        """Ask for no torque, an open brake and a standing drive."""
+        """No torque, an open brake and a standing drive."""
         self.torque_Nm, self.speed_Hz, self.brake, self.drive_Hz = 0.0, None, 0.0, 0.0
         self.plan_point = -1
         self.induced = NOTHING_INDUCED
 
     def write(self, now_ns: int, seen_seq: int) -> None:
-        """Write the mailbox, which notes the time as the supervisor's heartbeat.
+        """Write the mailbox, which adds the time as the supervisor's heartbeat.
 
         `now_ns`: monotonic; `seen_seq`: number of the set-point that the newest tick used.
         """
@@ -92,12 +87,12 @@ class Setpoint:
         return behind < 0x80000000 or now_ns - self._requested_ns > UNSEEN_NS
 
     def view(self, torque_target_Nm: float | None = None) -> SetpointView:
-        """Return the set-point as clients see it; the torque may be on its way to another one."""
+        """Return the set-point as published; the torque may be on its way to `torque_target_Nm`."""
         return SetpointView(
             torque_Nm=self.torque_Nm,
             torque_target_Nm=self.torque_Nm if torque_target_Nm is None else torque_target_Nm,
             speed_Hz=self.speed_Hz,
             brake=self.brake,
             drive_Hz=self.drive_Hz,
-            compensate=compensation_word(self.compensate),
+            compensate=next(n for n, flags in COMPENSATE.items() if flags == self.compensate),
         )

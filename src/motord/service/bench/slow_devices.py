@@ -1,12 +1,10 @@
-"""Brake and external drive: slow devices, each exchanged with in a thread of its own.
+"""Brake and external drive: slow devices, each with a thread of its own.
 
 The supervisor gives an `Order` at every step and reads `view()`; neither waits for a device. An
-order is worth nothing once its time is over, and the thread has nothing else to write: with a
-supervisor that hangs, the device is made safe once and then written no more, so that its own
-watchdog takes over if that write does not arrive.
+order expires, and the thread writes nothing else: if the supervisor hangs, the device is made safe
+once and then written no more, so that its own watchdog takes over if that write does not arrive.
 
-A device that stops answering is `failing` at once, and `stale` when nothing was heard for its
-`stale_after_s`.
+A device that stops answering is `failing` at once, and `stale` after its `stale_after_s`.
 """
 
 import threading
@@ -30,14 +28,14 @@ class Order:
     until_ns: int
 
     def at(self, now_ns: int) -> float | None:
-        """Return the set-point to write now, None once the order is over."""
+        """Return the set-point to write now, None once the order has expired."""
         return self.value if now_ns < self.until_ns else None
 
 
 class SlowDevice:
     """One device with its set-point. `exchange` is for its thread, the rest for the supervisor.
 
-    An order is good for `order_s`. `hold_s` after it is over the device is made safe, by a
+    An order expires after `order_s`. `hold_s` later the device is made safe, by a
     set-point of zero; between the two it is left as it is.
     """
 
@@ -59,14 +57,14 @@ class SlowDevice:
         self._hold_ns = round(hold_s * 1e9)
         self._safe = False
         self._due_ns = 0
-        self._heard_ns = 0  # monotonic; at first, when it was opened
+        self._answered_ns = 0  # monotonic; at first, when it was opened
         self._reading: DeviceReading | None = None
         self._error = ""
 
     def open(self, now_ns: int) -> None:
         """Connect. Raises DeviceError."""
         self._device.open()
-        self._due_ns = self._heard_ns = now_ns
+        self._due_ns = self._answered_ns = now_ns
 
     def order(self, value: float, now_ns: int) -> None:
         """Let `value` be the set-point for `order_s` from `now_ns` on."""
@@ -101,7 +99,7 @@ class SlowDevice:
                 log_error(f"in the driver of the {self.name}", error)
             self._error = f"error in its driver: {type(error).__name__}: {error}"
             return
-        self._reading, self._heard_ns, self._error = reading, clock_ns(), ""
+        self._reading, self._answered_ns, self._error = reading, clock_ns(), ""
 
     def _make_safe(self, over_ns: int) -> None:
         """Write a set-point of zero, once, `hold_s` after the order was over."""
@@ -117,9 +115,9 @@ class SlowDevice:
         self._device.close()
 
     def view(self, now_ns: int) -> DeviceView:
-        """Return the device as clients see it."""
+        """Return the device as published."""
         reading, error = self._reading, self._error
-        age_ns = now_ns - self._heard_ns
+        age_ns = now_ns - self._answered_ns
         health: Health = "stale" if age_ns > self._stale_ns else "failing" if error else "ok"
         return DeviceView(
             health=health,
@@ -132,7 +130,7 @@ class SlowDevice:
 
 
 class DeviceThreads:
-    """Polls slow devices until stopped, each in a thread: none waits for another that is silent."""
+    """Polls slow devices until stopped, each in a thread: none waits for another."""
 
     def __init__(
         self,
@@ -150,7 +148,7 @@ class DeviceThreads:
         ]
 
     def start(self) -> None:
-        """Start polling, if there is anything to poll."""
+        """Start the threads."""
         for thread in self._threads:
             thread.start()
 

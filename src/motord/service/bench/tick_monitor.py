@@ -1,6 +1,6 @@
-"""What the supervisor sees in the ticks: newest values, state changes, trips, ticks missed or lost.
+"""Monitor of the ticks: newest values, state changes, trips, missed and lost ticks.
 
-Pure: blocks of ticks go in, the view and events come out.
+Pure: blocks of ticks in, views and events out.
 """
 
 from collections import deque
@@ -9,46 +9,45 @@ from typing import Any
 
 import numpy as np
 
-from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_words
+from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_text
 from motord.api.messages import LoopView, TickView, TripReport, TripView
 from motord.config import Config
 from motord.schema import State, Trip
 from motord.service.bench.recent_ticks import RecentTicks
-from motord.service.bench.trip_report import Seen, trip_values
+from motord.service.bench.trip_report import trip_values
 from motord.service.host.events import EventLog
 
 TIMING_S = 1.0
-"""Span over which the loop's lateness is summed up."""
+"""Span of the loop's timing statistics."""
 REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
-"""Missed ticks are reported with their number, after pauses that grow from the first to the last
-while there are new ones, so that they do not drown the other events."""
+"""Missed ticks are reported after pauses that grow from the first to the last while there are new
+ones, so that they do not displace the other events."""
 
 OnTrip = Callable[[int, int, Mapping[str, Any]], str]
-"""Called with time (Unix ns), tick and account of a trip; returns the path of its black box."""
+"""Called with time (Unix ns), tick and report of a trip; returns the path of its black box."""
 
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _told(values: Mapping[str, Mapping[str, float]]) -> str:
+def _values_text(values: Mapping[str, Mapping[str, float]]) -> str:
     return "".join(f"; {what} {v['value']:.4g}, limit {v['limit']:g}" for what, v in values.items())
 
 
-class TickWatch:
-    """The newest tick and what has happened since the loop started."""
+class TickMonitor:
+    """The newest tick, and what has happened since the loop started."""
 
     def __init__(self, config: Config, events: EventLog) -> None:
-        self._config = config
         self._rate_Hz = config.loop.rate_Hz
         self._recent = RecentTicks(config)
         self._events = events
         self.trip: TripReport | None = None
-        """What is known of the trip that the bench is in."""
-        self.on_trip: OnTrip = lambda t_ns, tick, account: ""
+        """Of the trip that the bench is in."""
+        self.on_trip: OnTrip = lambda t_ns, tick, report: ""
         self._timing: deque[np.ndarray] = deque()  # (n, 3): late ns, work ns, measured torque Nm
         self.last: np.void | None = None
-        self.seen_at_ns = 0  # monotonic, when the newest tick was read
+        self.read_ns = 0  # monotonic, when the newest tick was read
         self.ticks = 0
         self.lost = 0
         self._missed_reported = 0
@@ -58,17 +57,17 @@ class TickWatch:
     @property
     def state(self) -> State:
         """State of the drive in the newest tick; OFF before the first."""
-        return State(int(self.last["state"])) if self.last is not None else State.OFF
+        return State(self._newest("state"))
 
     @property
     def trip_bits(self) -> int:
-        """Latched causes; in OFF, what now stands against enabling."""
-        return int(self.last["trip_bits"]) if self.last is not None else 0
+        """Latched causes; in OFF, the conditions that prevent enabling."""
+        return self._newest("trip_bits")
 
     @property
     def setpoint_seq(self) -> int:
         """Number of the set-point that the newest tick used."""
-        return int(self.last["setpoint_seq"]) if self.last is not None else 0
+        return self._newest("setpoint_seq")
 
     @property
     def torque_set_Nm(self) -> float:
@@ -87,9 +86,9 @@ class TickWatch:
         self._recent.add(block)
         self._follow_states(block)
         self.last = block[-1]
-        self.seen_at_ns = now_ns
+        self.read_ns = now_ns
         self.ticks += len(block)
-        self._remember_timing(block)
+        self._keep_timing(block)
         self._report_missed(now_ns)
 
     def forget(self) -> None:
@@ -101,7 +100,7 @@ class TickWatch:
 
     def _follow_states(self, block: np.ndarray) -> None:
         before = int(self.state)
-        first_bits = int(self.last["trip_bits"]) if self.last is not None else 0
+        first_bits = self.trip_bits
         states = block["state"]
         bits = block["trip_bits"]
         if (states == before).all() and (bits == first_bits).all():
@@ -114,9 +113,9 @@ class TickWatch:
                 added = int(tick["trip_bits"]) & ~first_bits
                 values = self._values(added, row)
                 if self.trip is not None:
-                    self.trip = self.trip.further(trip_names(added), values)
+                    self.trip = self.trip.extended(trip_names(added), values)
                 self._events.emit(
-                    "trip", f"further cause: {trip_words(added)}{_told(values)}",
+                    "trip", f"further cause: {trip_text(added)}{_values_text(values)}",
                     int(tick["t_ns"]), causes=trip_names(added), values=values,
                     action=trip_action(added), tick=int(tick["tick"]),
                 )  # fmt: skip
@@ -124,7 +123,7 @@ class TickWatch:
 
     def _values(self, bits: int, row: int) -> dict[str, dict[str, float]]:
         """Return value and limit for each cause in `bits`, as of a row of the newest block."""
-        return trip_values(bits, Seen(*self._recent.until(row), self._config))
+        return trip_values(bits, self._recent.until(row))
 
     def _report_change(self, old: State, new: State, row: int, tick: np.void) -> None:
         where = {"tick": int(tick["tick"]), "from": old.name, "to": new.name}
@@ -135,16 +134,16 @@ class TickWatch:
             return
         bits, first = int(tick["trip_bits"]), int(tick["first_trip"])
         values = self._values(bits, row)
-        account = {
+        report = {
             "first": trip_names(first), "causes": trip_names(bits), "values": values,
             "action": trip_action(first or bits),
         }  # fmt: skip
-        reason = f"{old.name} -> TRIPPED: {trip_words(first or bits)}{_told(values)}"
-        box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **account})
-        self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **account)
-        self._events.emit("trip", reason, t_ns, **where, **account, blackbox=box)
+        reason = f"{old.name} -> TRIPPED: {trip_text(first or bits)}{_values_text(values)}"
+        box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **report})
+        self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **report)
+        self._events.emit("trip", reason, t_ns, **where, **report, blackbox=box)
 
-    def _remember_timing(self, block: np.ndarray) -> None:
+    def _keep_timing(self, block: np.ndarray) -> None:
         timing = np.empty((len(block), 3))
         timing[:, 0], timing[:, 1] = block["wake_late_ns"], block["work_ns"]
         timing[:, 2] = block["torque_Nm"]
@@ -171,18 +170,21 @@ class TickWatch:
     @property
     def missed(self) -> int:
         """Ticks that the loop skipped since it started."""
-        return int(self.last["missed"]) if self.last is not None else 0
+        return self._newest("missed")
 
-    def trip_in_words(self) -> str:
-        """Return in one line why the bench is tripped, what to do, and where the black box is."""
+    def _newest(self, name: str) -> int:
+        return int(self.last[name]) if self.last is not None else 0
+
+    def trip_summary(self) -> str:
+        """Return the causes, what to do, and the path of the black box, in one line."""
         if self.trip is None:
-            return f"{trip_words(self.trip_bits)}; then `motord reset`"
+            return f"{trip_text(self.trip_bits)}; then `motord reset`"
         return self.trip.in_words()
 
     def trips(self) -> tuple[list[TripView], str]:
-        """Return the causes that are latched (or stand against enabling) and the first one."""
+        """Return the causes that are latched (in OFF: that prevent enabling) and the first one."""
         bits = self.trip_bits
-        first = int(self.last["first_trip"]) if self.last is not None else 0
+        first = self._newest("first_trip")
         causes = [Trip[name] for name in trip_names(bits)]
         views = [TripView(name=str(t.name), meaning=TRIP_MEANING[t]) for t in causes]
         return views, "".join(trip_names(first)[:1])
@@ -208,11 +210,11 @@ class TickWatch:
         )
 
     def _ripple_Nm(self) -> float | None:
-        with np.errstate(invalid="ignore"):  # a sensor may say anything
+        with np.errstate(invalid="ignore"):  # the measured torque may be anything
             return _finite(np.std(np.concatenate([part[:, 2] for part in self._timing])))
 
     def loop_view(self, now_ns: int) -> LoopView:
-        """Return how the loop keeps time."""
+        """Return the timing of the loop."""
         late_us = p50 = p99 = worst = work = None
         if self._timing:
             timing_us = np.concatenate(self._timing)[:, :2] / 1e3
@@ -229,5 +231,5 @@ class TickWatch:
             wake_late_us_p99=p99,
             wake_late_us_max=worst,
             work_us_p99=work,
-            age_s=(now_ns - self.seen_at_ns) / 1e9 if self.last is not None else None,
+            age_s=(now_ns - self.read_ns) / 1e9 if self.last is not None else None,
         )

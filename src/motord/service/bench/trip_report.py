@@ -1,7 +1,8 @@
-"""What was measured at a trip, beside the limit that it went beyond: one row for each cause.
+"""Value and limit of each cause of a trip, from the ticks up to it.
 
-Where the condition is a bit of a status word, the value is for how long it has held, in s, and the
-limit for how long it may.
+Limits are those of the kernel, its `PARAMETERS`. Values are read from the ticks, which do not hold
+all of the kernel's memory. For a condition on a status word the value is how long it has held, in
+s, and the limit is how long it may.
 """
 
 from collections.abc import Callable
@@ -9,24 +10,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.config import Config
-from motord.control.interlock_table import INTERLOCK
-from motord.control.parameters import BRAKE_MARGIN_K, CURRENT_ERROR, TORQUE_ERROR
 from motord.control.plausible import TORQUE_SHARE
 from motord.schema import BridgeStatus, InverterStatus, State, Trip
 
 PHASES = "abc"
 JUMP_TICKS = 10
-"""So far back the account of an implausible encoder looks for the jump."""
+"""Ticks before the trip in which the jump of an implausible encoder is looked for."""
 
 
 @dataclass(frozen=True)
-class Seen:
-    """The ticks up to the trip (shape (n,), the last is its own) and the torque expected then."""
+class TripWindow:
+    """The ticks up to the trip, shape (n,), the kernel's parameters, and the torque expected then.
+
+    `expected_Nm`: what the torque sensor should show, after its high-pass.
+    """
 
     ticks: np.ndarray
     expected_Nm: float
-    config: Config
+    parameters: np.record
 
     @property
     def last(self) -> np.void:
@@ -41,202 +42,178 @@ class Seen:
         if first == len(holds):
             return 0.0
         numbers = self.ticks["tick"][first:].astype(np.int64)
-        return float(numbers[-1] - numbers[0] + 1) / self.config.loop.rate_Hz
+        return float(numbers[-1] - numbers[0] + 1) / self.rate_Hz
+
+    @property
+    def rate_Hz(self) -> int:
+        """Ticks per second."""
+        return round(1.0 / float(self.parameters.period_s))
+
+    def currents_A(self) -> np.ndarray:
+        """Return the phase currents of the last tick, shape (3,)."""
+        return np.array([float(self.last[f"i_{phase}_A"]) for phase in PHASES])
 
 
-Number = Callable[[Seen], float]
+Quantity = Callable[[TripWindow], float]
 
 
-def _field(name: str) -> Number:
-    return lambda seen: float(seen.last[name])
+def _field(name: str) -> Quantity:
+    return lambda w: float(w.last[name])
 
 
-def _size(name: str) -> Number:
-    return lambda seen: abs(float(seen.last[name]))
+def _magnitude(name: str) -> Quantity:
+    return lambda w: abs(float(w.last[name]))
 
 
-def _largest_A(seen: Seen) -> float:
-    return max(abs(float(seen.last[f"i_{phase}_A"])) for phase in PHASES)
+def _bits_set(word: str, bits: int) -> Quantity:
+    return lambda w: w.held_s(w.ticks[word] & bits != 0)
 
 
-def _allowed(trip: Trip) -> Number:
-    return lambda seen: INTERLOCK[trip].lasts_s(seen.config)
+def _largest_A(w: TripWindow) -> float:
+    return float(np.abs(w.currents_A()).max())
 
 
-def _inverter_age_s(seen: Seen) -> float:
-    return 1e-9 * (int(seen.last["sample_age_ns"]) + int(seen.last["i_age_ns"]))
+def _inverter_age_s(w: TripWindow) -> float:
+    return 1e-9 * (int(w.last["sample_age_ns"]) + int(w.last["i_age_ns"]))
 
 
-def _jump_rad(seen: Seen) -> float:
-    counts = seen.config.motor.counts
-    steps = np.diff(seen.ticks["encoder_count"][-JUMP_TICKS:].astype(np.int64))
+def _jump_rad(w: TripWindow) -> float:
+    counts = int(w.parameters.counts)
+    steps = np.diff(w.ticks["encoder_count"][-JUMP_TICKS:].astype(np.int64))
     steps = np.remainder(steps + counts // 2, counts) - counts // 2
     return float(np.abs(steps).max(initial=0)) * 2 * np.pi / counts
 
 
-def _faulty(seen: Seen) -> float:
-    status, state = seen.ticks["inverter_status"], seen.ticks["state"]
+def _faulty_s(w: TripWindow) -> float:
+    status, state = w.ticks["inverter_status"], w.ticks["state"]
     unpowered = (status & InverterStatus.READY == 0) & (state == State.ENABLED)
     holds = (status & InverterStatus.FAULT != 0) | unpowered
     holds[-1] = True  # the state is that after the trip
-    return seen.held_s(holds)
+    return w.held_s(holds)
 
 
-def _missed(seen: Seen) -> float:
-    return float(np.diff(seen.ticks["missed"][-2:].astype(np.int64)).sum())
+def _missed(w: TripWindow) -> float:
+    return float(np.diff(w.ticks["missed"][-2:].astype(np.int64)).sum())
 
 
-def _silent_s(seen: Seen) -> float:
-    seq = seen.ticks["setpoint_seq"]
-    return seen.held_s(seq == seq[-1])
+def _silent_s(w: TripWindow) -> float:
+    seq = w.ticks["setpoint_seq"]
+    return w.held_s(seq == seq[-1])
 
 
-def _errors(seen: Seen) -> float:
-    counts = seen.ticks["link_errors"][-seen.config.loop.rate_Hz :]
+def _errors(w: TripWindow) -> float:
+    counts = w.ticks["link_errors"][-w.rate_Hz :]
     return float(int(counts[-1]) - int(counts[0]))
 
 
-def _bus_limit_V(seen: Seen) -> float:
-    limits = seen.config.limits
-    return limits.bus_V_min if float(seen.last["u_bus_V"]) < limits.bus_V_min else limits.bus_V_max
+def _bus_limit_V(w: TripWindow) -> float:
+    low, high = float(w.parameters.bus_V_min), float(w.parameters.bus_V_max)
+    return low if float(w.last["u_bus_V"]) < low else high
 
 
-def _arming_s(seen: Seen) -> float:
-    ready = seen.ticks["state"] == State.READY
+def _arming_s(w: TripWindow) -> float:
+    ready = w.ticks["state"] == State.READY
     ready[-1] = True  # the state is that after the trip
-    return seen.held_s(ready)
+    return w.held_s(ready)
 
 
-def _not_numbers(seen: Seen) -> float:
-    names = ("torque_Nm", *(f"i_{phase}_A" for phase in PHASES))
-    return float(sum(not np.isfinite(seen.last[name]) for name in names))
+def _not_finite(w: TripWindow) -> float:
+    values = (float(w.last["torque_Nm"]), *w.currents_A())
+    return float(sum(not np.isfinite(value) for value in values))
 
 
-def _astray_A(seen: Seen) -> float:
-    """Return how far the currents are from the nearer of the two commands before."""
-    now = np.array([float(seen.last[f"i_{phase}_A"]) for phase in PHASES])
-    before = seen.ticks[-3:-1]
+def _current_error_A(w: TripWindow) -> float:
+    """Return the distance of the currents from the nearer of the two commands before."""
+    now_A, before = w.currents_A(), w.ticks[-3:-1]
     if not len(before):
-        return float(np.abs(now).max())
-    apart = now - np.stack([before[f"i_cmd_{phase}_A"].astype(float) for phase in PHASES], axis=1)
-    if seen.config.motor.connection == "star":
-        apart -= apart.mean(axis=1, keepdims=True)
-    return float(np.abs(apart).max(axis=1).min())
+        return float(np.abs(now_A).max())
+    commands_A = np.stack([before[f"i_cmd_{phase}_A"].astype(float) for phase in PHASES], axis=1)
+    error_A = now_A - commands_A
+    if w.parameters.star:
+        error_A -= error_A.mean(axis=1, keepdims=True)
+    return float(np.abs(error_A).max(axis=1).min())
 
 
-def _torque_limit_Nm(seen: Seen) -> float:
-    limits, before = seen.config.limits, seen.ticks["torque_set_Nm"][-2:]
-    share_Nm = TORQUE_SHARE * abs(float(before[0]))
-    return (limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm) + share_Nm
+def _torque_limit_Nm(w: TripWindow) -> float:
+    before_Nm = abs(float(w.ticks["torque_set_Nm"][-2:][0]))
+    return float(w.parameters.torque_error_Nm) + TORQUE_SHARE * before_Nm
 
 
-_VALUES: dict[Trip, tuple[str, Number, Number]] = {
-    Trip.OVER_CURRENT: (
-        "largest phase current, A", _largest_A, lambda seen: seen.config.limits.trip_current_A
-    ),
-    Trip.OVER_SPEED: (
-        "speed, rad/s", _size("speed_rad_s"), lambda seen: seen.config.limits.trip_speed_rad_s
-    ),
-    Trip.OVER_TORQUE: (
-        "torque, Nm", _size("torque_Nm"), lambda seen: seen.config.limits.trip_torque_Nm
-    ),
+_BRIDGE_FAULT = BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID
+_QUANTITIES: dict[Trip, tuple[str, Quantity, str | Quantity]] = {
+    Trip.OVER_CURRENT: ("largest phase current, A", _largest_A, "trip_current_A"),
+    Trip.OVER_SPEED: ("speed, rad/s", _magnitude("speed_rad_s"), "trip_speed_rad_s"),
+    Trip.OVER_TORQUE: ("torque, Nm", _magnitude("torque_Nm"), "trip_torque_Nm"),
     Trip.I2T: (
-        "largest phase current now, for the continuous one, A",
-        _largest_A,
-        lambda seen: seen.config.limits.i2t_current_A,
+        "largest phase current now, for the continuous one, A", _largest_A, "i2t_current_A"
     ),
     Trip.ENCODER_STALE: (
         "age of the encoder's sample, s",
-        lambda seen: 1e-9 * int(seen.last["sample_age_ns"]),
-        lambda seen: seen.config.bridge.stale_after_s,
+        lambda w: 1e-9 * int(w.last["sample_age_ns"]),
+        "bridge_stale_s",
     ),
     Trip.ENCODER_IMPLAUSIBLE: (
-        "largest step of the encoder within ten ticks, rad",
-        _jump_rad,
-        lambda seen: seen.config.limits.encoder_jump_rad,
+        "largest step of the encoder within ten ticks, rad", _jump_rad, "encoder_jump_rad"
     ),
     Trip.TORQUE_STALE: (
-        "torque not valid, for s",
-        lambda seen: seen.held_s(seen.ticks["bridge_status"] & BridgeStatus.TORQUE_INVALID != 0),
-        _allowed(Trip.TORQUE_STALE),
+        "torque not valid, for s", _bits_set("bridge_status", BridgeStatus.TORQUE_INVALID), ""
     ),
     Trip.INVERTER_STALE: (
-        "age of the inverter's feedback, s",
-        _inverter_age_s,
-        lambda seen: seen.config.inverter.stale_after_s,
+        "age of the inverter's feedback, s", _inverter_age_s, "inverter_stale_s"
     ),
-    Trip.INVERTER_FAULT: (
-        "fault or no power, for s",
-        _faulty,
-        _allowed(Trip.INVERTER_FAULT),
-    ),
+    Trip.INVERTER_FAULT: ("fault or no power, for s", _faulty_s, ""),
     Trip.BUS_OFF: (
-        "off the bus, for s",
-        lambda seen: seen.held_s(seen.ticks["inverter_status"] & InverterStatus.BUS_OFF != 0),
-        _allowed(Trip.BUS_OFF),
+        "off the bus, for s", _bits_set("inverter_status", InverterStatus.BUS_OFF), ""
     ),
-    Trip.LOOP_OVERRUN: (
-        "periods missed in a row", _missed, lambda seen: seen.config.loop.overrun_ticks
-    ),
-    Trip.SUPERVISOR_STALE: (
-        "since the last set-point, s",
-        _silent_s,
-        lambda seen: seen.config.loop.supervisor_timeout_s,
-    ),
+    Trip.LOOP_OVERRUN: ("periods missed in a row", _missed, "overrun_ticks"),
+    Trip.SUPERVISOR_STALE: ("since the last set-point, s", _silent_s, "supervisor_timeout_s"),
     Trip.TEMPERATURE: (
-        "inverter temperature, degC",
-        _field("temperature_C"),
-        lambda seen: seen.config.limits.trip_temperature_C,
+        "inverter temperature, degC", _field("temperature_C"), "trip_temperature_C"
     ),
-    Trip.LINK_ERRORS: (
-        "frames lost or corrupt within a second",
-        _errors,
-        lambda seen: seen.config.limits.link_errors_per_s,
-    ),
+    Trip.LINK_ERRORS: ("frames lost or corrupt within a second", _errors, "link_errors_per_s"),
     Trip.BUS_VOLTAGE: ("bus voltage, V", _field("u_bus_V"), _bus_limit_V),
     Trip.ENABLE_TIMEOUT: (
-        "READY without power, as far as looked back, s",
-        _arming_s,
-        lambda seen: seen.config.loop.enable_timeout_s,
+        "READY without power, as far as looked back, s", _arming_s, "enable_timeout_s"
     ),
     Trip.BRIDGE_FAULT: (
         "fault of the bridge or an encoder not to be trusted, for s",
-        lambda seen: seen.held_s(
-            seen.ticks["bridge_status"] & (BridgeStatus.FAULT | BridgeStatus.ENCODER_INVALID) != 0
-        ),
-        _allowed(Trip.BRIDGE_FAULT),
+        _bits_set("bridge_status", _BRIDGE_FAULT),
+        "",
     ),
-    Trip.FEEDBACK_INVALID: (
-        "values that are not numbers", _not_numbers, _allowed(Trip.FEEDBACK_INVALID)
-    ),
+    Trip.FEEDBACK_INVALID: ("values that are not numbers", _not_finite, ""),
     Trip.CURRENT_IMPLAUSIBLE: (
-        "largest distance of a current from its command, A",
-        _astray_A,
-        lambda seen: seen.config.limits.current_error_A
-        or CURRENT_ERROR * seen.config.limits.current_A,
+        "largest distance of a current from its command, A", _current_error_A, "current_error_A"
     ),
     Trip.TORQUE_IMPLAUSIBLE: (
         "distance of the torque from what the sensor should say, Nm",
-        lambda seen: abs(float(seen.last["torque_Nm"]) - seen.expected_Nm),
+        lambda w: abs(float(w.last["torque_Nm"]) - w.expected_Nm),
         _torque_limit_Nm,
     ),
     Trip.BRAKE_TEMPERATURE: (
-        "brake temperature, degC",
-        _field("brake_temperature_C"),
-        lambda seen: seen.config.brake.temperature_max_C + BRAKE_MARGIN_K,
+        "brake temperature, degC", _field("brake_temperature_C"), "brake_trip_C"
     ),
     Trip.ENABLE_LINE: (
         "enable line open, for s",
-        lambda seen: seen.held_s(seen.ticks["bridge_status"] & BridgeStatus.ENABLE_LINE == 0),
-        _allowed(Trip.ENABLE_LINE),
+        lambda w: w.held_s(w.ticks["bridge_status"] & BridgeStatus.ENABLE_LINE == 0),
+        "",
     ),
 }  # fmt: skip
+"""Quantity, its value, and its limit: a function, a field of PARAMETERS, or "" for the debounce
+time of the condition."""
 
 
-def trip_values(bits: int, seen: Seen) -> dict[str, dict[str, float]]:
-    """Return value and limit for each cause in `bits`, by what the value is."""
+def _limit(trip: Trip, limit: str | Quantity, w: TripWindow) -> float:
+    if not isinstance(limit, str):
+        return limit(w)
+    if limit:
+        return float(w.parameters[limit])
+    return int(w.parameters.lasts_ns[int(trip).bit_length() - 1]) / 1e9
+
+
+def trip_values(bits: int, w: TripWindow) -> dict[str, dict[str, float]]:
+    """Return value and limit for each cause in `bits`, by the quantity's name and unit."""
     return {
-        what: {"value": value(seen), "limit": float(limit(seen))}
-        for trip, (what, value, limit) in _VALUES.items()
+        quantity: {"value": value(w), "limit": _limit(trip, limit, w)}
+        for trip, (quantity, value, limit) in _QUANTITIES.items()
         if bits & trip
     }

@@ -1,8 +1,8 @@
-"""What Zenoh's log says about who was refused at the gate, in words and not too often.
+"""What Zenoh's log says about who was refused at the gateway, as messages, and not too often.
 
 Zenoh drops what access control denies without an answer and without a callback; its log is where it
 says so. Denials come at level TRACE of `access_control`, refused handshakes as warnings of
-`zenoh_link_tls`. A handshake that fails tells why, but not who.
+`zenoh_link_tls`. A handshake that fails says why, but not who.
 """
 
 import re
@@ -51,22 +51,22 @@ _ACTIONS = {
 
 @dataclass(frozen=True)
 class RefusedConnection:
-    """Something that was not let through: in words, and as data for the event."""
+    """A connection or request that was refused: message and data of the event."""
 
     message: str
     data: dict[str, Any]
 
 
 @dataclass
-class GateLog:
-    """Reads Zenoh's log line by line; `names` knows the common names by Zenoh id."""
+class AuditLog:
+    """Reads Zenoh's log line by line; `names`: common names by Zenoh id."""
 
     roles: Mapping[str, str]
     names: dict[str, str] = field(default_factory=dict)
     _in_advance: dict[str, tuple[str, int]] = field(default_factory=dict)
 
     def read(self, line: str) -> RefusedConnection | None:
-        """Return who was refused what, or None if the line tells of nothing refused."""
+        """Return who was refused what, or None if the line is of nothing refused."""
         found = _LINE.match(_COLOURS.sub("", line))
         if found is None:
             return None
@@ -108,12 +108,12 @@ class GateLog:
 
 def _handshake(text: str) -> RefusedConnection:
     reason = text.partition(" Hint: ")[0].rstrip(".")
-    words = next((words for sign, words in _HANDSHAKES if sign in reason), reason)
-    return RefusedConnection(f"refused a connection: {words}", {"reason": reason})
+    why = next((why for sign, why in _HANDSHAKES if sign in reason), reason)
+    return RefusedConnection(f"refused a connection: {why}", {"reason": reason})
 
 
 class Throttle:
-    """Lets the same words through once in `AGAIN_NS`, and `MOST` different ones in that time."""
+    """Lets the same message through once in `AGAIN_NS`, and `MOST` different ones in that time."""
 
     AGAIN_NS = 10_000_000_000
     MOST = 50

@@ -1,4 +1,4 @@
-"""The supervisor's end of the gate: starts it, and makes events of what it reports."""
+"""The supervisor's end of the gateway process: makes events of what it reports."""
 
 import os
 import subprocess
@@ -11,12 +11,12 @@ from pydantic import Field
 
 from motord.recorder.protocol import Allowance, Message, MessageReader
 from motord.service.host.child_faults import ChildFaults
+from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.processes import Children, ChildSpec
+from motord.shm.run_directory import RunDir
 
-PROCESS = "motord.service.gateway.process"
-GATE = "gate"
-STOP_S = 2.0
+GATEWAY = "gate"
+"""Its name in the state of the bench."""
 EVENTS_PER_S, EVENTS_BURST = 5.0, 100.0
 """The gateway itself passes on 50 different messages in 10 s."""
 MESSAGE_MAX = 2000
@@ -37,57 +37,41 @@ class AccessData(Message):
 
 
 class AccessMessage(Message):
-    """What the gate reports, in words and as data for the event."""
+    """What the gateway reports: message and data of the event."""
 
     message: Annotated[str, Field(max_length=MESSAGE_MAX)]
     data: AccessData = AccessData()
 
 
-def gate_spec(config_path: Path) -> ChildSpec:
-    """Return the gate as a child process."""
-    return ChildSpec(
-        name=GATE,
-        command=(
-            sys.executable,
-            "-m",
-            "motord.service.gateway.process",
-            "--config",
-            str(config_path),
-        ),
-        restart="always",
-        stop_timeout_s=STOP_S,
-        consequence="until it is back nobody gets in from other machines",
-        spawn=_spawn,
-    )
+def gateway_command(config_path: Path, run_dir: RunDir) -> list[str]:
+    """Return the command line of the gateway process."""
+    return [sys.executable, "-m", "motord.service.gateway.process", "--config", str(config_path)]
 
 
-def _spawn(command: Sequence[str]) -> "subprocess.Popen[bytes]":
+def spawn_gateway(command: Sequence[str]) -> "subprocess.Popen[bytes]":
+    """Start a gateway process with the pipes that `GatewayLink` needs."""
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
     assert process.stdout is not None
     os.set_blocking(process.stdout.fileno(), False)
     return process
 
 
-class GateLink:
-    """Makes events of what the gate reports. No call waits."""
+class GatewayLink:
+    """Makes events of what the gateway reports. No call waits."""
 
     def __init__(self, children: Children, events: EventLog) -> None:
         self._children = children
         self._events = events
-        self._faults = ChildFaults(GATE, children, events)
+        self._faults = ChildFaults(GATEWAY, children, events)
         self._allowance = Allowance(EVENTS_PER_S, EVENTS_BURST)
         self._left_out = 0
         self._process: Any = None
         self._received: MessageReader[AccessMessage] | None = None
 
-    def start(self, now_ns: int) -> None:
-        """Let other machines in."""
-        self._children.start(GATE, now_ns)
-
     def step(self, now_ns: int) -> None:
         """Pass on what has come since the last call. `now_ns` is monotonic."""
         if self._received is None:
-            process = self._children.process(GATE)
+            process = self._children.process(GATEWAY)
             if process is None or process is self._process:
                 return
             self._process = process
@@ -103,14 +87,14 @@ class GateLink:
         if not self._allowance.spend(1.0, now_ns):
             self._left_out += 1
             return
-        words = f"{message.message} ({self._left_out} left out before)" * bool(self._left_out)
+        more = f" ({self._left_out} left out before)" if self._left_out else ""
         self._left_out = 0
         data = message.data.model_dump(exclude_unset=True)
-        self._events.emit("access", words or message.message, **data)
+        self._events.emit("access", message.message + more, **data)
 
     def stop(self, now_ns: int) -> None:
         """Let nobody in any more."""
-        self._children.stop(GATE)
+        self._children.stop(GATEWAY)
         self.step(now_ns)
         self._close()
 
@@ -119,4 +103,4 @@ class GateLink:
             for pipe in (self._process.stdin, self._process.stdout):
                 if pipe is not None:
                     pipe.close()
-        self._received = None  # the process is remembered: it may be gone before it is looked after
+        self._received = None  # the process is remembered: it may be gone before it is polled

@@ -1,4 +1,4 @@
-"""The gate: the process that other machines reach, by TLS, and the only one.
+"""The gateway: the process that other machines reach, by TLS, and the only one.
 
 A Zenoh router of its own. It asks every client for a certificate, lets through what the role allows
 (`motord.security.access`) and passes it on to the daemon over the loopback interface. What comes
@@ -21,14 +21,14 @@ from typing import IO
 import zenoh
 
 from motord import config as config_file
-from motord.api.endpoints import gate_config
+from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError, TlsConfig
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file
 from motord.security.error import SecurityError
 from motord.security.identity import check_files
-from motord.service.gateway.audit import LEVELS, GateLog, Throttle
+from motord.service.gateway.audit import LEVELS, AuditLog, Throttle
 from motord.service.gateway.link import DATA_MAX, MESSAGE_MAX
 
 STDIN = 0
@@ -39,7 +39,7 @@ LOOK_S = 1.0
 Signature = tuple[tuple[int, int, int], ...]
 
 
-class Speaker:
+class AuditReporter:
     """Writes lines of JSON for the supervisor, from any thread; never waits for it."""
 
     def __init__(self, out: LineWriter) -> None:
@@ -48,12 +48,12 @@ class Speaker:
         self._throttle = Throttle()
         self._lost = 0
 
-    def say(self, message: str, **data: str) -> None:
-        """Tell the supervisor what happened."""
+    def report(self, message: str, **data: str) -> None:
+        """Report what happened to the supervisor."""
         with self._lock:
-            words = self._throttle.pass_on(message, time.monotonic_ns())
-            if words is not None:
-                self._write(words, data)
+            allowed = self._throttle.pass_on(message, time.monotonic_ns())
+            if allowed is not None:
+                self._write(allowed, data)
             if self._out.dropped > self._lost:
                 lost, self._lost = self._out.dropped - self._lost, self._out.dropped
                 self._write(f"{lost} messages about access were lost: the daemon did not take them")
@@ -63,9 +63,9 @@ class Speaker:
         with self._lock:
             self._out.flush()
 
-    def _write(self, words: str, data: Mapping[str, str] | None = None) -> None:
-        told = {key: value[:DATA_MAX] for key, value in (data or {}).items()}
-        self._out.write(to_line({"message": words[:MESSAGE_MAX], "data": told}))
+    def _write(self, message: str, data: Mapping[str, str] | None = None) -> None:
+        short = {key: value[:DATA_MAX] for key, value in (data or {}).items()}
+        self._out.write(to_line({"message": message[:MESSAGE_MAX], "data": short}))
 
 
 def take_over_stdout() -> tuple[IO[str], IO[bytes]]:
@@ -77,30 +77,30 @@ def take_over_stdout() -> tuple[IO[str], IO[bytes]]:
     return os.fdopen(reader, errors="replace"), out
 
 
-def listen_to(log: IO[str], reads: GateLog, speaker: Speaker) -> None:
+def listen_to(log: IO[str], audit: AuditLog, reporter: AuditReporter) -> None:
     """Pass on what Zenoh's log says about refusals, until it ends."""
     for line in log:
-        refused = reads.read(line)
+        refused = audit.read(line)
         if refused is not None:
-            speaker.say(refused.message, **refused.data)
+            reporter.report(refused.message, **refused.data)
 
 
-def greet(event: zenoh.LinkEvent, reads: GateLog, speaker: Speaker) -> None:
-    """Tell who comes and who goes."""
+def report_link(event: zenoh.LinkEvent, audit: AuditLog, reporter: AuditReporter) -> None:
+    """Report who connects and who has gone."""
     link = event.link
     if not link.src.startswith("tls/"):
         return
     name, where = link.auth_identifier or "somebody", link.dst.removeprefix("tls/")
-    role = reads.roles.get(name, "")
+    role = audit.roles.get(name, "")
     if event.kind == zenoh.SampleKind.DELETE:
-        reads.names.pop(str(link.zid), None)
-        speaker.say(f"{name} at {where} has gone", who=name, where=where)
+        audit.names.pop(str(link.zid), None)
+        reporter.report(f"{name} at {where} has gone", who=name, where=where)
         return
-    reads.names[str(link.zid)] = name
-    words = f"{name} ({role}) has come, from {where}"
+    audit.names[str(link.zid)] = name
+    message = f"{name} ({role}) has come, from {where}"
     if not role:
-        words = f"{name} has come, from {where}, but has no role here and may do nothing"
-    speaker.say(words, who=name, role=role, where=where)
+        message = f"{name} has come, from {where}, but has no role here and may do nothing"
+    reporter.report(message, who=name, role=role, where=where)
 
 
 def signature(tls: TlsConfig) -> Signature:
@@ -122,7 +122,7 @@ def check(tls: TlsConfig) -> dict[str, roles_file.Role]:
     return roles_file.read(tls.roles)
 
 
-def _until_told_or_changed(
+def _until_changed_or_ended(
     tls: TlsConfig, before: Signature, meanwhile: Callable[[], None]
 ) -> bool:
     """Wait until a file has changed (True) or stdin has ended (False)."""
@@ -135,29 +135,33 @@ def _until_told_or_changed(
             return True
 
 
-def keep(config: Config, speaker: Speaker, log: IO[str]) -> None:
+def keep(config: Config, reporter: AuditReporter, log: IO[str]) -> None:
     """Let clients in until stdin ends. Raises SecurityError, zenoh.ZError."""
     assert config.zenoh.tls is not None
-    reads = GateLog({})
+    audit = AuditLog({})
     threading.Thread(
-        target=listen_to, args=(log, reads, speaker), name="motord-gate-log", daemon=True
+        target=listen_to, args=(log, audit, reporter), name="motord-gateway-log", daemon=True
     ).start()
     zenoh.init_log_from_env_or(LEVELS)
-    while _keep_unchanged(config, config.zenoh.tls, reads, speaker):
-        speaker.say("roles or certificates have changed; all must come again")
+    while _keep_unchanged(config, config.zenoh.tls, audit, reporter):
+        reporter.report("roles or certificates have changed; all must come again")
 
 
-def _keep_unchanged(config: Config, tls: TlsConfig, reads: GateLog, speaker: Speaker) -> bool:
+def _keep_unchanged(
+    config: Config, tls: TlsConfig, audit: AuditLog, reporter: AuditReporter
+) -> bool:
     """Let clients in under the files as they are; return whether these have changed."""
     before = signature(tls)
     roles = check(tls)
-    reads.roles = {name: str(role) for name, role in roles.items()}
-    with zenoh.open(gate_config(config, roles)) as session:
+    audit.roles = {name: str(role) for name, role in roles.items()}
+    with zenoh.open(gateway_config(config, roles)) as session:
         listener = session.info.declare_link_events_listener(
-            lambda event: greet(event, reads, speaker), history=True
+            lambda event: report_link(event, audit, reporter), history=True
         )
-        speaker.say(f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}")
-        changed = _until_told_or_changed(tls, before, speaker.flush)
+        reporter.report(
+            f"open to other machines at {', '.join(config.zenoh.remote)}, {_count(roles)}"
+        )
+        changed = _until_changed_or_ended(tls, before, reporter.flush)
         listener.undeclare()  # type: ignore[no-untyped-call]
     return changed
 
@@ -168,8 +172,8 @@ def _count(roles: dict[str, roles_file.Role]) -> str:
 
 
 def main() -> int:
-    """Run the gate of the bench file that `--config` names."""
-    parser = argparse.ArgumentParser(description="The gate for other machines.")
+    """Run the gateway of the bench file that `--config` names."""
+    parser = argparse.ArgumentParser(description="The gateway for other machines.")
     parser.add_argument("--config", type=Path, required=True)
     path = parser.parse_args().config
     for number in (signal.SIGINT, signal.SIGHUP):
@@ -178,11 +182,11 @@ def main() -> int:
     os.environ.pop("RUST_LOG", None)
     log, out = take_over_stdout()
     os.set_blocking(out.fileno(), False)
-    speaker = Speaker(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
+    reporter = AuditReporter(LineWriter(out.fileno(), BACKLOG_MAX_BYTES))
     try:
-        keep(config_file.load(path), speaker, log)
+        keep(config_file.load(path), reporter, log)
     except (ConfigError, SecurityError, zenoh.ZError) as error:
-        speaker.say(f"closed to other machines: {str(error).split(' at /')[0]}")
+        reporter.report(f"closed to other machines: {str(error).split(' at /')[0]}")
         return 1
     return 0
 

@@ -1,12 +1,12 @@
-"""What is wrong with how a child process talks: counted, told now and then, ended if it floods."""
+"""Faults in what a child process sends: counted, reported now and then; a flood ends it."""
 
 from typing import Any
 
 from motord.recorder.protocol import MessageReader
+from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.processes import Children
 
-TELL_NS = 10_000_000_000
+REPORT_NS = 10_000_000_000
 """Time between two events of the same kind about the same child."""
 
 
@@ -16,8 +16,8 @@ class _Tally:
     def __init__(self) -> None:
         self.total = 0
         self._of_this_one = 0
-        self._told = 0
-        self._told_ns: int | None = None
+        self._reported = 0
+        self._reported_ns: int | None = None
 
     def restart(self) -> None:
         """Another process counts from zero."""
@@ -29,11 +29,11 @@ class _Tally:
         self._of_this_one = of_this_one
 
     def due(self, now_ns: int) -> int:
-        """Return how many there are to tell of now, 0 if there is nothing new or it is too soon."""
-        soon = self._told_ns is not None and now_ns - self._told_ns < TELL_NS
-        if soon or self.total == self._told:
+        """Return how many are to be reported now, 0 if there is nothing new or it is too soon."""
+        soon = self._reported_ns is not None and now_ns - self._reported_ns < REPORT_NS
+        if soon or self.total == self._reported:
             return 0
-        new, self._told, self._told_ns = self.total - self._told, self.total, now_ns
+        new, self._reported, self._reported_ns = self.total - self._reported, self.total, now_ns
         return new
 
 

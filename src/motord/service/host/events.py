@@ -1,4 +1,4 @@
-"""The daemon's events: kept for those who ask later, and passed on to whoever listens."""
+"""The daemon's events: kept for those who ask later, and passed on to listeners."""
 
 import logging
 from collections import deque
@@ -32,7 +32,7 @@ class EventLog:
         self._unix_ns = unix_ns
         self._kept: deque[Event] = deque(maxlen=KEPT)
         self.listeners: list[Listener] = []
-        self._erred: list[Listener] = []  # whose error has been logged
+        self._failed: list[Listener] = []  # whose error has been logged
 
     def emit(self, kind: str, message: str, t_ns: int | None = None, **data: Any) -> None:
         """Note that something happened, now or at `t_ns` (Unix ns)."""
@@ -42,16 +42,16 @@ class EventLog:
         self._kept.append(event)
         _LOG.log(_LOG_LEVEL.get(kind, logging.INFO), "%s: %s", kind, _one_line(message))
         for listener in self.listeners:
-            self._tell(listener, event)
+            self._notify(listener, event)
 
-    def _tell(self, listener: Listener, event: Event) -> None:
-        """Pass an event on; a listener that errs keeps it from nobody else."""
+    def _notify(self, listener: Listener, event: Event) -> None:
+        """Pass an event on; a listener that fails keeps it from nobody else."""
         try:
             listener(event)
         except Exception as error:
-            if listener not in self._erred:
-                self._erred.append(listener)
-                log_error("in who listens to events", error)
+            if listener not in self._failed:
+                self._failed.append(listener)
+                log_error("in a listener to events", error)
 
     def recent(self) -> list[Event]:
         """Return the kept events, the oldest first. May be called from any thread."""

@@ -27,9 +27,9 @@ class _DroppingHandler(logging.handlers.QueueHandler):
 
 def log_error(where: str, error: Exception) -> str:
     """Log an error of the program itself with its traceback; return it in a line."""
-    said = f"error in the program, {where}: {type(error).__name__}: {error}"
-    logging.getLogger("motord").error("%s", said, exc_info=error)
-    return said
+    line = f"error in the program, {where}: {type(error).__name__}: {error}"
+    logging.getLogger("motord").error("%s", line, exc_info=error)
+    return line
 
 
 @contextmanager

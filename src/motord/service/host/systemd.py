@@ -1,4 +1,4 @@
-"""What the service manager is told: ready, how it goes, alive, stopping (sd_notify(3)).
+"""Notifications to the service manager: ready, watchdog, stopping (sd_notify(3)).
 
 Outside systemd there is no socket, and all of this does nothing.
 """
@@ -13,7 +13,7 @@ FEEDS_PER_TIMEOUT = 4
 
 
 class Notifier:
-    """Speaks to the service manager. Never waits, never fails.
+    """Notifies the service manager. Never waits, never fails.
 
     The watchdog is fed only when ticks have come since it was fed last: a daemon whose loop makes
     no progress is not alive, whatever its other parts do.
@@ -38,11 +38,11 @@ class Notifier:
         return cls(environment.get("NOTIFY_SOCKET", ""), watchdog_s)
 
     def ready(self, status: str) -> None:
-        """Tell that the bench is up."""
+        """The bench is up."""
         self._send(f"READY=1\nSTATUS={status}")
 
     def stopping(self, status: str) -> None:
-        """Tell that it is being taken down."""
+        """It is being taken down."""
         self._send(f"STOPPING=1\nSTATUS={status}")
 
     def progress(self, ticks: int, now_ns: int) -> None:

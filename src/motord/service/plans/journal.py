@@ -3,6 +3,10 @@
 A file of JSON lines, one for each thing that happened: the plan as it was started, every operating
 point, every time that it was resumed, its end. Each line is on the disk before the next is written.
 A line that was cut off by a crash does not count, nor does anything after it.
+
+The points are in the recording too, and where that can be read it decides. The journal has them as
+well because it answers at once: a file that a crash left has no index and has to be read whole,
+and it may have been moved away, or never have been made (`[recording] required = false`).
 """
 
 import json
@@ -60,30 +64,30 @@ class JournalSegment:
 
 
 @dataclass(frozen=True)
-class Story:
-    """What a journal tells of a plan."""
+class PlanLog:
+    """A plan in the journal, as far as its lines go."""
 
     plan: PlanNote
-    stretches: tuple[JournalSegment, ...]
+    segments: tuple[JournalSegment, ...]
 
     @property
     def state(self) -> str:
         """How the plan ended last, "" if it is under way or was interrupted."""
-        return self.stretches[-1].state
+        return self.segments[-1].state
 
     @property
     def taken(self) -> set[int]:
         """Numbers of the points that are not to be taken again."""
-        return set().union(*(stretch.taken for stretch in self.stretches))
+        return set().union(*(segment.taken for segment in self.segments))
 
     @property
     def recordings(self) -> tuple[str, ...]:
         """Where the plan was recorded, in order."""
-        return tuple(stretch.recording for stretch in self.stretches)
+        return tuple(segment.recording for segment in self.segments)
 
-    def told(self, line: Mapping[str, Any]) -> "Story":
-        """Return the story with one more line. Raises KeyError, TypeError, ValueError."""
-        kind, last = line["kind"], self.stretches[-1]
+    def with_line(self, line: Mapping[str, Any]) -> "PlanLog":
+        """Return the log with one more line. Raises KeyError, TypeError, ValueError."""
+        kind, last = line["kind"], self.segments[-1]
         if kind == "point":
             int(line["point"]["index"])
             last = replace(last, points=(*last.points, dict(line["point"])))
@@ -94,37 +98,36 @@ class Story:
         elif kind == "recorder_died":
             last = replace(last, sure=False)
         elif kind == "resumed":
-            return replace(
-                self, stretches=(*self.stretches, JournalSegment(str(line["recording"])))
-            )
+            return replace(self, segments=(*self.segments, JournalSegment(str(line["recording"]))))
         else:
             raise ValueError(f"no line of kind {kind}")
-        return replace(self, stretches=(*self.stretches[:-1], last))
+        return replace(self, segments=(*self.segments[:-1], last))
 
 
 @dataclass(frozen=True)
-class Text:
-    """A journal's file as far as it makes sense: its story, and the bytes that tell it."""
+class ParsedJournal:
+    """A journal's file as far as it makes sense: its plan, and the size of those lines in bytes."""
 
-    story: Story | None = None
+    log: PlanLog | None = None
     size: int = 0
 
 
-def read(content: bytes) -> Text:
-    """Return what a journal's file tells, up to the first line that is not whole."""
-    text = Text()
+def read(content: bytes) -> ParsedJournal:
+    """Return what is in a journal's file, up to the first line that is not whole."""
+    parsed = ParsedJournal()
     for line in content.split(b"\n")[:-1]:  # what follows the last newline is not whole
         try:
-            text = Text(_next(text.story, json.loads(line)), text.size + len(line) + 1)
+            log = _with_line(parsed.log, json.loads(line))
+            parsed = ParsedJournal(log, parsed.size + len(line) + 1)
         except (ValueError, KeyError, TypeError, RecursionError):  # ValidationError among them
             break
-    return text
+    return parsed
 
 
-def _next(story: Story | None, line: Mapping[str, Any]) -> Story:
-    if story is not None:
-        return story.told(line)
+def _with_line(log: PlanLog | None, line: Mapping[str, Any]) -> PlanLog:
+    if log is not None:
+        return log.with_line(line)
     note = PlanNote.model_validate(line["plan"])
     if line["kind"] != "plan" or note.format != FORMAT:
         raise ValueError("not the beginning of a journal of this format")
-    return Story(note, (JournalSegment(str(line["recording"])),))
+    return PlanLog(note, (JournalSegment(str(line["recording"])),))

@@ -10,7 +10,7 @@ from typing import Any
 
 from motord.recorder.background import Background
 from motord.recording.json_encoding import to_json
-from motord.service.plans.journal import JournalSegment, PlanNote, Story, read
+from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote, read
 
 BACKLOG_BYTES = 1 << 20
 
@@ -18,14 +18,14 @@ BACKLOG_BYTES = 1 << 20
 class Journal:
     """The journal at `path`, of the plan under way or of the last one.
 
-    `story` is None if there is no plan to tell of. `error` says why the newest line is not on the
-    disk; `settle` waits until it is, or cannot be.
+    `log` is None if there is no plan. `error` says why the newest line is not on the disk; `settle`
+    waits until it is, or cannot be.
     """
 
     def __init__(self, path: Path) -> None:
         self._disk = _Disk(path)
         self._writer = Background(BACKLOG_BYTES)
-        self.story: Story | None = None
+        self.log: PlanLog | None = None
 
     @property
     def error(self) -> str:
@@ -34,46 +34,46 @@ class Journal:
 
     def load(self) -> None:
         """Take in what is on the disk; without a file, or one that makes no sense, nothing."""
-        text = read(self._disk.content())
-        self.story, self._disk.size = text.story, text.size
+        parsed = read(self._disk.content())
+        self.log, self._disk.size = parsed.log, parsed.size
 
     def begin(self, plan: PlanNote, recording: str) -> None:
         """A plan begins; the one before is forgotten."""
-        self.story = Story(plan, (JournalSegment(recording),))
+        self.log = PlanLog(plan, (JournalSegment(recording),))
         note = plan.model_dump(mode="json")
         line = _line({"kind": "plan", "plan": note, "recording": recording})
         self._writer.do(lambda: self._disk.begin(line), len(line))
 
     def point(self, point: Mapping[str, Any]) -> None:
         """An operating point was taken."""
-        self._tell({"kind": "point", "point": point})
+        self._append({"kind": "point", "point": point})
 
     def resumed(self, recording: str, by: str, t_ns: int) -> None:
         """The plan goes on, in another recording."""
-        self._tell({"kind": "resumed", "recording": recording, "by": by, "t_ns": t_ns})
+        self._append({"kind": "resumed", "recording": recording, "by": by, "t_ns": t_ns})
 
     def recorder_died(self, t_ns: int) -> None:
-        """What was told to the recorder last may not be in the recording."""
-        self._tell({"kind": "recorder_died", "t_ns": t_ns})
+        """What the recorder was sent last may not be in the recording."""
+        self._append({"kind": "recorder_died", "t_ns": t_ns})
 
     def end(self, state: str, message: str, t_ns: int) -> None:
         """The plan has ended: done, aborted or failed."""
-        self._tell({"kind": "end", "state": state, "message": message, "t_ns": t_ns})
+        self._append({"kind": "end", "state": state, "message": message, "t_ns": t_ns})
 
     def forget(self) -> None:
         """There is no plan to be resumed any more."""
-        self.story = None
+        self.log = None
         self._writer.do(self._disk.remove)
 
     def settle(self) -> None:
         """Wait until everything is on the disk, or cannot be."""
         self._writer.settle()
 
-    def _tell(self, content: Mapping[str, Any]) -> None:
-        if self.story is None:
+    def _append(self, content: Mapping[str, Any]) -> None:
+        if self.log is None:
             return
         line = _line(content)
-        self.story = self.story.told(json.loads(line))
+        self.log = self.log.with_line(json.loads(line))
         self._writer.do(lambda: self._disk.append(line), len(line))
 
 

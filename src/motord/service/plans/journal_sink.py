@@ -1,4 +1,4 @@
-"""A plan's progress into the journal, beside where it is recorded."""
+"""A plan's progress, recorded and written to the journal."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,8 +15,8 @@ from motord.service.plans.runner import PlanSink
 UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
 
 
-class Durable:
-    """Hears of a plan's progress: tells `recording` first, then the journal."""
+class JournalSink:
+    """Passes a plan's progress on: to `recording` first, then to the journal."""
 
     def __init__(
         self,
@@ -63,19 +63,19 @@ class Durable:
     def plan_over(self, view: PlanView) -> None:
         """The plan has ended."""
         self._recording.plan_over(view)
-        story = self._journal.story
+        log = self._journal.log
         state, message = str(view.state), view.message
         self._under_way = False
-        if state == "done" and story is not None and not story.stretches[-1].sure:
+        if state == "done" and log is not None and not log.segments[-1].sure:
             state, message = "failed", UNSURE
             self._events.emit("journal", f"{view.plan}: {UNSURE}; motord plan resume looks for it")
         self._journal.end(state, message, self._unix_ns())
 
     def recorder(self, link: RecorderLink | None) -> None:
         """A recorder was started, or has ended: in the midst of a plan, one has died."""
-        story = self._journal.story
-        if link is None and self._under_way and story is not None:
+        log = self._journal.log
+        if link is None and self._under_way and log is not None:
             self._journal.recorder_died(self._unix_ns())
 
     def report(self, report: RecorderReport) -> None:
-        """Hear what the recorder reports."""
+        """Take no notice of what the recorder reports."""

@@ -23,7 +23,7 @@ from motord.recording.file_names import file_name, numbers, part_of, stem_of
 from motord.recording.reader import open_run
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
-from motord.service.plans.journal import JournalSegment, PlanNote, Story
+from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote
 from motord.service.plans.journal_file import Journal
 
 _STATES: dict[str, Literal["interrupted", "done", "aborted", "failed"]] = {
@@ -34,7 +34,7 @@ _STATES: dict[str, Literal["interrupted", "done", "aborted", "failed"]] = {
 }
 """State of a plan that is not under way, by how its journal ends."""
 
-HOW = "motord plan resume takes the rest, motord plan discard forgets it"
+ADVICE = "motord plan resume takes the rest, motord plan discard forgets it"
 
 PARTS = ("motor", "inverter", "bridge", "torque_sensor", "brake", "drive", "limits")
 """Parts of a bench file that a plan must not find changed, besides the loop's rate."""
@@ -55,16 +55,16 @@ def _digest(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def recorded(stretch: JournalSegment) -> set[int]:
-    """Return the numbers of the points of a stretch that are taken, as its recording has them.
+def recorded(segment: JournalSegment) -> set[int]:
+    """Return the numbers of the points of a segment that are taken, as its recording has them.
 
-    If it ended in order, or its files are not there, the journal is believed.
+    If it ended in order, or its files are not there, the journal counts.
     """
-    stem = stem_of(Path(stretch.recording))
-    believed = stretch.sure and stretch.state
-    files = numbers(stem) if stem is not None and not believed else []
+    stem = stem_of(Path(segment.recording))
+    certain = segment.sure and segment.state
+    files = numbers(stem) if stem is not None and not certain else []
     if stem is None or not files:
-        return stretch.taken
+        return segment.taken
     paths = [file_name(stem, number) for number in files]
     return set[int]().union(
         *(_whole_points(path if path.exists() else part_of(path)) for path in paths)
@@ -93,7 +93,7 @@ def _whole_points(path: Path) -> set[int]:
 class RemainingPlan:
     """What is missing of a plan, which may be nothing."""
 
-    story: Story
+    log: PlanLog
     plan: Plan
     taken: int
 
@@ -117,8 +117,8 @@ class Resumption:
     @property
     def interrupted(self) -> bool:
         """True if the journal's plan neither ended nor can be under way: ask when none is."""
-        story = self._journal.story
-        return story is not None and not story.state
+        log = self._journal.log
+        return log is not None and not log.state
 
     def note(self, plan: Plan, view: PlanView, notes: str, t_ns: int) -> PlanNote:
         """Return what the journal keeps of a plan that begins."""
@@ -135,33 +135,33 @@ class Resumption:
             t_ns=t_ns,
         )
 
-    def words(self) -> str:
+    def summary(self) -> str:
         """Return what was interrupted and how it can go on, in one line; "" if nothing can."""
-        story = self._journal.story
-        if story is None or story.state == "done":
+        log = self._journal.log
+        if log is None or log.state == "done":
             return ""
-        plan, last = story.plan, story.stretches[-1]
+        plan, last = log.plan, log.segments[-1]
         how = f"{last.state} ({last.message})" if last.state else "interrupted"
-        done = f"{len(story.taken)} of {plan.points} points taken"
-        return f"{plan.name} was {how} with {done}; {HOW}"
+        done = f"{len(log.taken)} of {plan.points} points taken"
+        return f"{plan.name} was {how} with {done}; {ADVICE}"
 
     def view(self) -> PlanView | None:
         """Return the plan in the journal as clients see it, None if there is none."""
-        story = self._journal.story
-        if story is None:
+        log = self._journal.log
+        if log is None:
             return None
-        plan, done = story.plan, len(story.taken)
-        if story.state == "done":
+        plan, done = log.plan, len(log.taken)
+        if log.state == "done":
             done = plan.points
         return PlanView(
             plan=plan.name,
-            state=_STATES[story.state],
-            message=self.words() or story.stretches[-1].message,
+            state=_STATES[log.state],
+            message=self.summary() or log.segments[-1].message,
             points=plan.points,
             points_done=done,
             fraction=round(done / max(plan.points, 1), 4),
             started_by=plan.started_by,
-            recording=story.recordings[-1],
+            recording=log.recordings[-1],
             settings=plan.settings,
             run_id=plan.run_id,
         )
@@ -172,30 +172,30 @@ class Resumption:
 
     def discard(self) -> str:
         """Forget the plan that could be resumed; return its name. Raises RpcError without one."""
-        story = self._journal.story
-        if story is None or story.state == "done":
+        log = self._journal.log
+        if log is None or log.state == "done":
             raise RpcError("refused", "there is no interrupted plan")
         self._journal.forget()
-        return story.plan.name
+        return log.plan.name
 
-    def rest(self) -> RemainingPlan:
+    def remaining(self) -> RemainingPlan:
         """Return what is missing. Reads recordings, so it may take a while; for any thread.
 
         Raises RpcError if there is nothing to resume or the bench is not the same any more.
         """
-        story = self._journal.story
-        if story is None or story.state == "done":
+        log = self._journal.log
+        if log is None or log.state == "done":
             raise RpcError("refused", "no plan is under way, and none was interrupted")
-        plan = self._same_plan(story.plan)
-        taken = set[int]().union(*map(recorded, story.stretches))
+        plan = self._same_plan(log.plan)
+        taken = set[int]().union(*map(recorded, log.segments))
         missing = tuple(point for point in plan.points if point.index not in taken)
-        return RemainingPlan(story, plan.part(missing), len(plan.points) - len(missing))
+        return RemainingPlan(log, plan.part(missing), len(plan.points) - len(missing))
 
     def _same_plan(self, note: PlanNote) -> Plan:
         """Return the whole plan as it was. Raises RpcError if it would not be the same."""
         what = f"{note.name} cannot be resumed"
-        told = note.bench_parts
-        changed = [f"[{name}]" for name, digest in self._parts.items() if digest != told.get(name)]
+        before, now = note.bench_parts, self._parts
+        changed = [f"[{name}]" for name in now if now[name] != before.get(name)]
         if changed:
             raise RpcError(
                 "refused",

@@ -16,7 +16,7 @@ from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
 
 
 class PlanSink(Protocol):
-    """Who hears of a plan's progress."""
+    """Receives a plan's progress."""
 
     def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
         """A plan begins; returns where it is recorded, "" if it is not."""
@@ -32,7 +32,7 @@ class PlanSink(Protocol):
 
 
 @dataclass(frozen=True)
-class Before:
+class EarlierPart:
     """What there was of a plan that goes on: its run, its last recording, how many points."""
 
     run_id: str
@@ -48,7 +48,7 @@ class PlanRunner:
         self._sink = sink
         self._executor: Executor | None = None
         self._demand = Demand()
-        self._handed_on = 0
+        self._points_passed_on = 0
         self._compensate_before = Compensate(0)
         self._points_before = 0
         self._view: PlanView | None = None
@@ -75,13 +75,13 @@ class PlanRunner:
         notes: str,
         *,
         detached: bool,
-        before: Before | None = None,
+        before: EarlierPart | None = None,
     ) -> PlanView:
         """Begin a plan with the next look. None may be under way.
 
         `before` is what there was of it, if `plan` is only its rest.
         """
-        self._executor, self._demand, self._handed_on = Executor(plan), Demand(), 0
+        self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
         self._points_before = before.points if before is not None else 0
         self._view = PlanView(
             **self._counted(self._executor.progress()),
@@ -104,9 +104,9 @@ class PlanRunner:
         if executor is None or not self.active:
             return
         self._apply(executor.advance(seen))
-        for point in executor.points[self._handed_on :]:
+        for point in executor.points[self._points_passed_on :]:
             self._sink.plan_point(point)
-        self._handed_on = len(executor.points)
+        self._points_passed_on = len(executor.points)
         self._show(executor.progress())
         if executor.finished:
             self._finish()

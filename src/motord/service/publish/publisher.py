@@ -1,35 +1,32 @@
 """When what is published: ticks as they come, state and plan ten times a second and on change."""
 
 import json
+from collections.abc import Callable
 
 import numpy as np
 
 from motord.api.messages import Event, PlanView
-from motord.service.bench.bench import Bench
-from motord.service.publish.state import StateView, essence
-from motord.service.publish.telemetry import Telemetry
+from motord.service.publish.state import StateView, change_key
 
 STATE_NS = 100_000_000
 
 
 class Publisher:
-    """Feeds the telemetry, and keeps the newest documents for those who ask for them."""
+    """Feeds the telemetry, and keeps the newest documents for any thread that asks."""
 
-    def __init__(self, bench: Bench, state: StateView, telemetry: Telemetry) -> None:
-        self._bench = bench
-        self._state = state
-        self._telemetry = telemetry
+    def __init__(self, state: StateView) -> None:
+        self._state, self._bench, self._telemetry = state, state.bench, state.telemetry
         self._state_ns = self._plan_ns = 0
-        self._essence: tuple[object, ...] = ()
+        self._change_key: tuple[object, ...] = ()
         self._plan: PlanView | None = None
         self._state_json = b"null"
 
     def step(self, block: np.ndarray, now_ns: int) -> None:
         """Publish what is due at `now_ns` (monotonic)."""
         self._telemetry.ticks(block)
-        now = essence(self._bench, self._state.recording().path, now_ns)
-        if now != self._essence or now_ns - self._state_ns >= STATE_NS:
-            self._essence, self._state_ns = now, now_ns
+        key = change_key(self._bench, self._state.recording.view().path, now_ns)
+        if key != self._change_key or now_ns - self._state_ns >= STATE_NS:
+            self._change_key, self._state_ns = key, now_ns
             self._state_json = self._state.build(now_ns).to_json()
             self._telemetry.json("state", self._state_json)
         self._publish_plan(now_ns)
@@ -38,16 +35,25 @@ class Publisher:
         """Publish an event."""
         self._telemetry.json("event", event.to_json())
 
+    @property
+    def documents(self) -> dict[str, Callable[[], bytes]]:
+        """What answers who asks for the newest, by key."""
+        return {
+            "state": self.state_document,
+            "event": self.event_document,
+            "plan": self.plan_document,
+        }
+
     def state_document(self) -> bytes:
-        """Return the newest state; for any thread."""
+        """Return the newest state."""
         return self._state_json
 
     def event_document(self) -> bytes:
-        """Return the events that are remembered; for any thread."""
+        """Return the events that are remembered."""
         return json.dumps([e.model_dump(mode="json") for e in self._bench.events.recent()]).encode()
 
     def plan_document(self) -> bytes:
-        """Return the plan's progress; for any thread."""
+        """Return the plan's progress."""
         view = self._bench.plans.view
         return b"null" if view is None else view.to_json()
 

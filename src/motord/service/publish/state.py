@@ -4,45 +4,43 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
-from typing import Any
 
 from motord.api.messages import (
     BenchState,
-    ClockView,
     DeviceView,
     LeaseView,
-    ProcessView,
-    RecordingView,
     TorqueSensorView,
 )
 from motord.config import Config
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore
-
-RecordingSource = Callable[[], RecordingView]
-ProcessSource = Callable[[], dict[str, ProcessView]]
+from motord.service.bench.guard import Guard
+from motord.service.bench.loop_link import LoopLink
+from motord.service.bench.recording import RecordingControl
+from motord.service.host import scheduling
+from motord.service.host.children import Children
+from motord.service.publish.telemetry import Telemetry
 
 
 @dataclass
 class StateView:
-    """Where each part of the state comes from. Times are monotonic ns, but for `unix_ns`."""
+    """The parts that the state is made of. Times are monotonic ns, but for `unix_ns`."""
 
     bench: Bench
     calibrations: CalibrationStore
-    processes: ProcessSource
-    recording: RecordingSource
-    realtime: Callable[[], dict[str, Any]]
-    dropped: Callable[[], int]
+    children: Children
+    recording: RecordingControl
+    loop: LoopLink
+    guard: Guard
+    telemetry: Telemetry
     started_ns: int
     unix_ns: Callable[[], int]
-    bridge_clock: Callable[[], ClockView | None] = lambda: None
-    faults: Callable[[], dict[str, str]] = dict
 
     def build(self, now_ns: int) -> BenchState:
         """Return the state now."""
         bench, config = self.bench, self.bench.config
-        trips, first = bench.watch.trips()
-        holder = bench.in_command(now_ns)
+        trips, first = bench.monitor.trips()
+        holder = bench.commander(now_ns)
         return BenchState(
             bench=config.bench.name,
             motor=f"{config.motor.name} {config.motor.serial}".strip(),
@@ -54,8 +52,8 @@ class StateView:
             fault=bench.fault,
             trips=trips,
             first_trip=first,
-            trip=bench.watch.trip,
-            tick=bench.watch.tick_view(),
+            trip=bench.monitor.trip,
+            tick=bench.monitor.tick_view(),
             torque_sensor=TorqueSensorView(
                 highpass_time_constant_s=config.torque_sensor.highpass_time_constant_s
             ),
@@ -66,16 +64,16 @@ class StateView:
                 duration_s=config.zenoh.lease_s,
             ),
             plan=bench.plans.view,
-            loop=bench.watch.loop_view(now_ns),
-            realtime=self.realtime(),
-            recording=self.recording(),
+            loop=bench.monitor.loop_view(now_ns),
+            realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
+            recording=self.recording.view(),
             calibration=self.calibrations.view(),
             brake=device_view(bench, config, "brake", now_ns),
             drive=device_view(bench, config, "drive", now_ns),
-            bridge_clock=self.bridge_clock(),
-            processes=self.processes(),
-            faults=self.faults(),
-            telemetry_dropped=self.dropped(),
+            bridge_clock=self.loop.bridge_clock(),
+            processes=self.children.views(),
+            faults=dict(self.guard.faults),
+            telemetry_dropped=self.telemetry.dropped,
         )
 
 
@@ -86,14 +84,14 @@ def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceV
     return DeviceView(health="simulated" if bench.has(name) else "none")
 
 
-def essence(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
+def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
     """Return what makes a state worth publishing at once when it changes; cheap to make."""
     plan = bench.plans.view
     return (
         bench.state,
         bench.fault,
-        bench.watch.trip_bits,
-        bench.in_command(now_ns),
+        bench.monitor.trip_bits,
+        bench.commander(now_ns),
         bench.setpoint.torque_Nm,
         bench.setpoint.speed_Hz,
         bench.setpoint.drive_Hz,

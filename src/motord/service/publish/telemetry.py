@@ -1,7 +1,7 @@
 """What the daemon publishes, put by a thread of its own.
 
-The supervisor hands over and goes on: a bounded queue lies between, and a full one loses its oldest
-entry, counted. So neither a slow network nor a stopped subscriber reaches the supervisor.
+The supervisor puts it into a bounded queue and goes on; a full one loses its oldest entry, counted.
+So neither a slow network nor a stopped subscriber reaches the supervisor.
 """
 
 import threading
@@ -53,15 +53,15 @@ class Telemetry:
         self._thread.join(STOP_S)
 
     def ticks(self, block: np.ndarray) -> None:
-        """Hand over a block of ticks (shape (n,)), which nobody may change any more."""
+        """Queue a block of ticks (shape (n,)), which nobody may change any more."""
         if len(block):
-            self._hand_over(block)
+            self._enqueue(block)
 
     def json(self, name: str, document: bytes) -> None:
-        """Hand over a JSON document for key `name`."""
-        self._hand_over((name, document))
+        """Queue a JSON document for key `name`."""
+        self._enqueue((name, document))
 
-    def _hand_over(self, item: np.ndarray | tuple[str, bytes]) -> None:
+    def _enqueue(self, item: np.ndarray | tuple[str, bytes]) -> None:
         with self._changed:
             if len(self._queue) >= CAPACITY:
                 self._queue.popleft()

@@ -1,7 +1,7 @@
 """The loop's punctuality for the recording: an event `timing` every so often, and at the end.
 
 Each holds what the loop counted since the one before, with the bins of both histograms, so that
-those of a file add up to the file's (`runtime.timing.total`), and a daemon that is killed leaves
+those of a file add up to the file's (`motord.shm.timing.total`), and a daemon that is killed leaves
 all but the last.
 """
 
@@ -16,11 +16,11 @@ EVERY_NS = 60_000_000_000
 
 
 class TimingLog:
-    """Follows the loop that counts in the file at `path`; `tell` records an event."""
+    """Follows the loop that counts in the file at `path`; `record` records an event."""
 
-    def __init__(self, path: Path, tell: Callable[[Event], None]) -> None:
+    def __init__(self, path: Path, record: Callable[[Event], None]) -> None:
         self._path = path
-        self._tell = tell
+        self._record = record
         self._part: TimingPart | None = None
         self._since_ns = 0
 
@@ -33,12 +33,12 @@ class TimingLog:
             self._part = None
 
     def step(self, now_ns: int) -> None:
-        """Tell what was counted, if it is time."""
+        """Record what was counted, if it is time."""
         if now_ns - self._since_ns >= EVERY_NS:
             self._report(now_ns)
 
     def end(self, now_ns: int) -> None:
-        """Tell the rest and count no more."""
+        """Record the rest and count no more."""
         self._report(now_ns)
         self._part = None
 
@@ -49,4 +49,4 @@ class TimingLog:
         span = {"t_start_ns": self._since_ns, "t_end_ns": now_ns}
         data = {**span, **summary.model_dump(mode="json")}
         self._since_ns = now_ns
-        self._tell(Event(t_ns=now_ns, kind=KIND, message=summary.line(), data=data))
+        self._record(Event(t_ns=now_ns, kind=KIND, message=summary.line(), data=data))

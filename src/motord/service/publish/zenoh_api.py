@@ -1,8 +1,8 @@
 """The daemon on Zenoh: RPCs in, telemetry out, a liveliness token.
 
 Queries are taken from Zenoh's own threads without waiting (`Intake`) and answered by others
-(`Replies`), so that neither a request that waits nor a client that floods the daemon or does not
-take its answers holds up another one, least of all `stop`.
+(`OutstandingQueries`), so that neither a request that waits nor a client that floods the daemon or
+does not take its answers holds up another one, least of all `stop`.
 """
 
 import threading
@@ -14,12 +14,12 @@ import zenoh
 from zenoh.handlers import Callback
 
 from motord.api.endpoints import daemon_config, key
-from motord.api.requests import REQUESTS
+from motord.api.requests import RPCS
 from motord.service.host.log import log_error
 from motord.service.host.unix_socket import SocketError, owned_by
-from motord.service.rpc.calls import CallQueue
-from motord.service.rpc.intake import InCommand, Intake, Slow
-from motord.service.rpc.replies import JSON, Document, Replies
+from motord.service.rpc.dispatcher import CallQueue
+from motord.service.rpc.intake import InCommand, Intake, Offloaded
+from motord.service.rpc.outstanding import JSON, Document, OutstandingQueries
 
 UNDER_WAY = 4
 """So many of the longest requests may be under way at a time."""
@@ -41,16 +41,16 @@ class ApiError(Exception):
 class Api:
     """The Zenoh session of the daemon of `bench`.
 
-    `slow` has the RPCs with work that must not hold up the supervisor. `documents` answer queries
-    for the newest state, events and plan progress. `max_request_bytes` is that of the longest
-    request; `in_command` tells whether a payload holds the token of the lease in force.
+    `offloaded` has the RPCs with work that must not delay the supervisor. `documents` answer
+    queries for the newest state, events and plan progress. `max_request_bytes` is that of the
+    longest request; `in_command` tells whether a payload holds the token of the lease in force.
     """
 
     def __init__(
         self,
         bench: str,
         calls: CallQueue,
-        slow: Mapping[str, Slow],
+        offloaded: Mapping[str, Offloaded],
         documents: Mapping[str, Document],
         max_request_bytes: int,
         in_command: InCommand,
@@ -58,8 +58,8 @@ class Api:
         self._bench = bench
         self._documents = documents
         self._max_request_bytes = max_request_bytes
-        self._replies = Replies(UNDER_WAY * max_request_bytes)
-        self._intake = Intake(calls, self._replies, slow, in_command)
+        self._outstanding = OutstandingQueries(UNDER_WAY * max_request_bytes)
+        self._intake = Intake(calls, self._outstanding, offloaded, in_command)
         self._session: zenoh.Session | None = None
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._declared: list[Any] = []
@@ -87,9 +87,9 @@ class Api:
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.DATA_LOW if name == "ticks" else zenoh.Priority.DATA,
             )
-        self._replies.open()
+        self._outstanding.open()
         self._intake.open()
-        for name in REQUESTS:
+        for name in RPCS:
             full = key(self._bench, f"rpc/{name}")
             self._declare(full, partial(self._intake.accept, name, full))
         for name, document in self._documents.items():
@@ -109,7 +109,7 @@ class Api:
             for declared in reversed(self._declared):
                 declared.undeclare()
             self._intake.close()
-            self._replies.close()
+            self._outstanding.close()
             self._session.close()  # type: ignore[no-untyped-call]
             self._session = None
 

@@ -1,8 +1,7 @@
-"""Reads what is to be installed as a calibration in a process of its own.
+"""Reads the calibration of a request in a process of its own.
 
-It may be megabytes of anything: to parse it in the supervisor would hold up its heartbeat. What
-goes to the process and what comes back is pickled, as between processes of one program: it comes
-from this module at the other end of a pipe that nobody else has.
+Parsing megabytes in the supervisor would delay its heartbeat. Input and output are pickled: both
+ends of the pipe are this module.
 """
 
 import os
@@ -13,7 +12,11 @@ import sys
 from collections.abc import Callable
 
 from motord.api.errors import RpcError
-from motord.api.requests import CalibrationInstall, max_request_bytes, parse
+from motord.api.requests import (
+    CALIBRATION_INSTALL,
+    max_request_bytes,
+    parse,
+)
 from motord.calibration import Calibration, CalibrationError
 from motord.config import MotorConfig
 from motord.service.bench.calibrations import check_given
@@ -23,16 +26,15 @@ READ_S = 30.0
 MEMORY_BYTES = 1024**3
 """For the process and what it makes of the longest calibration, several times over."""
 NICE = 20
-"""Below what anybody else does, also when begun by a thread that was lifted."""
+"""Lowest priority, also when started by a thread whose priority was raised."""
 
 Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
 """Returns token and calibration of a request to install one. Raises RpcError."""
 
 
 def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
-    """Read a request of the form `CalibrationInstall`, here and now."""
-    request = parse("calibration/install", payload, max_request_bytes(motor.counts))
-    assert isinstance(request, CalibrationInstall)
+    """Read a request to install a calibration, here and now."""
+    request = parse(CALIBRATION_INSTALL, payload, max_request_bytes(motor.counts))
     try:
         return request.token, check_given(motor, request.calibration, request.path)
     except CalibrationError as error:
@@ -69,8 +71,8 @@ def main() -> int:
     outcome: RpcError | tuple[str, Calibration]
     try:
         outcome = read(payload, motor)
-    except RpcError as refusal:
-        outcome = refusal
+    except RpcError as error:
+        outcome = error
     except MemoryError:
         outcome = RpcError("invalid", "calibration/install: takes too much memory to read")
     pickle.dump(outcome, sys.stdout.buffer)

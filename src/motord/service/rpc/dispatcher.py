@@ -1,145 +1,230 @@
-"""Where requests arrive: each goes to its handler; those that take time wait here for their end.
+"""The dispatcher: from a queued request to its handler, its preconditions and its reply.
 
-A handler answers at once, refuses, or returns a `Wait`: a condition on the bench that is looked at
-in every step until it holds, becomes impossible or takes too long. Every call gets an answer, also
-one over which a handler fails by an error in the program: it must not take the supervisor along.
+A handler is a method decorated with `handles`. It returns its reply, raises RpcError, or returns a
+`Wait`: a condition on the bench that is evaluated in every step until it holds, becomes impossible
+or times out. Every call gets a reply, also one whose handler fails by an error in the program.
 """
 
-from collections.abc import Callable, Mapping
+import queue
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
-from motord.api.descriptions import trip_words
 from motord.api.errors import RpcError
-from motord.api.requests import RpcRequest
-from motord.schema import State
+from motord.api.replies import RpcReply
+from motord.api.requests import STOP, ReplyT, RequestT, Rpc, RpcRequest, WithToken
 from motord.service.bench.bench import Bench
-from motord.service.rpc.calls import Answer, Call
+
+Outcome = RpcReply | RpcError
+Precondition = Callable[[Bench], None]
+"""Raises RpcError if the bench is not in a state for the request; see `rpc.preconditions`."""
+ServiceT = TypeVar("ServiceT")
 
 
 @dataclass
-class Wait:
-    """What a call waits for: `check` returns the answer, None for not yet, or raises RpcError.
+class Wait(Generic[ReplyT]):
+    """`check` returns the reply, None for not yet, or raises RpcError.
 
-    After `timeout_s` it is refused with the words of `too_late`.
+    After `timeout_s` the call is refused with the text of `too_late`.
     """
 
-    check: Callable[[], Answer | None]
+    check: Callable[[], ReplyT | None]
     timeout_s: float
     too_late: Callable[[], str]
 
 
-Handler = Callable[[Call, int], Answer | Wait]
-"""Carries out a call at a monotonic time in ns. Raises RpcError."""
+@dataclass(frozen=True)
+class RpcContext:
+    """What a handler gets besides the request.
 
-_Model = TypeVar("_Model", bound=RpcRequest)
-
-
-def expect(model: type[_Model], call: Call) -> _Model:
-    """Return the request of a call as what the table of requests says it is."""
-    if not isinstance(call.request, model):
-        raise TypeError(f"{type(call.request).__name__} where {model.__name__} belongs")
-    return call.request
-
-
-OnError = Callable[[str, Exception], str]
-"""Makes the bench safe after an error in the program, at a place in words; returns it in a line."""
-
-
-class Desk:
-    """Takes calls, finds their handlers, keeps those that wait.
-
-    `on_error` is told of every error that is no refusal.
+    `now_ns`: monotonic. `holder`: of the lease, by the request's token; "" for an RPC without one.
+    `prepared`: what another thread made of the request (`intake.Offloaded`).
     """
 
-    def __init__(self, handlers: Mapping[str, Handler], on_error: OnError) -> None:
-        self._handlers = handlers
-        self._on_error = on_error
-        self._waiting: list[tuple[Call, Wait, int]] = []
+    now_ns: int
+    holder: str = ""
+    prepared: Any = None
+
+
+@dataclass(frozen=True)
+class Handler:
+    """An RPC, the preconditions on the bench, and the function that carries it out."""
+
+    rpc: Rpc[Any, Any]
+    needs: tuple[Precondition, ...]
+    function: Callable[..., RpcReply | Wait[Any]]
+
+
+Method = Callable[[ServiceT, RequestT, RpcContext], ReplyT | Wait[ReplyT]]
+
+
+def handles(
+    rpc: Rpc[RequestT, ReplyT], *needs: Precondition
+) -> Callable[[Method[ServiceT, RequestT, ReplyT]], Method[ServiceT, RequestT, ReplyT]]:
+    """Register the decorated method as the handler of `rpc`.
+
+    The lease (if the request has a token) and then `needs`, in their order, are checked before.
+    """
+
+    def register(
+        method: Method[ServiceT, RequestT, ReplyT],
+    ) -> Method[ServiceT, RequestT, ReplyT]:
+        vars(method)["handler"] = Handler(rpc, needs, method)
+        return method
+
+    return register
+
+
+def handlers_of(service: object) -> Iterator[Handler]:
+    """Yield the handlers among the methods of `service`, bound to it."""
+    for name, member in vars(type(service)).items():
+        handler = getattr(member, "handler", None)
+        if isinstance(handler, Handler):
+            yield Handler(handler.rpc, handler.needs, getattr(service, name))
+
+
+class Call:
+    """One request on its way to the dispatcher; the first reply counts.
+
+    `on_reply` is called in the supervisor's thread and must not wait.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        request: RpcRequest,
+        prepared: Any = None,
+        on_reply: Callable[[Outcome], None] = lambda outcome: None,
+    ) -> None:
+        self.name = name
+        self.request = request
+        self.prepared = prepared
+        self._on_reply = on_reply
+        self._replied = threading.Event()
+        self._outcome: Outcome | None = None
+
+    def reply(self, outcome: Outcome) -> None:
+        """Reply to the call, or refuse it."""
+        if not self._replied.is_set():
+            self._outcome = outcome
+            self._replied.set()
+            self._on_reply(outcome)
+
+    def wait(self, timeout_s: float) -> RpcReply:
+        """Return the reply. Raises RpcError, also if none comes within `timeout_s`."""
+        if not self._replied.wait(timeout_s):
+            raise RpcError("busy", f"{self.name}: no answer from the supervisor in {timeout_s:g} s")
+        if isinstance(self._outcome, RpcError):
+            raise self._outcome
+        return self._outcome or RpcReply()
+
+
+class CallQueue:
+    """Bounded queue of calls, filled by any thread, emptied by the supervisor."""
+
+    CAPACITY = 128
+
+    def __init__(self) -> None:
+        self._queue: queue.Queue[Call] = queue.Queue(self.CAPACITY)
+        self._closed = ""
+
+    def put(self, call: Call) -> None:
+        """Queue a call without waiting. Raises RpcError if the queue is full or closed."""
+        if self._closed:
+            raise RpcError("refused", self._closed)
+        try:
+            self._queue.put_nowait(call)
+        except queue.Full:
+            raise RpcError("busy", f"{self.CAPACITY} requests are waiting; try again") from None
+
+    def take(self) -> list[Call]:
+        """Return the queued calls."""
+        calls = []
+        while True:
+            try:
+                calls.append(self._queue.get_nowait())
+            except queue.Empty:
+                return calls
+
+    def close(self, why: str) -> None:
+        """Refuse the queued calls and all later ones."""
+        self._closed = why
+        for call in self.take():
+            call.reply(RpcError("refused", why))
+
+
+class Dispatcher:
+    """Carries out calls on `bench` by the handlers of `services`, and keeps those that wait.
+
+    An error in the program, as opposed to an RpcError, stops the bench (`Bench.fault_stop`).
+    """
+
+    def __init__(self, bench: Bench, *services: object) -> None:
+        self._bench = bench
+        self.calls = CallQueue()
+        self.handlers = {h.rpc.name: h for service in services for h in handlers_of(service)}
+        self._waiting: list[tuple[Call, Wait[Any], int]] = []
+
+    def take(self, now_ns: int) -> None:
+        """Carry out the queued calls. `now_ns` is monotonic."""
+        for call in self.calls.take():
+            self.handle(call, now_ns)
+
+    def close(self, why: str) -> None:
+        """Refuse all calls from now on."""
+        self.calls.close(why)
+        self.give_up(why)
 
     def handle(self, call: Call, now_ns: int) -> None:
         """Carry out a call, or begin to."""
-        if call.name == "stop":
+        if call.name == STOP.name:
             self.give_up("it was stopped")
         try:
-            answer = self._handlers[call.name](call, now_ns)
-        except RpcError as refusal:
-            call.answer(refusal)
-            return
+            result = self._carry_out(call, now_ns)
+        except RpcError as error:
+            call.reply(error)
         except Exception as error:  # whatever it is, the supervisor has to go on
-            call.answer(self._failed(call, error))
-            return
-        if isinstance(answer, Wait):
-            self._waiting.append((call, answer, now_ns + round(answer.timeout_s * 1e9)))
+            call.reply(self._failed(call, error))
         else:
-            call.answer(answer)
+            if isinstance(result, Wait):
+                self._waiting.append((call, result, now_ns + round(result.timeout_s * 1e9)))
+            else:
+                call.reply(result)
 
     def step(self, now_ns: int) -> None:
-        """Answer the waiting calls whose time has come."""
-        still = []
+        """Reply to the waiting calls whose condition holds or whose time is over."""
+        waiting = []
         for call, wait, deadline_ns in self._waiting:
-            answer = self._look(call, wait, late=now_ns >= deadline_ns)
-            if answer is None:
-                still.append((call, wait, deadline_ns))
+            outcome = self._check(call, wait, late=now_ns >= deadline_ns)
+            if outcome is None:
+                waiting.append((call, wait, deadline_ns))
             else:
-                call.answer(answer)
-        self._waiting = still
+                call.reply(outcome)
+        self._waiting = waiting
 
     def give_up(self, why: str) -> None:
-        """Refuse the calls that wait."""
+        """Refuse the waiting calls."""
         for call, _, _ in self._waiting:
-            call.answer(RpcError("refused", f"{call.name}: {why}"))
+            call.reply(RpcError("refused", f"{call.name}: {why}"))
         self._waiting = []
 
-    def _look(self, call: Call, wait: Wait, *, late: bool) -> Answer | RpcError | None:
+    def _carry_out(self, call: Call, now_ns: int) -> RpcReply | Wait[Any]:
+        handler, request, holder = self.handlers[call.name], call.request, ""
+        if isinstance(request, WithToken):
+            holder = self._bench.lease.require(request.token, now_ns).holder
+        for need in handler.needs:
+            need(self._bench)
+        return handler.function(request, RpcContext(now_ns, holder, call.prepared))
+
+    def _check(self, call: Call, wait: Wait[Any], *, late: bool) -> Outcome | None:
         try:
-            answer = wait.check()
-            return RpcError("timeout", wait.too_late()) if answer is None and late else answer
-        except RpcError as refusal:
-            return refusal
+            reply: RpcReply | None = wait.check()
+            return RpcError("timeout", wait.too_late()) if reply is None and late else reply
+        except RpcError as error:
+            return error
         except Exception as error:  # as in `handle`
             return self._failed(call, error)
 
     def _failed(self, call: Call, error: Exception) -> RpcError:
-        return RpcError("internal", f"{self._on_error(f'in {call.name}', error)}; stopped")
-
-
-def need_loop(bench: Bench) -> None:
-    """Refuse what needs a running loop."""
-    if bench.loop_starting:
-        raise RpcError("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
-    if bench.loop_fault:
-        raise RpcError("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
-
-
-def need_no_plan(bench: Bench) -> None:
-    """Refuse what a plan does not leave to others."""
-    view = bench.plans.view
-    if bench.plans.active and view is not None:
-        raise RpcError(
-            "plan_running",
-            f"plan {view.plan} is {view.state} and sets torque and speed; abort it first",
-        )
-
-
-def need_no_trip(bench: Bench) -> None:
-    """Refuse what a tripped bench does not do."""
-    if bench.state is State.TRIPPED:
-        raise RpcError("tripped", f"tripped: {bench.watch.trip_in_words()}")
-
-
-def need_ready(bench: Bench) -> None:
-    """Refuse what needs a bench that could be enabled now."""
-    need_loop(bench)
-    need_no_plan(bench)
-    need_no_trip(bench)
-    if bench.state is State.OFF and bench.watch.trip_bits:
-        raise RpcError("refused", f"it cannot be enabled: {trip_words(bench.watch.trip_bits)}")
-
-
-def need_zero_torque(bench: Bench, why: str) -> None:
-    """Refuse what must not happen under torque; `why` completes "set torque_Nm = 0 first: "."""
-    if bench.state is State.ENABLED and (
-        bench.watch.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
-    ):
-        raise RpcError("refused", f"set torque_Nm = 0 first: {why}")
+        return RpcError("internal", f"{self._bench.fault_stop(f'in {call.name}', error)}; stopped")

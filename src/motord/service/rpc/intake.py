@@ -1,11 +1,11 @@
-"""Where requests come in: bounded and checked before they are read, then handed to the supervisor.
+"""Admission control of requests: size and lease are checked before the payload is parsed.
 
-`accept` runs in Zenoh's network threads, which serve all clients. So nothing waits there, nothing
-is answered from there, and nothing of size is parsed there: `Replies` answers, and what takes long
-has a thread of its own, one request at a time. A request that needs the lease and is long, or takes
-long, is not parsed unless it holds the token of the lease in force; whether that is in its place is
-for the supervisor to see. What comes from nobody in command is served at a bounded rate: it may
-cost the supervisor, which shares the interpreter with all this, so much time and no more.
+`accept` runs in Zenoh's network threads, which serve all clients: nothing waits there, nothing of
+size is parsed there, and replies are sent by other threads (`OutstandingQueries`). Long work has a
+thread of its own, one request at a time. A request that needs the lease and is long, or whose work
+is, is not parsed unless it contains the token of the lease in force; the dispatcher checks that the
+token is in its place. Requests without that token are served at a bounded rate: the supervisor
+shares the interpreter with all this.
 """
 
 import queue
@@ -21,79 +21,80 @@ import zenoh
 from motord.api.errors import RpcError
 from motord.api.requests import (
     MAX_REQUEST_BYTES,
+    RPCS,
+    STOP,
     UNPROVEN_BYTES,
     RpcRequest,
     check_size,
-    needs_token,
     parse,
 )
 from motord.service.host.log import log_error
-from motord.service.rpc.calls import Answer, Call, CallQueue
-from motord.service.rpc.replies import (
-    ANSWER_S,
+from motord.service.rpc.dispatcher import Call, CallQueue, Outcome
+from motord.service.rpc.outstanding import (
+    REPLY_S,
     ROOM,
     ROOM_IN_COMMAND,
     ROOM_OF_STOP,
     Document,
-    Pending,
-    Replies,
+    OutstandingQueries,
+    OutstandingQuery,
 )
 
 PACE_S = 0.0025
 BURST = 40
-"""Requests without the lease, `stop` apart: so many at once, then one every `PACE_S`."""
+"""Requests without the lease, except `stop`: so many at once, then one every `PACE_S`."""
 
 Work = Callable[[], None]
 InCommand = Callable[[bytes], bool]
-"""Whether a payload holds the token of the lease in force; for any thread."""
+"""Whether a payload contains the token of the lease in force; for any thread."""
 
 
 @dataclass(frozen=True)
-class Slow:
-    """An RPC with work that must not hold up the supervisor, of at most `max_bytes`.
+class Offloaded:
+    """An RPC with work that must not delay the supervisor, of at most `max_bytes`.
 
-    `prepare` makes the request and what comes with it of the payload, before the supervisor's
-    part, `finish` completes the answer after it. Both raise RpcError.
+    Before the dispatcher's part `prepare` turns the payload into the request and
+    `RpcContext.prepared`; after it `finish` completes the reply. Both raise RpcError.
     """
 
     prepare: Callable[[bytes], tuple[RpcRequest, Any]]
-    finish: Callable[[Any, Answer], Answer] = lambda prepared, answer: answer
+    finish: Callable[[Any, Any], Any] = lambda prepared, reply: reply
     max_bytes: int = MAX_REQUEST_BYTES
 
 
 class Intake:
-    """Takes requests on and sees to it that each gets its answer through `replies`."""
+    """Admits requests, parses them and queues them as calls; each gets a reply."""
 
     def __init__(
         self,
         calls: CallQueue,
-        replies: Replies,
-        slow: Mapping[str, Slow],
+        outstanding: OutstandingQueries,
+        offloaded: Mapping[str, Offloaded],
         in_command: InCommand,
     ) -> None:
         self._calls = calls
-        self._replies = replies
-        self._slow = slow
+        self._outstanding = outstanding
+        self._offloaded = offloaded
         self._in_command = in_command
-        self._lanes: dict[str, queue.Queue[tuple[Pending, bytes] | None]] = {
-            name: queue.Queue(1) for name in slow
+        self._lanes: dict[str, queue.Queue[tuple[OutstandingQuery, bytes] | None]] = {
+            name: queue.Queue(1) for name in offloaded
         }
-        self._paced: queue.SimpleQueue[Work | None] = queue.SimpleQueue()  # bounded by `replies`
+        self._paced: queue.SimpleQueue[Work | None] = queue.SimpleQueue()  # bounded by `admit`
         self._threads: list[threading.Thread] = []
 
     def open(self) -> None:
-        """Begin with what does not go straight to the supervisor."""
-        self._begin("paced", self._serve_paced)
+        """Start the threads."""
+        self._start("paced", self._serve_paced)
         for name, lane in self._lanes.items():
-            self._begin(name, partial(self._serve_slowly, name, lane))
+            self._start(name, partial(self._serve_lane, name, lane))
 
-    def _begin(self, name: str, serve: Work) -> None:
+    def _start(self, name: str, serve: Work) -> None:
         thread = threading.Thread(target=serve, name=f"motord-{name}", daemon=True)
         thread.start()
         self._threads.append(thread)
 
     def close(self) -> None:
-        """End; what is being prepared is finished before."""
+        """Finish the work under way and end the threads."""
         self._paced.put(None)
         for lane in self._lanes.values():
             lane.put(None)
@@ -104,12 +105,11 @@ class Intake:
     def accept(self, name: str, key: str, query: zenoh.Query) -> None:
         """Take a query for RPC `name`, whose full key is `key`; never waits."""
         size = len(query.payload) if query.payload is not None else 0
-        slow = self._slow.get(name)
-        limit = slow.max_bytes if slow else MAX_REQUEST_BYTES
+        limit = self._offloaded[name].max_bytes if name in self._offloaded else MAX_REQUEST_BYTES
         payload = query.payload.to_bytes() if query.payload is not None and size <= limit else b""
         proven = self._in_command(payload)
-        room = ROOM_OF_STOP if name == "stop" else ROOM_IN_COMMAND if proven else ROOM
-        pending = self._replies.admit(name, key, query, size, room)
+        room = ROOM_OF_STOP if name == STOP.name else ROOM_IN_COMMAND if proven else ROOM
+        pending = self._outstanding.admit(name, key, query, size, room)
         if pending is None:
             return
         take = partial(self._take, pending, payload, limit, proven=proven)
@@ -121,28 +121,30 @@ class Intake:
     def show(self, name: str, key: str, document: Document, query: zenoh.Query) -> None:
         """Take a query for a document; never waits."""
         size = len(query.payload) if query.payload is not None else 0
-        pending = self._replies.admit(name, key, query, size)
+        pending = self._outstanding.admit(name, key, query, size)
         if pending is not None:
-            self._paced.put(partial(self._replies.answer, pending, document))
+            self._paced.put(partial(self._outstanding.reply, pending, document))
 
-    def _take(self, pending: Pending, payload: bytes, limit: int, *, proven: bool) -> None:
+    def _take(self, pending: OutstandingQuery, payload: bytes, limit: int, *, proven: bool) -> None:
+        """Check size and lease, then parse and queue, or have a thread of its own do it."""
         name = pending.name
         try:
             if str(pending.query.key_expr) != pending.reply_key:
                 raise RpcError("invalid", f"rpc/{name} is asked for by its full name, no wildcard")
             check_size(name, pending.size, limit)
-            slow = name in self._slow
-            if needs_token(name) and not proven and (slow or len(payload) > UNPROVEN_BYTES):
+            lane = self._lanes.get(name)
+            if RPCS[name].needs_lease and not proven and (lane or len(payload) > UNPROVEN_BYTES):
                 raise self._without_lease(name, payload)
-            if slow:
-                self._hand_over(name, pending, payload)
+            if lane is None:
+                reply = partial(self._outstanding.reply, pending)
+                self._calls.put(Call(name, parse(RPCS[name], payload), on_reply=reply))
             else:
-                self._call(pending, parse(name, payload))
-        except RpcError as refusal:
-            self._replies.answer(pending, refusal)
-        except Exception as error:  # no client may be left without an answer
-            said = log_error(f"in taking on {name}", error)
-            self._replies.answer(pending, RpcError("internal", said))
+                _put(lane, pending, payload)
+        except RpcError as error:
+            self._outstanding.reply(pending, error)
+        except Exception as error:  # no client may be left without a reply
+            message = log_error(f"in taking on {name}", error)
+            self._outstanding.reply(pending, RpcError("internal", message))
 
     def _serve_paced(self) -> None:
         due_s = 0.0
@@ -154,32 +156,37 @@ class Intake:
             work()
 
     def _without_lease(self, name: str, payload: bytes) -> RpcError:
-        """Return why a request is not read; a short one may be wrong in itself."""
+        """Return why a request is not read; a short one may be invalid in itself."""
         if len(payload) <= UNPROVEN_BYTES:
-            parse(name, payload)
+            parse(RPCS[name], payload)
         return RpcError("no_lease", f"{name}: not read, without the token of the lease in force")
 
-    def _call(self, pending: Pending, request: RpcRequest) -> None:
-        answer = partial(self._replies.answer, pending)
-        self._calls.put(Call(pending.name, request, on_answer=answer))
-
-    def _hand_over(self, name: str, pending: Pending, payload: bytes) -> None:
-        try:
-            self._lanes[name].put_nowait((pending, payload))
-        except queue.Full:
-            raise RpcError("busy", f"{name}: one is under way and one waits; try again") from None
-
-    def _serve_slowly(self, name: str, lane: "queue.Queue[tuple[Pending, bytes] | None]") -> None:
-        slow = self._slow[name]
+    def _serve_lane(
+        self, name: str, lane: "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
+    ) -> None:
+        offloaded = self._offloaded[name]
         while (item := lane.get()) is not None:
             pending, payload = item
+            outcome: Outcome
             try:
-                request, prepared = slow.prepare(payload)
+                request, prepared = offloaded.prepare(payload)
                 call = Call(name, request, prepared)
                 self._calls.put(call)
-                outcome: Answer | RpcError = slow.finish(prepared, call.wait(ANSWER_S))
-            except RpcError as refusal:
-                outcome = refusal
-            except Exception as error:  # as in `accept`
+                outcome = offloaded.finish(prepared, call.wait(REPLY_S))
+            except RpcError as error:
+                outcome = error
+            except Exception as error:  # as in `_take`
                 outcome = RpcError("internal", log_error(f"in {name}", error))
-            self._replies.answer(pending, outcome)
+            self._outstanding.reply(pending, outcome)
+
+
+def _put(
+    lane: "queue.Queue[tuple[OutstandingQuery, bytes] | None]",
+    pending: OutstandingQuery,
+    payload: bytes,
+) -> None:
+    try:
+        lane.put_nowait((pending, payload))
+    except queue.Full:
+        message = f"{pending.name}: one is under way and one waits; try again"
+        raise RpcError("busy", message) from None

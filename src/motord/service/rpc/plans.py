@@ -1,28 +1,23 @@
 """RPCs of plans: start, pause, resume, abort, discard, list."""
 
+import math
 from collections.abc import Callable
-from typing import Any
 
+from motord.api import requests as rpc
 from motord.api.errors import RpcError
-from motord.api.requests import PlanResume, PlanStart, RpcRequest, WithToken, parse
+from motord.api.replies import AvailablePlan, PlanList, PlanName, PlanOutline, PlanProgress
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import RemainingPlan, Resumption
-from motord.service.plans.runner import Before
-from motord.service.rpc.calls import Answer, Call
-from motord.service.rpc.dispatcher import (
-    Handler,
-    expect,
-    need_no_plan,
-    need_ready,
-    need_zero_torque,
-)
+from motord.service.plans.runner import EarlierPart
+from motord.service.rpc.dispatcher import RpcContext, handles
+from motord.service.rpc.preconditions import can_be_enabled, no_plan, plan_active, zero_torque
 
 
-class Experiments:
-    """Starts plans, steers the one under way, resumes one that was interrupted."""
+class PlanControl:
+    """Starts, pauses, aborts and resumes plans; `unrecordable` says why one cannot be recorded."""
 
     def __init__(
         self, bench: Bench, resumption: Resumption, unrecordable: Callable[[], str] = str
@@ -30,40 +25,34 @@ class Experiments:
         self._bench = bench
         self._resumption = resumption
         self._unrecordable = unrecordable
-        self.handlers: dict[str, Handler] = {
-            "plan/start": self._start,
-            "plan/pause": self._pause,
-            "plan/resume": self._resume,
-            "plan/abort": self._abort,
-            "plan/discard": self._discard,
-            "plan/list": self._list,
-        }
 
-    def _start(self, call: Call, now_ns: int) -> Answer:
-        asked, bench = expect(PlanStart, call), self._bench
-        plan = self._build(asked)
+    @handles(rpc.PLAN_START)
+    def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
+        """Check a plan, and start it unless it is a dry run, which needs no lease."""
+        bench, plan = self._bench, self._build(request)
         outline = _outline(plan)
-        if asked.dry_run:
+        if request.dry_run:
             return outline
-        who = bench.lease.require(asked.token, now_ns).holder
-        self._need_free_bench()
+        holder = bench.lease.require(request.token, context.now_ns).holder
+        self._check_startable()
         if self._resumption.interrupted:
-            raise RpcError("refused", f"not started: {self._resumption.words()}")
-        detached = ", detached" if asked.detach else ""
-        bench.events.emit("plan", f"{plan.name} started by {who}{detached}", settings=plan.settings)
-        bench.hand.rest()
-        view = bench.plans.start(plan, who, asked.notes, detached=asked.detach)
-        return {**outline, "recording": view.recording}
+            raise RpcError("refused", f"not started: {self._resumption.summary()}")
+        detached = ", detached" if request.detach else ""
+        message = f"{plan.name} started by {holder}{detached}"
+        bench.events.emit("plan", message, settings=plan.settings)
+        bench.manual.rest()
+        view = bench.plans.start(plan, holder, request.notes, detached=request.detach)
+        return outline.model_copy(update={"recording": view.recording})
 
-    def _build(self, asked: PlanStart) -> Plan:
+    def _build(self, request: rpc.PlanStart) -> Plan:
         try:
-            plan = build_plan(asked.name, self._bench.config, asked.settings)
+            plan = build_plan(request.name, self._bench.config, request.settings)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
-        self._need_devices(plan)
+        self._check_devices(plan)
         return plan
 
-    def _need_devices(self, plan: Plan) -> None:
+    def _check_devices(self, plan: Plan) -> None:
         if plan.needs and not self._bench.has(plan.needs):
             raise RpcError("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
         if plan.settings.get("compensate", "off") != "off" and not self._bench.calibrated:
@@ -73,12 +62,12 @@ class Experiments:
                 "compensate=off",
             )
 
-    def _need_free_bench(self) -> None:
+    def _check_startable(self) -> None:
         bench = self._bench
-        need_ready(bench)
-        need_zero_torque(bench, "a plan begins with an open brake")
-        if bench.trouble:
-            raise RpcError("refused", f"not started: {bench.trouble}")
+        can_be_enabled(bench)
+        zero_torque(bench, "a plan begins with an open brake")
+        if bench.device_fault:
+            raise RpcError("refused", f"not started: {bench.device_fault}")
         if why := self._unrecordable():
             raise RpcError(
                 "refused",
@@ -86,102 +75,98 @@ class Experiments:
                 "without a recording by [recording] required = false",
             )
 
-    def _need_plan(self, call: Call, now_ns: int) -> str:
-        who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder
-        if not self._bench.plans.active:
-            raise RpcError("refused", "no plan is under way")
-        return who
-
-    def _progress(self) -> Answer:
-        view = self._bench.plans.view
-        return view.model_dump(mode="json") if view is not None else {}
-
-    def _pause(self, call: Call, now_ns: int) -> Answer:
-        who = self._need_plan(call, now_ns)
-        self._bench.events.emit("plan", f"paused by {who}")
+    @handles(rpc.PLAN_PAUSE, plan_active)
+    def pause(self, request: rpc.WithToken, context: RpcContext) -> PlanProgress:
+        """Ramp to zero and wait."""
+        self._bench.events.emit("plan", f"paused by {context.holder}")
         self._bench.plans.pause()
         return self._progress()
 
-    def look_for_rest(self, payload: bytes) -> tuple[RpcRequest, RemainingPlan | None]:
-        """Return a request to resume and what is missing of the plan; None if one is under way.
+    @handles(rpc.PLAN_ABORT, plan_active)
+    def abort(self, request: rpc.WithToken, context: RpcContext) -> PlanProgress:
+        """Ramp down, disable, end."""
+        self._bench.plans.abort(f"aborted by {context.holder}")
+        return self._progress()
 
-        For a thread that may wait, before `plan/resume`: it reads recordings. Raises RpcError.
+    def read_remaining(self, payload: bytes) -> tuple[rpc.RpcRequest, RemainingPlan | None]:
+        """Return a request to resume and what remains of the plan; None if one is under way.
+
+        For a thread that may wait, before `resume`: it reads recordings. Raises RpcError.
         """
-        request = parse("plan/resume", payload)
-        return request, None if self._bench.plans.active else self._resumption.rest()
+        request = rpc.parse(rpc.PLAN_RESUME, payload)
+        return request, None if self._bench.plans.active else self._resumption.remaining()
 
-    def _resume(self, call: Call, now_ns: int) -> Answer:
-        asked, bench = expect(PlanResume, call), self._bench
-        who = bench.lease.require(asked.token, now_ns).holder
+    @handles(rpc.PLAN_RESUME)
+    def resume(self, request: rpc.PlanResume, context: RpcContext) -> PlanProgress:
+        """Go on after a pause, or with what remains of a plan that was interrupted."""
+        bench = self._bench
         if bench.plans.active:
-            bench.events.emit("plan", f"resumed by {who}")
+            bench.events.emit("plan", f"resumed by {context.holder}")
             bench.plans.resume()
             return self._progress()
-        rest: RemainingPlan = (
-            call.prepared if call.prepared is not None else self._resumption.rest()
-        )
-        if rest.plan.points:
-            self._go_on(rest, who, detached=asked.detach)
+        remaining: RemainingPlan | None = context.prepared
+        if remaining is None:  # to read its recordings here would delay the heartbeat
+            raise RpcError("busy", "the plan that was under way has just ended; ask again")
+        if remaining.plan.points:
+            self._start_remaining(remaining, context.holder, detached=request.detach)
         else:
             self._resumption.complete()
             bench.plans.show(self._resumption.view())
         return self._progress()
 
-    def _go_on(self, rest: RemainingPlan, who: str, *, detached: bool) -> None:
-        """Take what is missing of an interrupted plan."""
-        self._need_free_bench()
-        self._need_devices(rest.plan)
-        note, bench = rest.story.plan, self._bench
+    def _start_remaining(self, remaining: RemainingPlan, holder: str, *, detached: bool) -> None:
+        self._check_startable()
+        self._check_devices(remaining.plan)
+        note, bench = remaining.log.plan, self._bench
         bench.events.emit(
             "plan",
-            f"{note.name} resumed by {who}: {rest.taken} of {note.points} points are taken",
+            f"{note.name} resumed by {holder}: {remaining.taken} of {note.points} points are taken",
             run_id=note.run_id,
         )
-        bench.hand.rest()
-        before = Before(note.run_id, rest.story.recordings[-1], rest.taken)
-        bench.plans.start(rest.plan, who, note.notes, detached=detached, before=before)
+        bench.manual.rest()
+        before = EarlierPart(note.run_id, remaining.log.recordings[-1], remaining.taken)
+        bench.plans.start(remaining.plan, holder, note.notes, detached=detached, before=before)
 
-    def _discard(self, call: Call, now_ns: int) -> Answer:
-        who = self._bench.lease.require(expect(WithToken, call).token, now_ns).holder
-        need_no_plan(self._bench)
+    @handles(rpc.PLAN_DISCARD, no_plan)
+    def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
+        """Forget a plan that was interrupted."""
         name = self._resumption.discard()
-        self._bench.events.emit("plan", f"{name} discarded by {who}: it cannot be resumed any more")
+        message = f"{name} discarded by {context.holder}: it cannot be resumed any more"
+        self._bench.events.emit("plan", message)
         self._bench.plans.show(None)
-        return {"plan": name}
+        return PlanName(plan=name)
 
-    def _abort(self, call: Call, now_ns: int) -> Answer:
-        who = self._need_plan(call, now_ns)
-        self._bench.plans.abort(f"aborted by {who}")
-        return self._progress()
-
-    def _list(self, call: Call, now_ns: int) -> Answer:
+    @handles(rpc.PLAN_LIST)
+    def list(self, request: rpc.NoArguments, context: RpcContext) -> PlanList:
+        """Return the plans with the settings of this bench."""
         own = self._bench.config.plans
-        return {
-            "plans": [
-                {
-                    "name": name,
-                    "summary": kind.summary,
-                    "settings": getattr(own, name.replace("-", "_")).model_dump(mode="json"),
-                }
+        return PlanList(
+            plans=[
+                AvailablePlan(
+                    name=name,
+                    summary=kind.summary,
+                    settings=getattr(own, name.replace("-", "_")).model_dump(mode="json"),
+                )
                 for name, kind in plan_kinds().items()
             ]
-        }
+        )
+
+    def _progress(self) -> PlanProgress:
+        view = self._bench.plans.view
+        assert view is not None
+        return PlanProgress.model_validate(view.model_dump(mode="json"))
 
 
-def _outline(plan: Plan) -> dict[str, Any]:
-    """Return what a plan will do: points, estimated time, settings."""
-    return {
-        "plan": plan.name,
-        "points": [
-            {
-                "index": p.index,
-                "torque_Nm": p.torque_Nm,
-                "speed_Hz": p.speed_Hz,
-                "turns": p.turns,
-                "aim": p.aim,
-            }
-            for p in plan.points
-        ],
-        "estimate_s": round(plan.seconds, 1),
-        "settings": plan.settings,
-    }
+_POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")
+
+
+def _outline(plan: Plan) -> PlanOutline:
+    """Return what a plan will do: points, estimated time, settings. Raises RpcError."""
+    if not math.isfinite(plan.seconds):
+        raise RpcError("invalid", f"{plan.name}: would not end with these settings")
+    return PlanOutline(
+        plan=plan.name,
+        points=[{name: getattr(point, name) for name in _POINT_FIELDS} for point in plan.points],
+        estimate_s=round(plan.seconds, 1),
+        settings=plan.settings,
+    )

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord.calibration import load
-from motord.cli.calibration import app
+from motord.cli import app
 from tests.unit.experiments.conftest import Recorded
 from tests.unit.service.live_service import live_service
 
@@ -20,7 +20,7 @@ def test_install_and_list(
 
         def run(*arguments: object):
             reach = ("--bench", "cal", "--connect", service.listen)
-            return CliRunner().invoke(app, [*(str(a) for a in arguments), *reach])
+            return CliRunner().invoke(app, ["calibration", *(str(a) for a in arguments), *reach])
 
         assert "no calibration is in force" in run("list").stdout
         assert "no calibration is in force" in run("show").stderr

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import nobody_reads, plain_console, print_line
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, daemon
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,10 +25,10 @@ ForS = Annotated[
 ]
 
 
-def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the state now."""
 
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         state = client.state()
         if as_json:
             typer.echo(state.model_dump_json(indent=2))
@@ -36,12 +37,14 @@ def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = F
 
 
 def watch(
-    bench: Bench = None, connect: Connect = ENDPOINT, for_s: ForS = None, as_json: AsJson = False
+    connection: Connection = DEFAULT,
+    for_s: ForS = None,
+    as_json: AsJson = False,
 ) -> None:
     """Show the state as it changes, until Ctrl-C; with --json one line each."""
     from rich.live import Live
 
-    with daemon(bench, connect) as client, suppress(KeyboardInterrupt):
+    with connection.open() as client, suppress(KeyboardInterrupt):
         if as_json:
             _each_state(client, for_s, lambda state: print_line(state.model_dump_json()))
         else:
@@ -66,14 +69,13 @@ def _each_state(
 
 
 def events(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     follow: Annotated[bool, typer.Option(help="Go on with new ones, until Ctrl-C.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Show the latest events, then new ones as they happen."""
     with (
-        daemon(bench, connect) as client,
+        connection.open() as client,
         client.subscribe_events() as coming,
         suppress(KeyboardInterrupt),
     ):

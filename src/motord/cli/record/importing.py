@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from motord.cli.console import fail, plain_console, print_json, text_column
+from motord.cli.common_options import AsJson
+from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.importing import Imported
@@ -27,18 +28,14 @@ def import_recording(
     strict: Annotated[
         bool, typer.Option("--strict", help="Fail if a row lacks something or its time is wrong.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Make a run of a recording from elsewhere; every `analyse` works on it."""
-    from motord.config import ConfigError
     from motord.importing import import_run
-    from motord.recording.errors import RecordError
 
     try:
         with _progress(silent=as_json) as progress:
             done = import_run(file, map_file, output, strict=strict, progress=progress)
-    except (ConfigError, RecordError) as error:
-        fail(str(error))
     except OSError as error:
         fail(f"{error.filename or output}: {error.strerror}")
     if as_json:
@@ -50,12 +47,10 @@ def import_recording(
 @contextmanager
 def _progress(silent: bool) -> "Iterator[Progress]":
     """Give a function that shows the share of the work done, and when it will be, after a while."""
-    from rich.progress import BarColumn, Progress, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
-    bar = Progress(
-        text_column("importing"), BarColumn(), TimeRemainingColumn(),
-        console=plain_console(stderr=True), transient=True, disable=silent,
-    )  # fmt: skip
+    columns = text_column("importing"), BarColumn(), TimeRemainingColumn()
+    bar = progress_bar(*columns, silent=silent, stderr=True, transient=True)
     task = bar.add_task("import", total=1.0)
     began_s = time.monotonic()
 

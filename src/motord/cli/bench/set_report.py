@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from motord.cli.observe import number, sensor_in_words
+from motord.cli.bench.status import number, sensor_in_words
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState

@@ -2,20 +2,18 @@
 
 import json
 import shlex
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.command import in_command
-from motord.cli.console import fail, group, text_column
-from motord.cli.preflight import LIMIT_S, as_dict, in_words, predict, warning
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
-from motord.cli.settings import settings_of
+from motord.cli.bench.lease_session import in_command
+from motord.cli.common_options import AsJson, PlanSettings
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
+from motord.cli.console import fail, group, progress_bar, text_column
+from motord.cli.plan.preflight import LIMIT_S, as_dict, in_words, predict, warning
+from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from motord.api.messages import PlanView
     from motord.client import Client, Subscription
 
@@ -25,11 +23,11 @@ app = group("Experiments: list, start, steer.")
 
 
 @app.command("list")
-def list_(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the plans and the settings that they start with."""
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         answer = client.rpc("plan/list")
-        say(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
+        print_answer(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
 
 
 def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
@@ -44,10 +42,7 @@ def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
 @app.command()
 def start(
     name: Annotated[str, typer.Argument(help="The plan, as `motord plan list` names it.")],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting, e.g. torques_Nm=1,3."),
-    ] = None,
+    settings: PlanSettings = None,
     dry_run: Annotated[
         bool,
         typer.Option(
@@ -64,31 +59,30 @@ def start(
         bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
     ] = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
     """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         asked = {"name": name, "settings": settings_of(client, name, settings or [])}
         if dry_run:
             _dry_run(client, asked, limit_s, as_json)
             return
-        with in_command(client, force=force) as command, client.subscribe_plan() as progress:
+        with in_command(client, force=force) as session, client.subscribe_plan() as progress:
             answer = client.rpc(
-                "plan/start", token=command.token, detach=detach, notes=notes, **asked
+                "plan/start", token=session.token, detach=detach, notes=notes, **asked
             )
             if detach:
-                say(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
+                print_answer(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
-            view = follow(client, command.token, progress, quiet=as_json)
+            view = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, view)
         _say_end(view, then, as_json)
 
 
 def _say_end(view: "PlanView", then: str, as_json: bool) -> None:
-    say(view.model_dump(mode="json"), _end_line(view) + then, as_json)
+    print_answer(view.model_dump(mode="json"), _end_line(view) + then, as_json)
     if view.state != "done":
         fail(f"{view.plan} {view.state}: {view.message}")
 
@@ -100,7 +94,7 @@ def _dry_run(client: "Client", asked: dict[str, Any], limit_s: float, as_json: b
     found = predict(client, name, settings, limit_s) if limit_s else []
     outline["forecast"] = [as_dict(each) for each in found]
     words = {each.point.index: in_words(each) for each in found}
-    say(outline, "\n".join(_outline_lines(outline, words)), as_json)
+    print_answer(outline, "\n".join(_outline_lines(outline, words)), as_json)
     if said := warning(found, name):
         fail(said)
 
@@ -138,28 +132,21 @@ def follow(
     client: "Client", token: str, progress: "Subscription[PlanView]", *, quiet: bool
 ) -> "PlanView":
     """Show progress until the plan is over; the first Ctrl-C aborts it."""
-    with nullcontext(None) if quiet else _bar() as bar:
-        task = bar.add_task("", total=1.0) if bar is not None else None
+    from rich.progress import BarColumn, TimeElapsedColumn
+
+    percent, step = text_column("{task.percentage:3.0f} %"), text_column("{task.description}")
+    with progress_bar(BarColumn(), percent, TimeElapsedColumn(), step, silent=quiet) as bar:
+        task = bar.add_task("", total=1.0)
         while True:
             try:
                 view = progress.get(LOOK_S) or client.plan()
                 if view is None:
                     continue
-                if bar is not None and task is not None:
-                    bar.update(task, completed=view.fraction, description=_step(view))
+                bar.update(task, completed=view.fraction, description=_step(view))
                 if view.over:
                     return view
             except KeyboardInterrupt:
                 client.rpc("plan/abort", token=token)
-
-
-def _bar() -> "Progress":
-    from rich.progress import BarColumn, Progress, TimeElapsedColumn
-
-    return Progress(
-        BarColumn(), text_column("{task.percentage:3.0f} %"), TimeElapsedColumn(),
-        text_column("{task.description}"),
-    )  # fmt: skip
 
 
 def _step(view: "PlanView") -> str:
@@ -170,24 +157,26 @@ def _step(view: "PlanView") -> str:
 
 
 @app.command()
-def status(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the progress of the plan under way, or how the last one ended."""
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         view = client.plan()
         if view is None:
-            say(None, "no plan has run since the daemon started", as_json)
+            print_answer(None, "no plan has run since the daemon started", as_json)
             return
         words = f"{view.plan} {view.state}, {100 * view.fraction:.0f} %, {_step(view)}"
         message = f": {view.message}" if view.message else ""
-        say(view.model_dump(mode="json"), words + message + _then(client, view), as_json)
+        print_answer(view.model_dump(mode="json"), words + message + _then(client, view), as_json)
 
 
 @app.command()
 def pause(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ramp to zero and wait; the point under way is taken again after `resume`."""
-    _steer("plan/pause", bench, connect, force=force, as_json=as_json)
+    _steer("plan/pause", connection, force=force, as_json=as_json)
 
 
 @app.command()
@@ -195,8 +184,7 @@ def resume(
     detach: Annotated[
         bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
     ] = False,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -204,38 +192,42 @@ def resume(
 
     A plan that failed or was aborted can be resumed as well.
     """
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         view = client.plan()
         under_way = view is not None and not view.over
-        with in_command(client, force=force) as command, client.subscribe_plan() as progress:
-            answer = client.rpc("plan/resume", token=command.token, detach=detach)
+        with in_command(client, force=force) as session, client.subscribe_plan() as progress:
+            answer = client.rpc("plan/resume", token=session.token, detach=detach)
             if under_way or detach or answer["state"] == "done":
-                say(answer, f"{answer['plan']}: {answer['state']}", as_json)
+                print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)
                 return
-            end = follow(client, command.token, progress, quiet=as_json)
+            end = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, end)
         _say_end(end, then, as_json)
 
 
 @app.command()
 def discard(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc("plan/discard", token=command.token)
-        say(answer, f"{answer['plan']}: discarded", as_json)
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc("plan/discard", token=session.token)
+        print_answer(answer, f"{answer['plan']}: discarded", as_json)
 
 
 @app.command()
 def abort(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ramp down, disable, end the plan."""
-    _steer("plan/abort", bench, connect, force=force, as_json=as_json)
+    _steer("plan/abort", connection, force=force, as_json=as_json)
 
 
-def _steer(rpc: str, bench: str | None, connect: str, *, force: bool, as_json: bool) -> None:
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc(rpc, token=command.token)
-        say(answer, f"{answer['plan']}: {answer['state']}", as_json)
+def _steer(rpc: str, connection: Connection, *, force: bool, as_json: bool) -> None:
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc(rpc, token=session.token)
+        print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)

@@ -1,14 +1,14 @@
 """`motord record`: what is in a recording, a clean one out of a damaged one, tables out of one."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from motord.cli.console import fail, group, print_json
-from motord.cli.importing import import_recording
+from motord.cli.common_options import AsJson
+from motord.cli.console import group, print_json
+from motord.cli.record.importing import import_recording
 
 app = group("Look into recordings, export them, import others.")
 app.command("import")(import_recording)
@@ -16,7 +16,6 @@ app.command("import")(import_recording)
 RunFile = Annotated[
     Path, typer.Argument(metavar="RUN", help="A recording: .mcap, or .mcap.part if unfinished.")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()
@@ -31,8 +30,7 @@ def info(
     from motord.recording.info import describe
     from motord.recording.reader import open_run
 
-    with _explained():
-        facts = describe(open_run(run), check=check)
+    facts = describe(open_run(run), check=check)
     if as_json:
         print_json(facts)
     else:
@@ -52,19 +50,18 @@ def recover(
     from motord.recording import recovery as recovery
     from motord.recording.reader import open_run
 
-    with _explained():
-        if open_run(run).check() is None:
-            result: dict[str, Any] = {"file": str(run), "damage": None}
-            text = f"{run} is whole: nothing to recover"
-        else:
-            done = recovery.recover(run, output or recovery.default_output(run))
-            result = {
-                "file": str(done.path),
-                "ticks": done.ticks,
-                "chunks": done.chunks,
-                "damage": str(done.damage),
-            }
-            text = f"{done.path}: {done.ticks} ticks in {done.chunks} chunks\n{done.damage}"
+    if open_run(run).check() is None:
+        result: dict[str, Any] = {"file": str(run), "damage": None}
+        text = f"{run} is whole: nothing to recover"
+    else:
+        done = recovery.recover(run, output or recovery.default_output(run))
+        result = {
+            "file": str(done.path),
+            "ticks": done.ticks,
+            "chunks": done.chunks,
+            "damage": str(done.damage),
+        }
+        text = f"{done.path}: {done.ticks} ticks in {done.chunks} chunks\n{done.damage}"
     if as_json:
         print_json(result)
     else:
@@ -93,9 +90,8 @@ def export(
 
     path = output or run.with_suffix(".csv")
     wanted = None if columns is None else [name.strip() for name in columns.split(",")]
-    with _explained():
-        source = open_run(run)
-        rows = write(source, path, wanted, truth=truth)
+    source = open_run(run)
+    rows = write(source, path, wanted, truth=truth)
     damage = str(source.damage) if source.damage else None
     if as_json:
         print_json({"file": str(path), "rows": rows, "damage": damage})
@@ -103,16 +99,6 @@ def export(
         typer.echo(f"{path}: {rows} rows")
         if damage:
             typer.echo(f"missing in {run}: {damage}", err=True)
-
-
-@contextmanager
-def _explained() -> Iterator[None]:
-    from motord.recording.errors import RecordError
-
-    try:
-        yield
-    except RecordError as error:
-        fail(str(error))
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:

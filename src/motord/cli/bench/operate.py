@@ -1,4 +1,4 @@
-"""`motord status|watch|events|enable|disable|stop|reset|set`: watch and operate a bench by hand."""
+"""`motord enable|disable|stop|reset|set`: operate a bench by hand."""
 
 import time
 from contextlib import suppress
@@ -7,12 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from motord.cli.command import announce, hold, in_command
-from motord.cli.observe import events, status, watch
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon, say
-from motord.cli.set_report import set_in_words, show_reached
-
-__all__ = ["disable", "enable", "events", "reset", "set_", "status", "stop", "watch"]
+from motord.cli.bench.lease_session import announce, hold, in_command
+from motord.cli.bench.set_report import set_in_words, show_reached
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 
 ForS = Annotated[
     float | None,
@@ -20,7 +18,7 @@ ForS = Annotated[
 ]
 
 
-class Compensate(StrEnum):
+class CompensateOption(StrEnum):
     """What of the installed calibration is applied."""
 
     OFF = "off"
@@ -31,8 +29,7 @@ class Compensate(StrEnum):
 
 
 def enable(
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     for_s: ForS = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -42,40 +39,44 @@ def enable(
     While it runs, `motord set` in another terminal sets torque and speed. When it ends, the bench
     ramps down and is disabled.
     """
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc("enable", token=command.token)
-        say(answer, answer["state"], as_json)
-        if command.lease is not None:
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc("enable", token=session.token)
+        print_answer(answer, answer["state"], as_json)
+        if session.lease is not None:
             if not as_json:
                 announce(answer["state"], for_s)
-            hold(client, command.lease, answer["state"], for_s)
+            hold(client, session.lease, answer["state"], for_s)
 
 
 def disable(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Ramp the torque to zero, then disable; ends a plan."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc("disable", token=command.token)
-        say(answer, answer["state"], as_json)
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc("disable", token=session.token)
+        print_answer(answer, answer["state"], as_json)
 
 
-def stop(bench: Bench = None, connect: Connect = ENDPOINT, as_json: AsJson = False) -> None:
+def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Zero current now and OFF, whoever is in command."""
     from motord.client import operator
 
-    with daemon(bench, connect) as client:
+    with connection.open() as client:
         answer = client.rpc("stop", by=operator())
-        say(answer, answer["state"], as_json)
+        print_answer(answer, answer["state"], as_json)
 
 
 def reset(
-    bench: Bench = None, connect: Connect = ENDPOINT, force: Force = False, as_json: AsJson = False
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
 ) -> None:
     """Leave a trip whose cause is gone; start the loop again if it has ended."""
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc("reset", token=command.token)
-        say(answer, answer["state"], as_json)
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc("reset", token=session.token)
+        print_answer(answer, answer["state"], as_json)
 
 
 def set_(
@@ -93,11 +94,10 @@ def set_(
         float | None, typer.Option("--drive-Hz", metavar="F", help="Speed of the external drive.")
     ] = None,
     compensate: Annotated[
-        Compensate | None, typer.Option(help="What of the calibration is applied.")
+        CompensateOption | None, typer.Option(help="What of the calibration is applied.")
     ] = None,
     enable_first: Annotated[bool, typer.Option("--enable", help="Enable first.")] = False,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     for_s: ForS = None,
     force: Force = False,
     as_json: AsJson = False,
@@ -119,11 +119,11 @@ def set_(
     asked = {key: value for key, value in given.items() if value is not None}
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
-    with daemon(bench, connect) as client, in_command(client, force=force) as command:
-        answer = client.rpc("set", token=command.token, enable=enable_first, **asked)
-        say(answer, set_in_words(answer), as_json)
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc("set", token=session.token, enable=enable_first, **asked)
+        print_answer(answer, set_in_words(answer), as_json)
         begun_s = time.monotonic()
-        lease = None if asked.keys() == {"compensate"} else command.lease
+        lease = None if asked.keys() == {"compensate"} else session.lease
         with suppress(KeyboardInterrupt):
             if not as_json:
                 if lease is not None:

@@ -12,10 +12,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from motord.cli.bench.interruption import interrupted_once
+from motord.cli.bench.shared_token import shared, tokens
 from motord.cli.console import fail, remark
-from motord.cli.interruption import interrupted_once
-from motord.cli.shared_token import shared, tokens
-from motord.shm.run_directory import RunDirError
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
@@ -47,15 +46,11 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
             return
         lease = client.lease(force=force)
         try:
-            try:
-                lease.acquire()
-                with shared(client.bench, lease.token):
-                    yield LeaseSession(lease.token, lease)
-            except RunDirError as error:
-                fail(str(error))
-            finally:
-                interruption.hold_off()
+            lease.acquire()
+            with shared(client.bench, lease.token):
+                yield LeaseSession(lease.token, lease)
         finally:
+            interruption.hold_off()
             if lease.token:
                 lease.release()
 

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.analysis_command import Output, Report, errors_in_one_line, print_files, print_text
-from motord.cli.command import in_command
+from motord.cli.analysis_command import Output, Report, print_files, print_text
+from motord.cli.bench.lease_session import in_command
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
-from motord.cli.plan import follow
-from motord.cli.reach import ENDPOINT, AsJson, Bench, Connect, Force, daemon
-from motord.cli.settings import settings_of
-from motord.experiments.ilc.command import Gain, HighestOrder, summary, text
+from motord.cli.plan.commands import follow
+from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -32,15 +32,18 @@ def learn(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the plan `learn`."),
     ] = None,
-    gain: Gain = 0.7,
-    highest_order: HighestOrder = 256,
+    gain: Annotated[
+        float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
+    ] = 0.7,
+    highest_order: Annotated[
+        int, typer.Option(min=1, help="Highest order to learn, as far as the loop's rate allows.")
+    ] = 256,
     again: Annotated[
         bool, typer.Option("--again", help="Learn on at points that had settled before.")
     ] = False,
     output: Output = None,
     report: Report = None,
-    bench: Bench = None,
-    connect: Connect = ENDPOINT,
+    connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
@@ -52,26 +55,26 @@ def learn(
     from datetime import UTC, datetime
 
     from motord.experiments.ilc.analysis import finish, learn_report, reopen
+    from motord.experiments.ilc.command import summary, text
     from motord.experiments.ilc.estimate import Learning
     from motord.experiments.ilc.report import page
 
     learning = Learning(gain=gain, highest_order=highest_order)
     with (
-        daemon(bench, connect) as client,
-        in_command(client, force=force) as command,
-        errors_in_one_line(),
+        connection.open() as client,
+        in_command(client, force=force) as session,
     ):
         calibration = _in_force(client)
         chosen = settings_of(client, "learn", settings or [])
         if again:
             calibration = reopen(calibration, datetime.now(UTC), learning)
-            _install(client, command.token, calibration)
+            _install(client, session.token, calibration)
         for number in range(1, passes + 1):
-            done = _pass(client, command.token, chosen, calibration, learning, quiet=as_json)
+            done = _pass(client, session.token, chosen, calibration, learning, quiet=as_json)
             if number == passes:
                 done = finish(done, datetime.now(UTC))
             calibration = done.calibration
-            _install(client, command.token, calibration)
+            _install(client, session.token, calibration)
             if not as_json:
                 typer.echo(f"pass {number}: {summary(done)}")
             if done.finished:

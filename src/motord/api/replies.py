@@ -1,0 +1,124 @@
+"""Replies of the RPCs: built by the service, checked by the client, which trusts no daemon.
+
+Types are strict; fields that a model does not name are passed on, so that replies may grow.
+"""
+
+import json
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Text = Annotated[str, Field(max_length=4096)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Duration = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_LeaseTime = Annotated[float, Field(gt=0, lt=1e6, allow_inf_nan=False)]
+
+
+class RpcReply(BaseModel):
+    """The reply to an RPC, a JSON object; without fields for an RPC that has nothing to say."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    def content(self) -> dict[str, Any]:
+        """Return the fields that were given, as in JSON."""
+        return self.model_dump(mode="json", exclude_unset=True)
+
+    def to_json(self) -> bytes:
+        """Return `content` as JSON in UTF-8."""
+        return json.dumps(self.content()).encode()
+
+
+class LeaseTerms(RpcReply):
+    """`lease/renew`: how long the lease lasts and within what time it is never lost."""
+
+    lease_s: _LeaseTime
+    renew_within_s: _LeaseTime
+
+
+class LeaseGrant(LeaseTerms):
+    """`lease/acquire`."""
+
+    token: Annotated[str, Field(min_length=1, max_length=128)]
+    took_over_from: Text | None
+    holder: Text = ""
+
+
+class StateReply(RpcReply):
+    """`enable`, `disable`, `stop`, `reset`: the state of the drive."""
+
+    state: Text
+
+
+class AcceptedSetpoint(RpcReply):
+    """The set-point after `set`; the torque is on its way to its target."""
+
+    torque_Nm: Number
+    torque_target_Nm: Number
+    speed_Hz: Number | None
+    brake: Number
+    drive_Hz: Number
+    compensate: Text
+
+
+class SetpointReply(StateReply):
+    """`set`."""
+
+    setpoint: AcceptedSetpoint
+    reached_in_s: Duration
+
+
+class PlanName(RpcReply):
+    """`plan/discard`."""
+
+    plan: Text
+
+
+class PlanProgress(StateReply, PlanName):
+    """`plan/pause`, `plan/resume`, `plan/abort`: all of `messages.PlanView`."""
+
+
+class PlanOutline(RpcReply):
+    """`plan/start`: what the plan will do."""
+
+    points: list[dict[str, Any]]
+    estimate_s: Duration
+    settings: dict[str, Any]
+    plan: Text = ""
+    recording: Text = ""
+
+
+class AvailablePlan(RpcReply):
+    """A plan in `plan/list`."""
+
+    name: Text
+    summary: Text
+    settings: dict[str, Any]
+
+
+class PlanList(RpcReply):
+    """`plan/list`."""
+
+    plans: list[AvailablePlan]
+
+
+class ConfigReply(RpcReply):
+    """`config`: the bench file as text, and with all defaults."""
+
+    toml: str
+    config: dict[str, Any]
+
+
+class InstalledCalibration(RpcReply):
+    """`calibration/install`; `path` once it is on disk."""
+
+    id: Text
+    age: Text
+    path: Text
+    created: Text = ""
+
+
+class ErrorReply(RpcReply):
+    """The body of an error reply."""
+
+    code: Annotated[str, Field(min_length=1, max_length=64)]
+    message: Text

@@ -1,0 +1,1 @@
+"""Commands that watch and operate a bench by hand."""

@@ -1,0 +1,103 @@
+"""What all commands share that talk to a daemon: options, connection, failure in one line.
+
+A command has one argument `connection`; `with_connection` makes the options of it.
+"""
+
+import functools
+import inspect
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from motord import DEFAULT_ENDPOINT
+
+if TYPE_CHECKING:
+    from motord.client import Client
+
+Bench = Annotated[
+    str | None,
+    typer.Option("--bench", metavar="NAME", help="Which bench; not needed if there is only one."),
+]
+Connect = Annotated[
+    str,
+    typer.Option(
+        "--connect",
+        envvar="MOTORD_CONNECT",
+        metavar="ENDPOINT",
+        help=f"Where its daemon listens: {DEFAULT_ENDPOINT}, unixsock-stream//PATH of a socket, "
+        "or tls/HOST:7448 from another machine.",
+    ),
+]
+Force = Annotated[
+    bool, typer.Option("--force", help="Take command over from whoever has it; it is logged.")
+]
+
+Identity = Annotated[
+    Path | None,
+    typer.Option(
+        "--identity",
+        envvar="MOTORD_IDENTITY",
+        metavar="DIR",
+        help="Certificate to show at a TLS endpoint: a folder made by `motord security add`.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Which bench, where its daemon listens, and the identity to show there."""
+
+    bench: str | None = None
+    endpoint: str = DEFAULT_ENDPOINT
+    identity: Path | None = None
+
+    @contextmanager
+    def open(self) -> "Iterator[Client]":
+        """Connect to the daemon. Raises ClientError."""
+        from motord.client import connect
+
+        with connect(self.bench, self.endpoint, self.identity) as client:
+            yield client
+
+
+DEFAULT = Connection()
+
+_OPTIONS = {"bench": (Bench, None), "connect": (Connect, DEFAULT_ENDPOINT)}
+_LAST = {"identity": (Identity, None)}
+
+
+def with_connection(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `command` with the options that make up its argument `connection`, if it has one."""
+    signature = inspect.signature(command)
+    if "connection" not in signature.parameters:
+        return command
+
+    @functools.wraps(command)
+    def run(bench: str | None, connect: str, identity: Path | None, **named: Any) -> Any:
+        return command(**named, connection=Connection(bench, connect, identity))
+
+    def options(wanted: dict[str, tuple[Any, Any]]) -> list[inspect.Parameter]:
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        return [
+            inspect.Parameter(name, keyword, default=default, annotation=annotation)
+            for name, (annotation, default) in wanted.items()
+        ]
+
+    parameters: list[inspect.Parameter] = []
+    for parameter in signature.parameters.values():
+        own = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        parameters += options(_OPTIONS) if own.name == "connection" else [own]
+    parameters += options(_LAST)
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
+    return run
+
+
+def print_answer(answer: Any, text: str, as_json: bool) -> None:
+    """Print an answer, as JSON or as text."""
+    typer.echo(json.dumps(answer) if as_json else text)

@@ -1,0 +1,171 @@
+"""The recorder process as the supervisor sees it, and the recording that it has to make.
+
+A recorder that was started again gets the recording of its predecessor and resumes it.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from motord.api.messages import Event
+from motord.recorder.launch import RecorderLink
+from motord.recorder.protocol import RecorderReport
+from motord.service.host.child_faults import ChildFaults
+from motord.service.host.children import Children
+from motord.service.host.events import EventLog
+
+RECORDER = "recorder"
+EVENTS_MAX = 1000
+"""Events that are kept for a recorder that is not up yet."""
+EVENTS_BEFORE_S = 10.0
+"""Events of this time before a recording go into it."""
+CLOSE_S = 2.0
+"""Time for a recorder to close its file before it is ended."""
+_POLL_S = 0.01
+NO_REPORT = RecorderReport(recording=False)
+
+
+class Follower(Protocol):
+    """Another user of the recorder's link and reports."""
+
+    def recorder(self, link: RecorderLink | None) -> None:
+        """A recorder was started, or the one there was has ended (None)."""
+
+    def report(self, report: RecorderReport) -> None:
+        """The recorder has reported."""
+
+
+@dataclass(frozen=True)
+class RecordingTask:
+    """A recording: files `stem`-000.mcap and so on, from `first_tick` if the ring still has it."""
+
+    stem: Path
+    metadata: Mapping[str, Any]
+    first_tick: int | None = None
+
+
+class RecorderSession:
+    """Sends commands and events to the recorder and reads its reports; only `stop` waits.
+
+    `task` is the recording under way. `error` says why it fails; `reported_ns` is monotonic.
+    """
+
+    def __init__(self, children: Children, events: EventLog, unix_ns: Callable[[], int]) -> None:
+        self._children = children
+        self._events = events
+        self._unix_ns = unix_ns
+        self._pid: int | None = None
+        self._dropped = 0
+        self._unsent: deque[Event] = deque(maxlen=EVENTS_MAX)
+        self._leftovers: Mapping[str, str] = {}
+        self._faults = ChildFaults(RECORDER, children, events)
+        self.link: RecorderLink | None = None
+        self.task: RecordingTask | None = None
+        self.report = NO_REPORT
+        self.reported_ns = 0
+        self.error = ""
+        self.followers: list[Follower] = []
+
+    @property
+    def up(self) -> bool:
+        """True once the recorder has reported."""
+        return self.link is not None and self.report is not NO_REPORT
+
+    @property
+    def recording_task(self) -> bool:
+        """True if the recorder writes files of `task`."""
+        file = Path(self.report.file).name
+        return (
+            self.task is not None and self.report.recording and file.startswith(self.task.stem.name)
+        )
+
+    def follow_process(self) -> None:
+        """Link to a recorder that was started anew."""
+        process = self._children.process(RECORDER)
+        pid = process.pid if process is not None else None
+        if pid == self._pid:
+            return
+        self._pid = pid
+        if self.link is not None:
+            self.link.close()
+        self.link, self.report = None, NO_REPORT
+        if process is not None:
+            self.link, self._dropped = RecorderLink(process), 0
+            self._send_task(resume=True)
+        for follower in self.followers:
+            follower.recorder(self.link)
+
+    def step(self, now_ns: int) -> None:
+        """Take the reports; send the task again to a recorder that had dropped commands."""
+        if self.link is None:
+            return
+        self._take_reports(self.link, now_ns)
+        self._faults.step(self.link.received, now_ns, self.link.dropped)
+        if self.link.dropped > self._dropped and not self.link.waiting:
+            self._dropped = self.link.dropped
+            if self.task is not None:
+                self._send_task(resume=True)
+            else:
+                self.link.stop("what was to be recorded has ended")
+
+    def begin(self, task: RecordingTask) -> None:
+        """Begin a recording; the one under way ends."""
+        self.task = task
+        self._send_task(resume=False)
+
+    def end(self, why: str) -> None:
+        """End the recording under way."""
+        if self.link is not None and self.task is not None:
+            self.link.stop(why)
+        self.task = None
+
+    def event(self, event: Event) -> None:
+        """Record an event, now or once a recording begins."""
+        if self.link is None or self.task is None:
+            self._unsent.append(event)
+        else:
+            self.link.event(event.t_ns, event.kind, event.message, event.data)
+
+    def stop(self) -> None:
+        """End the process, once it has closed its file or `CLOSE_S` is over."""
+        if self.link is not None:
+            self._await_closed(self.link)
+        self._children.stop(RECORDER)
+        if self.link is not None:
+            self.link.close()
+            self.link = None
+
+    def _await_closed(self, link: RecorderLink) -> None:
+        process, end_s = self._children.process(RECORDER), time.monotonic() + CLOSE_S
+        while self.report.recording and process is not None and process.poll() is None:
+            if time.monotonic() >= end_s:
+                return
+            time.sleep(_POLL_S)
+            self._take_reports(link, time.monotonic_ns())
+
+    def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
+        for report in link.reports(now_ns):
+            self.report, self.reported_ns = report, now_ns
+            for follower in self.followers:
+                follower.report(report)
+            if report.error and report.error != self.error:
+                self._events.emit("recording", f"the recorder says: {report.error}")
+            self.error = report.error
+            for path, outcome in report.leftovers.items():
+                if self._leftovers.get(path) != outcome:
+                    self._events.emit("recording", f"{path}: {outcome}", path=path)
+            self._leftovers = dict(report.leftovers)
+
+    def _send_task(self, *, resume: bool) -> None:
+        link, task = self.link, self.task
+        if link is None or task is None:
+            return
+        link.start(task.stem, task.metadata, resume=resume, first_tick=task.first_tick)
+        since_ns = self._unix_ns() - round(EVENTS_BEFORE_S * 1e9)
+        while self._unsent:
+            event = self._unsent.popleft()
+            if event.t_ns >= since_ns:
+                link.event(event.t_ns, event.kind, event.message, event.data)

@@ -1,0 +1,175 @@
+"""Builds the daemon of a bench, each part after those that it needs; opens and starts nothing."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
+from motord.calibration import Calibration, CalibrationError
+from motord.config import Config
+from motord.control import parameters
+from motord.hal import registry
+from motord.schema import Request
+from motord.service.bench.bench import Bench
+from motord.service.bench.blackbox import BlackBoxTrigger
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.bench.guard import Guard
+from motord.service.bench.loop_link import LoopLink
+from motord.service.bench.recording import RecordingControl
+from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
+from motord.service.gateway.link import GatewayLink
+from motord.service.host.children import Children
+from motord.service.host.descriptors import DescriptorReserve
+from motord.service.host.events import EventLog
+from motord.service.host.systemd import Notifier
+from motord.service.plans.journal_file import Journal
+from motord.service.plans.journal_sink import JournalSink
+from motord.service.plans.resume import Resumption
+from motord.service.processes import PROCESSES
+from motord.service.publish.publisher import Publisher
+from motord.service.publish.state import StateView
+from motord.service.publish.telemetry import Telemetry
+from motord.service.publish.zenoh_api import Api
+from motord.service.rpc.calibration import Installation
+from motord.service.rpc.dispatcher import Dispatcher
+from motord.service.rpc.intake import Offloaded
+from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plans import PlanControl
+from motord.service.supervisor import Supervisor
+from motord.shm.mailbox import MailboxWriter
+from motord.shm.run_directory import RunDir
+from motord.shm.tables import TablesWriter
+from motord.unix_clock import Clock
+
+
+@dataclass(frozen=True)
+class Daemon:
+    """What `motord run` opens, starts and stops."""
+
+    supervisor: Supervisor
+    api: Api
+    telemetry: Telemetry
+    device_threads: DeviceThreads
+
+
+def build(
+    config: Config,
+    toml: str,
+    config_path: Path,
+    run_dir: RunDir,
+    state_dir: Path,
+    clock: Clock,
+    notifier: Notifier,
+) -> Daemon:
+    """Return the daemon of a bench, with its shared files made. Raises DeviceError."""
+    events = EventLog(clock.now_ns)
+    children = Children(
+        [process for process in PROCESSES if process.while_(config)],
+        lambda process: process.start(config_path, run_dir),
+        DescriptorReserve(),
+    )
+    loop = LoopLink(children, run_dir)
+    store = CalibrationStore(config, state_dir)
+    tables = TablesWriter(run_dir.tables, config.motor.counts)
+
+    recording = RecordingControl(
+        *(config, toml, children, events, clock.now_ns, run_dir.timing),
+        calibration_id=store.current_id,
+        realtime=loop.realtime,
+        driven=lambda: bench.setpoint.drive_Hz != 0.0,
+        on_plan_unrecorded=lambda why: bench.plans.abort(why),
+    )
+    boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
+    journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
+    resumption = Resumption(config, journal, store.current_id, clock.now_ns)
+    sink = JournalSink(recording, journal, resumption, events, clock.now_ns)
+    recording.recorder.followers += [boxes, sink]
+    mailbox = MailboxWriter(run_dir.setpoint, clock)
+    bench = Bench(config, mailbox, slow_devices(config, events), events, sink)
+    bench.monitor.on_trip = boxes.trip
+
+    tables.write(*parameters.build(config, installed_calibration(store, bench)))
+    show_interrupted_plan(journal, resumption, bench)
+
+    guard = Guard(events, bench.fault_stop, lambda: bench.setpoint.request(Request.STOP))
+    telemetry = Telemetry(
+        lambda name, payload: api.put(name, payload),
+        *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),
+    )
+    state = StateView(
+        *(bench, store, children, recording, loop, guard, telemetry),
+        *(time.monotonic_ns(), clock.now_ns),
+    )
+    publisher = Publisher(state)
+    events.listeners += [publisher.event, recording.recorder.event, boxes.event]
+
+    plans = PlanControl(bench, resumption, recording.obstacle)
+    installation = Installation(bench, store, tables.write, toml)
+    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
+    dispatcher = Dispatcher(bench, operation, plans, installation)
+    longest = max_request_bytes(config.motor.counts)
+    offloaded = {
+        CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+        PLAN_RESUME.name: Offloaded(plans.read_remaining),
+    }
+    api = Api(
+        *(config.bench.name, dispatcher.calls, offloaded, publisher.documents, longest),
+        in_command=lambda payload: bench.lease.is_in(payload, time.monotonic_ns()),
+    )
+    supervisor = Supervisor(
+        *(bench, dispatcher, children, loop, tables, recording, boxes),
+        *(publisher, GatewayLink(children, events) if config.zenoh.remote else None),
+        *(guard, notifier),
+    )
+    return Daemon(supervisor, api, telemetry, DeviceThreads(list(bench.devices.values())))
+
+
+def slow_devices(config: Config, events: EventLog) -> dict[str, SlowDevice]:
+    """Return the brake and the drive that are on a wire, not yet open. Raises DeviceError."""
+    kinds: tuple[Literal["brake", "drive"], ...] = ("brake", "drive")
+    devices: dict[str, SlowDevice] = {}
+    for kind in kinds:
+        section = config.brake if kind == "brake" else config.drive
+        if section.driver not in ("sim", "none"):
+            device = registry.make_setpoint_device(kind, config)
+            # a brake takes speed out: it is left as it is until no torque can be left
+            hold_s = config.wind_down_s(config.limits.torque_Nm) if kind == "brake" else 0.0
+            devices[kind] = SlowDevice(
+                *(kind, device, section.poll_s, section.stale_after_s),
+                order_s=config.order_s,
+                hold_s=hold_s,
+            )
+    if config.drive.driver not in ("sim", "none", "modbus"):
+        events.emit(
+            "device",
+            f'[drive] driver = "{config.drive.driver}" is not motord\'s own: it is not known what '
+            "stops the drive if nobody writes to it any more; see docs/modbus.md",
+        )
+    return devices
+
+
+def installed_calibration(store: CalibrationStore, bench: Bench) -> Calibration | None:
+    """Return the calibration that was installed before, if it fits; compensation is then on."""
+    try:
+        calibration = store.load_installed()
+    except CalibrationError as error:
+        bench.events.emit("calibration", f"the installed calibration is not used: {error}")
+        return None
+    if calibration is not None:
+        bench.calibration_installed()
+        bench.events.emit(
+            "calibration", f"{calibration.id} is in force, {calibration.age()} old",
+            id=calibration.id,
+        )  # fmt: skip
+    return calibration
+
+
+def show_interrupted_plan(journal: Journal, resumption: Resumption, bench: Bench) -> None:
+    """Show the plan that was under way when the daemon ended, and say how it can go on."""
+    journal.load()
+    if journal.error:
+        bench.events.emit("journal", f"cannot read it: {journal.error}")
+    if summary := resumption.summary():
+        bench.plans.show(resumption.view())
+        bench.events.emit("plan", summary)

@@ -1,0 +1,53 @@
+"""Preconditions on the bench, for `dispatcher.handles`: each raises RpcError unless it is met."""
+
+from motord.api.descriptions import trip_text
+from motord.api.errors import RpcError
+from motord.schema import State
+from motord.service.bench.bench import Bench
+
+
+def loop_up(bench: Bench) -> None:
+    """The loop runs."""
+    if bench.loop_starting:
+        raise RpcError("refused", f"{bench.loop_fault}: it is starting; try again in a moment")
+    if bench.loop_fault:
+        raise RpcError("refused", f"{bench.loop_fault}; `motord reset` starts the loop again")
+
+
+def no_plan(bench: Bench) -> None:
+    """No plan is under way."""
+    view = bench.plans.view
+    if bench.plans.active and view is not None:
+        raise RpcError(
+            "plan_running",
+            f"plan {view.plan} is {view.state} and sets torque and speed; abort it first",
+        )
+
+
+def plan_active(bench: Bench) -> None:
+    """A plan is under way."""
+    if not bench.plans.active:
+        raise RpcError("refused", "no plan is under way")
+
+
+def no_trip(bench: Bench) -> None:
+    """The bench is not tripped."""
+    if bench.state is State.TRIPPED:
+        raise RpcError("tripped", f"tripped: {bench.monitor.trip_summary()}")
+
+
+def can_be_enabled(bench: Bench) -> None:
+    """Loop up, no plan, no trip, and no trip condition that stands against enabling."""
+    loop_up(bench)
+    no_plan(bench)
+    no_trip(bench)
+    if bench.state is State.OFF and bench.monitor.trip_bits:
+        raise RpcError("refused", f"it cannot be enabled: {trip_text(bench.monitor.trip_bits)}")
+
+
+def zero_torque(bench: Bench, why: str) -> None:
+    """No torque is set; `why` completes "set torque_Nm = 0 first: "."""
+    if bench.state is State.ENABLED and (
+        bench.monitor.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
+    ):
+        raise RpcError("refused", f"set torque_Nm = 0 first: {why}")

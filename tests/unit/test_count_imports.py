@@ -1,0 +1,24 @@
+"""tools/count_imports.py: the path of a set-point is as it says, and no longer than it may be."""
+
+import sys
+
+from tests.docs.blocks import ROOT
+
+sys.path.insert(0, str(ROOT / "tools"))
+
+import count_imports
+from count_imports import FILES_MAX, PATH, Step
+
+
+def test_the_path_of_a_set_point_is_the_one_listed():
+    assert count_imports.path_errors() == []
+    assert len({step.file for step in PATH}) <= FILES_MAX
+
+
+def test_what_is_not_there_or_not_imported_is_found():
+    path = (*PATH[:1], Step("control/step.py", "step", ""), Step("api/requests.py", "nothing", ""))
+    assert count_imports.path_errors(path) == [
+        "control/step.py: not imported by a file before it",
+        "api/requests.py: no function nothing",
+        "api/requests.py: not imported by a file before it",
+    ]
