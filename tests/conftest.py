@@ -1,4 +1,4 @@
-"""Settings of hypothesis, seeds, what forgiven trips came to, and skipped tests.
+"""Settings of hypothesis, order of files, what forgiven trips came to, and skipped tests.
 
 `make test` is to end the same way every time: hypothesis draws the same examples in every run,
 whatever ran before and in which process. `make soak` sets MOTORD_HYPOTHESIS=soak and hands over a
@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
-from tests.support import stalls
+from tests.support import schedule, stalls
 
 settings.register_profile(
     "motord",
@@ -40,8 +40,10 @@ if not SOAK:
     providers._get_local_constants = lambda: nothing
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Interpreted, a few examples reach the same lines, whatever a test asks for."""
+    if hasattr(config, "workerinput"):
+        schedule.longest_first(items)
     for item in items if INTERPRETED else ():
         test = getattr(item, "obj", None)
         own = getattr(test, "_hypothesis_internal_use_settings", None)
@@ -49,13 +51,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             test._hypothesis_internal_use_settings = settings(own, max_examples=FEW)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> schedule.Lanes | None:
+    """Hand out whole files, those of system tests in lanes."""
+    return schedule.Lanes(config, log) if config.getoption("dist") == "loadfile" else None
+
+
 _seconds: Counter[str] = Counter()
 _forgiven: list[str] = stalls.FORGIVEN
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Add up the time of each folder of tests."""
-    _seconds[str(Path(report.nodeid.partition("::")[0]).parent)] += report.duration
+    """Add up the time of each file of tests."""
+    _seconds[schedule.file_of(report.nodeid)] += report.duration
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -67,7 +75,10 @@ def pytest_testnodedown(node: Any, error: object) -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say how long each folder took, and which trips were forgiven."""
     if len(_seconds) > 1:
-        times = ", ".join(f"{name} {seconds:.0f}" for name, seconds in _seconds.most_common())
+        folders: Counter[str] = Counter()
+        for file, seconds in _seconds.items():
+            folders[str(Path(file).parent)] += seconds
+        times = ", ".join(f"{name} {seconds:.0f}" for name, seconds in folders.most_common())
         terminalreporter.write_line(f"seconds by folder: {times}")
     terminalreporter.write_line(f"{len(_forgiven)} trips forgiven to a computer that stalled")
     for told in _forgiven:
@@ -79,6 +90,8 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["forgiven"] = stalls.FORGIVEN
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if os.environ.get("MOTORD_TEST_DURATIONS") == "1" and reporter is not None:
+        schedule.write_durations(_seconds)
     if os.environ.get("MOTORD_NO_SKIPS") != "1" or reporter is None:
         return
     skipped = reporter.stats.get("skipped", [])
