@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 from tests.support import schedule, stalls
+from tests.support.properties import FEW, INTERPRETED
 
 settings.register_profile(
     "motord",
@@ -24,31 +25,25 @@ settings.register_profile(
     derandomize=True,
     database=None,
 )
-FEW = 5
 settings.register_profile("interpreted", parent=settings.get_profile("motord"), max_examples=FEW)
 settings.register_profile("soak", parent=settings.get_profile("motord"), derandomize=False)
 settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=20)
-INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT") == "1"
 PROFILE = os.environ.get("MOTORD_HYPOTHESIS", "interpreted" if INTERPRETED else "motord")
 SOAK = PROFILE == "soak"
 settings.load_profile(PROFILE)
 
 if not SOAK:
-    # hypothesis also draws numbers that stand in the modules that happen to be loaded
+    # hypothesis also draws numbers that stand in the modules that happen to be loaded; no setting
+    # of it turns that off (6.170), so this reaches into it
     nothing = providers.Constants()
     assert callable(providers._get_local_constants)
     providers._get_local_constants = lambda: nothing
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Interpreted, a few examples reach the same lines, whatever a test asks for."""
+    """In processes of pytest-xdist files run in an order of their own."""
     if hasattr(config, "workerinput"):
         schedule.longest_first(items)
-    for item in items if INTERPRETED else ():
-        test = getattr(item, "obj", None)
-        own = getattr(test, "_hypothesis_internal_use_settings", None)
-        if own is not None and own.max_examples > FEW:
-            test._hypothesis_internal_use_settings = settings(own, max_examples=FEW)
 
 
 @pytest.hookimpl(optionalhook=True)
