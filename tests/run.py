@@ -48,15 +48,20 @@ def run(*arguments: str, **environment: str) -> int:
     return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=own).returncode
 
 
-def pytest(processes: int, *options: str, **environment: str) -> int:
+def pytest(jobs: int, *options: str, **environment: str) -> int:
     """Run tests in so many processes and return the exit code."""
-    handed_out = ("-n", str(processes), "--dist", "loadfile", "--no-loadscope-reorder")
+    handed_out = ("-n", str(jobs), "--dist", "loadfile", "--no-loadscope-reorder")
     return run("pytest", "-q", *handed_out, *options, **environment)
+
+
+def in_lanes(jobs: int, *options: str) -> int:
+    """Run tests, so many files of `system` tests at a time, in one process more."""
+    return pytest(jobs + 1, *options, MOTORD_TEST_LANES=str(jobs))
 
 
 def everything(jobs: int, paths: list[str]) -> int:
     """Run all tests of `paths`, or of all folders, but the long ones; 0 if all is as it must be."""
-    code = pytest(jobs + 1, "-m", "not long", *paths)
+    code = in_lanes(jobs, "-m", "not long", *paths)
     return 0 if paths and code == NO_TESTS else code
 
 
@@ -68,7 +73,7 @@ def covered(jobs: int, paths: list[str]) -> int:
     ended = [
         pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1"),
         pytest(jobs, *measured, "-m", "not system and not long", *paths),
-        pytest(jobs + 1, "-m", "system and not long", *paths),
+        in_lanes(jobs, "-m", "system and not long", *paths),
     ]
     if paths:
         return int(any(code not in (0, NO_TESTS) for code in ended))
@@ -96,7 +101,7 @@ def main() -> int:
         chosen = ("-m", "not system and not slow and not long", *QUICK, *left_out)
         return pytest(options.jobs, *chosen, **few)
     if options.long:
-        return pytest(options.jobs, "-m", "long", *options.paths)
+        return in_lanes(options.jobs, "-m", "long", *options.paths)
     return (covered if options.coverage else everything)(options.jobs, options.paths)
 
 

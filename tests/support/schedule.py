@@ -1,12 +1,13 @@
 """In which order files of tests run, and where: the longest first, system tests a few at a time.
 
 A file is the unit: its tests run one after the other in one process. Files of system tests start
-processes that keep to real time, so they form lanes, one fewer than there are processes of
-pytest-xdist: the last one runs what needs no time of its own, and fills what system tests leave
-of the processors while they wait.
+processes that keep to real time, so they form lanes: `tests/run.py` has one process more than
+lanes, which runs what needs no time of its own, and fills what system tests leave of the
+processors while they wait.
 """
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from xdist.scheduler import LoadScopeScheduling
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "tests" / "durations.json"
 """Seconds by file, on two idle processors; `tests/run.py --durations` writes it."""
+LANES = "MOTORD_TEST_LANES"
+"""How many files of system tests may run at a time; as many as there are processes without it."""
 LISTED_S = 3.0
 """Shorter files are not listed, and run last."""
 
@@ -50,7 +53,7 @@ class Lanes(LoadScopeScheduling):  # type: ignore[misc]
 
     def __init__(self, config: pytest.Config, log: Any = None) -> None:
         super().__init__(config, log)
-        self._units = units(self.numnodes - 1)
+        self._units = units(int(os.environ.get(LANES, self.numnodes)))
 
     def _split_scope(self, nodeid: str) -> str:
         return self._units(file_of(nodeid))
@@ -59,7 +62,7 @@ class Lanes(LoadScopeScheduling):  # type: ignore[misc]
 def units(lanes: int) -> Callable[[str], str]:
     """Return what names the unit of a file; a new file of system tests joins the shortest lane."""
     table = durations_s()
-    lane_s = [0.0] * max(lanes, 1)
+    lane_s = [0.0] * lanes
     known: dict[str, str] = {}
 
     def unit(file: str) -> str:

@@ -35,12 +35,6 @@ def test_system_files_share_lanes_and_others_stand_alone() -> None:
     assert found == ["u.py", "lane 0", "lane 1", "lane 1", "lane 0"]
 
 
-@pytest.mark.usefixtures("root")
-def test_a_single_process_has_a_lane() -> None:
-    unit = schedule.units(0)
-    assert {unit("a.py"), unit("b.py")} == {"lane 0"}
-
-
 def test_the_table_keeps_what_did_not_run_and_forgets_what_is_gone(root: Path) -> None:
     schedule.write_durations({"a.py": 4.4, "c.py": 1.0, "b.py": 2.0})
     assert list(schedule.durations_s().items()) == [("u.py", 30), ("a.py", 4)]
