@@ -33,7 +33,7 @@ from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
 BY_NAME = {
-    "plans.verify": "getattr, by the plan's name",
+    **{f"plans.{name}": "getattr, by the plan's name" for name in ("align", "verify")},
     "limits.current_error_s": "by its name in control.interlock_table",
     "limits.torque_error_s": "by its name in control.interlock_table",
     **{
