@@ -31,7 +31,8 @@ $(VENV)/dev.stamp: requirements-dev.lock $(VENV)/demo.stamp
 demo: $(VENV)/demo.stamp  ## calibrate the simulated rig and show the ripple before and after
 	@$(BIN)/motord demo
 
-test: lint types layers unit  ## every check but `long`: lint, types, layers, tests (COVERAGE=1 to measure them)
+test: lint                ## every check but `long`: lint, types, layers, tests (COVERAGE=1 to measure them)
+	@$(MAKE) --no-print-directory --jobs 3 types layers unit
 
 long: $(VENV)/dev.stamp   ## the tests that take minutes each: the bring-up guide, whole plans, the emulated machine
 	@$(BIN)/python tests/run.py --long --jobs $(JOBS)

@@ -1,4 +1,4 @@
-"""Settings of hypothesis, seeds, what forgiven trips came to, and skipped tests.
+"""Settings of hypothesis, order of files, what forgiven trips came to, and skipped tests.
 
 `make test` is to end the same way every time: hypothesis draws the same examples in every run,
 whatever ran before and in which process. `make soak` sets MOTORD_HYPOTHESIS=soak and hands over a
@@ -14,7 +14,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
-from tests.support import stalls
+from tests.support import schedule, stalls
+from tests.support.properties import FEW, INTERPRETED
 
 settings.register_profile(
     "motord",
@@ -24,29 +25,31 @@ settings.register_profile(
     derandomize=True,
     database=None,
 )
-FEW = 5
 settings.register_profile("interpreted", parent=settings.get_profile("motord"), max_examples=FEW)
 settings.register_profile("soak", parent=settings.get_profile("motord"), derandomize=False)
 settings.register_profile("quick", parent=settings.get_profile("motord"), max_examples=20)
-INTERPRETED = os.environ.get("NUMBA_DISABLE_JIT") == "1"
 PROFILE = os.environ.get("MOTORD_HYPOTHESIS", "interpreted" if INTERPRETED else "motord")
 SOAK = PROFILE == "soak"
 settings.load_profile(PROFILE)
 
 if not SOAK:
-    # hypothesis also draws numbers that stand in the modules that happen to be loaded
+    # hypothesis also draws numbers that stand in the modules that happen to be loaded; no setting
+    # of it turns that off (6.170), so this reaches into it
     nothing = providers.Constants()
     assert callable(providers._get_local_constants)
     providers._get_local_constants = lambda: nothing
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Interpreted, a few examples reach the same lines, whatever a test asks for."""
-    for item in items if INTERPRETED else ():
-        test = getattr(item, "obj", None)
-        own = getattr(test, "_hypothesis_internal_use_settings", None)
-        if own is not None and own.max_examples > FEW:
-            test._hypothesis_internal_use_settings = settings(own, max_examples=FEW)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """In processes of pytest-xdist files run in an order of their own."""
+    if hasattr(config, "workerinput"):
+        schedule.longest_first(items)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> schedule.Lanes | None:
+    """Hand out whole files, those of system tests in lanes."""
+    return schedule.Lanes(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 _seconds: Counter[str] = Counter()
@@ -54,8 +57,8 @@ _forgiven: list[str] = stalls.FORGIVEN
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Add up the time of each folder of tests."""
-    _seconds[str(Path(report.nodeid.partition("::")[0]).parent)] += report.duration
+    """Add up the time of each file of tests."""
+    _seconds[schedule.file_of(report.nodeid)] += report.duration
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -67,7 +70,10 @@ def pytest_testnodedown(node: Any, error: object) -> None:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say how long each folder took, and which trips were forgiven."""
     if len(_seconds) > 1:
-        times = ", ".join(f"{name} {seconds:.0f}" for name, seconds in _seconds.most_common())
+        folders: Counter[str] = Counter()
+        for file, seconds in _seconds.items():
+            folders[str(Path(file).parent)] += seconds
+        times = ", ".join(f"{name} {seconds:.0f}" for name, seconds in folders.most_common())
         terminalreporter.write_line(f"seconds by folder: {times}")
     terminalreporter.write_line(f"{len(_forgiven)} trips forgiven to a computer that stalled")
     for told in _forgiven:
@@ -79,6 +85,8 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput["forgiven"] = stalls.FORGIVEN
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if os.environ.get("MOTORD_TEST_DURATIONS") == "1" and reporter is not None:
+        schedule.write_durations(_seconds)
     if os.environ.get("MOTORD_NO_SKIPS") != "1" or reporter is None:
         return
     skipped = reporter.stats.get("skipped", [])

@@ -1,12 +1,13 @@
 """Run the test suite, `--quick` the part of it for daily work, or some of its files.
 
-Tests marked `system` run last: they start processes of their own.
-Those marked `long` take minutes and run with `--long` only. A file's tests run one after the other
-in one process, its fixtures once.
+A file's tests run one after the other in one process, its fixtures once. Files of tests marked
+`system`, which mostly wait for processes of their own, run in as many lanes as `--jobs` says, the
+others in one process more (`tests/support/schedule.py`). Tests marked `long` take minutes and run
+with `--long` only.
 
 `--coverage` measures; the figure must be at least `COVERAGE_PERCENT`. It cannot see inside compiled
 code, so tests marked `kernel` run a second time with the compiler off; both count. In the processes
-of `system` tests nothing is measured.
+of `system` tests nothing is measured: they run last then.
 """
 
 import argparse
@@ -27,6 +28,8 @@ SAME_EVERY_TIME = {
 }
 if sys.version_info >= (3, 12):
     SAME_EVERY_TIME["COVERAGE_CORE"] = "sysmon"  # costs a fraction
+NO_BYTECODE = "PYTHONDONTWRITEBYTECODE"
+"""Ignored: each process would compile every module anew, pytest every assertion."""
 QUICK = (
     "tests/unit/control", "tests/unit/hal", "tests/unit/wire", "tests/unit/loop",
     "tests/unit/shm", "tests/unit/service", "tests/unit/sequencing", "tests/unit/emulate",
@@ -41,38 +44,48 @@ NOT_QUICK = (
 def run(*arguments: str, **environment: str) -> int:
     """Run `python -m arguments` and return its exit code."""
     own = {**os.environ, **SAME_EVERY_TIME, **environment}
+    own.pop(NO_BYTECODE, None)
     return subprocess.run([sys.executable, "-m", *arguments], cwd=ROOT, env=own).returncode
 
 
 def pytest(jobs: int, *options: str, **environment: str) -> int:
     """Run tests in so many processes and return the exit code."""
-    return run("pytest", "-q", "-n", str(jobs), "--dist", "loadfile", *options, **environment)
+    handed_out = ("-n", str(jobs), "--dist", "loadfile", "--no-loadscope-reorder")
+    return run("pytest", "-q", *handed_out, *options, **environment)
 
 
-def everything(jobs: int, paths: list[str], coverage: bool) -> int:
+def in_lanes(jobs: int, *options: str) -> int:
+    """Run tests, so many files of `system` tests at a time, in one process more."""
+    return pytest(jobs + 1, *options, MOTORD_TEST_LANES=str(jobs))
+
+
+def everything(jobs: int, paths: list[str]) -> int:
     """Run all tests of `paths`, or of all folders, but the long ones; 0 if all is as it must be."""
-    measured: tuple[str, ...] = ()
-    ended = []
-    if coverage:
-        for old in ROOT.glob(".coverage*"):
-            old.unlink()
-        measured = ("--cov", "--cov-append", "--cov-report=")
-        ended = [pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1")]
-    ended += [
+    code = in_lanes(jobs, "-m", "not long", *paths)
+    return 0 if paths and code == NO_TESTS else code
+
+
+def covered(jobs: int, paths: list[str]) -> int:
+    """Run all tests as `everything` does, and measure what they reach; 0 if that is enough, too."""
+    for old in ROOT.glob(".coverage*"):
+        old.unlink()
+    measured = ("--cov", "--cov-append", "--cov-report=")
+    ended = [
+        pytest(jobs, *measured, "-m", "kernel", *paths, NUMBA_DISABLE_JIT="1"),
         pytest(jobs, *measured, "-m", "not system and not long", *paths),
-        pytest(jobs, "-m", "system and not long", *paths),
+        in_lanes(jobs, "-m", "system and not long", *paths),
     ]
     if paths:
         return int(any(code not in (0, NO_TESTS) for code in ended))
-    if coverage:
-        ended.append(run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}"))
+    ended.append(run("coverage", "report", f"--fail-under={COVERAGE_PERCENT}"))
     return int(any(ended))
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--jobs", type=int, default=2, help="files that run at the same time")
+    parser.add_argument("--jobs", type=int, default=2, help="files of system tests, or processors")
     parser.add_argument("--coverage", action="store_true", help="measure what the tests reach")
+    parser.add_argument("--durations", action="store_true", help="note how long each file takes")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--quick", action="store_true", help="the unit tests that matter daily")
     which.add_argument("--long", action="store_true", help="those that take minutes, alone")
@@ -80,14 +93,16 @@ def main() -> int:
     options = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):  # ignored in what is started in the background
         signal.signal(number, signal.SIG_DFL)
+    if options.durations:
+        os.environ["MOTORD_TEST_DURATIONS"] = "1"
     if options.quick:
         left_out = (f"--ignore=tests/unit/service/test_{name}.py" for name in NOT_QUICK)
         few = {"MOTORD_HYPOTHESIS": "quick"}
         chosen = ("-m", "not system and not slow and not long", *QUICK, *left_out)
         return pytest(options.jobs, *chosen, **few)
     if options.long:
-        return pytest(options.jobs, "-m", "long", *options.paths)
-    return everything(options.jobs, options.paths, options.coverage)
+        return in_lanes(options.jobs, "-m", "long", *options.paths)
+    return (covered if options.coverage else everything)(options.jobs, options.paths)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,15 @@
 
 Makes fresh clones of what is committed, one after the other, each in a time zone of its own, so
 that it is another time of day there, and runs `make test` in it while a process keeps every
-processor busy. Prints what came of each and where its log is; exits with 1 if one is red.
+processor busy. What came of each, with the commit, is in `results.json` of the folder `--out`,
+its log beside it; exits with 1 if one is red.
 
+Run again with the same `--out` it goes on after the last clone that ended, with the same commit.
 `--idle` leaves the processors alone, and `--run` names another target.
 """
 
 import argparse
+import json
 import os
 import re
 import shlex
@@ -16,9 +19,11 @@ import sys
 import tempfile
 import time
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from datetime import datetime, timedelta
 from pathlib import Path
 
+from motord.atomic_write import write_whole
 from tests.system.disturbances import hogs
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,13 +31,23 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @dataclass(frozen=True)
 class Result:
-    """`said` is the last line of the log that counts tests, `forgiven` how many trips were."""
+    """`counts` are the lines of the log that count tests, `forgiven` how many trips were."""
 
+    number: int
+    commit: str
     zone: str
     green: bool
-    seconds: float
-    said: str
+    duration_s: float
+    counts: list[str]
     forgiven: int
+    log: str
+
+    def __str__(self) -> str:
+        outcome = "green" if self.green else "RED"
+        return (
+            f"{self.number}: {outcome} in {self.duration_s:.0f} s, TZ={self.zone}, "
+            f"{self.forgiven} forgiven; {'; '.join(self.counts)}; {self.log}"
+        )
 
 
 def zone(number: int, clones: int) -> str:
@@ -42,24 +57,61 @@ def zone(number: int, clones: int) -> str:
     return f"CLONE{sign}{abs(minutes) // 60:02}:{abs(minutes) % 60:02}"
 
 
-def clone(folder: Path) -> None:
-    """Clone what is committed into `folder`."""
+def head() -> str:
+    """Return the commit that is checked out here."""
+    command = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+
+def clone(folder: Path, commit: str) -> None:
+    """Clone `commit` into `folder`."""
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(folder)], check=True)
+    detach = ["git", "-C", str(folder), "checkout", "--quiet", "--detach", commit]
+    subprocess.run(detach, check=True)
 
 
-def tried(folder: Path, command: list[str], log: Path, zone_: str) -> Result:
-    """Run `command` in the clone."""
+def run(command: list[str], folder: Path, log: Path, zone_: str) -> tuple[bool, float]:
+    """Run `command` in the clone; return whether it ended with 0, and after how many seconds."""
     environment = {**os.environ, "TZ": zone_, "PYTHONPATH": str(folder / "src")}
     begun_s = time.monotonic()
     with log.open("w") as out:
         ended = subprocess.run(
             command, cwd=folder, env=environment, stdout=out, stderr=subprocess.STDOUT
         )
+    return ended.returncode == 0, time.monotonic() - begun_s
+
+
+def result_of(number: int, commit: str, zone_: str, ended: tuple[bool, float], log: Path) -> Result:
+    """Return what came of a clone, with what its log says of tests and forgiven trips."""
     text = log.read_text(errors="replace")
     counts = re.findall(r"^\d+ (?:passed|failed).*$", text, re.M)
     forgiven = sum(map(int, re.findall(r"^(\d+) trips forgiven", text, re.M)))
-    seconds = time.monotonic() - begun_s
-    return Result(zone_, ended.returncode == 0, seconds, "; ".join(counts), forgiven)
+    return Result(number, commit, zone_, *ended, counts, forgiven, log.name)
+
+
+def read(path: Path) -> list[Result]:
+    """Return the results of a run before; none if there was none."""
+    return [Result(**one) for one in json.loads(path.read_text())] if path.exists() else []
+
+
+def write(path: Path, results: list[Result]) -> None:
+    """Replace the file of results, whole."""
+    write_whole(path, json.dumps([asdict(one) for one in results], indent=1) + "\n")
+
+
+def progress(results: list[Result], clones: int, now: datetime) -> str:
+    """Return how far it is, and when the rest will be done if it takes as long as before."""
+    left, red = clones - len(results), sum(not one.green for one in results)
+    said = f"{len(results)} of {clones} clones, {red} red"
+    if not results or not left:
+        return said
+    mean_s = sum(one.duration_s for one in results) / len(results)
+    return f"{said}; the rest until about {now + timedelta(seconds=left * mean_s):%H:%M}"
+
+
+def say(line: object) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 def main() -> int:
@@ -67,21 +119,28 @@ def main() -> int:
     parser.add_argument("--clones", type=int, default=10)
     parser.add_argument("--idle", action="store_true", help="without busy processors")
     parser.add_argument("--run", default="make test")
+    parser.add_argument("--out", type=Path, help="folder of results; goes on where it ended")
     options = parser.parse_args()
-    logs, red = Path(tempfile.mkdtemp(prefix="motord-clones-")), 0
-    for number in range(options.clones):
+    out = options.out or Path(tempfile.mkdtemp(prefix="motord-clones-"))
+    out.mkdir(parents=True, exist_ok=True)
+    results = read(out / "results.json")
+    commit = results[0].commit if results else head()
+    say(f"commit {commit}, results in {out}")
+    for one in results:
+        say(one)
+    for number in range(len(results), options.clones):
+        say(progress(results, options.clones, datetime.now()))
+        log, zone_ = out / f"{number}.log", zone(number, options.clones)
         with tempfile.TemporaryDirectory(prefix="motord-clone-") as name:
-            folder, log = Path(name) / "motord", logs / f"{number}.log"
-            clone(folder)
+            folder = Path(name) / "motord"
+            clone(folder, commit)
             with nullcontext() if options.idle else hogs():
-                result = tried(folder, shlex.split(options.run), log, zone(number, options.clones))
-        red += not result.green
-        sys.stdout.write(
-            f"{number}: {'green' if result.green else 'RED'} in {result.seconds:.0f} s, "
-            f"TZ={result.zone}, {result.forgiven} forgiven; {result.said}; {log}\n"
-        )
-        sys.stdout.flush()
-    return 1 if red else 0
+                ended = run(shlex.split(options.run), folder, log, zone_)
+        results.append(result_of(number, commit, zone_, ended, log))
+        write(out / "results.json", results)
+        say(results[-1])
+    say(progress(results, options.clones, datetime.now()))
+    return int(any(not one.green for one in results))
 
 
 if __name__ == "__main__":

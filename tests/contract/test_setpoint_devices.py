@@ -45,6 +45,18 @@ def modbus_tcp(folder: Path) -> Iterator[Pair]:
     yield from _modbus(ModbusConfig(tcp_port=port, timeout_s=2.0))
 
 
+def modbus_wide(folder: Path) -> Iterator[Pair]:
+    """The other way in all that a table may say of registers."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    table = ModbusConfig(
+        tcp_port=port, timeout_s=2.0, unit=7, setpoint_kind="i32", setpoint_scale=1e-6,
+        read_table="input", status_register=0, value_register=1, value_kind="i32",
+        value_scale=1e-3, word_order="little",
+    )  # fmt: skip
+    yield from _modbus(table)
+
+
 def modbus_rtu(folder: Path) -> Iterator[Pair]:
     port = str(folder / "port")
     yield from _modbus(ModbusConfig(transport="rtu", serial_port=port, timeout_s=2.0))
@@ -98,7 +110,7 @@ def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
         device.close()
 
 
-DEVICES = (modbus_tcp, modbus_rtu, libmodbus_tcp, libmodbus_rtu)
+DEVICES = (modbus_tcp, modbus_wide, modbus_rtu, libmodbus_tcp, libmodbus_rtu)
 
 
 @pytest.fixture
@@ -161,8 +173,10 @@ def test_safe_stop_at_any_time(pair: Pair) -> None:
     pair.device.exchange(1.0)
     pair.device.safe_stop()
     assert pair.told() == 0.0
+    pair.device.exchange(1.0)
     pair.device.close()
     pair.device.safe_stop()
+    assert pair.told() == 0.0
 
 
 def test_closes_twice_and_leaves_nothing_open(pair: Pair) -> None:

@@ -1,6 +1,5 @@
 """The driver of the slow devices against a device that libmodbus makes, over TCP and RTU."""
 
-import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -123,15 +122,6 @@ def test_words_are_where_the_order_says(bench: Bench) -> None:
         host.exchange(1.0)
         assert [bench.peer.numbers("read", SETPOINT + at)[0] for at in range(2)] == words
         host.close()
-
-
-@pytest.mark.parametrize("asked", [math.nan, math.inf, -math.inf])
-def test_what_is_no_number_is_zero_there(bench: Bench, asked: float) -> None:
-    host = bench.host()
-    host.exchange(0.5)
-    host.exchange(asked)
-    assert bench.peer.numbers("read", SETPOINT) == [0]
-    host.close()
 
 
 @pytest.mark.parametrize(

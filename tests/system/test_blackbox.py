@@ -8,7 +8,7 @@ import pytest
 
 from motord.recording.reader import open_run
 from motord.schema import State
-from tests.system.daemons import daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -83,7 +83,7 @@ def test_a_trip_leaves_a_black_box_though_nothing_is_recorded(running):
     assert running.end() == 0
 
 
-def test_a_killed_loop_leaves_a_black_box(running):
+def test_a_killed_loop_leaves_a_black_box_and_an_orderly_end_none(running):
     with running.connect() as client, client.lease("anna") as lease:
         client.rpc("enable", token=lease.token)
         has_run_for(client, 1.0)
@@ -96,7 +96,11 @@ def test_a_killed_loop_leaves_a_black_box(running):
         check_ticks(ticks)
         assert ticks["state"][-1] == State.ENABLED
         assert client.rpc("reset", token=lease.token) == {"state": "OFF"}
-    assert running.end() == 0
+        wait_for(client, lambda s: s.tick is not None, "ticks")
+        client.rpc("enable", token=lease.token)
+        has_run_for(client, 1.0)
+        assert running.end() == 0
+        assert lease.lost.wait(PATIENCE_S)
     assert len(boxes(running)) == 1
 
 
@@ -110,12 +114,3 @@ def test_a_killed_daemon_that_left_the_bench_enabled_leaves_a_black_box(running)
     ticks = run.ticks(("tick", "state", "missed"))
     check_ticks(ticks)
     assert State.ENABLED in ticks["state"]
-
-
-def test_an_orderly_end_leaves_none(running):
-    with running.connect() as client, client.lease("anna") as lease:
-        client.rpc("enable", token=lease.token)
-        has_run_for(client, 1.0)
-        assert running.end() == 0
-        assert lease.lost.wait(60)
-    assert boxes(running) == []

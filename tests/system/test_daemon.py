@@ -1,10 +1,7 @@
 """`motord run` with the simulated bench: processes, sockets and files as a user has them."""
 
-import re
 import signal
 import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,20 +78,6 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
     assert "[motor]" in run.metadata["config"]
 
 
-def test_sigterm_while_enabled_ramps_down_first(running):
-    with running.connect() as client, client.lease("anna") as lease:
-        client.rpc("enable", token=lease.token)
-        client.rpc("set", token=lease.token, torque_Nm=2.0, speed_Hz=0.7)
-        wait_for(client, at_speed(0.7), "0.7 Hz")
-        assert running.end() == 0
-        assert lease.lost.wait(PATIENCE_S)
-    [run] = running.runs()
-    ticks = run.ticks(("torque_set_Nm", "state"))
-    enabled = ticks[ticks["state"] == State.ENABLED]
-    assert abs(enabled["torque_set_Nm"][-1]) < 0.05
-    assert ticks["state"][-1] == State.OFF
-
-
 def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
     with running.connect() as client, client.subscribe_plan() as progress:
         with client.lease("anna") as lease:
@@ -123,28 +106,6 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
     assert (np.diff(numbers.astype(int)) >= 1).all()
 
 
-def test_the_examples_in_the_documentation_run(running):
-    text = (Path(__file__).parents[2] / "docs" / "api.md").read_text()
-    examples = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    assert len(examples) == 2
-    for example in examples:
-        script = example.replace("tcp/127.0.0.1:7447", running.endpoint)
-        script = script.replace("motord/sim/", f"motord/{running.config.bench.name}/")
-        script = script.replace("connect()", f'connect(None, "{running.endpoint}")')
-        done = subprocess.run(
-            [sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE_S
-        )
-        assert done.returncode == 0, done.stderr
-        assert "OFF" in done.stdout
-
-
-def test_a_second_daemon_of_the_same_bench_is_refused(running, tmp_path):
-    second = Program(tmp_path, "run", "-c", tmp_path / "system.toml", ready=False)
-    assert second.wait() == 1
-    assert "is in use" in second.said()
-    assert str(running.process.pid) in second.said()
-
-
 def test_malformed_benches_are_one_line_and_exit_1(tmp_path):
     path = write_sim(tmp_path)
     path.write_text(path.read_text().replace("pole_pairs = 8", "pole_pair = 8"))
@@ -171,59 +132,11 @@ def test_a_dead_loop_is_reported_and_comes_back_off_after_reset(running):
         check_ticks(run.ticks(("tick", "missed", "flags")))
 
 
-def test_a_dead_recorder_is_restarted_and_the_gap_is_told(running):
-    with running.connect() as client, client.lease("anna") as lease:
-        client.rpc("enable", token=lease.token)
-        before = wait_for(client, lambda s: s.recording.recording, "a recording")
-        assert before.recording.path == f"{before.recording.final_path}.part"
-        assert Path(before.recording.path).exists()
-        subprocess.run(["kill", "-9", str(before.processes["recorder"].pid)], check=True)
-        after = wait_for(
-            client,
-            lambda s: s.recording.recording and s.recording.path != before.recording.path,
-            "a new recording",
-        )
-        assert after.processes["recorder"].restarts == 1
-        assert after.state == "ENABLED"
-        assert any("recorder ended" in event.message for event in client.events())
-    assert running.end() == 0
-    ticks = [run.ticks(("tick", "missed", "flags")) for run in running.runs()]
-    assert len(ticks) == 2
-    check_ticks(np.concatenate(ticks))
-
-
-def test_a_stopped_subscriber_does_not_hold_up_the_heartbeat(running):
-    subscriber = subprocess.Popen(
-        [sys.executable, "-c", SUBSCRIBER, running.config.bench.name, running.endpoint],
-        stdout=subprocess.PIPE,
-    )
-    try:
-        assert subscriber.stdout.readline() == b"up\n"
-        with running.connect() as client, client.lease("anna") as lease:
-            client.rpc("enable", token=lease.token)
-            subscriber.send_signal(signal.SIGSTOP)
-            begun = client.state()
-            passed = wait_for(
-                client, lambda s: s.uptime_s > begun.uptime_s + 5.0 or s.state != "ENABLED", "5 s"
-            )
-            assert passed.state == "ENABLED", passed.trips
-    finally:
-        subscriber.kill()
-        subscriber.communicate()
-
-
-SUBSCRIBER = """
-import sys, time
-from motord.client import connect
-client = connect(sys.argv[1], sys.argv[2])
-subscription = client.subscribe_ticks()
-assert subscription.get(60) is not None
-print("up", flush=True)
-time.sleep(600)
-"""
-
-
-def test_after_kill_9_of_the_supervisor_the_bench_can_be_run_again(running, tmp_path):
+def test_a_bench_is_run_once_at_a_time_and_again_after_kill_9(running, tmp_path):
+    second = Program(tmp_path, "run", "-c", tmp_path / "system.toml", ready=False)
+    assert second.wait() == 1
+    assert "is in use" in second.said()
+    assert str(running.process.pid) in second.said()
     with running.connect() as client:
         pids = [view.pid for view in client.state().processes.values()]
     assert running.end(signal.SIGKILL) == -signal.SIGKILL

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from motord.cli import app
 from motord.config import Config, load
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.base import BridgeStatus, InverterStatus
@@ -331,13 +333,11 @@ def test_a_second_emulator_of_a_bench_is_refused_in_one_line(start, tmp_path):
         ({'rig = "package:report.rig.toml"': 'rig = "nowhere.toml"'}, "nowhere.toml"),
     ],
 )
-def test_what_cannot_be_served_is_one_line(start, tmp_path, changes, words):
-    emulator = start(write_bench(tmp_path, changes))
-    emulator.process.wait(COMPILE_S)
-    code, _, err = emulator.end()
-    assert code == 1
-    assert words in err
-    assert err.count("\n") == 1
+def test_what_cannot_be_served_is_one_line(tmp_path, changes, words):
+    result = CliRunner().invoke(app, ["emulate", "-c", str(write_bench(tmp_path, changes))])
+    assert result.exit_code == 1
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
     assert not (tmp_path / "bridge").is_symlink()
 
 

@@ -5,6 +5,7 @@ import re
 import signal
 from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -142,6 +143,9 @@ def test_a_subscriber_that_stands_still(tmp_path):
 
 def test_a_recorder_that_is_killed_again_and_again(tmp_path):
     with enabled(tmp_path, write_bench(tmp_path)) as bench:
+        recording = bench.client.state().recording
+        assert recording.path == f"{recording.final_path}.part"
+        assert Path(recording.path).exists()
         for number in range(1, 4):
             bench.go_on(TICKS // 3)
             os.kill(bench.pid("recorder"), signal.SIGKILL)
@@ -151,6 +155,8 @@ def test_a_recorder_that_is_killed_again_and_again(tmp_path):
                 f"recorder {number + 1}",
             )
         bench.go_on(TICKS // 3)
+        said = [event for event in bench.client.events() if "recorder ended" in event.message]
+        assert len(said) == 3
         runs = check_recorded_to_the_end(bench)
     assert len(runs) == 4
     for before, after in pairwise(runs):

@@ -13,6 +13,7 @@ from motord.recording.reader import open_run
 from motord.schema import State
 from tests.support import stalls
 from tests.system.daemons import (
+    PATIENCE_S,
     STALE_S,
     Program,
     daemon,
@@ -205,10 +206,12 @@ def test_sigterm_ramps_down_on_the_wire(wire):
         lease.acquire()
         hold(client, lease, 2.0, 0.7, states_in_a_row=3)
         assert wire.daemon.end() == 0
-        lease.release()
+        assert lease.lost.wait(PATIENCE_S)
     ended_ns = time.time_ns()
     [run] = wire.daemon.runs()
-    assert State(int(run.ticks(("state",))["state"][-1])) is State.OFF
+    ticks = run.ticks(("torque_set_Nm", "state"))
+    assert abs(ticks["torque_set_Nm"][ticks["state"] == State.ENABLED][-1]) < 0.05
+    assert State(int(ticks["state"][-1])) is State.OFF
     go_on(wire.devices)
     truth = wire.truth()
     assert currents(truth, ended_ns, DECAYED_S).max() < ZERO_A

@@ -63,6 +63,27 @@ void host_reset(enum board_link link)
     };
 }
 
+double host_pass(struct bridge *bridge, double ticked_us, double now_us, double end_us,
+                 uint32_t lines)
+{
+    static const uint16_t middle[] = {2048, 2048, 2048, 2048};
+    for (;;) {
+        const double next_us = ticked_us + 1e6 / host.tick_Hz;
+        const double at_us = next_us > now_us ? next_us : now_us;
+        if (at_us > end_us) {
+            return ticked_us;
+        }
+        int64_t rounded_us = (int64_t)at_us; /* half to even, as in Python */
+        const double part = at_us - (double)rounded_us;
+        rounded_us += part > 0.5 || (part == 0.5 && rounded_us % 2 != 0);
+        const struct board_reading reading = {
+            .t_us = (uint32_t)rounded_us, .lines = lines, .adc = middle, .adc_count = 4};
+        bridge_on_tick(bridge, &reading);
+        now_us = (double)rounded_us;
+        ticked_us = at_us;
+    }
+}
+
 /* xorshift32 */
 static uint32_t state;
 

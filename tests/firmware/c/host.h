@@ -39,6 +39,11 @@ extern struct host host;
 extern struct board host_board;
 void host_reset(enum board_link link);
 
+/* Lets ticks come at the rate that the core asked for, one period after `ticked_us` first, none
+ * before `now_us` and none after `end_us`, all channels in the middle. Returns when the last came. */
+double host_pass(struct bridge *bridge, double ticked_us, double now_us, double end_us,
+                 uint32_t lines);
+
 /* How a mutated frame is made of a good one. */
 enum mutation {
     FLIP_BITS,  /* 1 to 3 bits of the wire */

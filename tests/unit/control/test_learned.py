@@ -11,6 +11,7 @@ from motord.control.learned import between, learned_torque
 from motord.control.parameters import build
 from motord.learned import LearnedPoint, LearnedTorque
 from motord.schema import Compensate, Flag, State
+from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 from tests.unit.control.test_step import calibration
 
@@ -63,7 +64,7 @@ def test_is_straight_between_the_points_and_keeps_to_the_edges(
 
 
 @given(st.floats(allow_nan=True), st.floats(allow_nan=True), st.floats(0, 2 * math.pi))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100))
 def test_never_exceeds_the_largest_point_wherever_it_is_asked(
     torque_Nm: float, speed_rad_s: float, angle_rad: float
 ) -> None:

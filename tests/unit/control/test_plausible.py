@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from motord.control.tracks import watched_tracks
 from motord.schema import Compensate, State, Trip
+from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
 
@@ -174,7 +175,7 @@ ACCELERATION_MAX_RAD_S2 = 500.0
     rate_Hz=st.sampled_from([100, 150, 200, 500, 1000]),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_no_false_trips_in_normal_operation(
     speed_rad_s: float, swing: float, hz: float, rate_Hz: int, seed: int
 ) -> None:

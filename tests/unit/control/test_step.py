@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.schema import BridgeStatus, Compensate, Flag, InverterStatus, Request, State, Trip
+from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
 BOTH = Compensate.CURRENTS | Compensate.COGGING
@@ -72,7 +73,7 @@ def test_torque_is_what_was_asked_for(connection: str) -> None:
     torque_Nm=st.floats(-4, 4),
     turned=st.integers(0, 50),
 )
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_compensation_inverts_the_model(
     alpha_a: float, alpha_b: float, beta_a_A: float, beta_b_A: float, torque_Nm: float, turned: int
 ) -> None:
@@ -176,7 +177,7 @@ wild = st.one_of(
 
 
 @given(data=st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150))
 def test_limits_hold_for_any_input(data: st.DataObject) -> None:
     """Currents and torque never exceed their limits, whatever sensors and set-points say."""
     config = make_config(limits={"current_A": 12.0})

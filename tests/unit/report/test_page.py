@@ -56,9 +56,13 @@ def structure(html: str) -> Structure:
     return parser
 
 
-def test_page_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
-    page(content()).write(tmp_path / "r.html")
-    html = (tmp_path / "r.html").read_text()
+@pytest.fixture(scope="module")
+def html() -> str:
+    """The page of all parts; to draw it takes a second."""
+    return page(content()).html()
+
+
+def test_page_needs_nothing_from_elsewhere(html: str) -> None:
     found = structure(html)
     assert len(found.ids) == len(set(found.ids))
     for reference in found.references:
@@ -76,8 +80,7 @@ def test_page_needs_nothing_from_elsewhere(tmp_path: Path) -> None:
     assert "<of>" not in html
 
 
-def test_key_figures_and_tables() -> None:
-    html = page(content()).html()
+def test_key_figures_and_tables(html: str) -> None:
     assert "<b>6.5 %</b>" in html
     assert "<b>0.15 %</b>" in html
     assert "<b>43 \u00d7</b>" in html
@@ -86,8 +89,7 @@ def test_key_figures_and_tables() -> None:
     assert "100.00 \u00b1 1.96" in html
 
 
-def test_pictures_are_sound_svg_with_colours_by_meaning() -> None:
-    html = page(content()).html()
+def test_pictures_are_sound_svg_with_colours_by_meaning(html: str) -> None:
     pictures = re.findall(r"<svg.*?</svg>", html, re.DOTALL)
     assert len(pictures) == 4
     for picture in pictures:
@@ -101,8 +103,9 @@ def test_pictures_are_sound_svg_with_colours_by_meaning() -> None:
     assert "@media print" in html
 
 
-def test_same_content_same_page() -> None:
-    assert page(content()).html() == page(content()).html()
+def test_same_content_same_page(html: str, tmp_path: Path) -> None:
+    page(content()).write(tmp_path / "r.html")
+    assert (tmp_path / "r.html").read_text() == html
 
 
 def test_parts_that_are_missing_are_left_out() -> None:

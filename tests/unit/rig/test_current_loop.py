@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.integrate import solve_ivp
 
+from tests.support.properties import examples
 from tests.unit.rig.probe import Probe, plain
 
 HEAVY = {"inertia_kg_m2": 1e6}
@@ -65,7 +66,7 @@ def test_more_commands_than_the_queue_holds_keep_the_last() -> None:
 
 
 @given(currents)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30))
 def test_independent_phases_sense_the_command_and_carry_what_the_errors_make_of_it(
     command: tuple[float, float, float],
 ) -> None:
@@ -79,7 +80,7 @@ def test_independent_phases_sense_the_command_and_carry_what_the_errors_make_of_
 
 
 @given(currents)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30))
 def test_star_currents_sum_to_zero_and_the_sensed_clarke_components_are_the_commands(
     command: tuple[float, float, float],
 ) -> None:
@@ -126,7 +127,7 @@ def test_a_step_beyond_the_bus_voltage_slews_as_the_winding_allows(connection: s
 
 
 @given(currents, st.sampled_from(["independent", "star"]))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 def test_winding_voltages_never_exceed_the_bus(
     command: tuple[float, float, float], connection: str
 ) -> None:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from motord import config
 from motord.rig.sensor_nonlinearity import sensor_curve, sensor_inverse, sensor_slope
 from motord.rig.truth import NonlinearityTruth, RigTruth, load
+from tests.support.properties import examples
 from tests.unit.rig.probe import Probe, plain
 
 HEAVY = {"inertia_kg_m2": 1e6}
@@ -29,7 +30,7 @@ def flowing(probe: Probe) -> np.ndarray:
 
 
 @given(currents)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 def test_what_flows_is_gain_and_offset_of_the_nonlinear_sensors_current(
     command: tuple[float, float, float],
 ) -> None:
@@ -40,7 +41,7 @@ def test_what_flows_is_gain_and_offset_of_the_nonlinear_sensors_current(
 
 
 @given(currents)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20))
 def test_currents_of_a_star_sum_to_zero_with_nonlinear_sensors_too(
     command: tuple[float, float, float],
 ) -> None:

@@ -16,6 +16,7 @@ from motord.experiments.calibration.estimate.calibrator import (
 from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.identification import IdentifyError
+from tests.support.properties import examples
 from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
 
@@ -266,7 +267,7 @@ gain = st.floats(0.7, 1.4)
 offset_A = st.floats(-2.0, 2.0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50))
 @given(
     alpha=st.tuples(gain, gain, gain),
     beta_A=st.tuples(offset_A, offset_A, offset_A),

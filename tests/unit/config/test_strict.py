@@ -97,7 +97,7 @@ def test_a_bench_file_with_text_for_a_number_is_refused_with_line_and_value(
     tmp_path: Path, wrong: str
 ) -> None:
     path = tmp_path / "bench.toml"
-    text = (Path(__file__).parents[2] / "src/motord/data/sim.toml").read_text()
+    text = (Path(__file__).parents[3] / "src/motord/data/sim.toml").read_text()
     assert "pole_pairs = 8\n" in text
     path.write_text(text.replace("pole_pairs = 8\n", f"pole_pairs = {wrong}\n"))
     with pytest.raises(ConfigError, match=r"bench.toml:\d+: motor.pole_pairs: .*integer.*got"):

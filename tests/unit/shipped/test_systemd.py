@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-UNIT = Path(__file__).parents[2] / "systemd" / "motord.service"
+UNIT = Path(__file__).parents[3] / "systemd" / "motord.service"
 EXPOSURE_MAX = 2.5
 
 if shutil.which("systemd-analyze") is None:

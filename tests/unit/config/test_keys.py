@@ -31,7 +31,7 @@ from tests.unit.experiments.inertia.inertia_runs import pushes
 from tests.unit.experiments.inertia.test_plan import Bar, released, watch
 from tests.unit.sequencing.test_driven import Driven
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 BY_NAME = {
     **{f"plans.{name}": "PlansConfig.of, by the plan's name" for name in ("align", "verify")},
     "limits.current_error_s": "by its name in control.interlock_table",

@@ -14,7 +14,7 @@ from motord.cli import app
 from motord.cli.console import plain_console, progress_bar, text_column
 from motord.config.experiments import plan_kinds
 
-CLI = Path(__file__).parents[2] / "src" / "motord" / "cli"
+CLI = Path(__file__).parents[3] / "src" / "motord" / "cli"
 
 
 def commands(command, path=()):

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.cli.console import EXPLAINED
 from motord.config.experiments import plan_kinds
+from tests.unit.cli.test_text import ALL
 from tests.unit.service.live_service import endpoint
-from tests.unit.test_cli_text import ALL
 
 LEAVES = {path: c for path, c in ALL.items() if path and not hasattr(c, "list_commands")}
 ASK_A_DAEMON = [p for p, c in LEAVES.items() if any(one.name == "connect" for one in c.params)]

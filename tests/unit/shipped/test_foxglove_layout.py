@@ -11,7 +11,7 @@ import pytest
 from motord.recording import topics
 from motord.schema import TICK, TRUTH
 
-LAYOUT = json.loads((Path(__file__).parents[2] / "config" / "foxglove" / "motord.json").read_text())
+LAYOUT = json.loads((Path(__file__).parents[3] / "config" / "foxglove" / "motord.json").read_text())
 FIELDS = {
     topics.TICKS.name: {field.name for field in TICK.fields},
     topics.TRUTHS.name: {field.name for field in TRUTH.fields},

@@ -1,4 +1,4 @@
-"""`motord latency` on the command line; measuring itself is in runtime/test_latency.py."""
+"""`motord latency` on the command line; measuring itself is in loop/test_latency.py."""
 
 import json
 from pathlib import Path

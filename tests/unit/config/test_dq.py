@@ -8,7 +8,7 @@ import pytest
 from motord import config
 from motord.config import ConfigError
 
-DQ = Path(__file__).parents[2] / "config" / "dq.toml"
+DQ = Path(__file__).parents[3] / "config" / "dq.toml"
 TEXT = DQ.read_text()
 
 

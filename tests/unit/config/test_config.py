@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from motord import config
 from motord.config import ConfigError, load, load_motor
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 BENCH = """\
 [bench]
