@@ -14,7 +14,7 @@ from motord.control.types import SETPOINT
 from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
-from motord.experiments.ripple.reconstruct import explain
+from motord.experiments.ripple.estimate import explain
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, prepare, split
 from motord.identification.point_ripple import point_ripple

@@ -1,4 +1,4 @@
-"""The report's figures, tables and numbers beside what was found here, and why they differ.
+"""Comparison with Poels 2008: its figures, tables and numbers, ours, and why they differ.
 
 All numbers in the column of the report are those that Poels 2008 prints.
 """
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from motord.experiments.inertia.oscillation import POELS2008_METHOD
-from motord.experiments.ripple.reconstruct import Explained
+from motord.experiments.ripple.estimate import Explained
 from motord.reproduce.cad_difference import CAD_KG_M2, MEASURED_KG_M2, explanations
-from motord.reproduce.run import Found
+from motord.reproduce.run import Results
 
 TABLE_4_2 = {
     "alpha": ((0.8000, 1.1180, 1.1180), (-3.5, -1.3, -2.6)),
@@ -32,7 +32,7 @@ class Row:
     why: str
 
 
-def chapters(found: Found) -> dict[str, list[Row]]:
+def chapters(found: Results) -> dict[str, list[Row]]:
     """Return the rows of each chapter, and of what goes beyond the report."""
     return {
         "Moment of inertia": list(_inertia(found)),
@@ -44,12 +44,12 @@ def chapters(found: Found) -> dict[str, list[Row]]:
     }
 
 
-def as_json(found: Found) -> dict[str, Any]:
+def as_json(found: Results) -> dict[str, Any]:
     """Return the rows for a file."""
     return {"beside": {name: [asdict(r) for r in rows] for name, rows in chapters(found).items()}}
 
 
-def _inertia(found: Found) -> Iterator[Row]:
+def _inertia(found: Results) -> Iterator[Row]:
     one, truth = found.oscillation, found.inertia_truth.rotor.inertia_kg_m2
     own = next(r for r in one.readings if r.label == POELS2008_METHOD)
     yield Row(
@@ -77,7 +77,7 @@ def _inertia(found: Found) -> Iterator[Row]:
         "Rounding of a 12-bit encoder alone makes more than the report's figure here; how it was "
         "averaged the report does not say.",
     )
-    told = [
+    explained = [
         f"{e.label}: {100 * e.interval[0]:+.1f} to {100 * e.interval[1]:+.1f} %, "
         f"{'yes' if e.explains else 'no'}"
         for e in explanations()
@@ -86,7 +86,7 @@ def _inertia(found: Found) -> Iterator[Row]:
         "2.3, Figures 2.6 to 2.9",
         "6.6 % explained by tolerances of 3 % (springs), 0.5 % (lengths), 3 % (mass); 95 %",
         "conjointly, yes",
-        "; ".join(told),
+        "; ".join(explained),
         "It takes one error common to all springs, such as that of a force gauge. Six independent "
         "errors average out and explain about half of it.",
     )
@@ -103,7 +103,7 @@ def _inertia(found: Found) -> Iterator[Row]:
     )
 
 
-def _cogging(found: Found) -> Iterator[Row]:
+def _cogging(found: Results) -> Iterator[Row]:
     one = found.cogging
     strongest = one.order[np.argmax(one.amplitude_Nm * one.allowed)]
     yield Row(
@@ -147,8 +147,9 @@ def _cogging(found: Found) -> Iterator[Row]:
     )
 
 
-def _calibration(found: Found) -> Iterator[Row]:
-    joint, residual, truth = found.joint, found.residual, found.truth.inverter
+def _calibration(found: Results) -> Iterator[Row]:
+    joint, residual = found.calibrated.joint, found.calibrated.residual
+    truth = found.truth.inverter
     alpha = np.array(truth.alpha) / np.cbrt(np.prod(truth.alpha))
     for p, phase in enumerate("abc"):
         induced, errors = TABLE_4_2["alpha"]
@@ -175,7 +176,7 @@ def _calibration(found: Found) -> Iterator[Row]:
         )
 
 
-def _sensitivity(found: Found) -> Iterator[Row]:
+def _sensitivity(found: Results) -> Iterator[Row]:
     theory = found.sensitivity.theory
     names = {"alpha_a": "\u03b1 a", "beta_a_A": "\u03b2 a", "cogging": "factor of cogging"}
     for what, name in names.items():
@@ -226,7 +227,7 @@ def _sensitivity(found: Found) -> Iterator[Row]:
         )
 
 
-def _remains(found: Found) -> Iterator[Row]:
+def _remains(found: Results) -> Iterator[Row]:
     linear, bent = found.explained
     yield Row(
         "Figure 4.10",
@@ -240,14 +241,14 @@ def _remains(found: Found) -> Iterator[Row]:
         "Figure 4.11",
         "RMS error of the torque reconstructed from the currents",
         "0.8 to 1.3 %, taken for sensors and control",
-        f"{_range([p.reconstructed.rms_percent for p in bent])} with current sensors of "
+        f"{_range([p.reconstructed_percent for p in bent])} with current sensors of "
         f"\u00b10.7 %; not explained by the currents: {_range([p.rest_percent for p in bent])}",
         "A sensor does not show its own error. What the currents do show is the control's share; "
         "the sensors' is in the rest.",
     )
 
 
-def _beyond(found: Found) -> Iterator[Row]:
+def _beyond(found: Results) -> Iterator[Row]:
     before, after = found.learned.before.values(), found.learned.after.values()
     yield Row(
         "-",
@@ -258,12 +259,12 @@ def _beyond(found: Found) -> Iterator[Row]:
     )
     k = {h.order: h for h in found.truth.motor.back_emf}
     strength = found.back_emf.fundamental
-    told = abs(k[1].amplitude_V_s_per_rad)
+    true = abs(k[1].amplitude_V_s_per_rad)
     yield Row(
         "-",
         "back-EMF, measured by driving the rotor",
         "used, not shown",
-        f"fundamental {strength:.5f} V s/rad, true {told:g}: {_percent(strength / told - 1, 3)}",
+        f"fundamental {strength:.5f} V s/rad, true {true:g}: {_percent(strength / true - 1, 3)}",
         "",
     )
 
