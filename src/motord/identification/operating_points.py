@@ -62,7 +62,7 @@ class Samples:
 
     @property
     def label(self) -> str:
-        """Set-points in words."""
+        """Set-points as text."""
         return f"{self.torque_set_Nm:g} Nm, {self.speed_set_Hz:g} Hz"
 
     @cached_property

@@ -95,7 +95,7 @@ def _mean(values: list[float]) -> float | None:
 
 
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
-    """Return the ripple of an operating point; with one whole turn only, noise is not told."""
+    """Return the ripple of an operating point; with one whole turn only, without noise."""
     order = np.arange(1, highest_order(samples, motor, sensor) + 1)
     seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
     return ripple_of(samples, samples.torque_Nm, seen, motor)

@@ -1,4 +1,4 @@
-"""Whole turns in a record of positions, and stretches of them at a steady speed.
+"""Positions from encoder counts, whole turns in them, and segments of a steady speed.
 
 Made for records of any origin: slow starts, several speeds in one file, both directions.
 """
@@ -11,10 +11,10 @@ import numpy as np
 from motord.identification import IdentifyError
 
 STEADY = 0.1
-"""Part by which the durations of the turns of one stretch may differ from their median."""
+"""Part by which the durations of the turns of one segment may differ from their median."""
 
 GAP = 0.1
-"""Part of a turn that may be missing between two turns of one stretch: a rotor that trembles."""
+"""Part of a turn that may be missing between two turns of one segment: a rotor that trembles."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _turns_from(position_rad: np.ndarray) -> list[Turn]:
     ]
 
 
-def stretches(t_s: np.ndarray, turns: list[Turn]) -> list[list[Turn]]:
+def steady_segments(t_s: np.ndarray, turns: list[Turn]) -> list[list[Turn]]:
     """Return groups of successive turns of one direction and of about the same duration."""
     groups: list[list[Turn]] = []
     for turn in turns:
@@ -136,8 +136,8 @@ def _duration_s(t_s: np.ndarray, turn: Turn) -> float:
 
 
 def steadiest(t_s: np.ndarray, turns: list[Turn]) -> list[Turn]:
-    """Return the longest stretch; all turns of the commoner direction if no two turns are alike."""
-    longest = max(stretches(t_s, turns), key=len, default=[])
+    """Return the longest segment; all turns of the commoner direction if no two turns are alike."""
+    longest = max(steady_segments(t_s, turns), key=len, default=[])
     if len(longest) >= 2 or len(turns) < 2:
         return longest
     forward = [turn for turn in turns if turn.direction > 0]

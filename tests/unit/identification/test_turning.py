@@ -1,4 +1,4 @@
-"""Whole turns and stretches of steady speed in positions of any origin."""
+"""Whole turns and segments of steady speed in positions of any origin."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from motord.identification import IdentifyError
 from motord.identification.turning import (
     steadiest,
-    stretches,
+    steady_segments,
     unwrap_counts,
     unwrapped,
     whole_turns,
@@ -100,7 +100,7 @@ def test_a_slow_start_is_left_out() -> None:
 def test_each_speed_and_each_direction_is_a_stretch() -> None:
     speeds = np.repeat([0.5, 1.0, 1.5, -1.0], [8000, 6000, 4000, 5000])
     t_s = np.arange(speeds.size) * 1e-3
-    groups = stretches(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
+    groups = steady_segments(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
     long = [group for group in groups if len(group) >= 3]
     assert [group[0].direction for group in long] == [1, 1, 1, -1]
     assert [len(group) for group in long] == [3, 6, 6, 5]  # the first zero is passed after a turn

@@ -44,10 +44,10 @@ ROUNDS = 4
 class Calibrator:
     """Takes operating points one by one; then gives the result of either estimator.
 
-    Points with induced errors tell the joint estimator of the common gain; the residual estimator,
+    Points with induced errors show the joint estimator the common gain; the residual estimator,
     which knows nothing of that, and the ripples go without.
     What it keeps of a point does not grow with the number of samples; but for a star whose
-    currents were recorded without their common part, it keeps them all.
+    currents were recorded without their zero sequence, it keeps them all.
     """
 
     def __init__(self, motor: MotorConfig, sensor: TorqueSensorConfig) -> None:
@@ -100,7 +100,7 @@ class Calibrator:
         """Return the result of the joint estimator. Raises IdentifyError."""
         check_points(self._points)
         orders = self._sampled_orders()
-        # Kirchhoff's law tells nothing of currents that were made to add up to nothing
+        # Kirchhoff's law says nothing of currents that were made to add up to nothing
         has_law = self._motor.connection == "star" and not self._bare
         rated_A = self._motor.rated_current_A()
         regression = Regression(self._points, self._basis, len(orders), has_law)
@@ -139,7 +139,7 @@ class Calibrator:
         )
 
     def _with_zero_sequence(self, fitted: JointFit, orders: int, rated_A: float) -> JointFit:
-        """Return the fit to currents with the common part that it itself implies."""
+        """Return the fit to currents with the zero sequence that it itself implies."""
         if len(self._bare) < len(self._points):
             raise IdentifyError(
                 "some operating points have currents with a common part, others without; "

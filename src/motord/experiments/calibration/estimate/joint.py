@@ -1,7 +1,7 @@
 """The joint estimator: alpha, beta and one cogging torque for all operating points, at once.
 
 A weighted least squares with instruments. alpha's torque grows with the set-point, cogging does
-not, and beta's torque has other orders: fitted together they are told apart, which the residual
+not, and beta's torque has other orders: fitted together they are separated, which the residual
 estimator cannot do. Star-connected motors add Kirchhoff's law, sum_p (alpha_p i*_p + beta_p) = 0.
 """
 
@@ -37,7 +37,7 @@ AGREEING_ERRORS = 3.0
 
 @dataclass(frozen=True)
 class Solution:
-    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, bend, delta cogging."""
+    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, zoh, delta cogging."""
 
     theta: np.ndarray
     alpha: np.ndarray
@@ -191,7 +191,7 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
 
 
 def kirchhoff_agreement(regression: Regression, rated_A: float) -> str:
-    """Return in words whether the torque and Kirchhoff's law give the same alpha."""
+    """Return whether the torque and Kirchhoff's law give the same alpha."""
     torque = fit(regression, rated_A, use_law=False)
     difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
     least = np.maximum(torque.stderr[ALPHA], 1e-9)

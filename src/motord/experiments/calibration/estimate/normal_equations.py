@@ -8,19 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
-from motord.identification.basis import BACK_EMF, BEND, CURRENT, FIRST_WAVE, RATE, Basis
+from motord.identification.basis import BACK_EMF, CURRENT, FIRST_WAVE, RATE, ZOH_CORRECTION, Basis
 
 ALPHA = slice(0, 3)
 BETA = slice(3, 6)
 DELAY = 6
-BENT = 7
+ZOH = 7
 FIRST_COGGING = 8
-"""Where the parameters are: gains, offsets, age of the currents, bend, cogging cos and sin."""
+"""Places of the parameters: gains, offsets, age of the currents, zero-order-hold correction,
+cogging cos and sin."""
 
 DELAY_SHARE = 0.25
 """Share of the sampling period that the age of the currents is uncertain by (a prior)."""
 
-BEND_SHARE = 0.25
+ZOH_SHARE = 0.25
 """Share of the squared sampling period that the currents' steps may act as (a prior)."""
 
 _COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
@@ -102,9 +103,9 @@ class Regression:
         m = np.concatenate([point.torque for point in self.points])
         period_s = float(np.mean([point.period_s for point in self.points]))
         unit_s = DELAY_SHARE * period_s
-        bend_s2 = BEND_SHARE * period_s**2
-        x = self._choose(CURRENT, RATE, unit_s * gains, bend_s2)
-        z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains, bend_s2)
+        zoh_s2 = ZOH_SHARE * period_s**2
+        x = self._choose(CURRENT, RATE, unit_s * gains, zoh_s2)
+        z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains, zoh_s2)
         currents = np.concatenate([point.currents for point in self.points]) * self.kirchhoff
         place = np.zeros((4, x.shape[1]))
         place[:3, ALPHA] = np.eye(3)
@@ -125,16 +126,14 @@ class Regression:
             delay_unit_s=unit_s,
         )
 
-    def _choose(
-        self, current: slice, rate: slice, delays: np.ndarray, bend_s2: float
-    ) -> np.ndarray:
+    def _choose(self, current: slice, rate: slice, delays: np.ndarray, zoh_s2: float) -> np.ndarray:
         """Return the matrix that makes regressors, or instruments, of the columns."""
         waves = 2 * self.orders
         matrix = np.zeros((self.basis.width - 1, FIRST_COGGING + waves))
         matrix[current, ALPHA] = np.eye(3)
         matrix[BACK_EMF, BETA] = np.eye(3)
         matrix[rate, DELAY] = delays
-        matrix[BEND, BENT] = bend_s2
+        matrix[ZOH_CORRECTION, ZOH] = zoh_s2
         matrix[FIRST_WAVE : FIRST_WAVE + waves, FIRST_COGGING:] = np.eye(waves)
         return matrix
 
@@ -153,8 +152,8 @@ def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarr
 class NormalEquations:
     """Normal equations of each turn: torque, law (b, p, p) on the left, right (b, p).
 
-    The priors on the age of the currents and on the bend, 0 +- 1 in their units, count with the
-    torque.
+    The priors on the age of the currents and on the zero-order-hold correction, 0 +- 1 in their
+    units, count with the torque.
     """
 
     torque: np.ndarray
@@ -165,7 +164,7 @@ class NormalEquations:
     def prior(self) -> np.ndarray:
         """Information that is there before any data (p, p)."""
         prior = np.zeros(self.torque.shape[1:])
-        prior[DELAY, DELAY] = prior[BENT, BENT] = 1.0
+        prior[DELAY, DELAY] = prior[ZOH, ZOH] = 1.0
         return prior
 
     @property

@@ -97,10 +97,11 @@ def commands_over_angle(samples: Samples, counts: int) -> np.ndarray:
 
 
 def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return tables over the counts: currents (counts, 3), and rates with bend (counts, 4).
+    """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
 
     lines (h + 1, 3): see `commands_over_angle`. The rates are di_p/dt k_p at the mean speed; the
-    bend is sum_p (i''_p k_p + i'_p k'_p / 2), with primes for derivatives over time.
+    zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2), with primes for
+    derivatives over time.
     """
     counts = basis.back_emf.shape[0]
     turning = 2j * np.pi * speed_Hz * np.arange(len(lines))[:, None]
@@ -109,8 +110,8 @@ def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.nd
         np.column_stack([over_one_turn(column, counts) for column in table.T])
         for table in (lines, turning * lines, turning**2 * lines, turning * k)
     )
-    bend = (second * basis.back_emf + 0.5 * rate * k_rate).sum(axis=1)
-    return i_A, np.column_stack([rate * basis.back_emf, bend])
+    zoh = (second * basis.back_emf + 0.5 * rate * k_rate).sum(axis=1)
+    return i_A, np.column_stack([rate * basis.back_emf, zoh])
 
 
 @jit
