@@ -1,10 +1,10 @@
 """Zero sequence of the currents of a star connection, where it was not recorded.
 
 A drive that reports its currents along d and q, or takes the third for minus the sum of two, leaves
-nothing of what the sensed currents have in common. The loops force the others,
-x_p = i*_p - c; what flows, alpha_p (x_p + c) + beta_p, adds up to nothing in a star, and that gives
-c once the gains are known. An offset that all phases have in proportion to their gains is c's as well as beta's;
-beta is taken to add up to nothing, so c = -sum_p alpha_p x_p / sum_p alpha_p.
+nothing of what the sensed currents have in common. The loops force the others, x_p = i*_p - c; what
+flows, alpha_p (x_p + c) + beta_p, adds up to nothing in a star, and that gives c once the gains are
+known. An offset that all phases have in proportion to their gains is c's as well as beta's; beta is
+taken to add up to nothing, so c = -sum_p alpha_p x_p / sum_p alpha_p.
 """
 
 from dataclasses import replace

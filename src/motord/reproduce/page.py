@@ -35,7 +35,7 @@ def write_page(folder: Path, found: Results, keep_recordings: bool) -> Path:
     rows = chapters(found)
     made.heading("The report's numbers, and ours")
     made.paragraph(
-        "A difference is told with its reason, where there is one. What is true of a simulated rig "
+        "A difference stands with its reason, where there is one. What is true of a simulated rig "
         "is known, so errors here are errors against the truth; the report could only compare "
         "measurements with each other. " + NOT_REDRAWN
     )

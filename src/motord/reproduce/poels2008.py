@@ -35,10 +35,10 @@ class Row:
 def chapters(found: Results) -> dict[str, list[Row]]:
     """Return the rows of each chapter, and of what goes beyond the report."""
     return {
-        "Moment of inertia": list(_inertia(found)),
-        "Cogging torque": list(_cogging(found)),
+        "Moment of inertia": [*_oscillation(found), *_acceleration(found)],
+        "Cogging torque": [*_cogging(found), *_cogging_of_calibration(found)],
         "Calibration": list(_calibration(found)),
-        "Sensitivity": list(_sensitivity(found)),
+        "Sensitivity": [*_sensitivity(found), *_induced(found)],
         "What remains": list(_remains(found)),
         "Beyond the report": list(_beyond(found)),
     }
@@ -49,7 +49,7 @@ def as_json(found: Results) -> dict[str, Any]:
     return {"beside": {name: [asdict(r) for r in rows] for name, rows in chapters(found).items()}}
 
 
-def _inertia(found: Results) -> Iterator[Row]:
+def _oscillation(found: Results) -> Iterator[Row]:
     one, truth = found.oscillation, found.inertia_truth.rotor.inertia_kg_m2
     own = next(r for r in one.readings if r.label == POELS2008_METHOD)
     yield Row(
@@ -58,8 +58,8 @@ def _inertia(found: Results) -> Iterator[Row]:
         f"{MEASURED_KG_M2:g} kg m\u00b2; CAD {CAD_KG_M2:g}, so {_percent(0.066)} apart",
         f"{one.inertia_kg_m2:.6f} \u00b1 {1.96 * one.budget.uncertainty_kg_m2:.6f} kg m\u00b2; "
         f"true {truth:g}, so {_percent(one.inertia_kg_m2 / truth - 1, 3)} apart",
-        "Here lengths, stiffness and masses are told truly. There they were measured with a ruler, "
-        "weights and a balance, which is what the stated uncertainty is made of.",
+        "Here lengths, stiffness and masses are known exactly. There they were measured with a "
+        "ruler, weights and a balance, which is what the stated uncertainty is made of.",
     )
     yield Row(
         "2.2.3",
@@ -90,14 +90,17 @@ def _inertia(found: Results) -> Iterator[Row]:
         "It takes one error common to all springs, such as that of a force gauge. Six independent "
         "errors average out and explain about half of it.",
     )
-    push = found.acceleration
+
+
+def _acceleration(found: Results) -> Iterator[Row]:
+    step = found.acceleration
     truth = found.truth.rotor.inertia_kg_m2
     yield Row(
         "2.2.1",
         "inertia by acceleration",
         "not done: damping neglected in (2.1) would spoil it",
-        f"{push.inertia_kg_m2:.5f} \u00b1 {1.96 * push.uncertainty_kg_m2:.5f} kg m\u00b2 (true "
-        f"{truth:g}); by (2.1) {push.plain_kg_m2:.5f}",
+        f"{step.inertia_kg_m2:.5f} \u00b1 {1.96 * step.uncertainty_kg_m2:.5f} kg m\u00b2 (true "
+        f"{truth:g}); by (2.1) {step.plain_kg_m2:.5f}",
         "With friction in the fit and the measured torque on the other side it works; the sensor's "
         "gain is then what limits it.",
     )
@@ -122,6 +125,9 @@ def _cogging(found: Results) -> Iterator[Row]:
         "The belt makes the speed ripple here, too, but the sensor's response is undone in time, "
         "not at a mean speed, so it does not matter.",
     )
+
+
+def _cogging_of_calibration(found: Results) -> Iterator[Row]:
     c = found.comparison
     yield Row(
         "Figure 4.5",
@@ -159,8 +165,8 @@ def _calibration(found: Results) -> Iterator[Row]:
             f"{errors[p]:+.1f} %",
             f"{_percent(joint.alpha[p] / alpha[p] - 1, 2)}; by the report's estimator "
             f"{_percent(residual.alpha[p] / alpha[p] - 1)}",
-            "Gains and cogging torque live at the same orders; the report's estimator cannot tell "
-            "them apart, one that uses several torques at once can."
+            "Gains and cogging torque live at the same orders; the report's estimator cannot "
+            "separate them, one that uses several torques at once can."
             if p == 0
             else "",
         )
@@ -199,6 +205,9 @@ def _sensitivity(found: Results) -> Iterator[Row]:
             f"from {within[0]:.3f} to {within[1]:.3f}",
             "",
         )
+
+
+def _induced(found: Results) -> Iterator[Row]:
     figures = {
         "alpha_a": "Figure 4.6", "beta_a_A": "Figure 4.7", "cogging": "Figure 4.8",
         "delta_epsilon": "Figure 4.9",

@@ -111,14 +111,7 @@ class Calibrator:
         notes = _observability(fitted)
         if has_law:
             notes.append(kirchhoff_agreement(regression, rated_A))
-        elif self._bare:
-            notes.append(
-                "common part of the currents: not recorded (currents along d and q, or of two "
-                "sensors); from Kirchhoff's law with the gains found"
-            )
-        if len(orders) < len(self._orders):
-            dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
-            notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+        notes += self._left_out(orders)
         harmonics = _harmonics(fitted, orders)
         return CalibrationResult(
             method="joint",
@@ -138,11 +131,24 @@ class Calibrator:
             ripples=tuple(self._ripples),
         )
 
+    def _left_out(self, orders: tuple[int, ...]) -> list[str]:
+        """Return which currents and which cogging orders were not in the data."""
+        notes = []
+        if self._bare:
+            notes.append(
+                "zero sequence (common part) of the currents: not recorded (currents along d and "
+                "q, or of two sensors); from Kirchhoff's law with the gains found"
+            )
+        if len(orders) < len(self._orders):
+            dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
+            notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+        return notes
+
     def _with_zero_sequence(self, fitted: JointFit, orders: int, rated_A: float) -> JointFit:
         """Return the fit to currents with the zero sequence that it itself implies."""
         if len(self._bare) < len(self._points):
             raise IdentifyError(
-                "some operating points have currents with a common part, others without; "
+                "some operating points have currents with a zero sequence, others without; "
                 "calibrate from runs of one drive only"
             )
         for _ in range(ROUNDS):
