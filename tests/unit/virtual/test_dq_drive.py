@@ -93,7 +93,7 @@ def test_calibrated_the_ripple_is_gone(bench: Config) -> None:
     assert after.min() > 0.1  # a ripple that is not there would have been computed wrongly
     # the calibrated model makes the measured ripple of the recorded currents
     samples = prepare(points[0], bench.motor.counts)
-    assert explain(samples, bench.motor, bench.torque_sensor, calibration).share > 0.99
+    assert explain(samples, bench.motor, bench.torque_sensor, calibration).share_explained > 0.99
 
 
 def test_a_common_part_that_was_not_recorded() -> None:
