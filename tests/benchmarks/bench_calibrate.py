@@ -23,17 +23,15 @@ from pathlib import Path
 import numpy as np
 
 from motord import config
-from motord.experiments.calibration.estimate.instrumental_variables import (
-    commands_over_angle,
-    instruments,
-)
-from motord.experiments.calibration.estimate.normal_equations import (
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
+from motord.experiments.calibration.estimate.turn_products import (
     BAND_MARGIN,
     accumulate,
+    commands_over_angle,
+    instruments,
     settled,
 )
-from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
-from motord.experiments.calibration.recordings import calibrator
 from motord.experiments.subject import Subject
 from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass
 from motord.identification.operating_points import Samples, prepare
@@ -72,7 +70,7 @@ def child(path: Path) -> dict[str, float]:
     """Calibrate from `path` in this process; return what it took."""
     begun_s, begun_cpu_s = time.perf_counter(), time.process_time()
     run = open_run(path)
-    result = calibrator([run], Subject.of_runs([run])).joint()
+    result = Calibrator.of_runs([run], Subject.of_runs([run])).joint()
     took = {"wall_s": time.perf_counter() - begun_s, "cpu_s": time.process_time() - begun_cpu_s}
     status = Path("/proc/self/status").read_text()
     peak_kB = next(int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line)

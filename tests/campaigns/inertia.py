@@ -16,7 +16,7 @@ from motord.experiments.inertia.oscillation import Oscillation, Release, combine
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import accelerate
 from motord.identification.free_decay import mean_frequency
-from motord.identification.ripple import harmonics_table
+from motord.identification.harmonics import harmonics_table
 from motord.reproduce.cad_difference import DIFFERENCE, explanations
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds

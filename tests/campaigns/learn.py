@@ -12,17 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from motord.config import Config, load, packaged
-from motord.demo.judge import Errors
-from motord.demo.learn import (
-    calibrate_virtual,
-    learn_virtual,
-    learned_report,
-    verify_virtual,
-)
 from motord.experiments.ilc.report import page
 from motord.experiments.plans import build
+from motord.reproduce.evaluate import Errors
+from motord.reproduce.learning import learn_virtual, learned_report
 from motord.virtual.mesh import processors
 from tests.campaigns import seeds
+from tests.support.virtual_calibration import calibrate_virtual, verify_virtual
 
 BEFORE_PERCENT = (0.8, 1.5)
 AFTER_PERCENT = 0.2

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
-from motord.experiments.calibration.recordings import calibrator
 from motord.experiments.plans import build
 from motord.experiments.sensitivity.estimate import sensitivity
 from motord.experiments.sensitivity.result import Sensitivity
@@ -40,7 +40,7 @@ def experiment(seed: int, folder: Path) -> tuple[CalibrationResult, Sensitivity]
     first, second = folder / f"calibrate-{seed}.mcap", folder / f"sensitivity-{seed}.mcap"
     with processors() as pool:
         record_plan(source, build("calibrate", source.config), first, seed, pool=pool)
-        result = calibrator([open_run(first)], subject).joint()
+        result = Calibrator.of_runs([open_run(first)], subject).joint()
         calibration = result.to_calibration(subject.motor, datetime.now(UTC), [first.name])
         plan = build("sensitivity", source.config)
         record_plan(source, plan, second, 1000 + seed, calibration, pool)

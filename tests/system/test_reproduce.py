@@ -36,7 +36,7 @@ def reproduce(*arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     folder = tmp_path_factory.mktemp("reproduce") / "out"
-    ran = reproduce("--quick", "--json", "--out", folder)
+    ran = reproduce("--quick", "--json", "--keep-recordings", "--out", folder)
     assert ran.returncode == 0, ran.stderr
     return folder, json.loads(ran.stdout)
 

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
+from motord.cli.console import fail, plain_console, print_json
+from motord.cli.reproduce import stage_progress
 
 if TYPE_CHECKING:
-    from motord.demo import Demo
+    from motord.reproduce.demo import Demo
 
 
 def demo(
@@ -32,18 +33,10 @@ def demo(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
-    from rich.progress import BarColumn, TimeRemainingColumn
+    from motord.reproduce.demo import STAGES, run_demo
+    from motord.reproduce.demo_report import write_report
 
-    from motord.demo import STAGES, run_demo, write_report
-
-    columns = text_column("{task.description:<28}"), BarColumn(), TimeRemainingColumn()
-    with progress_bar(*columns, silent=silent) as bars:
-        tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
-
-        def progress(stage: str, fraction: float) -> None:
-            bars.start_task(tasks[stage])
-            bars.update(tasks[stage], completed=fraction)
-
+    with stage_progress(STAGES, silent) as progress:
         found = run_demo(out, seed, quick, progress)
         write_report(found)
     return found
@@ -71,7 +64,7 @@ def _print(found: "Demo") -> None:
     console.print(_gain_table(summary))
     console.print(
         f"{summary['bench_s']:.0f} s on the bench took {summary['wall_s']:.0f} s; "
-        f"report: {found.files.report}, calibration: {found.files.calibration}"
+        f"report: {found.files['report']}, calibration: {found.files['calibration']}"
     )
 
 

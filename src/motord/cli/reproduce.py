@@ -1,5 +1,7 @@
 """`motord reproduce`: the report's experiments on the simulated rig, on one page."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,55 +11,66 @@ from motord.cli.common_options import ResultAsJson
 from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
-    from motord.reproduce import Found
+    from motord.reproduce.bench import StageProgress
+    from motord.reproduce.run import Results
 
 
 def reproduce(
-    out: Annotated[Path, typer.Option(help="New or empty folder for runs and page.")] = Path(
+    out: Annotated[Path, typer.Option(help="New or empty folder for page and results.")] = Path(
         "reproduce-out"
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rigs' noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Small meshes, to see the page.")] = False,
+    keep_recordings: Annotated[
+        bool, typer.Option("--keep-recordings", help="Leave the runs, 1 GB, beside the page.")
+    ] = False,
     as_json: ResultAsJson = False,
 ) -> None:
     """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
-    from motord.reproduce import write_page
+    from motord.reproduce.page import write_page
+    from motord.reproduce.poels2008 import as_json as rows
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
     try:
-        found = _run(out, seed, quick, silent=as_json)
-        page = write_page(out, found)
+        found = _run(out, seed, quick, keep_recordings, silent=as_json)
+        page = write_page(out, found, keep_recordings)
     except OSError as error:
         fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if as_json:
-        from motord.reproduce.beside import as_json as rows
-
         print_json({"page": str(page), "wall_s": round(found.wall_s, 2), **rows(found)})
     else:
         _print(found, page)
 
 
-def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Found":
+def _run(out: Path, seed: int, quick: bool, keep_recordings: bool, silent: bool) -> "Results":
+    from motord.reproduce.run import STAGES, reproduce
+
+    with stage_progress(STAGES, silent) as progress:
+        return reproduce(out, seed, quick, keep_recordings, progress)
+
+
+@contextmanager
+def stage_progress(stages: Sequence[str], silent: bool) -> "Iterator[StageProgress]":
+    """Show a bar for each stage; what is yielded moves it."""
     from rich.progress import BarColumn, TimeElapsedColumn
 
-    from motord.reproduce import STAGES, reproduce
-
-    columns = text_column("{task.description:<18}"), BarColumn(), TimeElapsedColumn()
+    width = max(map(len, stages)) + 1
+    columns = text_column(f"{{task.description:<{width}}}"), BarColumn(), TimeElapsedColumn()
     with progress_bar(*columns, silent=silent) as bars:
-        tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in STAGES}
+        tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in stages}
 
         def progress(stage: str, fraction: float) -> None:
             bars.start_task(tasks[stage])
             bars.update(tasks[stage], completed=fraction)
 
-        return reproduce(out, seed, quick, progress)
+        yield progress
 
 
-def _print(found: "Found", page: Path) -> None:
+def _print(found: "Results", page: Path) -> None:
     from rich.table import Table
 
-    from motord.reproduce.beside import chapters
+    from motord.reproduce.poels2008 import chapters
 
     console = plain_console()
     for name, rows in chapters(found).items():

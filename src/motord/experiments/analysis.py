@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from motord.experiments.subject import Recordings
-from motord.report.html import Page
-from motord.report.text import Table
+if TYPE_CHECKING:
+    from motord.experiments.subject import Recordings
+    from motord.report.html import Page
+    from motord.report.text import Table
 
 Result = TypeVar("Result")
 
@@ -38,7 +39,7 @@ def encode(value: Any) -> Any:
     return value
 
 
-def header(recordings: Recordings, schema: str, *motor: str) -> dict[str, Any]:
+def header(recordings: "Recordings", schema: str, *motor: str) -> dict[str, Any]:
     """Return how the JSON of a result begins: of what it is; motor: fields of `[motor]` in it."""
     subject = recordings.subject
     return {
@@ -60,9 +61,9 @@ class Analysis(Generic[Result]):
     """
 
     estimate: Callable[..., Result]
-    json: Callable[[Result, Recordings], dict[str, Any]]
-    report: Callable[[Result, Recordings], Page]
-    text: Callable[[Result, Recordings], Iterable[str | Table]]
+    json: Callable[[Result, "Recordings"], dict[str, Any]]
+    report: Callable[[Result, "Recordings"], "Page"]
+    text: Callable[[Result, "Recordings"], "Iterable[str | Table]"]
     save: Callable[[Result, Path], None] | None = None
     indent: int | None = 1
     details: str = ""

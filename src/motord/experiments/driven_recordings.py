@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from motord.experiments.subject import AnalysisError, Subject
-from motord.identification.driven_rotor import stretches_of
+from motord.identification.driven_rotor import steady_segments_of
 from motord.identification.operating_points import CURRENTS, PointData, good_points
 from motord.recording.reader import Run
 
@@ -20,7 +20,7 @@ def driven_points(
     """Yield the driven operating points of good quality of the runs.
 
     names: columns that hold what is measured. Runs made elsewhere may have slow starts and
-    several speeds in one point, or no points at all: each stretch of a steady speed is one then.
+    several speeds in one point, or no points at all: each segment of a steady speed is one then.
     Raises AnalysisError and IdentifyError.
     """
     for run in runs:
@@ -34,7 +34,7 @@ def driven_points(
             if point is not None and point.get("driven"):
                 yield PointData(0.0, float(point["speed_Hz"]), ticks)
             else:
-                yield from stretches_of(ticks, subject.motor, names)
+                yield from steady_segments_of(ticks, subject.motor, names)
 
 
 def _columns(run: Run, names: Sequence[str]) -> list[str]:

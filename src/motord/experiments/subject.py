@@ -79,6 +79,21 @@ class Recordings:
         return Subject.of_file(self.config) if self.config else Subject.of_runs(self.runs)
 
 
+def facts(subject: Subject, runs: Sequence[str]) -> list[tuple[str, str]]:
+    """Return rows (name, value) about bench, motor and recordings, as reports show them."""
+    motor = subject.motor
+    serial = f", serial {motor.serial}" if motor.serial else ""
+    return [
+        ("bench", subject.bench),
+        (
+            "motor",
+            f"{motor.name}{serial}: {motor.slots} slots, {2 * motor.pole_pairs} poles, "
+            f"{motor.counts} counts, {motor.rated_torque_Nm:g} Nm rated, {motor.connection}",
+        ),
+        ("recordings", ", ".join(runs)),
+    ]
+
+
 def _recorded(run: Run) -> Subject:
     try:
         motor = MotorConfig.model_validate(run.metadata["motor"])

@@ -1,16 +1,16 @@
 """The columns of the torque model at each sample, as the torque sensor sees them.
 
-Columns: [ i*_p k_p (3) | k_p (3) | di*_p/dt k_p (3) | bend | cos, sin of each cogging order (2 n) |
+Columns: [ i*_p k_p (3) | k_p (3) | di*_p/dt k_p (3) | zoh | cos, sin of each cogging order (2 n) |
 i_cmd,p k_p (3) | di_cmd,p/dt k_p (3) | y ].
 
-The first six are those of Poels 2008, eq. (4.6). The rates tell how much older or younger the
+The first six are those of Poels 2008, eq. (4.6). The rates take up how much older or younger the
 currents are than the recording says. Currents change in steps between their samples, and the mount
 lets some of the steps' images through; with age d(t) within a step its effect is d i' k, which the
 rates take up, and (d^2 / 2) i'' k and a part that grows with frequency, of the form (i' k)'. The
-bend, sum_p (i''_p k_p + i'_p k'_p / 2), stands for these two together. The cogging torque is one
-for all operating points. The
-commanded currents serve as instruments (see there): the noise of the sensed currents, used as
-regressors, would pull alpha towards zero. y is the measured torque.
+zero-order-hold (zoh) correction, sum_p (i''_p k_p + i'_p k'_p / 2), stands for these two together.
+The cogging torque is one for all operating points. The commanded currents serve as instruments:
+the noise of the sensed currents, used as regressors, would pull alpha towards zero. y is the
+measured torque.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from motord.jit import jit, jit_sums
 CURRENT = slice(0, 3)
 BACK_EMF = slice(3, 6)
 RATE = slice(6, 9)
-BEND = 9
+ZOH_CORRECTION = 9
 FIRST_WAVE = 10
 
 
@@ -94,7 +94,7 @@ def fill_columns(
 
     count, t_s (n,) and currents_A (n, 6), sensed and commanded, are of all samples: the rates of
     the sensed currents are taken from the neighbours on either side, those of the commanded ones
-    and the bend from the table `rates` (counts, 4).
+    and the zero-order-hold correction from the table `rates` (counts, 4).
     """
     command, command_rate = 10 + cogging.shape[1], 13 + cogging.shape[1]
     for row in range(columns.shape[0]):

@@ -1,4 +1,9 @@
-"""Least squares over turns, with standard errors that hold for noise of any colour in a turn."""
+"""Least squares with cluster-robust (sandwich) covariance; a cluster is one turn.
+
+    beta = (X' X)^-1 X' y,    cov = (X' X)^-1 (sum_g X_g' e_g e_g' X_g) (X' X)^-1 G / (G - 1)
+
+Errors may be correlated in any way within a turn, not between turns.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -6,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 LEAST_TURNS = 6
-"""Turns from which on the spread between turns tells the noise better than that of samples."""
+"""Turns from which on the spread between turns estimates the noise, not that of samples."""
 
 
 @dataclass(frozen=True)

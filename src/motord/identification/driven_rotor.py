@@ -10,7 +10,7 @@ from motord.identification import IdentifyError
 from motord.identification.motion import Motion
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
-from motord.identification.turning import Turn, steadiest, stretches, unwrapped, whole_turns
+from motord.identification.turning import Turn, steadiest, steady_segments, unwrapped, whole_turns
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -20,7 +20,7 @@ LEAST_RIPPLE_ORDERS, MOST_RIPPLE_ORDERS = 64, 256
 """Speed ripple is looked for up to a little above twice the main order, within these bounds."""
 
 LEAST_TURNS = 3
-"""Turns that a stretch of a run without operating points needs to count as one."""
+"""Turns that a segment of a run without operating points needs to count as one."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Driven:
 
 
 def speed_label(speed_Hz: float) -> str:
-    """Return a driven speed in words."""
+    """Return a driven speed as text."""
     return f"driven at {speed_Hz:.3g} Hz"
 
 
@@ -83,15 +83,17 @@ def prepare(point: PointData, motor: MotorConfig, names: Sequence[str]) -> Drive
     return _driven(label, point.speed_Hz, ticks, t_s, position_rad, grid, turns, motor)
 
 
-def stretches_of(ticks: np.ndarray, motor: MotorConfig, names: Sequence[str]) -> list[PointData]:
-    """Return what a run without operating points holds: each stretch of a steady speed.
+def steady_segments_of(
+    ticks: np.ndarray, motor: MotorConfig, names: Sequence[str]
+) -> list[PointData]:
+    """Return what a run without operating points holds: each segment of a steady speed.
 
-    Where no stretch has LEAST_TURNS turns, the whole run is one. Raises IdentifyError.
+    Where no segment has LEAST_TURNS turns, the whole run is one. Raises IdentifyError.
     """
     require(ticks, names, "the whole run", "there is nothing to measure")
     usable, t_s = _usable(ticks, names)
     position_rad, _ = unwrapped(usable, motor.counts, "the whole run")
-    found = stretches(t_s, whole_turns(position_rad))
+    found = steady_segments(t_s, whole_turns(position_rad))
     long = [group for group in found if len(group) >= LEAST_TURNS]
     points = []
     for group in long:

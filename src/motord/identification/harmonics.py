@@ -1,4 +1,7 @@
-"""Least-squares harmonics of values that were sampled at encoder points, however often each."""
+"""Harmonics over a turn: least-squares analysis of samples at encoder points, and synthesis.
+
+y(theta) = Re sum_h line_h exp(j h theta) = sum_h |line_h| sin(h theta + arg(j line_h))
+"""
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -26,3 +29,33 @@ def over_one_turn(lines: np.ndarray, points: int) -> np.ndarray:
     spectrum[0] *= 2
     values: np.ndarray = np.fft.irfft(spectrum, points)
     return values
+
+
+def synthesis(order: np.ndarray, lines: np.ndarray, counts: int) -> np.ndarray:
+    """Return Re sum of lines (n,) or (n, m), complex, of orders (n,) at 2 pi n / counts."""
+    angle_rad = 2 * np.pi * np.arange(counts) / counts
+    table = np.zeros((counts, *lines.shape[1:]))
+    for h, line in zip(order, lines, strict=True):
+        wave = np.exp(1j * h * angle_rad)
+        table += (line * wave.reshape(-1, *[1] * (lines.ndim - 1))).real
+    return table
+
+
+def harmonics_table(
+    orders: np.ndarray, amplitude: np.ndarray, phase_rad: np.ndarray, counts: int
+) -> np.ndarray:
+    """Return sum of amplitude sin(order theta + phase) at theta = 2 pi n / counts (counts,)."""
+    angle_rad = 2 * np.pi * np.arange(counts) / counts
+    table = np.zeros(counts)
+    for order, a, phase in zip(orders, amplitude, phase_rad, strict=True):
+        table += a * np.sin(order * angle_rad + phase)
+    return table
+
+
+def spectrum(table: np.ndarray, highest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (amplitude, phase) of orders 1 to `highest` of values over one turn (counts,).
+
+    Order h is amplitude sin(h theta + phase).
+    """
+    lines = np.fft.rfft(table)[1 : highest + 1] * 2 / table.size
+    return np.abs(lines), np.angle(lines * 1j)

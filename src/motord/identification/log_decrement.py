@@ -7,6 +7,7 @@ from math import pi, sqrt
 import numpy as np
 
 from motord.identification import IdentifyError
+from motord.identification.turning import unwrap_counts
 
 PERIODS = 5
 """Periods whose mean is taken."""
@@ -128,10 +129,7 @@ def _unwrapped(t_ns: np.ndarray, count: np.ndarray, counts: int) -> tuple[np.nda
     if int(rising.sum()) < 10 * PERIODS:
         raise IdentifyError(f"a release has {int(rising.sum())} samples only")
     t_s = (t_ns[rising] - t_ns[0]) * 1e-9
-    steps = np.diff(np.asarray(count, np.int64)[rising])
-    steps -= counts * np.rint(steps / counts).astype(np.int64)
-    turned = np.concatenate([[0], np.cumsum(steps)]) + int(count[0])
-    return t_s, turned * (2 * pi / counts)
+    return t_s, unwrap_counts(np.asarray(count)[rising], counts) * (2 * pi / counts)
 
 
 def _from_release(

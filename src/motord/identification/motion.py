@@ -19,6 +19,7 @@ from scipy.interpolate import BSpline, make_lsq_spline
 
 from motord.identification.basis import cell_gain
 from motord.identification.harmonics import lines_at, over_one_turn
+from motord.identification.orders import resolved_order
 
 KNOTS_PER_TURN = (16, 32, 64, 128)
 """Pieces of the spline in a turn: as few as leave no more than the encoder's cells explain."""
@@ -31,9 +32,6 @@ GAIN = 0.85
 
 SAMPLES_PER_KNOT = 8
 """Samples that a piece of the spline has at least."""
-
-SAMPLES_PER_ORDER = 2.5
-"""Samples a turn that the highest order needs."""
 
 TABLE = 16_384
 """Points over a turn at which the ripple is tabulated."""
@@ -109,7 +107,7 @@ class Motion:
         points = grid or FREE_GRID
         cell = np.rint(position_rad[places] * (points / (2 * np.pi))).astype(np.int64) % points
         rest_rad = position_rad[places] - spline(t_s[places])
-        highest = min(int(per_turn / SAMPLES_PER_ORDER), (points - 1) // 2, ripple_orders)
+        highest = resolved_order(per_turn, points, ripple_orders)
         lines = lines_at(cell, rest_rad, points, max(highest, 1))
         order = np.arange(lines.size)
         lines = lines / cell_gain(order, points)

@@ -3,21 +3,19 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from motord.identification import IdentifyError
 from motord.identification.harmonics import lines_at, over_one_turn
+from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, uncrowded
+from motord.identification.turning import continuous_turns
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
 COMMANDS = ("i_cmd_a_A", "i_cmd_b_A", "i_cmd_c_A")
 REQUIRED = ("t_ns", "encoder_count", *CURRENTS, "torque_Nm")
-
-SAMPLES_PER_ORDER = 2.5
-"""Samples a turn that the highest order needs."""
 
 MAX_CURRENT_ORDER = 200
 """Highest order per turn that commanded currents are expected to have."""
@@ -64,7 +62,7 @@ class Samples:
 
     @property
     def label(self) -> str:
-        """Set-points in words."""
+        """Set-points as text."""
         return f"{self.torque_set_Nm:g} Nm, {self.speed_set_Hz:g} Hz"
 
     @cached_property
@@ -134,7 +132,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     if good.all():
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
-    turns = _whole_turns(count, counts, label)
+    turns = continuous_turns(count, counts, label)
     i_A = np.ascontiguousarray(i_A[good])
     return Samples(
         torque_set_Nm=point.torque_Nm,
@@ -176,7 +174,7 @@ def _commands(
 
 def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) -> np.ndarray:
     """Return currents averaged over the turns at each angle: nearly free of their noise."""
-    highest = max(min(int(per_turn / SAMPLES_PER_ORDER), (counts - 1) // 2, MAX_CURRENT_ORDER), 1)
+    highest = max(resolved_order(per_turn, counts, MAX_CURRENT_ORDER), 1)
     columns = [
         over_one_turn(lines_at(count, column, counts, highest), counts)[count] for column in i_A.T
     ]
@@ -221,27 +219,3 @@ def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> n
     moved = np.full_like(i_A, np.nan)
     interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)
     return moved
-
-
-def _whole_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int, int], ...]:
-    """Return (first, end) of each turn from zero point to zero point, either way round."""
-    if count.size and not 0 <= count.min() <= count.max() < counts:
-        raise IdentifyError(
-            f"{label}: encoder counts from {count.min()} to {count.max()}, "
-            f"but the motor has {counts} counts a turn; correct counts in [motor]"
-        )
-    steps = np.diff(count, prepend=count[:1])
-    steps[steps >= counts - counts // 2] -= counts
-    steps[steps < -(counts // 2)] += counts
-    position = (count[0] if count.size else 0) + np.cumsum(steps)
-    if count.size and position[-1] < position[0]:
-        position = -position
-    turn = np.maximum.accumulate(position // counts) if count.size else position
-    first, last = (turn[0] + 1, turn[-1]) if count.size else (0, 0)
-    edges = np.searchsorted(turn, np.arange(first, last + 1))
-    pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
-    if not pairs:
-        raise IdentifyError(
-            f"{label}: no whole turn from zero point to zero point; record at least 2 turns"
-        )
-    return pairs

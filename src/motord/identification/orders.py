@@ -1,6 +1,15 @@
-"""The orders per turn at which a motor's slots and poles allow cogging torque."""
+"""Orders per turn: those that sampling resolves, and those that slots and poles allow to cog."""
 
 from math import gcd, lcm
+
+SAMPLES_PER_ORDER = 2.5
+"""Samples a turn that the highest order of a full spectrum needs."""
+
+SAMPLES_PER_COGGING_ORDER = 2.4
+"""The same where the allowed orders are fitted alone: less, for those between are left out."""
+
+COUNTS_PER_COGGING_ORDER = 4
+"""Encoder counts a turn that the highest order of a cogging table needs."""
 
 ORDER_LIMIT = 512
 """Highest order that is looked at, where the main order allows."""
@@ -25,6 +34,22 @@ def main_order(slots: int, poles: int) -> int:
 def order_limit(slots: int, poles: int) -> int:
     """Return the highest order worth looking at: ORDER_LIMIT, or twice the main order if more."""
     return max(ORDER_LIMIT, 2 * main_order(slots, poles))
+
+
+def resolved_order(
+    samples_per_turn: int,
+    counts: int,
+    most: int,
+    *,
+    samples_per_order: float = SAMPLES_PER_ORDER,
+    counts_per_order: int = 2,
+) -> int:
+    """Return the highest order up to `most` that samples and encoder resolve, 0 for none.
+
+    It stays below half the counts, as Nyquist has it.
+    """
+    encoder = min((counts - 1) // 2, counts // counts_per_order)
+    return min(most, int(samples_per_turn / samples_per_order), encoder)
 
 
 def allowed_orders(slots: int, poles: int, highest: int) -> tuple[int, ...]:

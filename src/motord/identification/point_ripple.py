@@ -1,21 +1,23 @@
-"""Torque ripple of an operating point from its measured torque: RMS error and spectrum.
+"""Torque ripple: RMS error, Poels 2008, eq. (4.16), and spectrum of an operating point.
 
 The repeating part of the torque is separated from noise by comparing even and odd turns: noise
 is not the same in both, so the products of their spectra have no share of it on average. The
 sensor's frequency response is divided out order by order.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from motord.calibration import RmsErrors, RmsPoint
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
 from motord.identification.encoder_points import EncoderSums, without_drift
 from motord.identification.harmonics import lines_at
-from motord.identification.operating_points import SAMPLES_PER_ORDER, Samples
-from motord.identification.orders import order_limit
-from motord.identification.ripple import rms_error_percent
+from motord.identification.operating_points import Samples
+from motord.identification.orders import order_limit, resolved_order
 from motord.identification.torque_sensor import response
 
 RESONANCE_SHARE = 0.7
@@ -31,6 +33,11 @@ class PointRipple:
     line_Nm (n,): complex amplitude, order h being Re(line exp(j h theta)); noise_Nm (n,): its
     standard error; even_odd_Nm (2, n): the lines of even and of odd turns.
     """
+
+    JSON: ClassVar = (
+        "torque_Nm", "speed_Hz", "compensate", "turns",
+        "rms_percent", "stderr_percent", "raw_percent",
+    )  # fmt: skip
 
     torque_Nm: float
     speed_Hz: float
@@ -51,8 +58,44 @@ class PointRipple:
         return torque
 
 
+def rms_error_percent(
+    torque_Nm: np.ndarray, rated_torque_Nm: float, weights: np.ndarray | None = None
+) -> float:
+    """Return || tau - mean(tau) ||_2 / (sqrt(N) tau_rated) in percent, Poels 2008, eq. (4.16).
+
+    torque_Nm (n,): one value an encoder point; or one value a tick with the angle that each tick
+    covers (its speed) as `weights`, because the error is over angle, not over time.
+    """
+    mean = np.average(torque_Nm, weights=weights)
+    square = np.average((torque_Nm - mean) ** 2, weights=weights)
+    return float(100 * np.sqrt(square) / rated_torque_Nm)
+
+
+def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
+    """Return RMS errors per set-point: `before` without compensation, `after` with it.
+
+    Of several takes of a set-point the mean counts.
+    """
+    found: dict[tuple[float, float], tuple[list[float], list[float]]] = {}
+    for ripple in ripples:
+        lists = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
+        lists[ripple.compensate != 0].append(ripple.rms_percent)
+    return RmsErrors.of(
+        tuple(
+            RmsPoint(
+                torque_Nm=torque_Nm, speed_Hz=speed_Hz, before=_mean(before), after=_mean(after)
+            )
+            for (torque_Nm, speed_Hz), (before, after) in sorted(found.items())
+        )
+    )
+
+
+def _mean(values: list[float]) -> float | None:
+    return sum(values) / len(values) if values else None
+
+
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
-    """Return the ripple of an operating point; with one whole turn only, noise is not told."""
+    """Return the ripple of an operating point; with one whole turn only, without noise."""
     order = np.arange(1, highest_order(samples, motor, sensor) + 1)
     seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
     return ripple_of(samples, samples.torque_Nm, seen, motor)
@@ -106,7 +149,7 @@ def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConf
     """Return the highest order that sampling, encoder and mount let through."""
     fewest = min(end - first for first, end in samples.turns)
     limit = order_limit(motor.slots, 2 * motor.pole_pairs)
-    highest = min(limit, int(fewest / SAMPLES_PER_ORDER), (motor.counts - 1) // 2)
+    highest = resolved_order(fewest, motor.counts, limit)
     if sensor.resonance_Hz > 0:
         highest = min(highest, int(RESONANCE_SHARE * sensor.resonance_Hz / samples.speed_Hz))
     return max(highest, 1)

@@ -1,19 +1,20 @@
-"""Whole turns in a record of positions, and stretches of them at a steady speed.
+"""Positions from encoder counts, whole turns in them, and segments of a steady speed.
 
 Made for records of any origin: slow starts, several speeds in one file, both directions.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from motord.identification import IdentifyError
 
 STEADY = 0.1
-"""Part by which the durations of the turns of one stretch may differ from their median."""
+"""Part by which the durations of the turns of one segment may differ from their median."""
 
 GAP = 0.1
-"""Part of a turn that may be missing between two turns of one stretch: a rotor that trembles."""
+"""Part of a turn that may be missing between two turns of one segment: a rotor that trembles."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,26 @@ class Turn:
     direction: int
 
 
+def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
+    """Return encoder counts (n,) that run on over turns, beginning with the first as it is.
+
+    The shorter way round counts: less than half a turn from sample to sample.
+    """
+    count = np.asarray(count, np.int64)
+    steps = np.diff(count, prepend=count[:1])
+    steps = (steps + counts // 2) % counts - counts // 2
+    steps[:1] = count[:1]
+    return np.cumsum(steps)
+
+
+def _check_range(count: np.ndarray, counts: int, label: str) -> None:
+    if count.size and not 0 <= count.min() <= count.max() < counts:
+        raise IdentifyError(
+            f"{label}: encoder counts from {count.min()} to {count.max()}, "
+            f"but the motor has {counts} counts a turn; correct counts in [motor]"
+        )
+
+
 def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, int]:
     """Return the position (n,), rad, running on over turns, and the number of its grid's points.
 
@@ -34,14 +55,8 @@ def unwrapped(ticks: np.ndarray, counts: int, label: str) -> tuple[np.ndarray, i
     names = ticks.dtype.names or ()
     count = ticks["encoder_count"].astype(np.int64) if "encoder_count" in names else None
     if count is not None and count.size and (count != count[0]).any():
-        if not 0 <= count.min() <= count.max() < counts:
-            raise IdentifyError(
-                f"{label}: encoder counts from {count.min()} to {count.max()}, "
-                f"but the motor has {counts} counts a turn; correct counts in [motor]"
-            )
-        steps = np.diff(count, prepend=count[:1])
-        steps = (steps + counts // 2) % counts - counts // 2
-        return 2 * np.pi / counts * (count[0] + np.cumsum(steps)), counts
+        _check_range(count, counts, label)
+        return 2 * np.pi / counts * unwrap_counts(count, counts), counts
     if "angle_rad" in names:
         angle_rad = ticks["angle_rad"].astype(float)
         if angle_rad.size and np.isfinite(angle_rad).all() and np.ptp(angle_rad) > 0:
@@ -64,6 +79,27 @@ def whole_turns(position_rad: np.ndarray) -> list[Turn]:
     return turns
 
 
+def continuous_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int, int], ...]:
+    """Return (first, end) of each turn from zero point to zero point, one after the other.
+
+    For a capture, in which the rotor keeps its direction: a count that trembles at the zero point
+    ends no turn, where `whole_turns` sees it turn back. Raises IdentifyError if there is none.
+    """
+    _check_range(count, counts, label)
+    position = unwrap_counts(count, counts)
+    if count.size and position[-1] < position[0]:
+        position = -position
+    turn = np.maximum.accumulate(position // counts) if count.size else position
+    first, last = (turn[0] + 1, turn[-1]) if count.size else (0, 0)
+    edges = np.searchsorted(turn, np.arange(first, last + 1))
+    pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
+    if not pairs:
+        raise IdentifyError(
+            f"{label}: no whole turn from zero point to zero point; record at least 2 turns"
+        )
+    return pairs
+
+
 def _turns_from(position_rad: np.ndarray) -> list[Turn]:
     turn = np.floor(position_rad / (2 * np.pi)).astype(np.int64)
     at = np.flatnonzero(np.diff(turn)) + 1
@@ -76,7 +112,7 @@ def _turns_from(position_rad: np.ndarray) -> list[Turn]:
     ]
 
 
-def stretches(t_s: np.ndarray, turns: list[Turn]) -> list[list[Turn]]:
+def steady_segments(t_s: np.ndarray, turns: list[Turn]) -> list[list[Turn]]:
     """Return groups of successive turns of one direction and of about the same duration."""
     groups: list[list[Turn]] = []
     for turn in turns:
@@ -100,8 +136,8 @@ def _duration_s(t_s: np.ndarray, turn: Turn) -> float:
 
 
 def steadiest(t_s: np.ndarray, turns: list[Turn]) -> list[Turn]:
-    """Return the longest stretch; all turns of the commoner direction if no two turns are alike."""
-    longest = max(stretches(t_s, turns), key=len, default=[])
+    """Return the longest segment; all turns of the commoner direction if no two turns are alike."""
+    longest = max(steady_segments(t_s, turns), key=len, default=[])
     if len(longest) >= 2 or len(turns) < 2:
         return longest
     forward = [turn for turn in turns if turn.direction > 0]

@@ -3,23 +3,19 @@
 from dataclasses import replace
 from pathlib import Path
 
-from motord.demo.learn import learned_report
 from motord.experiments.back_emf import report as back_emf
-from motord.experiments.calibration import report as calibration_page
-from motord.experiments.calibration.content import (
-    calibration_report,
-    estimate_of_result,
-    estimate_of_truth,
-    shares_of,
-)
+from motord.experiments.calibration import report as calibration
 from motord.experiments.cogging import report as cogging_run
 from motord.experiments.ilc import report as learn
 from motord.experiments.inertia import report as inertia
+from motord.experiments.ripple import report as ripple
 from motord.experiments.sensitivity import report as sensitivity
 from motord.report.html import Page
 from motord.reproduce import cad_difference
-from motord.reproduce.beside import Row, as_json, chapters
-from motord.reproduce.run import Found, save_summary
+from motord.reproduce.bench import true_estimate
+from motord.reproduce.learning import learned_report
+from motord.reproduce.poels2008 import Row, as_json, chapters
+from motord.reproduce.run import Results, save_summary
 
 TITLE = "The report of Poels 2008, reproduced on the simulated rig"
 LEAD = (
@@ -33,13 +29,13 @@ NOT_REDRAWN = (
 )
 
 
-def write_page(folder: Path, found: Found) -> Path:
+def write_page(folder: Path, found: Results, keep_recordings: bool) -> Path:
     """Write `reproduce.html` and `reproduce.json`; return the page's path. Raises OSError."""
     made = Page(TITLE, LEAD)
     rows = chapters(found)
     made.heading("The report's numbers, and ours")
     made.paragraph(
-        "A difference is told with its reason, where there is one. What is true of a simulated rig "
+        "A difference stands with its reason, where there is one. What is true of a simulated rig "
         "is known, so errors here are errors against the truth; the report could only compare "
         "measurements with each other. " + NOT_REDRAWN
     )
@@ -55,7 +51,7 @@ def write_page(folder: Path, found: Found) -> Path:
     sensitivity.fill(made, found.sensitivity)
     _remains(made, found)
     made.heading("About these figures")
-    made.table((), _facts(found))
+    made.table((), _facts(found, keep_recordings))
     path = folder / "reproduce.html"
     made.write(path)
     save_summary(folder / "reproduce.json", found, as_json(found))
@@ -69,7 +65,7 @@ def _table(made: Page, rows: list[Row]) -> None:
     )
 
 
-def _inertia(made: Page, found: Found) -> None:
+def _inertia(made: Page, found: Results) -> None:
     made.part("Chapter 2: moment of inertia")
     truth_kg_m2 = found.inertia_truth.rotor.inertia_kg_m2
     inertia.fill(made, found.oscillation, truth_kg_m2)
@@ -77,42 +73,31 @@ def _inertia(made: Page, found: Found) -> None:
     inertia.fill(made, found.acceleration, truth_kg_m2)
 
 
-def _calibration(made: Page, found: Found) -> None:
+def _calibration(made: Page, found: Results) -> None:
     made.part("Chapter 4: calibration")
-    truth = found.truth
-    estimates = [
-        estimate_of_result(found.joint, "joint estimator"),
-        estimate_of_result(found.residual, "the report's estimator"),
-    ]
-    reference = estimate_of_truth(
-        truth.inverter.alpha,
-        truth.inverter.beta_A,
-        [(h.order, h.amplitude_Nm, h.phase_rad) for h in truth.motor.cogging],
-        found.subject.motor.counts,
-    )
-    content = calibration_report(
-        found.subject, (), found.calibration, found.joint.ripples, estimates, reference
-    )
-    calibration_page.fill(made, content)
+    joint, residual = found.calibrated.joint, found.calibrated.residual
+    ripple.fill(made, joint.ripples, found.subject.motor)
+    estimates = [("joint estimator", joint), ("the report's estimator", residual)]
+    truth = true_estimate(found.truth, found.subject.motor.counts)
+    calibration.fill(made, estimates, ("truth", truth))
 
 
-def _remains(made: Page, found: Found) -> None:
+def _remains(made: Page, found: Results) -> None:
     made.part("Chapter 4: what remains, and learning")
     titles = ("Linear current sensors", "Current sensors of \u00b10.7 %")
     for title, points in zip(titles, found.explained, strict=True):
-        shares = shares_of(points)
-        if shares is not None:
-            made.subheading(title)
-            calibration_page.fill_shares(made, shares)
+        made.subheading(title)
+        ripple.fill_shares(made, points)
     learn.fill(made, learned_report(found.learned))
 
 
-def _facts(found: Found) -> tuple[tuple[str, str], ...]:
+def _facts(found: Results, keep_recordings: bool) -> tuple[tuple[str, str], ...]:
     motor = found.subject.motor
     poles = 2 * motor.pole_pairs
+    kept = "" if keep_recordings else " (not kept; --keep-recordings keeps them)"
     return (
         ("motor", f"{motor.name}, {motor.slots} slots, {poles} poles, {motor.counts} counts"),
-        ("calibration", found.calibration.id),
-        ("recordings", ", ".join(run.name for run in found.runs)),
+        ("calibration", found.calibrated.calibration.id),
+        ("recordings", ", ".join(run.name for run in found.runs) + kept),
         ("bench time", f"{found.bench_s:.0f} s, computed and analysed in {found.wall_s:.0f} s"),
     )

@@ -1,39 +1,36 @@
-"""All experiments, one after the other: record in virtual time, read back, analyse."""
+"""All experiments of Poels 2008, one after the other: record in virtual time, read, analyse."""
 
 import json
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
-
-import numpy as np
 
 from motord.atomic_write import write_whole
 from motord.calibration import Calibration
 from motord.config import packaged
-from motord.demo.learn import Learned, learn_virtual
 from motord.experiments.back_emf.command import measured_back_emf
 from motord.experiments.back_emf.result import MeasuredBackEmf
-from motord.experiments.calibration.estimate.result import CalibrationResult
-from motord.experiments.calibration.recordings import calibrator, explained
 from motord.experiments.cogging.command import measured_cogging
 from motord.experiments.cogging.estimate import Comparison, MeasuredCogging, compare
 from motord.experiments.inertia import command as inertia
 from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.inertia.torque_step import Acceleration
-from motord.experiments.plans import build
-from motord.experiments.ripple.reconstruct import Explained
+from motord.experiments.ripple.estimate import Explained, explained
 from motord.experiments.sensitivity.estimate import sensitivity
 from motord.experiments.sensitivity.result import Sensitivity
 from motord.experiments.subject import Subject
-from motord.recording.reader import Run, open_run
+from motord.recording.reader import Run
+from motord.reproduce.bench import Calibrated, SimulatedBench, StageProgress, with_rig
+from motord.reproduce.demo import SMALL_MESH
+from motord.reproduce.learning import PASSES, Learned, learn_virtual
 from motord.rig.truth import RigTruth
-from motord.rig.truth import load as load_truth
-from motord.simulate import PlanSource, record_plan
+from motord.simulate import PlanSource
 from motord.virtual.mesh import processors
 
 STAGES = (
@@ -45,10 +42,6 @@ STAGES = (
     "learning",
 )
 
-Progress = Callable[[str, float], None]
-"""Called with a stage of STAGES and the fraction of it that is done."""
-
-SMALL_MESH = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
 QUICK: Mapping[str, Mapping[str, Any]] = {
     "inertia-oscillation": {"repeats": 4},
     "cogging": {"speeds_Hz": [0.6, 0.9], "turns": 8},
@@ -67,8 +60,8 @@ NONLINEAR_RIG = "nonlinear.rig.toml"
 
 
 @dataclass(frozen=True)
-class Found:
-    """What the experiments gave; truth is that of the simulated rigs.
+class Results:
+    """Results of all experiments; truth is that of the simulated rigs.
 
     explained: of the verification with sensors that are linear, and with such as the report's.
     """
@@ -82,9 +75,7 @@ class Found:
     cogging: MeasuredCogging
     comparison: Comparison
     back_emf: MeasuredBackEmf
-    joint: CalibrationResult
-    residual: CalibrationResult
-    calibration: Calibration
+    calibrated: Calibrated
     explained: tuple[tuple[Explained, ...], tuple[Explained, ...]]
     sensitivity: Sensitivity
     learned: Learned
@@ -93,166 +84,161 @@ class Found:
     bench_s: float
 
 
-class _Bench:
-    """Records plans on a simulated rig and keeps account of them."""
+class _Recorder:
+    """Records the plans of all benches into one folder, numbered in the order of recording."""
 
-    def __init__(
-        self, source: PlanSource, folder: Path, quick: bool, pool: ProcessPoolExecutor, seed: int
-    ) -> None:
-        self.source, self.subject = source, Subject.of_config(source.config)
-        self._folder, self._quick, self._pool = folder, quick, pool
-        self._seeds = iter(np.random.SeedSequence(seed).generate_state(16).tolist())
+    def __init__(self, folder: Path, quick: bool) -> None:
+        self._folder, self.quick = folder, quick
         self.runs: list[Path] = []
-        self.bench_s = 0.0
-
-    @property
-    def truth(self) -> RigTruth:
-        """What is true of the rig."""
-        return load_truth(self.source.config.bench.rig)
-
-    def seed(self) -> int:
-        """Return the next seed."""
-        return int(next(self._seeds))
 
     def take(
-        self, name: str, progress: Callable[[float], None], calibration: Calibration | None = None
+        self,
+        bench: SimulatedBench,
+        name: str,
+        progress: Callable[[float], None],
+        calibration: Calibration | None = None,
     ) -> Run:
         """Record plan `name` and return the opened recording."""
-        settings = QUICK.get(name, {}) if self._quick else {}
-        plan = build(name, self.source.config, settings)
-        path = self._folder / f"{len(list(self._folder.glob('*.mcap'))) + 1:02d}-{name}.mcap"
-        self.bench_s += record_plan(
-            self.source, plan, path, self.seed(), calibration, self._pool, progress
-        )
+        settings = QUICK.get(name, {}) if self.quick else {}
+        path = self._folder / f"{len(self.runs) + 1:02d}-{name}.mcap"
         self.runs.append(path)
-        return open_run(path)
+        return bench.record(name, settings, path, progress, calibration)
 
 
-def with_rig(source: PlanSource, rig: str) -> PlanSource:
-    """Return the same bench with another packaged rig."""
-    config, before = source.config, source.config.bench.rig
-    bench = config.bench.model_copy(update={"rig": packaged(rig)})
-    old = before.name if before else ""
-    return PlanSource(config.model_copy(update={"bench": bench}), source.text.replace(old, rig, 1))
+def reproduce(
+    folder: Path, seed: int, quick: bool, keep_recordings: bool, progress: StageProgress
+) -> Results:
+    """Run all experiments, leaving results in `folder`, which must be empty.
 
-
-def reproduce(folder: Path, seed: int, quick: bool, progress: Progress) -> Found:
-    """Run all experiments, leaving recordings and results in `folder`, which must be empty.
-
+    The recordings, about 1 GB, are removed at the end unless `keep_recordings`; until then they
+    are in a folder of their own under `folder`, whose disk was chosen, while /tmp may be memory.
     Raises OSError, RecordError, PlanFailed, IdentifyError, AnalysisError.
     """
-    began_s = time.monotonic()
     folder.mkdir(parents=True, exist_ok=True)
+    removed = partial(TemporaryDirectory, prefix="recordings-", dir=folder)
+    with nullcontext(str(folder)) if keep_recordings else removed() as name, processors() as pool:
+        return _all_experiments(_Recorder(Path(name), quick), folder, seed, pool, progress)
+
+
+def _all_experiments(
+    recorder: _Recorder,
+    folder: Path,
+    seed: int,
+    pool: ProcessPoolExecutor,
+    progress: StageProgress,
+) -> Results:
+    began_s = time.monotonic()
     plain = PlanSource.of()
-    with processors() as pool:
-
-        def bench(source: PlanSource, number: int) -> _Bench:
-            return _Bench(source, folder, quick, pool, seed + number)
-
-        swing = bench(PlanSource.of(packaged("inertia.toml")), 1)
-        main, bent = bench(plain, 2), bench(with_rig(plain, NONLINEAR_RIG), 3)
-        oscillation, acceleration = _inertia(swing, main, progress)
-        driven = _driven(main, progress)
-        joint, residual, calibration = _calibrate(main, progress, "calibration", 0.0, 0.5)
-        _, _, bent_calibration = _calibrate(bent, progress, "calibration", 0.5, 1.0)
-        calibration.save(folder / "calibration.json")
-        both = (
-            _verify(main, calibration, progress, 0.0),
-            _verify(bent, bent_calibration, progress, 0.5),
-        )
-        practice = _sensitivity(main, calibration, progress)
-        learned = _learn(bent, bent_calibration, quick, pool, progress)
-    cogging, back_emf = driven
-    comparison = compare(cogging, calibration)
-    benches = (swing, main, bent)
-    return Found(
+    swing = SimulatedBench(PlanSource.of(packaged("inertia.toml")), pool, seed + 1)
+    main = SimulatedBench(plain, pool, seed + 2)
+    bent = SimulatedBench(with_rig(plain, NONLINEAR_RIG), pool, seed + 3)
+    oscillation, acceleration = _inertia(recorder, swing, main, progress)
+    cogging, back_emf = _driven(recorder, main, progress)
+    calibrated = _calibrate(recorder, main, progress, 0.0, 0.5)
+    bent_calibration = _calibrate(recorder, bent, progress, 0.5, 1.0).calibration
+    calibration = calibrated.calibration
+    calibration.save(folder / "calibration.json")
+    both = (
+        _verify(recorder, main, calibration, progress, 0.0),
+        _verify(recorder, bent, bent_calibration, progress, 0.5),
+    )
+    induced = _sensitivity(recorder, main, calibration, progress)
+    learned = _learn(bent, bent_calibration, recorder.quick, pool, progress)
+    return Results(
         oscillation, acceleration, swing.subject, swing.truth, main.subject, main.truth,
-        cogging, comparison, back_emf, joint, residual, calibration, both, practice, learned,
-        runs=tuple(sorted(path for one in benches for path in one.runs)),
+        cogging, compare(cogging, calibration), back_emf, calibrated, both, induced, learned,
+        runs=tuple(recorder.runs),
         wall_s=time.monotonic() - began_s,
-        bench_s=sum(one.bench_s for one in benches) + learned.bench_s,
+        bench_s=swing.bench_s + main.bench_s + bent.bench_s + learned.bench_s,
     )  # fmt: skip
 
 
-def _part(progress: Progress, stage: str, first: float, last: float, fraction: float) -> None:
+def _part(progress: StageProgress, stage: str, first: float, last: float, fraction: float) -> None:
     progress(stage, first + (last - first) * fraction)
 
 
-def _inertia(swing: _Bench, main: _Bench, progress: Progress) -> tuple[Oscillation, Acceleration]:
+def _inertia(
+    recorder: _Recorder, swing: SimulatedBench, main: SimulatedBench, progress: StageProgress
+) -> tuple[Oscillation, Acceleration]:
     stage = partial(_part, progress, STAGES[0])
-    run = swing.take("inertia-oscillation", partial(stage, 0.0, 0.4))
+    run = recorder.take(swing, "inertia-oscillation", partial(stage, 0.0, 0.4))
     oscillation = inertia.oscillation([run], swing.subject)
     stage(0.0, 0.6, 1.0)
-    run = main.take("inertia-acceleration", partial(stage, 0.6, 0.9))
+    run = recorder.take(main, "inertia-acceleration", partial(stage, 0.6, 0.9))
     acceleration = inertia.acceleration([run], main.subject)
     stage(0.0, 1.0, 1.0)
     return oscillation, acceleration
 
 
-def _driven(main: _Bench, progress: Progress) -> tuple[MeasuredCogging, MeasuredBackEmf]:
+def _driven(
+    recorder: _Recorder, main: SimulatedBench, progress: StageProgress
+) -> tuple[MeasuredCogging, MeasuredBackEmf]:
     stage = partial(_part, progress, STAGES[1])
-    run = main.take("cogging", partial(stage, 0.0, 0.3))
+    run = recorder.take(main, "cogging", partial(stage, 0.0, 0.3))
     cogging = measured_cogging([run], main.subject)
     stage(0.0, 0.5, 1.0)
-    run = main.take("back-emf", partial(stage, 0.5, 0.8))
+    run = recorder.take(main, "back-emf", partial(stage, 0.5, 0.8))
     back_emf = measured_back_emf([run], main.subject)
     stage(0.0, 1.0, 1.0)
     return cogging, back_emf
 
 
 def _calibrate(
-    bench: _Bench, progress: Progress, stage: str, first: float, last: float
-) -> tuple[CalibrationResult, CalibrationResult, Calibration]:
+    recorder: _Recorder, bench: SimulatedBench, progress: StageProgress, first: float, last: float
+) -> Calibrated:
     middle = 0.5 * (first + last)
-    run = bench.take("calibrate", partial(_part, progress, stage, first, middle))
-    taken = calibrator([run], bench.subject)
-    joint, residual = taken.joint(), taken.residual()
-    progress(stage, last)
-    made = joint.to_calibration(bench.subject.motor, datetime.now(UTC), [run.path.name])
-    return joint, residual, made
+    stage = partial(_part, progress, STAGES[2])
+    run = recorder.take(bench, "calibrate", partial(stage, first, middle))
+    return bench.calibrate(run, partial(stage, middle, last))
 
 
 def _verify(
-    bench: _Bench, calibration: Calibration, progress: Progress, first: float
+    recorder: _Recorder,
+    bench: SimulatedBench,
+    calibration: Calibration,
+    progress: StageProgress,
+    first: float,
 ) -> tuple[Explained, ...]:
     stage = partial(_part, progress, STAGES[3])
-    run = bench.take("verify", partial(stage, first, first + 0.25), calibration)
+    run = recorder.take(bench, "verify", partial(stage, first, first + 0.25), calibration)
     found = tuple(explained([run], bench.subject, calibration))
     stage(0.0, first + 0.5, 1.0)
     return found
 
 
-def _sensitivity(main: _Bench, calibration: Calibration, progress: Progress) -> Sensitivity:
+def _sensitivity(
+    recorder: _Recorder, main: SimulatedBench, calibration: Calibration, progress: StageProgress
+) -> Sensitivity:
     stage = partial(_part, progress, STAGES[4])
-    run = main.take("sensitivity", partial(stage, 0.0, 0.5), calibration)
+    run = recorder.take(main, "sensitivity", partial(stage, 0.0, 0.5), calibration)
     found = sensitivity([run], main.subject)
     stage(0.0, 1.0, 1.0)
     return found
 
 
 def _learn(
-    bent: _Bench,
+    bent: SimulatedBench,
     calibration: Calibration,
     quick: bool,
     pool: ProcessPoolExecutor,
-    progress: Progress,
+    progress: StageProgress,
 ) -> Learned:
-    passes = 2 if quick else 5
-    done: list[str] = []
+    passes = 2 if quick else PASSES
+    begun: list[str] = []
 
-    def told(name: str, fraction: float) -> None:
-        if name not in done:
-            done.append(name)
-        progress(STAGES[5], (len(done) - 1 + fraction) / passes)
+    def in_pass(name: str, fraction: float) -> None:
+        if name not in begun:
+            begun.append(name)
+        progress(STAGES[5], (len(begun) - 1 + fraction) / passes)
 
     mesh = QUICK["learn"] if quick else None
     config = bent.source.config
-    learned = learn_virtual(config, calibration, bent.seed(), passes, mesh, pool, told)
+    learned = learn_virtual(config, calibration, bent.seed(), passes, mesh, pool, in_pass)
     progress(STAGES[5], 1.0)
     return learned
 
 
-def save_summary(path: Path, found: Found, rows: Mapping[str, Any]) -> None:
+def save_summary(path: Path, found: Results, rows: Mapping[str, Any]) -> None:
     """Write what was found beside the report's numbers, JSON. Raises OSError."""
     content = {
         "schema": "motord.reproduction/1",

@@ -43,7 +43,7 @@ def record(bench: VirtualBench, path: Path, compensate: str, **mesh: object) -> 
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     from datetime import UTC, datetime
 
-    from motord.experiments.calibration.recordings import calibrator
+    from motord.experiments.calibration.estimate.calibrator import Calibrator
     from motord.experiments.subject import Subject
     from motord.recording.reader import open_run
 
@@ -52,7 +52,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     bench = VirtualBench(load(), seed=5)
     record(bench, files.off, "off")
     subject = Subject.of_config(bench.config)
-    result = calibrator([open_run(files.off)], subject).joint()
+    result = Calibrator.of_runs([open_run(files.off)], subject).joint()
     calibration: Calibration = result.to_calibration(
         subject.motor, datetime.now(UTC), [files.off.name]
     )

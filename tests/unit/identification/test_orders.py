@@ -9,6 +9,7 @@ from motord.identification.orders import (
     main_order,
     order_limit,
     periods_per_slot_pitch,
+    resolved_order,
 )
 
 
@@ -52,3 +53,21 @@ def test_orders_rise_and_have_a_reason(slots: int, pole_pairs: int, highest: int
     assert main == lcm(slots, 2 * pole_pairs)
     assert (main in orders) == (main <= highest)
     assert len(orders) <= 30
+
+
+@pytest.mark.parametrize(
+    ("samples", "counts", "most", "per_order", "expected"),
+    [
+        (1000, 4096, 200, 2, 200),
+        (250, 4096, 200, 2, 100),
+        (249, 4096, 200, 2, 99),
+        (10_000, 256, 4000, 2, 127),  # below half the counts
+        (10_000, 257, 4000, 2, 128),
+        (10_000, 256, 4000, 4, 64),
+        (2, 256, 10, 2, 0),
+    ],
+)
+def test_the_highest_order_that_samples_and_encoder_resolve(
+    samples: int, counts: int, most: int, per_order: int, expected: int
+) -> None:
+    assert resolved_order(samples, counts, most, counts_per_order=per_order) == expected

@@ -5,12 +5,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.experiments.calibration.estimate.result import rms_errors
 from motord.identification.encoder_points import EncoderSums, fill_gaps, without_drift
-from motord.identification.harmonics import lines_at, over_one_turn
+from motord.identification.harmonics import (
+    harmonics_table,
+    lines_at,
+    over_one_turn,
+    spectrum,
+    synthesis,
+)
 from motord.identification.operating_points import prepare
-from motord.identification.point_ripple import highest_order, point_ripple
-from motord.identification.ripple import harmonics_table, rms_error_percent, spectrum
+from motord.identification.point_ripple import (
+    highest_order,
+    point_ripple,
+    rms_error_percent,
+    rms_errors,
+)
 from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
 
@@ -39,6 +48,10 @@ def test_ticks_weigh_by_the_angle_they_cover() -> None:
 def test_spectrum_and_table_are_inverse() -> None:
     order, amplitude, phase = np.array([3, 16]), np.array([0.2, 0.05]), np.array([0.4, -1.2])
     table = harmonics_table(order, amplitude, phase, 257)
+    lines = -1j * amplitude * np.exp(1j * phase)
+    assert np.allclose(synthesis(order, lines, 257), table)
+    both = synthesis(order, np.column_stack([lines, 2 * lines]), 257)
+    assert np.allclose(both, np.column_stack([table, 2 * table]))
     found, angle = spectrum(table, 20)
     assert np.allclose(found[order - 1], amplitude)
     assert np.allclose(angle[order - 1], phase)

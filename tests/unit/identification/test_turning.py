@@ -1,4 +1,4 @@
-"""Whole turns and stretches of steady speed in positions of any origin."""
+"""Whole turns and segments of steady speed in positions of any origin."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
-from motord.identification.turning import steadiest, stretches, unwrapped, whole_turns
+from motord.identification.turning import (
+    steadiest,
+    steady_segments,
+    unwrap_counts,
+    unwrapped,
+    whole_turns,
+)
 
 TURN = 2 * np.pi
 
@@ -94,7 +100,7 @@ def test_a_slow_start_is_left_out() -> None:
 def test_each_speed_and_each_direction_is_a_stretch() -> None:
     speeds = np.repeat([0.5, 1.0, 1.5, -1.0], [8000, 6000, 4000, 5000])
     t_s = np.arange(speeds.size) * 1e-3
-    groups = stretches(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
+    groups = steady_segments(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
     long = [group for group in groups if len(group) >= 3]
     assert [group[0].direction for group in long] == [1, 1, 1, -1]
     assert [len(group) for group in long] == [3, 6, 6, 5]  # the first zero is passed after a turn
@@ -106,3 +112,17 @@ def test_of_turns_that_are_all_different_the_commoner_direction_counts() -> None
     turns = steadiest(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
     assert len(turns) >= 2
     assert {turn.direction for turn in turns} == {1}
+
+
+@given(
+    counts=st.integers(3, 5000),
+    steps=st.lists(st.floats(-0.49, 0.49), max_size=30),
+    first=st.integers(0, 5000),
+)
+def test_counts_are_unwrapped_by_the_shorter_way(
+    counts: int, steps: list[float], first: int
+) -> None:
+    moved = np.array([int(step * counts) for step in steps], int)
+    position = first % counts + np.concatenate([[0], np.cumsum(moved)])
+    assert unwrap_counts(position % counts, counts).tolist() == position.tolist()
+    assert unwrap_counts(position[:0], counts).size == 0

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.config import MotorConfig, TorqueSensorConfig, load
-from motord.experiments.calibration.estimate.calibrator import calibrate
-from motord.experiments.calibration.recordings import calibrator, ripples
+from motord.experiments.calibration.estimate.calibrator import Calibrator, calibrate
 from motord.experiments.plans import build
+from motord.experiments.ripple.estimate import ripples
 from motord.experiments.subject import Subject
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
@@ -83,7 +83,7 @@ def test_a_run_of_the_simulated_rig_in_german(tmp_path: Path) -> None:
     subject = Subject.of_runs([run])
     assert subject.sensor == config.torque_sensor
     original = calibrate(split(ticks, points), config.motor, config.torque_sensor)
-    result = calibrator([run], subject).joint()
+    result = Calibrator.of_runs([run], subject).joint()
     truth = load_truth().inverter
     assert result.alpha == pytest.approx(original.alpha, abs=2e-3)
     assert result.alpha == pytest.approx(np.array(truth.alpha), rel=5e-3)
@@ -154,7 +154,7 @@ def test_other_motors_have_their_own_orders(
     subject = Subject.of_runs([run])
     assert subject.motor == bench.motor
     assert [p["torque_Nm"] for p in run.operating_points()] == [p.torque_Nm for p in points]
-    result = calibrator([run], subject).joint()
+    result = Calibrator.of_runs([run], subject).joint()
     alpha = np.array(bench.truth.alpha)
     if result.delta_epsilon_stderr is None:
         alpha = alpha / np.cbrt(alpha.prod())
@@ -226,4 +226,4 @@ def test_one_torque_only_is_refused(tmp_path: Path) -> None:
     columns = in_one_table(points, 4096, unwrapped=False)
     _, run = imported(tmp_path, write_csv(tmp_path / "a.csv", columns), MESH_MAP)
     with pytest.raises(IdentifyError, match="about the same torque"):
-        calibrator([run], Subject.of_runs([run])).joint()
+        Calibrator.of_runs([run], Subject.of_runs([run])).joint()

@@ -4,14 +4,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import matplotlib as mpl
-import numpy as np
 import pytest
 
-from motord.experiments.calibration.report import page
 from motord.report.html import Page
 from motord.report.style import PALETTE, drawing, figure
 from motord.report.svg import inline
-from tests.unit.report.made_up import content, estimate, ripple
+from tests.unit.report.made_up import curve, estimate, page
 
 
 class Structure(HTMLParser):
@@ -59,7 +57,7 @@ def structure(html: str) -> Structure:
 @pytest.fixture(scope="module")
 def html() -> str:
     """The page of all parts; to draw it takes a second."""
-    return page(content()).html()
+    return page().html()
 
 
 def test_page_needs_nothing_from_elsewhere(html: str) -> None:
@@ -74,7 +72,6 @@ def test_page_needs_nothing_from_elsewhere(html: str) -> None:
         "Torque at 3 Nm, 0.5 turns/s",
         "Phase gains and offsets",
         "Cogging torque",
-        "About these figures",
     ]
     assert "Calibration &lt;of&gt; a motor &amp; more" in html
     assert "<of>" not in html
@@ -104,50 +101,40 @@ def test_pictures_are_sound_svg_with_colours_by_meaning(html: str) -> None:
 
 
 def test_same_content_same_page(html: str, tmp_path: Path) -> None:
-    page(content()).write(tmp_path / "r.html")
+    page().write(tmp_path / "r.html")
     assert (tmp_path / "r.html").read_text() == html
 
 
 def test_parts_that_are_missing_are_left_out() -> None:
-    bare = content(before={}, after={}, view=None, estimates=(), reference=None, observable=())
-    found = structure(page(bare).html())
-    assert found.headings == ["About these figures"]
-    half = content(after={}, view=content().view.__class__("x", ripple(1.0), None, (16, 48)))
-    html = page(half).html()
+    bare = page(before={}, after={}, curves=None, estimates=(), reference=None)
+    assert structure(bare.html()).headings == []
+    html = page(after={}, curves=(curve(1.0), None)).html()
     assert "smoother" not in html
     assert "Without compensation" not in html  # in the picture, as paths
     assert len(re.findall("<svg", html)) == 4
 
 
-@pytest.mark.parametrize("reference", [None, estimate("calibration abc", 0.01)])
-def test_any_reference(reference: object) -> None:
-    html = page(content(reference=reference, estimates=(estimate("joint", 0.0),))).html()
+@pytest.mark.parametrize("reference", [None, ("calibration abc", estimate(0.01))])
+def test_any_reference(reference: tuple | None) -> None:
+    html = page(reference=reference, estimates=(("joint", estimate(0.0)),)).html()
     assert ("calibration abc" in html) == (reference is not None)
 
 
 def test_an_order_that_only_one_knows() -> None:
-    odd = estimate("joint", 0.0)
-    other = estimate("residual", 0.0)
-    other = other.__class__(**{**other.__dict__, "order": np.array([16, 32])})
-    html = page(content(estimates=(odd, other), reference=None)).html()
+    other = estimate(0.0, amplitudes_Nm={16: 0.1, 32: 0.02})
+    both = (("joint", estimate(0.0)), ("residual", other))
+    html = page(estimates=both, reference=None).html()
     assert "<tr><td>32</td><td></td>" in html
 
 
 def test_many_orders_and_a_lone_point() -> None:
-    many = estimate("joint", 0.0)
-    orders = np.arange(8, 8 * 14, 8)
-    many = many.__class__(
-        **{
-            **many.__dict__,
-            "order": orders,
-            "amplitude_Nm": np.full(orders.size, 0.01),
-            "amplitude_stderr_Nm": None,
-        }
-    )
-    lone = content(
-        before={(1.0, 0.5): 12.0}, after={(1.0, 0.5): 1.5}, estimates=(many,), reference=None
-    )
-    html = page(lone).html()
+    many = estimate(0.0, None, dict.fromkeys(range(8, 8 * 14, 8), 0.01))
+    html = page(
+        before={(1.0, 0.5): 12.0},
+        after={(1.0, 0.5): 1.5},
+        estimates=(("joint", many),),
+        reference=None,
+    ).html()
     assert "<b>12 %</b>" in html
     assert "<b>1.5 %</b>" in html
 

@@ -14,7 +14,7 @@ from motord.control.types import SETPOINT
 from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
-from motord.experiments.ripple.reconstruct import explain
+from motord.experiments.ripple.estimate import explain
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, prepare, split
 from motord.identification.point_ripple import point_ripple
@@ -93,7 +93,7 @@ def test_calibrated_the_ripple_is_gone(bench: Config) -> None:
     assert after.min() > 0.1  # a ripple that is not there would have been computed wrongly
     # the calibrated model makes the measured ripple of the recorded currents
     samples = prepare(points[0], bench.motor.counts)
-    assert explain(samples, bench.motor, bench.torque_sensor, calibration).share > 0.99
+    assert explain(samples, bench.motor, bench.torque_sensor, calibration).share_explained > 0.99
 
 
 def test_a_common_part_that_was_not_recorded() -> None:

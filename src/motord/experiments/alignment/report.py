@@ -4,8 +4,7 @@ import numpy as np
 
 from motord.experiments.alignment.plots import followed, rests, torque_sign
 from motord.experiments.alignment.result import AlignmentResult
-from motord.experiments.calibration.content import facts
-from motord.experiments.subject import Recordings
+from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
 
@@ -13,7 +12,7 @@ def report(result: AlignmentResult, recordings: Recordings) -> Page:
     """Return a page of its own."""
     lead = f"{result.motor.name} on bench {recordings.subject.bench}"
     page = Page("Phase order, encoder direction and zero", lead)
-    page.table([], facts(None, recordings.subject, recordings.names))
+    page.table([], facts(recordings.subject, recordings.names))
     fill(page, result)
     return page
 

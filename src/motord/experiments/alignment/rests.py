@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from motord.identification.operating_points import COMMANDS, CURRENTS
+from motord.identification.turning import unwrap_counts
 
 REQUIRED = ("t_ns", "encoder_count", *COMMANDS, *CURRENTS, "torque_Nm")
 """Columns of the ticks of a sweep."""
@@ -58,10 +59,7 @@ def rests_of(sweeps: Sequence[np.ndarray], counts: int, pole_pairs: int) -> Rest
 
 def unwrapped_rad(encoder_count: np.ndarray, counts: int) -> np.ndarray:
     """Return counts (n,) as an angle that goes on beyond a turn."""
-    steps = np.diff(encoder_count.astype(int), prepend=int(encoder_count[0]))
-    steps -= counts * np.round(steps / counts).astype(int)
-    unwrapped: np.ndarray = 2 * np.pi / counts * (int(encoder_count[0]) + np.cumsum(steps))
-    return unwrapped
+    return 2 * np.pi / counts * unwrap_counts(encoder_count, counts)
 
 
 def vectors(currents_A: np.ndarray) -> np.ndarray:

@@ -27,12 +27,13 @@ from motord.identification.cluster_robust_ls import ClusterFit
 from motord.identification.driven_rotor import Driven, prepare, require
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import PointData
+from motord.identification.orders import resolved_order
 
 MOST_HARMONICS = 31
 """Electrical orders that are fitted, at most."""
 
-SAMPLES_PER_PERIOD = 2.5
-COUNTS_PER_PERIOD = 4
+COUNTS_PER_ORDER = 4
+"""Encoder counts that a period of the highest order needs."""
 
 SPEED_RATIO = 1.3
 """Ratio of the fastest to the slowest speed that tells the age of the voltages from the angle."""
@@ -85,8 +86,9 @@ def _ready(point: PointData, motor: MotorConfig) -> Driven:
 def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:
     """Return the multiples of the pole pairs that every point samples."""
     fewest = min(one.samples_per_turn for one in driven)
-    highest = min(int(fewest / SAMPLES_PER_PERIOD), motor.counts // COUNTS_PER_PERIOD)
-    harmonics = min(highest // motor.pole_pairs, MOST_HARMONICS)
+    most = MOST_HARMONICS * motor.pole_pairs
+    highest = resolved_order(fewest, motor.counts, most, counts_per_order=COUNTS_PER_ORDER)
+    harmonics = highest // motor.pole_pairs
     if harmonics < 1:
         raise IdentifyError(
             f"{fewest} samples a turn cannot show {motor.pole_pairs} periods: turn slower or "
@@ -103,11 +105,8 @@ def _others(
     motor: MotorConfig,
 ) -> list[int]:
     """Return orders that are no multiple of the pole pairs and stand out of the noise."""
-    highest = min(
-        int(min(one.samples_per_turn for one in driven) / SAMPLES_PER_PERIOD),
-        motor.counts // COUNTS_PER_PERIOD,
-        OTHER_ORDERS,
-    )
+    fewest = min(one.samples_per_turn for one in driven)
+    highest = resolved_order(fewest, motor.counts, OTHER_ORDERS, counts_per_order=COUNTS_PER_ORDER)
     every = joined(samples)
     cell = np.rint(every.angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64)
     ratio = np.zeros(highest)

@@ -4,8 +4,7 @@ import numpy as np
 
 from motord.experiments.back_emf.plots import waves
 from motord.experiments.back_emf.result import MeasuredBackEmf
-from motord.experiments.calibration.content import facts
-from motord.experiments.subject import Recordings
+from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
 
@@ -13,7 +12,7 @@ def report(found: MeasuredBackEmf, recordings: Recordings) -> Page:
     """Return a page of its own."""
     subject = recordings.subject
     page = Page("Back-EMF of a driven rotor", f"{subject.motor.name} on bench {subject.bench}")
-    page.table([], facts(None, subject, recordings.names))
+    page.table([], facts(subject, recordings.names))
     fill(page, found)
     return page
 

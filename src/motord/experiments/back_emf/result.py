@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
+from motord.identification.harmonics import synthesis
 
 UNBALANCED = 0.002
 """Part of the fundamental by which a phase may differ from the mean of the three."""
@@ -168,9 +169,4 @@ class MeasuredBackEmf:
 
     def table(self) -> np.ndarray:
         """Return k at encoder angles 2 pi n / counts, shape (counts, 3), of the kept orders."""
-        counts = self.motor.counts
-        angle_rad = 2 * np.pi * np.arange(counts) / counts
-        k = np.zeros((counts, 3))
-        for h, line in zip(self.order[self.kept], self.line[self.kept], strict=True):
-            k += (np.exp(1j * h * angle_rad)[:, None] * line).real
-        return k
+        return synthesis(self.order[self.kept], self.line[self.kept], self.motor.counts)

@@ -20,16 +20,18 @@ from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.driven_rotor import Driven, prepare, require
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import PointData
-from motord.identification.orders import allowed_orders, order_limit
+from motord.identification.orders import (
+    SAMPLES_PER_COGGING_ORDER,
+    allowed_orders,
+    order_limit,
+    resolved_order,
+)
 from motord.identification.torque_sensor import response
 
 REQUIRED = ("t_ns", "torque_Nm")
 """Columns that are needed, besides one of the angle."""
 
-SAMPLES_PER_PERIOD = 2.4
-"""Samples that a period of the highest order needs."""
-
-COUNTS_PER_PERIOD = 3
+COUNTS_PER_ORDER = 3
 """Encoder counts that a period of the highest order needs."""
 
 MOUNT_SHARE = 0.7
@@ -65,10 +67,12 @@ class SpeedCogging:
 
 def highest_order(driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig) -> int:
     """Return the highest order that sampling, encoder and mount let through."""
-    highest = min(
-        int(driven.samples_per_turn / SAMPLES_PER_PERIOD),
-        motor.counts // COUNTS_PER_PERIOD,
+    highest = resolved_order(
+        driven.samples_per_turn,
+        motor.counts,
         order_limit(motor.slots, 2 * motor.pole_pairs),
+        samples_per_order=SAMPLES_PER_COGGING_ORDER,
+        counts_per_order=COUNTS_PER_ORDER,
     )
     if sensor.resonance_Hz > 0:
         highest = min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / driven.speed_Hz))

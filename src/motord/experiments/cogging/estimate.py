@@ -16,6 +16,7 @@ from motord.experiments.cogging.at_speed import (
     standing_out,
 )
 from motord.identification import IdentifyError
+from motord.identification.harmonics import synthesis
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order, periods_per_slot_pitch
 
@@ -120,7 +121,7 @@ class MeasuredCogging:
     @property
     def tau_cog_Nm(self) -> np.ndarray:
         """Cogging torque at the encoder's points (counts,), of the allowed orders."""
-        return torque_of(self.order[self.allowed], self.line_Nm[self.allowed], self.motor.counts)
+        return synthesis(self.order[self.allowed], self.line_Nm[self.allowed], self.motor.counts)
 
     @property
     def rounded_tau_cog_Nm(self) -> np.ndarray:
@@ -199,7 +200,7 @@ class MeasuredCogging:
         Poels 2008, Figure 3.4.
         """
         kept = np.isin(speed.order, self.order[self.allowed])
-        own_Nm = torque_of(speed.order[kept], speed.line_Nm[kept], self.motor.counts)
+        own_Nm = synthesis(speed.order[kept], speed.line_Nm[kept], self.motor.counts)
         error: np.ndarray = 100 * (own_Nm - self.tau_cog_Nm) / self.peak_Nm
         return error
 
@@ -296,15 +297,6 @@ def _mean_line(found: Sequence[SpeedCogging], order: int) -> tuple[complex, floa
         freedom = 2 * (lines.size - 1)
         spread = max(float((weight * np.abs(lines - mean) ** 2).sum()) / freedom, 1.0)
     return mean, float(np.sqrt(spread / weight.sum()))
-
-
-def torque_of(order: np.ndarray, line_Nm: np.ndarray, counts: int) -> np.ndarray:
-    """Return the torque at angles 2 pi n / counts (counts,)."""
-    angle_rad = 2 * np.pi * np.arange(counts) / counts
-    torque_Nm = np.zeros(counts)
-    for h, line in zip(order, line_Nm, strict=True):
-        torque_Nm += (line * np.exp(1j * h * angle_rad)).real
-    return torque_Nm
 
 
 def compare(measured: MeasuredCogging, calibration: Calibration) -> Comparison:

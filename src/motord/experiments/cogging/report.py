@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from motord.experiments.calibration.content import facts
 from motord.experiments.cogging.estimate import (
     Comparison,
     MeanHarmonic,
@@ -12,7 +11,7 @@ from motord.experiments.cogging.estimate import (
     SpeedResult,
 )
 from motord.experiments.cogging.plots import averaged, errors, spectra, with_calibration
-from motord.experiments.subject import Recordings
+from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
 
@@ -21,7 +20,7 @@ def report(measured: MeasuredCogging, recordings: Recordings) -> Page:
     subject = recordings.subject
     lead = f"{subject.motor.name} on bench {subject.bench}"
     page = Page("Cogging torque of a driven rotor", lead)
-    page.table([], facts(None, subject, recordings.names))
+    page.table([], facts(subject, recordings.names))
     fill(page, measured)
     return page
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.harmonics import lines_at
-from motord.identification.operating_points import MAX_CURRENT_ORDER, SAMPLES_PER_ORDER, Samples
+from motord.identification.operating_points import MAX_CURRENT_ORDER, Samples
+from motord.identification.orders import resolved_order
 from motord.identification.torque_sensor import response
 
 IMAGES = (-4, -3, -2, -1, 1, 2, 3, 4)
@@ -54,7 +55,7 @@ def seeming_lines(
     """
     counts, period_s, speed_Hz = motor.counts, samples.period_s, samples.speed_Hz
     fewest = min(end - first for first, end in samples.turns)
-    highest = min(MAX_CURRENT_ORDER, int(fewest / SAMPLES_PER_ORDER), (counts - 1) // 2)
+    highest = resolved_order(fewest, counts, MAX_CURRENT_ORDER)
     whole = samples.whole
     spectrum = np.zeros((3, counts), complex)
     for phase, command_A in enumerate(samples.command_A[whole].T):

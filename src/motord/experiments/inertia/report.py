@@ -6,7 +6,6 @@ from math import pi
 
 import numpy as np
 
-from motord.experiments.calibration.content import facts
 from motord.experiments.inertia.error_budget import Share
 from motord.experiments.inertia.oscillation import POELS2008_METHOD, Oscillation, Release
 from motord.experiments.inertia.plots import (
@@ -22,7 +21,7 @@ from motord.experiments.inertia.plots import (
 )
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import Acceleration
-from motord.experiments.subject import Recordings
+from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
 UNIT = "10\u207b\u00b3 kg m\u00b2"
@@ -38,7 +37,7 @@ def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     _cards(page, found)
     fill(page, found)
     page.heading("About these figures")
-    rows = list(facts(None, subject, recordings.names))
+    rows = list(facts(subject, recordings.names))
     if isinstance(found, Oscillation):
         rows.append(("set-up", _described(found.setup)))
     page.table((), rows)

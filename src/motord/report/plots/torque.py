@@ -16,7 +16,7 @@ FLOOR_Nm = 1e-5
 
 
 @dataclass(frozen=True)
-class Ripple:
+class TorqueCurve:
     """Torque without its mean at one operating point.
 
     angle_rad, torque_Nm (n,): over one turn; order, amplitude_Nm (m,): its spectrum; noise_Nm
@@ -31,7 +31,7 @@ class Ripple:
 
 
 def over_angle_and_order(
-    before: Ripple | None, after: Ripple | None, marked_orders: Sequence[int]
+    before: TorqueCurve | None, after: TorqueCurve | None, marked_orders: Sequence[int]
 ) -> Figure:
     """Return torque over the turn above its spectrum; `marked_orders` get a tick with a number."""
     ripples = {"before": before, "after": after}
@@ -53,7 +53,7 @@ def over_angle_and_order(
         return picture
 
 
-def _spectrum(axes: Axes, ripples: dict[str, Ripple], marked_orders: Sequence[int]) -> None:
+def _spectrum(axes: Axes, ripples: dict[str, TorqueCurve], marked_orders: Sequence[int]) -> None:
     highest = _highest(list(ripples.values()), marked_orders)
     for name, ripple in ripples.items():
         shown = ripple.order <= highest
@@ -76,7 +76,7 @@ def _spectrum(axes: Axes, ripples: dict[str, Ripple], marked_orders: Sequence[in
     axes.set_title("Spectrum over the orders of a turn")
 
 
-def _highest(ripples: list[Ripple], marked_orders: Sequence[int]) -> int:
+def _highest(ripples: list[TorqueCurve], marked_orders: Sequence[int]) -> int:
     """Return the last order worth showing: the last marked one with anything in it, and a bit."""
     last = min(int(ripple.order[-1]) for ripple in ripples)
     strongest = max(float(ripple.amplitude_Nm.max()) for ripple in ripples)

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -6,11 +7,12 @@ import pytest
 
 from motord.calibration import load as load_calibration
 from motord.config import load, packaged
-from motord.experiments.calibration import content as page_content
-from motord.experiments.calibration import recordings
-from motord.experiments.calibration.report import page
-from motord.experiments.calibration.truth import recorded_truth
-from motord.experiments.subject import AnalysisError, Subject
+from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, Calibrator
+from motord.experiments.calibration.estimate.truth import recorded_truth
+from motord.experiments.calibration.report import report
+from motord.experiments.ripple import report as ripple
+from motord.experiments.ripple.estimate import MeshRipple, ripples
+from motord.experiments.subject import AnalysisError, Recordings, Subject
 from motord.recording.reader import open_run
 from tests.unit.experiments.conftest import Recorded
 
@@ -49,8 +51,9 @@ def test_the_truth_is_in_the_recording(recorded: Recorded) -> None:
     assert truth is not None
     assert np.abs(truth.alpha / ALPHA - 1).max() < 1e-3
     assert np.abs(truth.beta_A - [1.0, -0.5, -0.5]).max() < 5e-3
-    assert truth.order.tolist() == [16, 32, 48, 96]
-    assert np.allclose(truth.amplitude_Nm, [0.08, 0.04, 0.33, 0.06], atol=1e-4)
+    assert [h.order for h in truth.harmonics] == [16, 32, 48, 96]
+    amplitudes_Nm = [h.amplitude_Nm for h in truth.harmonics]
+    assert np.allclose(amplitudes_Nm, [0.08, 0.04, 0.33, 0.06], atol=1e-4)
 
 
 def test_a_real_run_has_no_truth(recorded: Recorded) -> None:
@@ -61,48 +64,35 @@ def test_a_real_run_has_no_truth(recorded: Recorded) -> None:
 
 
 def test_from_runs_to_a_page(recorded: Recorded) -> None:
-    runs = [open_run(recorded.off), open_run(recorded.on)]
-    subject = Subject.of_runs(runs)
-    calibrator = recordings.calibrator(runs[:1], subject)
-    joint, residual = calibrator.joint(), calibrator.residual()
+    recordings = Recordings.open([recorded.off, recorded.on])
+    subject = recordings.subject
+    calibrator = Calibrator.of_runs(recordings.runs[:1], subject)
+    joint, other = calibrator.joint(), load_calibration(recorded.calibration)
     assert np.abs(joint.alpha / ALPHA - 1).max() < 5e-3
-    points = recordings.ripples(runs, subject)
-    calibration = load_calibration(recorded.calibration)
-    content = page_content.calibration_report(
-        subject,
-        [run.path.name for run in runs],
-        calibration,
-        points,
-        [page_content.estimate_of_result(r, r.method) for r in (joint, residual)],
-        page_content.estimate_of_calibration(calibration, "last calibration"),
-    )
-    assert (
-        set(content.before)
-        == set(content.after)
-        == {(t, s) for t in (2.0, 4.0) for s in (0.8, 1.0)}
-    )
-    assert min(content.before.values()) > 5
-    assert max(content.after.values()) < 0.5
-    assert content.view is not None
-    assert content.view.label == "4 Nm, 0.8 turns/s"
-    text = page(content).html()
-    for words in ("off.mcap, on.mcap", calibration.id, "48 slots, 16 poles", "last calibration"):
-        assert words in text
+    both = replace(joint, ripples=tuple(ripples(recordings.runs, subject)))
+    before, after = ripple.before_and_after(both.ripples)
+    assert set(before) == set(after) == {(t, s) for t in (2.0, 4.0) for s in (0.8, 1.0)}
+    assert min(before.values()) > 5
+    assert max(after.values()) < 0.5
+    made = joint.to_calibration(subject.motor, datetime.now(UTC), recordings.names)
+    text = report(CalibratedRuns(calibrator, both, made, other), recordings).html()
+    seen = (
+        "off.mcap, on.mcap", made.id, "48 slots, 16 poles", f"calibration {other.id}",
+        "residual estimator", "Torque at 4 Nm, 0.8 turns/s",
+    )  # fmt: skip
+    for part in seen:
+        assert part in text
 
 
-def test_a_page_without_points_or_calibration() -> None:
-    subject = Subject.of_config(load())
-    content = page_content.calibration_report(subject, ["x.mcap"], None, [])
-    assert content.view is None
-    assert "x.mcap" in page(content).html()
+def test_a_page_without_points(recorded: Recorded) -> None:
+    text = ripple.report(MeshRipple(()), Recordings.open([recorded.off])).html()
+    assert "Torque at" not in text
+    assert "off.mcap" in text
 
 
-def test_a_view_of_one_side_only(recorded: Recorded) -> None:
-    subject = Subject.of_config(load())
-    points = recordings.ripples([open_run(recorded.on)], subject)
-    content = page_content.calibration_report(subject, [], None, points)
-    assert content.view is not None
-    assert content.view.before is None
-    assert content.view.after is not None
-    uneven = [*points, replace(points[0], torque_Nm=9.0, compensate=0)]
-    assert page_content.calibration_report(subject, [], None, uneven).view is not None
+def test_a_point_with_one_side_only(recorded: Recorded) -> None:
+    recordings = Recordings.open([recorded.on])
+    points = ripples(recordings.runs, recordings.subject)
+    assert "Torque at 4 Nm" in ripple.report(MeshRipple(tuple(points)), recordings).html()
+    uneven = (*points, replace(points[0], torque_Nm=9.0, compensate=0))
+    assert "Torque at" in ripple.report(MeshRipple(uneven), recordings).html()

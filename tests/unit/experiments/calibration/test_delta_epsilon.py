@@ -8,7 +8,7 @@ import pytest
 
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
-from motord.experiments.calibration.recordings import calibrator
+from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.recording.metadata import describe
@@ -55,7 +55,7 @@ def test_it_is_measured_and_the_file_names_the_run(recording: Path, tmp_path: Pa
 def test_ripple_and_the_residual_estimator_are_of_the_mesh_alone(recording: Path) -> None:
     runs = [open_run(recording)]
     assert len(runs[0].operating_points()) == 6
-    taken = calibrator(runs, Subject.of_runs(runs))
+    taken = Calibrator.of_runs(runs, Subject.of_runs(runs))
     joint, residual = taken.joint(), taken.residual()
     assert len(joint.ripples) == len(residual.ripples) == 4
     assert joint.delta_epsilon_stderr is not None
@@ -66,7 +66,7 @@ def test_ripple_and_the_residual_estimator_are_of_the_mesh_alone(recording: Path
 def test_without_such_points_it_is_assumed(recorded) -> None:
     runs = [open_run(recorded.off)]
     subject = Subject.of_runs(runs)
-    result = calibrator(runs, subject).joint()
+    result = Calibrator.of_runs(runs, subject).joint()
     calibration = result.to_calibration(subject.motor, datetime.now(UTC), ["off.mcap"])
     assert (calibration.delta_epsilon, calibration.delta_epsilon_source) == (1.0, "assumed")
     assert "not seen" in calibration.observable[0]

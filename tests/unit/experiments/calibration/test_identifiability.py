@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from motord.experiments.calibration.estimate.identifiability import (
     COMMON,
-    Gauge,
-    decide,
+    Identifiability,
+    assess,
     unit_product,
 )
 
@@ -47,20 +47,20 @@ def test_what_the_data_show(
     alpha_common: float, beta_common: float, gain_seen: bool, offset_seen: bool
 ) -> None:
     matrix = information(alpha_common, beta_common)
-    gauge = decide(matrix, matrix, rated_A=20.0)
-    assert (gauge.gain_direction is None) == gain_seen
-    assert gauge.offset_seen == offset_seen
-    if gauge.gain_direction is not None:
-        assert np.allclose(gauge.gain_direction, COMMON)
+    identifiable = assess(matrix, matrix, rated_A=20.0)
+    assert (identifiable.gain_direction is None) == gain_seen
+    assert identifiable.offset_seen == offset_seen
+    if identifiable.gain_direction is not None:
+        assert np.allclose(identifiable.gain_direction, COMMON)
     unseen = 2 - gain_seen - offset_seen
-    subspace = gauge.subspace(8)
+    subspace = identifiable.subspace(8)
     assert subspace.shape == (8, 8 - unseen)
     assert np.allclose(subspace.T @ subspace, np.eye(8 - unseen))
-    assert np.allclose(subspace.T @ gauge.gain_vector(8), 0)
+    assert np.allclose(subspace.T @ identifiable.gain_vector(8), 0)
 
 
 def test_weak_numbers_do_not_count_as_seen() -> None:
     matrix = information(100.0, 25.0)  # standard errors 0.1, and 0.2 A of 20 A
-    gauge = decide(matrix, matrix, rated_A=20.0)
-    assert gauge == Gauge(gauge.gain_direction, offset_seen=False)
-    assert gauge.gain_direction is not None
+    identifiable = assess(matrix, matrix, rated_A=20.0)
+    assert identifiable == Identifiability(identifiable.gain_direction, offset_seen=False)
+    assert identifiable.gain_direction is not None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.instrumental_variables import (
+from motord.experiments.calibration.estimate.turn_products import (
     commands_over_angle,
     instruments,
 )

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from motord.experiments.calibration.estimate.checks import check_fit
-from motord.experiments.calibration.estimate.identifiability import COMMON, Gauge
+from motord.experiments.calibration.estimate.identifiability import COMMON, Identifiability
 from motord.experiments.calibration.estimate.joint import JointFit, Solution, solve
 from motord.identification import IdentifyError
 
-OPEN = Gauge(COMMON, offset_seen=False)
+OPEN = Identifiability(COMMON, offset_seen=False)
 
 
 def test_equations_without_an_answer_are_refused() -> None:
@@ -21,14 +21,14 @@ def test_gains_that_do_not_exist_are_refused() -> None:
         check_fit(fitted)
 
 
-@pytest.mark.parametrize("gauge", [OPEN, Gauge(None, offset_seen=True)])
-def test_a_solution_keeps_the_gauge(gauge: Gauge) -> None:
+@pytest.mark.parametrize("identifiable", [OPEN, Identifiability(None, offset_seen=True)])
+def test_a_solution_keeps_what_is_fixed(identifiable: Identifiability) -> None:
     rng = np.random.default_rng(4)
     root = rng.normal(size=(30, 9))
     truth = np.array([0.8, 1.118, 1.118, 1.0, -0.5, -0.5, 0.1, 0.05, -0.02])
     truth[:3] /= np.cbrt(truth[:3].prod())
     normal = root.T @ root
-    found = solve(normal, normal @ truth, gauge)
+    found = solve(normal, normal @ truth, identifiable)
     assert np.allclose(found.theta, truth)
     assert found.delta_epsilon == pytest.approx(1.0)
     assert found.vector.size == 10
@@ -36,14 +36,14 @@ def test_a_solution_keeps_the_gauge(gauge: Gauge) -> None:
 
 def test_absurd_samples_are_refused_in_words() -> None:
     with pytest.raises(IdentifyError, match="no motor has"):
-        solve(np.full((9, 9), np.nan), np.ones(9), Gauge(COMMON, offset_seen=False))
+        solve(np.full((9, 9), np.nan), np.ones(9), Identifiability(COMMON, offset_seen=False))
 
 
 @pytest.mark.parametrize("common", [0.3, 3.0])
 def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
     theta = np.concatenate([np.full(3, common), np.zeros(6)])
-    gauge = Gauge(None, offset_seen=True)
+    identifiable = Identifiability(None, offset_seen=True)
     solution = Solution(theta, np.ones(3), common)
-    fitted = JointFit(solution, 1e-6 * np.eye(10), gauge, np.full(2, 0.02), 1.0, 1e-4)
+    fitted = JointFit(solution, 1e-6 * np.eye(10), identifiable, np.full(2, 0.02), 1.0, 1e-4)
     with pytest.raises(IdentifyError, match=f"{common:.2f} times as large as the back-EMF says"):
         check_fit(fitted)

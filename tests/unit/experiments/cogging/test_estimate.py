@@ -10,7 +10,7 @@ from motord.calibration import CalibratedMotor
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.cogging.estimate import compare, measure
 from motord.identification import IdentifyError
-from motord.identification.driven_rotor import stretches_of
+from motord.identification.driven_rotor import steady_segments_of
 from motord.identification.operating_points import PointData
 from tests.campaigns.cogging import errors, measured, true_line
 from tests.campaigns.driven import MOTORS, REPORT, Motor
@@ -104,7 +104,7 @@ def test_a_run_without_points_is_cut_into_steady_stretches() -> None:
     slow, fast = driven(bench, 0.5, 0.9, turns=5.4)
     ticks = np.concatenate([slow.ticks, fast.ticks])
     ticks["t_ns"][slow.ticks.size :] += slow.ticks["t_ns"][-1]
-    points = stretches_of(ticks, bench.motor, ["torque_Nm"])
+    points = steady_segments_of(ticks, bench.motor, ["torque_Nm"])
     assert [round(point.speed_Hz, 1) for point in points] == [0.5, 0.9]
     found = measure(points, bench.motor, bench.sensor)
     assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)
@@ -112,7 +112,7 @@ def test_a_run_without_points_is_cut_into_steady_stretches() -> None:
 
 def test_a_single_turn_is_better_than_nothing() -> None:
     bench = synthetic.Bench(truth=no_current(), torque_noise_Nm=0.01)
-    points = stretches_of(driven(bench, 0.5, turns=1.4)[0].ticks, bench.motor, ["torque_Nm"])
+    points = steady_segments_of(driven(bench, 0.5, turns=1.4)[0].ticks, bench.motor, ["torque_Nm"])
     found = measure(points, bench.motor, bench.sensor)
     assert found.speeds[0].turns == 1
     assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)

@@ -41,7 +41,7 @@ def true_calibration() -> Calibration:
     from datetime import UTC, datetime
 
     from motord.calibration import CalibratedMotor
-    from motord.identification.ripple import harmonics_table
+    from motord.identification.harmonics import harmonics_table
     from motord.rig.truth import load as load_truth
 
     config, truth = nonlinear(), load_truth(packaged("nonlinear.rig.toml"))

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 from motord.calibration import Calibration, from_json, load
 from motord.cli.connection_options import with_connection
 from motord.cli.plan import learn as module
-from motord.demo.learn import calibrate_virtual, learn_virtual, learned_report, verify_virtual
 from motord.experiments.plans import build
+from motord.reproduce.learning import learn_virtual, learned_report
+from tests.support.virtual_calibration import calibrate_virtual, verify_virtual
 from tests.unit.experiments.ilc.learning import nonlinear, record_pass, true_calibration
 
 

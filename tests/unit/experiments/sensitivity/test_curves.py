@@ -9,7 +9,8 @@ from motord.config import BackEmfHarmonic, MotorConfig
 from motord.experiments.sensitivity.curves import RippleModel, gains_of, limits, offsets_of, single
 from motord.experiments.sensitivity.volume import Intervals, limit_surface, volume
 from motord.identification import IdentifyError
-from motord.identification.ripple import harmonics_table, rms_error_percent
+from motord.identification.harmonics import harmonics_table
+from motord.identification.point_ripple import rms_error_percent
 
 TORQUE_NM = 3.0
 

@@ -1,56 +1,84 @@
 """From operating points to a calibration, one point at a time, by either estimator."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
-from motord.calibration import Harmonic
+from motord.calibration import Calibration, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate import kirchhoff as star
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
-from motord.experiments.calibration.estimate.joint import JointFit, fit
-from motord.experiments.calibration.estimate.normal_equations import PointMoments, accumulate
+from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
+from motord.experiments.calibration.estimate.normal_equations import (
+    ALPHA,
+    BETA,
+    FIRST_COGGING,
+    Regression,
+)
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
-from motord.experiments.calibration.estimate.result import CalibrationResult, Method
-from motord.experiments.calibration.estimate.turns import ALPHA, BETA, FIRST_COGGING, Gatherer
+from motord.experiments.calibration.estimate.result import (
+    CalibrationResult,
+    Method,
+    cogging_table,
+)
+from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
+from motord.experiments.subject import Subject
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
 from motord.identification.operating_points import PointData, Samples, prepare, require_currents
-from motord.identification.orders import allowed_orders
+from motord.identification.orders import (
+    COUNTS_PER_COGGING_ORDER,
+    SAMPLES_PER_COGGING_ORDER,
+    allowed_orders,
+    resolved_order,
+)
 from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.ripple import harmonics_table
 from motord.identification.zero_sequence import is_missing, restored
-
-COUNTS_PER_PERIOD = 4
-"""Encoder counts that a period of the highest cogging order needs."""
-
-SAMPLES_PER_PERIOD = 2.4
-"""Samples that a period of the highest cogging order needs, at the fastest operating point."""
-
+from motord.recording.captures import captures
+from motord.recording.reader import Run
 
 ROUNDS = 4
-"""Fits by which the common part of a star's currents settles, where it was not recorded."""
+"""Fits by which the zero sequence of the currents settles, where it was not recorded."""
 
 
 class Calibrator:
     """Takes operating points one by one; then gives the result of either estimator.
 
-    Points with induced errors tell the joint estimator of the common gain; the residual estimator,
+    Points with induced errors show the joint estimator the common gain; the residual estimator,
     which knows nothing of that, and the ripples go without.
     What it keeps of a point does not grow with the number of samples; but for a star whose
-    currents were recorded without their common part, it keeps them all.
+    currents were recorded without their zero sequence, it keeps them all.
     """
 
     def __init__(self, motor: MotorConfig, sensor: TorqueSensorConfig) -> None:
         self._motor, self._sensor = motor, sensor
         self._orders = allowed_orders(
-            motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_PERIOD
+            motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
         )
         self._basis = Basis.of(motor, self._orders)
-        self._points: list[PointMoments] = []
-        self._bare: list[Samples] = []  # samples without the common part of their currents
+        self._points: list[TurnProducts] = []
+        self._bare: list[Samples] = []  # samples without the zero sequence of their currents
         self._residual = ResidualEstimator(motor, self._orders)
         self._ripples: list[PointRipple] = []
+
+    @classmethod
+    def of_runs(
+        cls,
+        runs: Iterable[Run],
+        subject: Subject,
+        progress: Callable[[float], None] = lambda fraction: None,
+    ) -> "Calibrator":
+        """Return a calibrator that has taken all good points of the runs. Raises IdentifyError.
+
+        progress: called with the part of the run's recorded points that is done.
+        """
+        calibrator = cls(subject.motor, subject.sensor)
+        for run in runs:
+            points = len(run.operating_points())
+            for number, point in enumerate(captures(run), start=1):
+                calibrator.add(point)
+                progress(number / points)
+        return calibrator
 
     def add(self, point: PointData) -> None:
         """Take an operating point. Raises IdentifyError."""
@@ -72,25 +100,18 @@ class Calibrator:
         """Return the result of the joint estimator. Raises IdentifyError."""
         check_points(self._points)
         orders = self._sampled_orders()
-        # Kirchhoff's law tells nothing of currents that were made to add up to nothing
+        # Kirchhoff's law says nothing of currents that were made to add up to nothing
         has_law = self._motor.connection == "star" and not self._bare
         rated_A = self._motor.rated_current_A()
-        gatherer = Gatherer(self._points, self._basis, len(orders), has_law)
-        fitted = fit(gatherer, rated_A)
+        regression = Regression(self._points, self._basis, len(orders), has_law)
+        fitted = fit(regression, rated_A)
         check_fit(fitted)
         if self._bare:
-            fitted = self._with_common_part(fitted, len(orders), rated_A)
-        words = _what_was_seen(fitted)
+            fitted = self._with_zero_sequence(fitted, len(orders), rated_A)
+        notes = _observability(fitted)
         if has_law:
-            words.append(star.compare(gatherer, rated_A))
-        elif self._bare:
-            words.append(
-                "common part of the currents: not recorded (currents along d and q, or of two "
-                "sensors); from Kirchhoff's law with the gains found"
-            )
-        if len(orders) < len(self._orders):
-            dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
-            words.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+            notes.append(kirchhoff_agreement(regression, rated_A))
+        notes += self._left_out(orders)
         harmonics = _harmonics(fitted, orders)
         return CalibrationResult(
             method="joint",
@@ -100,21 +121,34 @@ class Calibrator:
             beta_stderr_A=fitted.stderr[BETA],
             delta_epsilon=fitted.solution.delta_epsilon,
             delta_epsilon_stderr=(
-                float(fitted.stderr[-1]) if fitted.gauge.gain_direction is None else None
+                float(fitted.stderr[-1]) if fitted.identifiable.gain_direction is None else None
             ),
-            tau_cog_Nm=_table(harmonics, self._motor.counts),
+            tau_cog_Nm=cogging_table(harmonics, self._motor.counts),
             harmonics=harmonics,
-            observable=tuple(words),
+            observable=tuple(notes),
             condition_number=fitted.condition_number,
             current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
         )
 
-    def _with_common_part(self, fitted: JointFit, orders: int, rated_A: float) -> JointFit:
-        """Return the fit to currents with the common part that it itself implies."""
+    def _left_out(self, orders: tuple[int, ...]) -> list[str]:
+        """Return which currents and which cogging orders were not in the data."""
+        notes = []
+        if self._bare:
+            notes.append(
+                "zero sequence (common part) of the currents: not recorded (currents along d and "
+                "q, or of two sensors); from Kirchhoff's law with the gains found"
+            )
+        if len(orders) < len(self._orders):
+            dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
+            notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+        return notes
+
+    def _with_zero_sequence(self, fitted: JointFit, orders: int, rated_A: float) -> JointFit:
+        """Return the fit to currents with the zero sequence that it itself implies."""
         if len(self._bare) < len(self._points):
             raise IdentifyError(
-                "some operating points have currents with a common part, others without; "
+                "some operating points have currents with a zero sequence, others without; "
                 "calibrate from runs of one drive only"
             )
         for _ in range(ROUNDS):
@@ -123,7 +157,7 @@ class Calibrator:
                 accumulate(restored(samples, alpha), self._basis, self._sensor)
                 for samples in self._bare
             ]
-            fitted = fit(Gatherer(points, self._basis, orders, False), rated_A)
+            fitted = fit(Regression(points, self._basis, orders, False), rated_A)
         return fitted
 
     def residual(self) -> CalibrationResult:
@@ -161,8 +195,30 @@ class Calibrator:
 
     def _sampled_orders(self) -> tuple[int, ...]:
         """Return the cogging orders that every operating point samples."""
-        fewest = min(point.ticks_per_turn for point in self._points)
-        return tuple(o for o in self._orders if o * SAMPLES_PER_PERIOD <= fewest)
+        highest = resolved_order(
+            min(point.ticks_per_turn for point in self._points),
+            self._motor.counts,
+            max(self._orders, default=0),
+            samples_per_order=SAMPLES_PER_COGGING_ORDER,
+            counts_per_order=COUNTS_PER_COGGING_ORDER,
+        )
+        return tuple(order for order in self._orders if order <= highest)
+
+
+@dataclass(frozen=True)
+class CalibratedRuns:
+    """A calibration, the result that it was made of, and one to compare with, if it was named."""
+
+    calibrator: Calibrator
+    result: CalibrationResult
+    calibration: Calibration
+    other: Calibration | None = None
+
+    def both(self) -> tuple[CalibrationResult, CalibrationResult]:
+        """Return the result and that of the other estimator. Raises IdentifyError."""
+        return self.result, self.calibrator.result(
+            "residual" if self.result.method == "joint" else "joint"
+        )
 
 
 def calibrate(
@@ -203,31 +259,22 @@ def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...
     return tuple(found)
 
 
-def _table(harmonics: tuple[Harmonic, ...], counts: int) -> np.ndarray:
-    return harmonics_table(
-        np.array([h.order for h in harmonics]),
-        np.array([h.amplitude_Nm for h in harmonics]),
-        np.array([h.phase_rad for h in harmonics]),
-        counts,
-    )
-
-
-def _what_was_seen(fitted: JointFit) -> list[str]:
-    """Return what was not identifiable, and how it was fixed, in words."""
-    words = []
-    if fitted.gauge.gain_direction is None:
+def _observability(fitted: JointFit) -> list[str]:
+    """Return what was not identifiable, and how it was fixed, for the file."""
+    notes = []
+    if fitted.identifiable.gain_direction is None:
         value, stderr = fitted.solution.delta_epsilon, fitted.stderr[-1]
-        words.append(f"common gain delta epsilon: measured, {value:.4f} +- {stderr:.4f}")
+        notes.append(f"common gain delta epsilon: measured, {value:.4f} +- {stderr:.4f}")
     else:
-        words.append(
+        notes.append(
             "common gain delta epsilon: not seen (it makes mean torque only); assumed to be 1, "
             "product of alpha set to 1"
         )
-    if fitted.gauge.offset_seen:
-        words.append("common offset of the currents: measured")
+    if fitted.identifiable.offset_seen:
+        notes.append("common offset of the currents: measured")
     else:
-        words.append(
+        notes.append(
             "common offset of the currents: not seen (the back-EMFs add up to nothing); "
             "sum of beta set to 0"
         )
-    return words
+    return notes

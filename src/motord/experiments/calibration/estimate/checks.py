@@ -1,12 +1,12 @@
-"""Refusals: what a set of operating points cannot tell, said before or after trying."""
+"""Checks of operating points before the fit, and of the fit: each refusal says what is missing."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.normal_equations import PointMoments
-from motord.experiments.calibration.estimate.turns import ALPHA
+from motord.experiments.calibration.estimate.normal_equations import ALPHA
+from motord.experiments.calibration.estimate.turn_products import TurnProducts
 from motord.identification import IdentifyError
 
 MIN_TURNS = 2
@@ -32,7 +32,7 @@ COMMON_GAIN_RANGE = (0.5, 2.0)
 """Products of torque sensor's and current sensors' gain errors that there can be."""
 
 
-def check_points(points: Sequence[PointMoments]) -> None:
+def check_points(points: Sequence[TurnProducts]) -> None:
     """Raise IdentifyError if the points cannot tell alpha, beta and cogging apart."""
     if not points:
         raise IdentifyError("there is no good operating point in the recording")
@@ -59,17 +59,17 @@ def check_points(points: Sequence[PointMoments]) -> None:
     _check_phases(points)
 
 
-def _phase_currents_A(point: PointMoments) -> np.ndarray:
+def _phase_currents_A(point: TurnProducts) -> np.ndarray:
     squares = np.diagonal(point.currents, axis1=1, axis2=2)[:, :3].sum(axis=0)
     rms: np.ndarray = np.sqrt(squares / point.samples.sum())
     return rms
 
 
-def _current_A(point: PointMoments) -> float:
+def _current_A(point: TurnProducts) -> float:
     return float(np.linalg.norm(_phase_currents_A(point)))
 
 
-def _check_phases(points: Sequence[PointMoments]) -> None:
+def _check_phases(points: Sequence[TurnProducts]) -> None:
     rms_A = np.sqrt(np.mean([_phase_currents_A(point) ** 2 for point in points], axis=0))
     for phase in range(3):
         others_A = float(np.delete(rms_A, phase).mean())

@@ -1,4 +1,6 @@
-"""What the data leave open, and how it is fixed: alpha_a alpha_b alpha_c = 1, sum of beta = 0.
+"""Identifiability: which directions the data leave open, and the constraints that fix them.
+
+alpha_a alpha_b alpha_c = 1, sum of beta = 0.
 
 An AC coupled sensor does not see the mean torque, and with programmed currents the common gain of
 the phases makes nothing but mean torque; a common offset of the currents makes no torque unless
@@ -9,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.turns import ALPHA, BETA
+from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA
 
 COMMON = np.ones(3) / 3**0.5
 """The same change of all three phases."""
@@ -28,7 +30,7 @@ COMMON_OFFSET_STDERR = 0.005
 
 
 @dataclass(frozen=True)
-class Gauge:
+class Identifiability:
     """gain_direction (3,): the change of alpha that no data show, None if all is seen.
 
     offset_seen: whether the common offset of the currents is seen.
@@ -62,8 +64,10 @@ def _embed(direction: np.ndarray, where: slice, parameters: int) -> np.ndarray:
     return vector
 
 
-def decide(information: np.ndarray, torque_information: np.ndarray, rated_A: float) -> Gauge:
-    """Decide what the data show.
+def assess(
+    information: np.ndarray, torque_information: np.ndarray, rated_A: float
+) -> Identifiability:
+    """Return what the data show.
 
     information: Fisher information of all parameters; torque_information: the part of it that
     the torque gives (the rest comes from Kirchhoff's law). rated_A: peak of the rated current.
@@ -80,7 +84,7 @@ def decide(information: np.ndarray, torque_information: np.ndarray, rated_A: flo
         offset > (COMMON_OFFSET_SHARE**2) * largest
         and offset > (COMMON_OFFSET_STDERR * rated_A) ** -2
     )
-    return Gauge(None if gain_seen else direction, bool(offset_seen))
+    return Identifiability(None if gain_seen else direction, bool(offset_seen))
 
 
 def _information_along(matrix: np.ndarray, direction: np.ndarray) -> float:

@@ -1,7 +1,7 @@
 """The joint estimator: alpha, beta and one cogging torque for all operating points, at once.
 
 A weighted least squares with instruments. alpha's torque grows with the set-point, cogging does
-not, and beta's torque has other orders: fitted together they are told apart, which the residual
+not, and beta's torque has other orders: fitted together they are separated, which the residual
 estimator cannot do. Star-connected motors add Kirchhoff's law, sum_p (alpha_p i*_p + beta_p) = 0.
 """
 
@@ -11,11 +11,18 @@ import numpy as np
 
 from motord.experiments.calibration.estimate.identifiability import (
     COMMON,
-    Gauge,
-    decide,
+    Identifiability,
+    assess,
     unit_product,
 )
-from motord.experiments.calibration.estimate.turns import ALPHA, DELAY, Gatherer, Normals
+from motord.experiments.calibration.estimate.normal_equations import (
+    ALPHA,
+    BETA,
+    DELAY,
+    NormalEquations,
+    Regression,
+    TurnSums,
+)
 from motord.identification import IdentifyError
 
 ITERATIONS = 4
@@ -24,10 +31,13 @@ ITERATIONS = 4
 MIN_POINTS = 6
 """Operating points from which on the differences between points tell of standard errors."""
 
+AGREEING_ERRORS = 3.0
+"""Standard errors within which torque and Kirchhoff's law count as agreeing."""
+
 
 @dataclass(frozen=True)
 class Solution:
-    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, bend, delta cogging."""
+    """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, zoh, delta cogging."""
 
     theta: np.ndarray
     alpha: np.ndarray
@@ -50,7 +60,7 @@ class JointFit:
 
     solution: Solution
     covariance: np.ndarray
-    gauge: Gauge
+    identifiable: Identifiability
     noise_Nm: np.ndarray
     condition_number: float
     delay_unit_s: float
@@ -68,37 +78,37 @@ class JointFit:
         return errors
 
 
-def fit(gatherer: Gatherer, rated_A: float, *, use_law: bool = True) -> JointFit:
+def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> JointFit:
     """Fit all turns. rated_A: peak of the rated current; use_law: use Kirchhoff's law, if it holds.
 
     Raises IdentifyError where the turns cannot tell the parameters apart.
     """
-    turns = gatherer.turns(np.ones(3))
+    turns = regression.sums(np.ones(3))
     weight, law_weight = 1 / turns.mean_by_point(turns.yy), 0.0
-    gauge = Gauge(COMMON, offset_seen=False)
+    identifiable = Identifiability(COMMON, offset_seen=False)
     for _ in range(ITERATIONS):
         normals = turns.normals(weight, law_weight)
-        solution = solve(normals.left, normals.right.sum(axis=0), gauge)
-        turns = gatherer.turns(solution.theta[ALPHA])
+        solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
+        turns = regression.sums(solution.theta[ALPHA])
         variance = turns.mean_by_point(turns.unexplained(solution.theta))
         weight = 1 / variance
         law_weight = turns.law_weight(solution.theta) if use_law else 0.0
         normals = turns.normals(weight, law_weight)
-        gauge = decide(normals.information, normals.torque_information, rated_A)
+        identifiable = assess(normals.information, normals.torque_information, rated_A)
     return JointFit(
-        solution=solve(normals.left, normals.right.sum(axis=0), gauge),
-        covariance=_covariance(normals, turns.point, gauge),
-        gauge=gauge,
+        solution=solve(normals.left, normals.right.sum(axis=0), identifiable),
+        covariance=_covariance(normals, turns.point, identifiable),
+        identifiable=identifiable,
         noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
-        condition_number=_condition_number(normals.information, gauge),
+        condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
     )
 
 
-def solve(normal: np.ndarray, right: np.ndarray, gauge: Gauge) -> Solution:
+def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) -> Solution:
     """Solve normal equations (p, p), (p,) with what is not seen fixed. Raises IdentifyError."""
-    subspace = gauge.subspace(right.size)
-    fixed = gauge.gain_vector(right.size)
+    subspace = identifiable.subspace(right.size)
+    fixed = identifiable.gain_vector(right.size)
     sides = subspace.T @ np.column_stack([right, normal @ fixed])
     try:
         found = subspace @ np.linalg.solve(subspace.T @ normal @ subspace, sides)
@@ -113,7 +123,7 @@ def solve(normal: np.ndarray, right: np.ndarray, gauge: Gauge) -> Solution:
             "currents and torque, and at what `record info --check` says of it"
         )
     theta = found[:, 0]
-    if gauge.gain_direction is None:
+    if identifiable.gain_direction is None:
         delta_epsilon = float(np.cbrt(theta[ALPHA].prod()))
         return Solution(theta, theta[ALPHA] / delta_epsilon, delta_epsilon)
     change = fixed - found[:, 1]
@@ -121,7 +131,9 @@ def solve(normal: np.ndarray, right: np.ndarray, gauge: Gauge) -> Solution:
     return Solution(theta, theta[ALPHA], 1.0)
 
 
-def _covariance(normals: Normals, point: np.ndarray, gauge: Gauge) -> np.ndarray:
+def _covariance(
+    normals: NormalEquations, point: np.ndarray, identifiable: Identifiability
+) -> np.ndarray:
     """Return the covariance of the solution's vector, from leaving out one turn at a time.
 
     Turns are the blocks: whatever colour the noise has within a turn is accounted for. What is
@@ -129,17 +141,19 @@ def _covariance(normals: Normals, point: np.ndarray, gauge: Gauge) -> np.ndarray
     with the samples, gains that drift) shows when whole points are left out; where that gives
     larger errors, these are taken.
     """
-    turns = _jackknife(normals, np.arange(point.size), gauge)
+    turns = _jackknife(normals, np.arange(point.size), identifiable)
     if len(np.unique(point)) < MIN_POINTS:
         return turns
-    points = _jackknife(normals, point, gauge)
+    points = _jackknife(normals, point, identifiable)
     ratio = np.diag(points) / np.maximum(np.diag(turns), 1e-300)
     growth = np.sqrt(np.maximum(ratio, 1.0))
     covariance: np.ndarray = turns * np.outer(growth, growth)
     return covariance
 
 
-def _jackknife(normals: Normals, group: np.ndarray, gauge: Gauge) -> np.ndarray:
+def _jackknife(
+    normals: NormalEquations, group: np.ndarray, identifiable: Identifiability
+) -> np.ndarray:
     """Return the covariance from leaving out one group of turns (group (b,)) at a time."""
     lefts, rights = normals.torque + normals.law, normals.right
     left, right = normals.left, rights.sum(axis=0)
@@ -147,15 +161,47 @@ def _jackknife(normals: Normals, group: np.ndarray, gauge: Gauge) -> np.ndarray:
     for one in np.unique(group):
         out = group == one
         part = left - lefts[out].sum(axis=0), right - rights[out].sum(axis=0)
-        without.append(solve(*part, gauge).vector)
+        without.append(solve(*part, identifiable).vector)
     spread = np.array(without) - np.mean(without, axis=0)
     covariance: np.ndarray = (len(without) - 1) / len(without) * spread.T @ spread
     return covariance
 
 
-def _condition_number(information: np.ndarray, gauge: Gauge) -> float:
-    subspace = gauge.subspace(information.shape[0])
+def _condition_number(information: np.ndarray, identifiable: Identifiability) -> float:
+    subspace = identifiable.subspace(information.shape[0])
     seen = subspace.T @ information @ subspace
     scale = 1 / np.sqrt(np.maximum(np.diag(seen), 1e-300))
     values = np.linalg.eigvalsh(seen * np.outer(scale, scale))
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
+
+
+def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
+    """Return alpha (3,), product 1, from sum_p (alpha_p i*_p + beta_p) = 0 alone.
+
+    The ratios follow from the currents, with no torque sensor: the direction in which the
+    instrumented currents do not vary.
+    """
+    law = turns.normals(np.ones(turns.samples.size), 1.0).law.sum(axis=0)
+    law = (law + law.T) / 2
+    offset = law[ALPHA, BETA.start]
+    gains = law[ALPHA, ALPHA] - np.outer(offset, offset) / law[BETA.start, BETA.start]
+    direction = np.linalg.eigh(gains)[1][:, 0]
+    alpha: np.ndarray = direction / np.cbrt(direction.prod())
+    return alpha
+
+
+def kirchhoff_agreement(regression: Regression, rated_A: float) -> str:
+    """Return whether the torque and Kirchhoff's law give the same alpha."""
+    torque = fit(regression, rated_A, use_law=False)
+    difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
+    least = np.maximum(torque.stderr[ALPHA], 1e-9)
+    worst = int(np.argmax(np.abs(difference) / least))
+    size = f"{100 * difference[worst]:+.2f} % in phase {'abc'[worst]}"
+    errors = abs(difference[worst]) / least[worst]
+    if errors <= AGREEING_ERRORS:
+        return f"alpha from the torque alone agrees with Kirchhoff's law ({size})"
+    return (
+        f"alpha from the torque alone disagrees with Kirchhoff's law: {size}, {errors:.0f} "
+        "standard errors; a common gain delta epsilon other than 1, a wrong back-EMF or current "
+        "sensors that are not linear would do that"
+    )

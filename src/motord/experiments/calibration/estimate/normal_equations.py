@@ -1,177 +1,189 @@
-"""Sums of products over each turn: all that the joint estimator needs of the samples.
+"""Normal equations of the joint estimator, turn by turn: two-stage least squares.
 
-A turn of any number of samples becomes one small matrix, so memory grows with turns, not with
-samples, and a run can be read block by block.
+(X'Z (Z'Z)^-1 Z'X) theta = X'Z (Z'Z)^-1 Z'y
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.instrumental_variables import (
-    commands_over_angle,
-    instruments,
-)
-from motord.identification.basis import CURRENT, Basis, add_products, fill_columns, highpass
-from motord.identification.operating_points import Samples
-from motord.identification.torque_sensor import MountInverse
-from motord.jit import jit
+from motord.experiments.calibration.estimate.turn_products import TurnProducts
+from motord.identification.basis import BACK_EMF, CURRENT, FIRST_WAVE, RATE, ZOH_CORRECTION, Basis
 
-BAND_MARGIN = 1.4
-"""Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
+ALPHA = slice(0, 3)
+BETA = slice(3, 6)
+DELAY = 6
+ZOH = 7
+FIRST_COGGING = 8
+"""Places of the parameters: gains, offsets, age of the currents, zero-order-hold correction,
+cogging cos and sin."""
 
-STRIP = 256
-"""Samples that are multiplied out at once."""
+DELAY_SHARE = 0.25
+"""Share of the sampling period that the age of the currents is uncertain by (a prior)."""
+
+ZOH_SHARE = 0.25
+"""Share of the squared sampling period that the currents' steps may act as (a prior)."""
+
+_COMMANDS_AND_ONE = np.array([4, 5, 6, 3])
 
 
 @dataclass(frozen=True)
-class PointMoments:
-    """The turns of one operating point.
+class TurnSums:
+    """Sums of all turns, b of them, with p parameters; sums over the samples of each turn.
 
-    torque (turns, width, width): sums over each turn of products of the basis' columns, each
-    column freed of its mean and slope over the turn (the sensor is AC coupled and drifts).
-    currents (turns, 7, 7): the same of [i*_a, i*_b, i*_c, 1, i_cmd_a, i_cmd_b, i_cmd_c], as they
-    are. samples (turns,).
+    x are the regressors of the torque y, z the instruments (as many): xx (b, p, p), xy (b, p),
+    yy (b,), zx, zz (b, p, p), zy (b, p). law_xx (b, p, p), law_zx (b, 4, p), law_zz (b, 4, 4): the
+    same for Kirchhoff's law, zeros for independent phases. samples (b,); point (b,): its index.
+    delay_unit_s: unit of parameter DELAY.
     """
 
-    label: str
-    torque_set_Nm: float
-    period_s: float
-    torque: np.ndarray
-    currents: np.ndarray
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+    zx: np.ndarray
+    zz: np.ndarray
+    zy: np.ndarray
+    law_xx: np.ndarray
+    law_zx: np.ndarray
+    law_zz: np.ndarray
     samples: np.ndarray
+    point: np.ndarray
+    delay_unit_s: float
+
+    def mean_by_point(self, sums: np.ndarray) -> np.ndarray:
+        """Return, for each turn, the mean over its operating point's samples (b,)."""
+        mean = np.bincount(self.point, sums) / np.bincount(self.point, self.samples)
+        floor = 1e-12 * self.yy.sum() / self.samples.sum() + 1e-30
+        by_turn: np.ndarray = np.maximum(mean, floor)[self.point]
+        return by_turn
+
+    def unexplained(self, theta: np.ndarray) -> np.ndarray:
+        """Return the sum of squares of each turn's torque that parameters `theta` leave (b,)."""
+        squares = np.einsum("i,bij,j->b", theta, self.xx, theta)
+        left: np.ndarray = self.yy - 2 * self.xy @ theta + squares
+        return left
+
+    def law_weight(self, theta: np.ndarray) -> float:
+        """Return 1 / mean square that Kirchhoff's law leaves; 0 for independent phases."""
+        squares = float(theta @ self.law_xx.sum(axis=0) @ theta)
+        return float(self.samples.sum()) / squares if squares > 0 else 0.0
+
+    def normals(self, weight: np.ndarray, law_weight: float) -> "NormalEquations":
+        """Return the normal equations of each turn by two-stage least squares.
+
+        weight (b,) of each turn's torque samples. The first stage, regressors on instruments, is
+        fitted over all turns and kept, so that a turn can be left out of the second.
+        """
+        first = _first_stage(weight, self.zz, self.zx)
+        ones = np.full(weight.size, law_weight)
+        law_first = _first_stage(ones, self.law_zz, self.law_zx)
+        torque = weight[:, None, None] * (first.T @ self.zx)
+        law = law_weight * (law_first.T @ self.law_zx)
+        return NormalEquations(torque, law, weight[:, None] * (self.zy @ first))
+
+
+@dataclass(frozen=True)
+class Regression:
+    """The model over all points; its regressors depend on the gains, by the age of the currents.
+
+    orders: number of cogging orders to use, the first of the basis; kirchhoff: whether the phase
+    currents add up to nothing by law.
+    """
+
+    points: list[TurnProducts]
+    basis: Basis
+    orders: int
+    kirchhoff: bool
+
+    def sums(self, gains: np.ndarray) -> TurnSums:
+        """Return the sums of all turns.
+
+        Currents older than recorded by d miss d sum_p gains_p di_p/dt k_p.
+        """
+        m = np.concatenate([point.torque for point in self.points])
+        period_s = float(np.mean([point.period_s for point in self.points]))
+        unit_s = DELAY_SHARE * period_s
+        zoh_s2 = ZOH_SHARE * period_s**2
+        x = self._choose(CURRENT, RATE, unit_s * gains, zoh_s2)
+        z = self._choose(self.basis.command, self.basis.command_rate, unit_s * gains, zoh_s2)
+        currents = np.concatenate([point.currents for point in self.points]) * self.kirchhoff
+        place = np.zeros((4, x.shape[1]))
+        place[:3, ALPHA] = np.eye(3)
+        place[3, BETA] = 1
+        mx = m[:, :-1, :-1] @ x
+        return TurnSums(
+            xx=x.T @ mx,
+            xy=m[:, -1, :-1] @ x,
+            yy=m[:, -1, -1],
+            zx=z.T @ mx,
+            zz=z.T @ m[:, :-1, :-1] @ z,
+            zy=m[:, -1, :-1] @ z,
+            law_xx=place.T @ currents[:, :4, :4] @ place,
+            law_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
+            law_zz=currents[:, _COMMANDS_AND_ONE[:, None], _COMMANDS_AND_ONE],
+            samples=np.concatenate([point.samples for point in self.points]),
+            point=np.repeat(range(len(self.points)), [p.samples.size for p in self.points]),
+            delay_unit_s=unit_s,
+        )
+
+    def _choose(self, current: slice, rate: slice, delays: np.ndarray, zoh_s2: float) -> np.ndarray:
+        """Return the matrix that makes regressors, or instruments, of the columns."""
+        waves = 2 * self.orders
+        matrix = np.zeros((self.basis.width - 1, FIRST_COGGING + waves))
+        matrix[current, ALPHA] = np.eye(3)
+        matrix[BACK_EMF, BETA] = np.eye(3)
+        matrix[rate, DELAY] = delays
+        matrix[ZOH_CORRECTION, ZOH] = zoh_s2
+        matrix[FIRST_WAVE : FIRST_WAVE + waves, FIRST_COGGING:] = np.eye(waves)
+        return matrix
+
+
+def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarray:
+    """Return the coefficients (q, p) of the regressors on the instruments."""
+    instruments = np.einsum("b,bij->ij", weight, zz)
+    scale = 1 / np.sqrt(np.maximum(np.diag(instruments), 1e-300))
+    inverse = np.linalg.pinv(instruments * np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    products = np.einsum("b,bij->ij", weight, zx)
+    first: np.ndarray = (scale[:, None] * inverse * scale) @ products
+    return first
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Normal equations of each turn: torque, law (b, p, p) on the left, right (b, p).
+
+    The priors on the age of the currents and on the zero-order-hold correction, 0 +- 1 in their
+    units, count with the torque.
+    """
+
+    torque: np.ndarray
+    law: np.ndarray
+    right: np.ndarray
 
     @property
-    def ticks_per_turn(self) -> int:
-        """Samples in the turn that has fewest."""
-        return int(self.samples.min())
+    def prior(self) -> np.ndarray:
+        """Information that is there before any data (p, p)."""
+        prior = np.zeros(self.torque.shape[1:])
+        prior[DELAY, DELAY] = prior[ZOH, ZOH] = 1.0
+        return prior
+
+    @property
+    def left(self) -> np.ndarray:
+        """Left-hand side over all turns (p, p)."""
+        left: np.ndarray = self.torque.sum(axis=0) + self.law.sum(axis=0) + self.prior
+        return left
+
+    @property
+    def torque_information(self) -> np.ndarray:
+        """Fisher information that the torque gives (p, p)."""
+        return _symmetric(self.torque.sum(axis=0) + self.prior)
+
+    @property
+    def information(self) -> np.ndarray:
+        """Fisher information of torque and Kirchhoff's law (p, p)."""
+        return _symmetric(self.left)
 
 
-def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> PointMoments:
-    """Sum up the whole turns of an operating point."""
-    band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
-    mount = MountInverse.of(sensor, samples.period_s, band_Hz)
-    y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-    lines = commands_over_angle(samples, basis.back_emf.shape[0])
-    commands_A, rates = instruments(lines, basis, samples.speed_Hz)
-    currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
-    turns = np.array(samples.turns)
-    torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
-    currents = np.zeros((len(turns), 8, 8))
-    sum_up_turns(
-        samples.count,
-        samples.t_s,
-        currents_A,
-        y_Nm,
-        turns,
-        basis.back_emf,
-        basis.cogging,
-        rates,
-        sensor.highpass_time_constant_s,
-        settled(samples, basis),
-        torque,
-        currents,
-    )
-    return PointMoments(
-        label=samples.label,
-        torque_set_Nm=samples.torque_set_Nm,
-        period_s=samples.period_s,
-        torque=_without_trend(_both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
-        currents=_both_triangles(currents)[:, :7, :7],
-        samples=turns[:, 1] - turns[:, 0],
-    )
-
-
-@jit
-def _middle_and_span(t_s: np.ndarray, first: int, end: int) -> tuple[float, float]:
-    """Return the mean of the times from `first` to `end`, and the time between these two."""
-    total_s = 0.0
-    for n in range(first, end):
-        total_s += t_s[n]
-    span_s = t_s[end - 1] - t_s[first] if end > first else 0.0
-    return total_s / max(end - first, 1), max(span_s, 1e-300)
-
-
-@jit
-def _fill_lane(lane: np.ndarray, values: np.ndarray) -> None:
-    for n in range(values.size):
-        lane[n] = values[n]
-
-
-@jit
-def sum_up_turns(
-    count: np.ndarray,
-    t_s: np.ndarray,
-    currents_A: np.ndarray,
-    y_Nm: np.ndarray,
-    turns: np.ndarray,
-    back_emf: np.ndarray,
-    cogging: np.ndarray,
-    rates: np.ndarray,
-    tau_s: float,
-    state: np.ndarray,
-    torque: np.ndarray,
-    currents: np.ndarray,
-) -> None:
-    """Add each turn's products of its columns, 1 and time to `torque`, of currents to `currents`.
-
-    turns (b, 2): first and end of each; torque (b, w, w), currents (b, 8, 8), of which the upper
-    triangles hold. tau_s, state (2, .): the high-pass, see `highpass`; 0 for none. A strip of
-    samples at a time, small enough for the processor's cache.
-    """
-    width = 16 + cogging.shape[1]
-    columns = np.empty((STRIP, width))
-    dt_s = np.empty(STRIP)
-    lanes, current_lanes = np.zeros((torque.shape[1], STRIP)), np.zeros((8, STRIP))
-    lanes[width + 1] = current_lanes[3] = 1.0
-    for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
-        first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
-        middle_s, span_s = _middle_and_span(t_s, first, end)
-        for start in range(first, end, STRIP):
-            rows = min(STRIP, end - start)
-            fill_columns(count, t_s, currents_A, start, back_emf, cogging, rates, columns[:rows])
-            if tau_s > 0:
-                for row in range(rows):
-                    dt_s[row] = t_s[start + row] - t_s[max(start + row - 1, 0)]
-                highpass(columns[:rows], dt_s[:rows], tau_s, state)
-            if turn < 0:
-                continue
-            for j in range(width):
-                _fill_lane(lanes[j], columns[:rows, j])
-            _fill_lane(lanes[width], y_Nm[start : start + rows])
-            for p in range(6):
-                _fill_lane(current_lanes[p + p // 3], currents_A[start : start + rows, p])
-            for row in range(rows):
-                lanes[width + 2, row] = (t_s[start + row] - middle_s) / span_s
-            add_products(lanes, rows, torque[turn])
-            add_products(current_lanes, rows, currents[turn])
-
-
-def settled(samples: Samples, basis: Basis) -> np.ndarray:
-    """Return the high-pass' state after a long time in this operating point."""
-    first, end = samples.turns[0]
-    k = basis.back_emf[samples.count[first:end]]
-    state = np.zeros((2, basis.width - 1))
-    state[:, CURRENT] = (samples.i_A[first:end] * k).mean(axis=0)
-    state[:, basis.command] = (samples.command_A[first:end] * k).mean(axis=0)
-    return state
-
-
-def _padded(width: int) -> int:
-    """Return the next multiple of 4, as `add_products` wants it."""
-    return -(-width // 4) * 4
-
-
-def _both_triangles(products: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (b, w, w) of which only the upper triangles are known, whole."""
-    whole: np.ndarray = np.triu(products) + np.swapaxes(np.triu(products, 1), 1, 2)
-    return whole
-
-
-def _without_trend(products: np.ndarray) -> np.ndarray:
-    """Return the products (b, w, w) of all columns but the last two, freed of these: 1 and time."""
-    cross = products[:, :-2, -2:]
-    inverse = np.linalg.pinv(products[:, -2:, -2:], hermitian=True)
-    free: np.ndarray = products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2)
-    return free
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    half: np.ndarray = (matrix + matrix.T) / 2
+    return half

@@ -1,4 +1,4 @@
-"""What a calibration gives, and the calibration file it becomes."""
+"""Results of a calibration: what a method found, or what is true, and the file it becomes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,37 +7,84 @@ from typing import Literal
 
 import numpy as np
 
-from motord.calibration import (
-    CalibratedMotor,
-    Calibration,
-    Harmonic,
-    RmsErrors,
-    RmsPoint,
-)
+from motord.calibration import CalibratedMotor, Calibration, Harmonic
 from motord.config import MotorConfig
-from motord.identification.point_ripple import PointRipple
+from motord.identification.harmonics import harmonics_table
+from motord.identification.point_ripple import PointRipple, rms_errors
 
 Method = Literal["joint", "residual"]
 
 
-@dataclass(frozen=True)
-class CalibrationResult:
-    """alpha, beta and cogging torque with standard errors; see motord.calibration.Calibration.
+@dataclass(frozen=True, kw_only=True)
+class Estimate:
+    """alpha, beta and cogging torque; see motord.calibration.Calibration.
 
-    alpha, beta_A and their standard errors (3,); tau_cog_Nm (counts,); current_delay_s: by how
-    much the currents are older than the recording says, and its standard error (joint only);
-    ripples: of the operating points that were identified from.
+    alpha, beta_A and their standard errors (3,), None for what is true; tau_cog_Nm (counts,).
+    """
+
+    alpha: np.ndarray
+    beta_A: np.ndarray
+    tau_cog_Nm: np.ndarray
+    harmonics: tuple[Harmonic, ...]
+    alpha_stderr: np.ndarray | None = None
+    beta_stderr_A: np.ndarray | None = None
+
+    @classmethod
+    def of_calibration(cls, calibration: Calibration) -> "Estimate":
+        """Return what a calibration file says."""
+        return cls(
+            alpha=np.array(calibration.alpha),
+            beta_A=np.array(calibration.beta_A),
+            tau_cog_Nm=np.array(calibration.tau_cog_Nm),
+            harmonics=calibration.tau_cog_harmonics,
+            alpha_stderr=np.array(calibration.alpha_stderr),
+            beta_stderr_A=np.array(calibration.beta_stderr_A),
+        )
+
+    @classmethod
+    def of_truth(
+        cls,
+        alpha: Sequence[float],
+        beta_A: Sequence[float],
+        cogging: Sequence[tuple[int, float, float]],
+        counts: int,
+    ) -> "Estimate":
+        """Return what is true of a rig. cogging: (order, amplitude_Nm, phase_rad) each."""
+        harmonics = tuple(
+            Harmonic(order=order, amplitude_Nm=amplitude_Nm, phase_rad=phase_rad, stderr_Nm=0.0)
+            for order, amplitude_Nm, phase_rad in cogging
+        )
+        return cls(
+            alpha=np.array(alpha),
+            beta_A=np.array(beta_A),
+            tau_cog_Nm=cogging_table(harmonics, counts),
+            harmonics=harmonics,
+        )
+
+
+def cogging_table(harmonics: Sequence[Harmonic], counts: int) -> np.ndarray:
+    """Return the cogging torque at angles 2 pi n / counts (counts,)."""
+    return harmonics_table(
+        np.array([h.order for h in harmonics]),
+        np.array([h.amplitude_Nm for h in harmonics]),
+        np.array([h.phase_rad for h in harmonics]),
+        counts,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationResult(Estimate):
+    """What an estimator found.
+
+    current_delay_s: by how much the currents are older than the recording says, and its standard
+    error (joint only); ripples: of the operating points that were identified from.
     """
 
     method: Method
-    alpha: np.ndarray
     alpha_stderr: np.ndarray
-    beta_A: np.ndarray
     beta_stderr_A: np.ndarray
     delta_epsilon: float
     delta_epsilon_stderr: float | None
-    tau_cog_Nm: np.ndarray
-    harmonics: tuple[Harmonic, ...]
     observable: tuple[str, ...]
     condition_number: float
     current_delay_s: tuple[float, float] | None = None
@@ -70,26 +117,3 @@ class CalibrationResult:
 def _triple(values: np.ndarray) -> tuple[float, float, float]:
     a, b, c = values.tolist()
     return a, b, c
-
-
-def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
-    """Return RMS errors per set-point: `before` without compensation, `after` with it.
-
-    Of several takes of a set-point the mean counts.
-    """
-    found: dict[tuple[float, float], tuple[list[float], list[float]]] = {}
-    for ripple in ripples:
-        lists = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
-        lists[ripple.compensate != 0].append(ripple.rms_percent)
-    return RmsErrors.of(
-        tuple(
-            RmsPoint(
-                torque_Nm=torque_Nm, speed_Hz=speed_Hz, before=_mean(before), after=_mean(after)
-            )
-            for (torque_Nm, speed_Hz), (before, after) in sorted(found.items())
-        )
-    )
-
-
-def _mean(values: list[float]) -> float | None:
-    return sum(values) / len(values) if values else None

@@ -1,14 +1,13 @@
-"""The truth of a simulated rig, from what its recordings hold beside the ticks."""
+"""True gains, offsets and cogging torque of a simulated rig, from the truth that it recorded."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from motord.experiments.calibration.content import estimate_of_truth
-from motord.experiments.calibration.report import Estimate
+from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
-from motord.identification.orders import allowed_orders
+from motord.identification.orders import COUNTS_PER_COGGING_ORDER, allowed_orders
 from motord.recording.reader import Run
 
 TRUE_CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -22,7 +21,9 @@ def recorded_truth(runs: Iterable[Run], subject: Subject) -> Estimate | None:
     at the orders that slots and poles allow.
     """
     motor = subject.motor
-    orders = allowed_orders(motor.slots, 2 * motor.pole_pairs, motor.counts // 4)
+    orders = allowed_orders(
+        motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
+    )
     currents = np.zeros((3, 2, 3))  # phase; instrument; sensed, 1, true
     waves = np.zeros((2 * len(orders), 2 * len(orders) + 1))
     for run in runs:
@@ -45,7 +46,7 @@ def recorded_truth(runs: Iterable[Run], subject: Subject) -> Estimate | None:
         if a > 1e-3 * amplitude_Nm.max()
     ]
     alpha = gain / np.cbrt(gain.prod())
-    return estimate_of_truth(alpha.tolist(), beta_A.tolist(), harmonics, motor.counts)
+    return Estimate.of_truth(alpha.tolist(), beta_A.tolist(), harmonics, motor.counts)
 
 
 def _points(run: Run) -> Iterable[tuple[np.ndarray, ...]]:

@@ -1,6 +1,6 @@
-"""Learning in virtual time: passes over the mesh, each with what the ones before have taught."""
+"""Iterative learning in virtual time: passes over the mesh, each with what was learned before."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -10,24 +10,20 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.demo.judge import Errors
-from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.ilc.analysis import LearnPass, finish, learn, learn_report, stairs
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.report import LearnReport
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData, split
-from motord.identification.ripple import rms_error_percent
+from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
-from motord.sequencing import Plan
+from motord.reproduce.bench import StageProgress
+from motord.reproduce.evaluate import Errors
 from motord.virtual.mesh import MeshPiece, run_points
 
 PASSES = 5
 """Passes of which the last one only measures."""
-
-Progress = Callable[[str, float], None]
-"""Called with what is under way and the fraction of it that is done."""
 
 
 @dataclass(frozen=True)
@@ -57,18 +53,6 @@ class Learned:
         return self.truth[-1]
 
 
-def calibrate_virtual(
-    config: Config, seed: int, mesh: Mapping[str, Any] | None = None,
-    pool: ProcessPoolExecutor | None = None,
-) -> Calibration:  # fmt: skip
-    """Return the calibration of the simulated rig of `config`. Raises IdentifyError, PlanFailed."""
-    calibrator = Calibrator(config.motor, config.torque_sensor)
-    for piece in run_points(config, build("calibrate", config, mesh), seed, None, pool):
-        for point in split(piece.ticks, [piece.point]):
-            calibrator.add(point)
-    return calibrator.joint().to_calibration(config.motor, datetime.now(UTC), ["calibrate"])
-
-
 def learn_virtual(
     config: Config,
     calibration: Calibration,
@@ -76,7 +60,7 @@ def learn_virtual(
     passes: int = PASSES,
     mesh: Mapping[str, Any] | None = None,
     pool: ProcessPoolExecutor | None = None,
-    progress: Progress = lambda stage, fraction: None,
+    progress: StageProgress = lambda stage, fraction: None,
 ) -> Learned:
     """Learn on the simulated rig of `config` on top of `calibration`, as `motord learn` does.
 
@@ -94,7 +78,7 @@ def learn_virtual(
         errors: Errors = {}
         for piece in run_points(config, plan, int(own_seed), calibration, pool):
             points += _captured(piece)
-            errors[_place(piece)] = _true_percent(piece, config.motor.rated_torque_Nm)
+            errors[place_of(piece)] = true_error_percent(piece, config.motor.rated_torque_Nm)
             ticks += piece.ticks.size
             progress(name, len(errors) / len(plan.points))
         now = datetime.now(UTC)
@@ -105,20 +89,6 @@ def learn_virtual(
         if done[-1].finished:
             break
     return Learned(tuple(done), tuple(truth), ticks / config.loop.rate_Hz)
-
-
-def verify_virtual(
-    config: Config,
-    calibration: Calibration,
-    seed: int,
-    plan: Plan,
-    pool: ProcessPoolExecutor | None = None,
-) -> Errors:
-    """Return the RMS errors of the true torque that `plan` finds with `calibration` in force."""
-    return {
-        _place(piece): _true_percent(piece, config.motor.rated_torque_Nm)
-        for piece in run_points(config, plan, seed, calibration, pool)
-    }
 
 
 def learned_report(learned: Learned) -> LearnReport:
@@ -140,11 +110,13 @@ def _captured(piece: MeshPiece) -> list[PointData]:
     ]
 
 
-def _place(piece: MeshPiece) -> tuple[float, float]:
+def place_of(piece: MeshPiece) -> tuple[float, float]:
+    """Return the (torque_Nm, speed_Hz) of an operating point."""
     return float(piece.point["torque_Nm"]), float(piece.point["speed_Hz"])
 
 
-def _true_percent(piece: MeshPiece, rated_Nm: float) -> float:
+def true_error_percent(piece: MeshPiece, rated_Nm: float) -> float:
+    """Return the RMS error of the true torque of an operating point."""
     bounds = (int(piece.point["t_start_ns"]), int(piece.point["t_end_ns"]))
     first, end = np.searchsorted(piece.truth["t_ns"], [bounds[0], bounds[1] + 1])
     true = true_torque_of(piece.point, piece.truth[first:end])

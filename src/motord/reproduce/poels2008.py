@@ -1,4 +1,4 @@
-"""The report's figures, tables and numbers beside what was found here, and why they differ.
+"""Comparison with Poels 2008: its figures, tables and numbers, ours, and why they differ.
 
 All numbers in the column of the report are those that Poels 2008 prints.
 """
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from motord.experiments.inertia.oscillation import POELS2008_METHOD
-from motord.experiments.ripple.reconstruct import Explained
+from motord.experiments.ripple.estimate import Explained
 from motord.reproduce.cad_difference import CAD_KG_M2, MEASURED_KG_M2, explanations
-from motord.reproduce.run import Found
+from motord.reproduce.run import Results
 
 TABLE_4_2 = {
     "alpha": ((0.8000, 1.1180, 1.1180), (-3.5, -1.3, -2.6)),
@@ -32,24 +32,24 @@ class Row:
     why: str
 
 
-def chapters(found: Found) -> dict[str, list[Row]]:
+def chapters(found: Results) -> dict[str, list[Row]]:
     """Return the rows of each chapter, and of what goes beyond the report."""
     return {
-        "Moment of inertia": list(_inertia(found)),
-        "Cogging torque": list(_cogging(found)),
+        "Moment of inertia": [*_oscillation(found), *_acceleration(found)],
+        "Cogging torque": [*_cogging(found), *_cogging_of_calibration(found)],
         "Calibration": list(_calibration(found)),
-        "Sensitivity": list(_sensitivity(found)),
+        "Sensitivity": [*_sensitivity(found), *_induced(found)],
         "What remains": list(_remains(found)),
         "Beyond the report": list(_beyond(found)),
     }
 
 
-def as_json(found: Found) -> dict[str, Any]:
+def as_json(found: Results) -> dict[str, Any]:
     """Return the rows for a file."""
     return {"beside": {name: [asdict(r) for r in rows] for name, rows in chapters(found).items()}}
 
 
-def _inertia(found: Found) -> Iterator[Row]:
+def _oscillation(found: Results) -> Iterator[Row]:
     one, truth = found.oscillation, found.inertia_truth.rotor.inertia_kg_m2
     own = next(r for r in one.readings if r.label == POELS2008_METHOD)
     yield Row(
@@ -58,8 +58,8 @@ def _inertia(found: Found) -> Iterator[Row]:
         f"{MEASURED_KG_M2:g} kg m\u00b2; CAD {CAD_KG_M2:g}, so {_percent(0.066)} apart",
         f"{one.inertia_kg_m2:.6f} \u00b1 {1.96 * one.budget.uncertainty_kg_m2:.6f} kg m\u00b2; "
         f"true {truth:g}, so {_percent(one.inertia_kg_m2 / truth - 1, 3)} apart",
-        "Here lengths, stiffness and masses are told truly. There they were measured with a ruler, "
-        "weights and a balance, which is what the stated uncertainty is made of.",
+        "Here lengths, stiffness and masses are known exactly. There they were measured with a "
+        "ruler, weights and a balance, which is what the stated uncertainty is made of.",
     )
     yield Row(
         "2.2.3",
@@ -77,7 +77,7 @@ def _inertia(found: Found) -> Iterator[Row]:
         "Rounding of a 12-bit encoder alone makes more than the report's figure here; how it was "
         "averaged the report does not say.",
     )
-    told = [
+    explained = [
         f"{e.label}: {100 * e.interval[0]:+.1f} to {100 * e.interval[1]:+.1f} %, "
         f"{'yes' if e.explains else 'no'}"
         for e in explanations()
@@ -86,24 +86,27 @@ def _inertia(found: Found) -> Iterator[Row]:
         "2.3, Figures 2.6 to 2.9",
         "6.6 % explained by tolerances of 3 % (springs), 0.5 % (lengths), 3 % (mass); 95 %",
         "conjointly, yes",
-        "; ".join(told),
+        "; ".join(explained),
         "It takes one error common to all springs, such as that of a force gauge. Six independent "
         "errors average out and explain about half of it.",
     )
-    push = found.acceleration
+
+
+def _acceleration(found: Results) -> Iterator[Row]:
+    step = found.acceleration
     truth = found.truth.rotor.inertia_kg_m2
     yield Row(
         "2.2.1",
         "inertia by acceleration",
         "not done: damping neglected in (2.1) would spoil it",
-        f"{push.inertia_kg_m2:.5f} \u00b1 {1.96 * push.uncertainty_kg_m2:.5f} kg m\u00b2 (true "
-        f"{truth:g}); by (2.1) {push.plain_kg_m2:.5f}",
+        f"{step.inertia_kg_m2:.5f} \u00b1 {1.96 * step.uncertainty_kg_m2:.5f} kg m\u00b2 (true "
+        f"{truth:g}); by (2.1) {step.plain_kg_m2:.5f}",
         "With friction in the fit and the measured torque on the other side it works; the sensor's "
         "gain is then what limits it.",
     )
 
 
-def _cogging(found: Found) -> Iterator[Row]:
+def _cogging(found: Results) -> Iterator[Row]:
     one = found.cogging
     strongest = one.order[np.argmax(one.amplitude_Nm * one.allowed)]
     yield Row(
@@ -122,6 +125,9 @@ def _cogging(found: Found) -> Iterator[Row]:
         "The belt makes the speed ripple here, too, but the sensor's response is undone in time, "
         "not at a mean speed, so it does not matter.",
     )
+
+
+def _cogging_of_calibration(found: Results) -> Iterator[Row]:
     c = found.comparison
     yield Row(
         "Figure 4.5",
@@ -147,8 +153,9 @@ def _cogging(found: Found) -> Iterator[Row]:
     )
 
 
-def _calibration(found: Found) -> Iterator[Row]:
-    joint, residual, truth = found.joint, found.residual, found.truth.inverter
+def _calibration(found: Results) -> Iterator[Row]:
+    joint, residual = found.calibrated.joint, found.calibrated.residual
+    truth = found.truth.inverter
     alpha = np.array(truth.alpha) / np.cbrt(np.prod(truth.alpha))
     for p, phase in enumerate("abc"):
         induced, errors = TABLE_4_2["alpha"]
@@ -158,8 +165,8 @@ def _calibration(found: Found) -> Iterator[Row]:
             f"{errors[p]:+.1f} %",
             f"{_percent(joint.alpha[p] / alpha[p] - 1, 2)}; by the report's estimator "
             f"{_percent(residual.alpha[p] / alpha[p] - 1)}",
-            "Gains and cogging torque live at the same orders; the report's estimator cannot tell "
-            "them apart, one that uses several torques at once can."
+            "Gains and cogging torque live at the same orders; the report's estimator cannot "
+            "separate them, one that uses several torques at once can."
             if p == 0
             else "",
         )
@@ -175,7 +182,7 @@ def _calibration(found: Found) -> Iterator[Row]:
         )
 
 
-def _sensitivity(found: Found) -> Iterator[Row]:
+def _sensitivity(found: Results) -> Iterator[Row]:
     theory = found.sensitivity.theory
     names = {"alpha_a": "\u03b1 a", "beta_a_A": "\u03b2 a", "cogging": "factor of cogging"}
     for what, name in names.items():
@@ -198,6 +205,9 @@ def _sensitivity(found: Found) -> Iterator[Row]:
             f"from {within[0]:.3f} to {within[1]:.3f}",
             "",
         )
+
+
+def _induced(found: Results) -> Iterator[Row]:
     figures = {
         "alpha_a": "Figure 4.6", "beta_a_A": "Figure 4.7", "cogging": "Figure 4.8",
         "delta_epsilon": "Figure 4.9",
@@ -226,7 +236,7 @@ def _sensitivity(found: Found) -> Iterator[Row]:
         )
 
 
-def _remains(found: Found) -> Iterator[Row]:
+def _remains(found: Results) -> Iterator[Row]:
     linear, bent = found.explained
     yield Row(
         "Figure 4.10",
@@ -240,14 +250,14 @@ def _remains(found: Found) -> Iterator[Row]:
         "Figure 4.11",
         "RMS error of the torque reconstructed from the currents",
         "0.8 to 1.3 %, taken for sensors and control",
-        f"{_range([p.reconstructed.rms_percent for p in bent])} with current sensors of "
+        f"{_range([p.reconstructed_percent for p in bent])} with current sensors of "
         f"\u00b10.7 %; not explained by the currents: {_range([p.rest_percent for p in bent])}",
         "A sensor does not show its own error. What the currents do show is the control's share; "
         "the sensors' is in the rest.",
     )
 
 
-def _beyond(found: Found) -> Iterator[Row]:
+def _beyond(found: Results) -> Iterator[Row]:
     before, after = found.learned.before.values(), found.learned.after.values()
     yield Row(
         "-",
@@ -258,12 +268,12 @@ def _beyond(found: Found) -> Iterator[Row]:
     )
     k = {h.order: h for h in found.truth.motor.back_emf}
     strength = found.back_emf.fundamental
-    told = abs(k[1].amplitude_V_s_per_rad)
+    true = abs(k[1].amplitude_V_s_per_rad)
     yield Row(
         "-",
         "back-EMF, measured by driving the rotor",
         "used, not shown",
-        f"fundamental {strength:.5f} V s/rad, true {told:g}: {_percent(strength / told - 1, 3)}",
+        f"fundamental {strength:.5f} V s/rad, true {true:g}: {_percent(strength / true - 1, 3)}",
         "",
     )
 

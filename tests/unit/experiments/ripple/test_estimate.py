@@ -5,7 +5,7 @@ import pytest
 from motord.calibration import load as load_calibration
 from motord.cli.analysis_command import app as analyse
 from motord.config import load, packaged
-from motord.experiments.calibration import recordings
+from motord.experiments.ripple import estimate
 from motord.experiments.subject import Subject
 from motord.recording.reader import open_run
 from tests.unit.experiments.conftest import Recorded
@@ -14,7 +14,7 @@ from tests.unit.experiments.test_cli import run
 
 def explained(recorded: Recorded, path: Path) -> list:
     calibration = load_calibration(recorded.calibration)
-    return recordings.explained([open_run(path)], Subject.of_config(load()), calibration)
+    return estimate.explained([open_run(path)], Subject.of_config(load()), calibration)
 
 
 def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded) -> None:
@@ -22,7 +22,7 @@ def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded
         measured = point.measured.rms_percent
         assert point.reconstructed.rms_percent == pytest.approx(measured, rel=0.01)
         assert point.rest_percent < 0.03 * measured
-        assert 0.999 < point.share <= 1.0
+        assert 0.999 < point.share_explained <= 1.0
         assert 0.2e-3 < point.current_age_s < 0.4e-3  # of a period of 1 ms
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.normal_equations import STRIP, accumulate, sum_up_turns
+from motord.experiments.calibration.estimate.turn_products import STRIP, accumulate, sum_up_turns
 from motord.identification.basis import Basis, fill_columns, highpass
 from motord.identification.encoder_points import EncoderSums
 from motord.identification.operating_points import Samples

@@ -1,4 +1,4 @@
-"""How smooth a simulated run was: as the torque sensor shows it, and in truth."""
+"""Torque ripple of a simulated run: as the torque sensor shows it, and of the true torque."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from motord.config import Config
-from motord.identification.operating_points import prepare
-from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.ripple import rms_error_percent
-from motord.recording.captures import TrueTorque, captures, true_torque
+from motord.experiments.ripple.estimate import middle_point, ripples
+from motord.experiments.subject import Subject
+from motord.identification.point_ripple import PointRipple, rms_error_percent
+from motord.recording.captures import TrueTorque, true_torque
 from motord.recording.reader import open_run
 
 Errors = dict[tuple[float, float], float]
@@ -20,7 +20,7 @@ CELLS = 1024
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Ripple:
     """Ripple of every point: measured, true by (torque_Nm, speed_Hz), and over the turn of one.
 
     turn_Nm (CELLS,): true torque without its mean at the point `shown`, averaged by angle.
@@ -32,27 +32,18 @@ class Verdict:
     turn_Nm: np.ndarray
 
 
-def judge(config: Config, path: Path) -> Verdict:
-    """Return the verdict on the simulated run at `path`."""
-    motor, sensor = config.motor, config.torque_sensor
-    run = open_run(path)
-    ripples = tuple(
-        point_ripple(prepare(point, motor.counts), motor, sensor) for point in captures(run)
-    )
+def evaluate(config: Config, path: Path) -> Ripple:
+    """Return the ripple of the simulated run at `path`."""
+    run, motor = open_run(path), config.motor
+    measured = tuple(ripples([run], Subject.of_config(config)))
     true_percent: Errors = {}
     turns: dict[tuple[float, float], np.ndarray] = {}
     for true in true_torque(run):
         key = true.torque_set_Nm, true.speed_Hz
         true_percent[key] = rms_error_percent(true.torque_Nm, motor.rated_torque_Nm, true.weights)
         turns[key] = _over_turn(true)
-    shown = _middle(list(true_percent))
-    return Verdict(ripples, true_percent, shown, turns[shown])
-
-
-def _middle(points: list[tuple[float, float]]) -> tuple[float, float]:
-    """Return the point in the middle of the mesh."""
-    torques_Nm, speeds_Hz = (sorted({p[k] for p in points}) for k in (0, 1))
-    return torques_Nm[len(torques_Nm) // 2], speeds_Hz[(len(speeds_Hz) - 1) // 2]
+    shown = middle_point(list(true_percent))
+    return Ripple(measured, true_percent, shown, turns[shown])
 
 
 def _over_turn(true: TrueTorque) -> np.ndarray:

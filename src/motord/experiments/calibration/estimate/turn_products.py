@@ -1,0 +1,208 @@
+"""Cross-products of regressors, instruments and torque over each turn, X'X, Z'X, Z'Z, X'y, y'y.
+
+A turn of any number of samples becomes one small matrix, so memory grows with turns, not with
+samples, and a run can be read block by block.
+
+The instruments are the commanded currents as functions of the encoder count: they have no part in
+the noise of the current sensors. They still hold the true angle: it is from earlier counts that
+they were looked up. Multiplied with tables at the present count they would share the rounding of
+the count with the model, whose error has the same rounding in it, and what is the same in both is
+taken for a signal. Averaged over the turns at each count they are functions of the count alone,
+and given the count the rounding is as likely either way.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.config import TorqueSensorConfig
+from motord.identification.basis import CURRENT, Basis, add_products, fill_columns, highpass
+from motord.identification.harmonics import lines_at, over_one_turn
+from motord.identification.operating_points import MAX_CURRENT_ORDER, Samples
+from motord.identification.orders import resolved_order
+from motord.identification.torque_sensor import MountInverse
+from motord.jit import jit
+
+BAND_MARGIN = 1.4
+"""Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
+
+STRIP = 256
+"""Samples that are multiplied out at once."""
+
+
+@dataclass(frozen=True)
+class TurnProducts:
+    """The turns of one operating point.
+
+    torque (turns, width, width): sums over each turn of products of the basis' columns, each
+    column freed of its mean and slope over the turn (the sensor is AC coupled and drifts).
+    currents (turns, 7, 7): the same of [i*_a, i*_b, i*_c, 1, i_cmd_a, i_cmd_b, i_cmd_c], as they
+    are. samples (turns,).
+    """
+
+    label: str
+    torque_set_Nm: float
+    period_s: float
+    torque: np.ndarray
+    currents: np.ndarray
+    samples: np.ndarray
+
+    @property
+    def ticks_per_turn(self) -> int:
+        """Samples in the turn that has fewest."""
+        return int(self.samples.min())
+
+
+def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> TurnProducts:
+    """Return the products of the whole turns of an operating point."""
+    band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
+    mount = MountInverse.of(sensor, samples.period_s, band_Hz)
+    y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
+    lines = commands_over_angle(samples, basis.back_emf.shape[0])
+    commands_A, rates = instruments(lines, basis, samples.speed_Hz)
+    currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
+    turns = np.array(samples.turns)
+    torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
+    currents = np.zeros((len(turns), 8, 8))
+    sum_up_turns(
+        samples.count,
+        samples.t_s,
+        currents_A,
+        y_Nm,
+        turns,
+        basis.back_emf,
+        basis.cogging,
+        rates,
+        sensor.highpass_time_constant_s,
+        settled(samples, basis),
+        torque,
+        currents,
+    )
+    return TurnProducts(
+        label=samples.label,
+        torque_set_Nm=samples.torque_set_Nm,
+        period_s=samples.period_s,
+        torque=_without_trend(_both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
+        currents=_both_triangles(currents)[:, :7, :7],
+        samples=turns[:, 1] - turns[:, 0],
+    )
+
+
+def commands_over_angle(samples: Samples, counts: int) -> np.ndarray:
+    """Return the lines (h + 1, 3) of the commanded currents over the turn, complex."""
+    fewest = min(end - first for first, end in samples.turns)
+    highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
+    columns = [lines_at(samples.count, column, counts, highest) for column in samples.command_A.T]
+    return np.column_stack(columns)
+
+
+def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
+
+    lines (h + 1, 3): see `commands_over_angle`. The rates are di_p/dt k_p at the mean speed; the
+    zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2), with primes for
+    derivatives over time.
+    """
+    counts = basis.back_emf.shape[0]
+    turning = 2j * np.pi * speed_Hz * np.arange(len(lines))[:, None]
+    k = np.fft.rfft(basis.back_emf, axis=0)[: len(lines)] * (2 / counts)
+    i_A, rate, second, k_rate = (
+        np.column_stack([over_one_turn(column, counts) for column in table.T])
+        for table in (lines, turning * lines, turning**2 * lines, turning * k)
+    )
+    zoh = (second * basis.back_emf + 0.5 * rate * k_rate).sum(axis=1)
+    return i_A, np.column_stack([rate * basis.back_emf, zoh])
+
+
+@jit
+def _middle_and_span(t_s: np.ndarray, first: int, end: int) -> tuple[float, float]:
+    """Return the mean of the times from `first` to `end`, and the time between these two."""
+    total_s = 0.0
+    for n in range(first, end):
+        total_s += t_s[n]
+    span_s = t_s[end - 1] - t_s[first] if end > first else 0.0
+    return total_s / max(end - first, 1), max(span_s, 1e-300)
+
+
+@jit
+def _fill_lane(lane: np.ndarray, values: np.ndarray) -> None:
+    for n in range(values.size):
+        lane[n] = values[n]
+
+
+@jit
+def sum_up_turns(
+    count: np.ndarray,
+    t_s: np.ndarray,
+    currents_A: np.ndarray,
+    y_Nm: np.ndarray,
+    turns: np.ndarray,
+    back_emf: np.ndarray,
+    cogging: np.ndarray,
+    rates: np.ndarray,
+    tau_s: float,
+    state: np.ndarray,
+    torque: np.ndarray,
+    currents: np.ndarray,
+) -> None:
+    """Add each turn's products of its columns, 1 and time to `torque`, of currents to `currents`.
+
+    turns (b, 2): first and end of each; torque (b, w, w), currents (b, 8, 8), of which the upper
+    triangles hold. tau_s, state (2, .): the high-pass, see `highpass`; 0 for none. A strip of
+    samples at a time, small enough for the processor's cache.
+    """
+    width = 16 + cogging.shape[1]
+    columns = np.empty((STRIP, width))
+    dt_s = np.empty(STRIP)
+    lanes, current_lanes = np.zeros((torque.shape[1], STRIP)), np.zeros((8, STRIP))
+    lanes[width + 1] = current_lanes[3] = 1.0
+    for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
+        first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
+        middle_s, span_s = _middle_and_span(t_s, first, end)
+        for start in range(first, end, STRIP):
+            rows = min(STRIP, end - start)
+            fill_columns(count, t_s, currents_A, start, back_emf, cogging, rates, columns[:rows])
+            if tau_s > 0:
+                for row in range(rows):
+                    dt_s[row] = t_s[start + row] - t_s[max(start + row - 1, 0)]
+                highpass(columns[:rows], dt_s[:rows], tau_s, state)
+            if turn < 0:
+                continue
+            for j in range(width):
+                _fill_lane(lanes[j], columns[:rows, j])
+            _fill_lane(lanes[width], y_Nm[start : start + rows])
+            for p in range(6):
+                _fill_lane(current_lanes[p + p // 3], currents_A[start : start + rows, p])
+            for row in range(rows):
+                lanes[width + 2, row] = (t_s[start + row] - middle_s) / span_s
+            add_products(lanes, rows, torque[turn])
+            add_products(current_lanes, rows, currents[turn])
+
+
+def settled(samples: Samples, basis: Basis) -> np.ndarray:
+    """Return the high-pass' state after a long time in this operating point."""
+    first, end = samples.turns[0]
+    k = basis.back_emf[samples.count[first:end]]
+    state = np.zeros((2, basis.width - 1))
+    state[:, CURRENT] = (samples.i_A[first:end] * k).mean(axis=0)
+    state[:, basis.command] = (samples.command_A[first:end] * k).mean(axis=0)
+    return state
+
+
+def _padded(width: int) -> int:
+    """Return the next multiple of 4, as `add_products` wants it."""
+    return -(-width // 4) * 4
+
+
+def _both_triangles(products: np.ndarray) -> np.ndarray:
+    """Return symmetric matrices (b, w, w) of which only the upper triangles are known, whole."""
+    whole: np.ndarray = np.triu(products) + np.swapaxes(np.triu(products, 1), 1, 2)
+    return whole
+
+
+def _without_trend(products: np.ndarray) -> np.ndarray:
+    """Return the products (b, w, w) of all columns but the last two, freed of these: 1 and time."""
+    cross = products[:, :-2, -2:]
+    inverse = np.linalg.pinv(products[:, -2:, -2:], hermitian=True)
+    free: np.ndarray = products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2)
+    return free

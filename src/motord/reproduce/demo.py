@@ -1,0 +1,134 @@
+"""`motord demo`: mesh without compensation, calibration, mesh with it, all in virtual time.
+
+The shortest part of `motord reproduce`. Everything is read back from the recordings. The truth
+that the simulation records beside the ticks serves the evaluation alone: the root-mean-square
+error of the true torque.
+"""
+
+import json
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from motord.atomic_write import write_whole
+from motord.calibration import Calibration
+from motord.config import Config
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.identification.point_ripple import rms_errors
+from motord.reproduce.bench import Calibrated, SimulatedBench, StageProgress
+from motord.reproduce.evaluate import Errors, Ripple, evaluate
+from motord.rig.truth import RigTruth
+from motord.simulate import PlanSource
+from motord.virtual.mesh import processors
+
+SMALL_MESH = {"torques_Nm": [2.0, 4.0], "speeds_Hz": [0.6, 0.9], "turns": 8}
+"""The mesh of `--quick`: enough to see the effect, not to quote it."""
+
+BEFORE, CALIBRATE, IDENTIFY, AFTER = STAGES = (
+    "mesh without compensation",
+    "calibration mesh",
+    "identification",
+    "mesh with compensation",
+)
+
+FILES = {
+    "before": "verify-off.mcap",
+    "calibrate": "calibrate.mcap",
+    "after": "verify-on.mcap",
+    "calibration": "calibration.json",
+    "report": "report.html",
+}
+"""What a demo leaves in its folder, beside `demo.json`; by their names in that."""
+
+RUNS = tuple(FILES[name] for name in ("before", "calibrate", "after"))
+"""The recordings in the order in which they are taken."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What a demo found. files: by their names in FILES; calibration: with the RMS errors."""
+
+    files: dict[str, Path]
+    config: Config
+    truth: RigTruth
+    before: Ripple
+    after: Ripple
+    calibrated: Calibrated
+    calibration: Calibration
+    summary: dict[str, Any]
+
+
+def run_demo(folder: Path, seed: int, quick: bool, progress: StageProgress) -> Demo:
+    """Run the demo on the packaged simulated rig, leaving files in `folder`.
+
+    Raises OSError or RecordError where a file cannot be written, PlanFailed, IdentifyError.
+    """
+    began = time.monotonic()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in (*FILES.values(), "demo.json"):
+        (folder / name).unlink(missing_ok=True)
+        (folder / f"{name}.part").unlink(missing_ok=True)
+    files = {name: folder / file for name, file in FILES.items()}
+    mesh = SMALL_MESH if quick else {}
+    off, on = {**mesh, "compensate": "off"}, {**mesh, "compensate": "on"}
+    with processors() as pool:
+        bench = SimulatedBench(PlanSource.of(), pool, seed)
+        config = bench.source.config
+        bench.record("verify", off, files["before"], partial(progress, BEFORE))
+        evaluating = pool.submit(evaluate, config, files["before"])
+        run = bench.record("calibrate", mesh, files["calibrate"], partial(progress, CALIBRATE))
+        found = bench.calibrate(run, partial(progress, IDENTIFY))
+        after_progress = partial(progress, AFTER)
+        bench.record("verify", on, files["after"], after_progress, found.calibration)
+        after = evaluate(config, files["after"])
+        before = evaluating.result()
+    errors = rms_errors([*before.ripples, *after.ripples])
+    calibration = found.calibration.with_rms_error(errors)
+    calibration.save(files["calibration"])
+    summary = _summary(bench.truth, files, before.true_percent, after.true_percent)
+    summary |= {"joint": _gains(found.joint), "residual": _gains(found.residual)}
+    summary |= {"wall_s": round(time.monotonic() - began, 2), "bench_s": round(bench.bench_s, 1)}
+    write_whole(folder / "demo.json", json.dumps(summary, indent=2) + "\n")
+    return Demo(files, config, bench.truth, before, after, found, calibration, summary)
+
+
+def _summary(
+    truth: RigTruth, files: dict[str, Path], before: Errors, after: Errors
+) -> dict[str, Any]:
+    """Return what `motord demo --json` prints, but for the estimates and times."""
+    return {
+        "before": _mean_and_max(before),
+        "after": _mean_and_max(after),
+        "points": [
+            {
+                "torque_Nm": torque_Nm,
+                "speed_Hz": speed_Hz,
+                "before": round(before[torque_Nm, speed_Hz], 4),
+                "after": round(after[torque_Nm, speed_Hz], 4),
+            }
+            for torque_Nm, speed_Hz in sorted(before.keys() & after.keys())
+        ],
+        "truth": {
+            "alpha": list(truth.inverter.alpha),
+            "beta_A": list(truth.inverter.beta_A),
+            "tau_cog_harmonics": [h.model_dump() for h in truth.motor.cogging],
+        },
+        "files": {name: str(file) for name, file in files.items()},
+    }
+
+
+def _mean_and_max(errors: Errors) -> dict[str, float]:
+    values = list(errors.values())
+    return {"mean": round(sum(values) / len(values), 4), "max": round(max(values), 4)}
+
+
+def _gains(result: CalibrationResult) -> dict[str, Any]:
+    return {
+        "alpha": result.alpha.tolist(),
+        "alpha_stderr": result.alpha_stderr.tolist(),
+        "beta_A": result.beta_A.tolist(),
+        "beta_stderr_A": result.beta_stderr_A.tolist(),
+        "tau_cog_harmonics": [harmonic.model_dump() for harmonic in result.harmonics],
+    }

@@ -1,0 +1,44 @@
+"""Calibration and verification of the simulated rig without recordings."""
+
+from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from datetime import UTC, datetime
+from typing import Any
+
+from motord.calibration import Calibration
+from motord.config import Config
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.plans import build
+from motord.identification.operating_points import split
+from motord.reproduce.evaluate import Errors
+from motord.reproduce.learning import place_of, true_error_percent
+from motord.sequencing import Plan
+from motord.virtual.mesh import run_points
+
+
+def calibrate_virtual(
+    config: Config,
+    seed: int,
+    mesh: Mapping[str, Any] | None = None,
+    pool: ProcessPoolExecutor | None = None,
+) -> Calibration:
+    """Return the calibration of the simulated rig of `config`. Raises IdentifyError, PlanFailed."""
+    calibrator = Calibrator(config.motor, config.torque_sensor)
+    for piece in run_points(config, build("calibrate", config, mesh), seed, None, pool):
+        for point in split(piece.ticks, [piece.point]):
+            calibrator.add(point)
+    return calibrator.joint().to_calibration(config.motor, datetime.now(UTC), ["calibrate"])
+
+
+def verify_virtual(
+    config: Config,
+    calibration: Calibration,
+    seed: int,
+    plan: Plan,
+    pool: ProcessPoolExecutor | None = None,
+) -> Errors:
+    """Return the RMS errors of the true torque that `plan` finds with `calibration` in force."""
+    return {
+        place_of(piece): true_error_percent(piece, config.motor.rated_torque_Nm)
+        for piece in run_points(config, plan, seed, calibration, pool)
+    }
