@@ -34,8 +34,8 @@ class Step(NamedTuple):
 
 
 PATH = (
-    Step("cli/operate.py", "set_", "reads the options"),
-    Step("client/connection.py", "Client.rpc", "encodes JSON, sends the query", "cli.reach.daemon"),
+    Step("cli/bench/operate.py", "set_", "reads the options"),
+    Step("client/connection.py", "Client.rpc", "encodes JSON, sends the query", "connection"),
     Step("service/publish/zenoh_api.py", "Api._declare", "receives the query", "Zenoh"),
     Step("service/rpc/intake.py", "Intake.accept", "checks the size, paces"),
     Step("service/rpc/outstanding.py", "OutstandingQueries.admit", "bounds what is outstanding"),
@@ -52,7 +52,7 @@ PATH = (
     Step("service/bench/bench.py", "Bench.step", "writes it a hundred times a second"),
     Step("shm/mailbox.py", "MailboxWriter.write", "shares it", "protocol Mailbox"),
     Step("loop/control_loop.py", "run", "reads it in every tick", "shared memory"),
-    Step("loop/tick_kernel.py", "beat", "passes the records to the kernel"),
+    Step("loop/tick_kernel.py", "run_tick", "passes the records to the kernel"),
     Step("control/step.py", "step", "ramps, compensates, limits"),
     Step("control/reference.py", "clamp", "clamps it"),
     Step("hal/wire_rig.py", "WireRig.write", "passes the COMMAND record on", "protocol Rig"),

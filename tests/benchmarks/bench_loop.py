@@ -24,7 +24,7 @@ from motord.loop.latency.measurement import choose_cpu
 from motord.loop.launch import start_loop
 from motord.loop.pacer import Pacer
 from motord.loop.status import LoopPhase, LoopStatus
-from motord.loop.tick_kernel import NO_WORK, beat
+from motord.loop.tick_kernel import NO_WORK, run_tick
 from motord.shm.mailbox import MailboxReader, MailboxWriter
 from motord.shm.ring import RingReader, RingWriter
 from motord.shm.run_directory import RunDir
@@ -81,7 +81,7 @@ def timed_ticks_us(cycle: ControlLoop, ticks: int) -> np.ndarray:
     rig, ring, clock = cycle.rig, cycle.ring, time.perf_counter_ns
     feedback, setpoint, command = (np.zeros(1, d) for d in (FEEDBACK, SETPOINT, COMMAND))
     cycle.feedback, cycle.setpoint, cycle.command = feedback, setpoint, command
-    bound = cycle.beat()
+    bound = cycle.kernel()
     pacer = Pacer(PERIOD_ns, HybridSleep(PERIOD_ns))
     marks = np.zeros((ticks, len(PARTS) + 1), np.int64)
     for tick in range(ticks):
@@ -92,7 +92,7 @@ def timed_ticks_us(cycle: ControlLoop, ticks: int) -> np.ndarray:
         cycle.mailbox.read(setpoint)
         cycle.tables.poll()
         row.append(clock())
-        beat(bound.frame, ring.index, tick, 0, 0, pacer.late_ns, NO_WORK)
+        run_tick(bound.frame, ring.index, tick, 0, 0, pacer.late_ns, NO_WORK)
         row.append(clock())
         rig.write(command)
         row.append(clock())
@@ -106,12 +106,12 @@ def kernel_alone_us(rounds: int = 31, calls: int = 2000) -> float:
     """Return the median cost of a call of the kernel, called again and again."""
     with tempfile.TemporaryDirectory() as name:
         cycle, _writer = make_cycle(config.load(), Path(name))
-        bound = cycle.beat()
+        bound = cycle.kernel()
         costs_us = []
         for _ in range(rounds):
             begun_ns = time.perf_counter_ns()
             for _ in range(calls):
-                beat(bound.frame, 0, 1, 0, 0, 50, NO_WORK)
+                run_tick(bound.frame, 0, 1, 0, 0, 50, NO_WORK)
             costs_us.append((time.perf_counter_ns() - begun_ns) / calls / 1e3)
         cycle.rig.close()
     return statistics.median(costs_us)
