@@ -10,6 +10,7 @@ from pydantic import ValidationError
 import motord.importing.mapping
 import motord.rig.truth  # noqa: F401  (for its sections)
 from motord.config import Config, ConfigError, Section, load
+from motord.config.experiments import plans_model
 
 WRONG: dict[str, tuple[Any, ...]] = {
     "integer": ("8", "", 8.0, 8.5, True, False, None, b"8"),
@@ -18,6 +19,9 @@ WRONG: dict[str, tuple[Any, ...]] = {
     "string": (8, 1.5, True, b"text", None),
 }
 """Values that are not of a JSON type, though they could be made into one."""
+
+
+plans_model()  # makes the sections of the registered plans
 
 
 def sections(base: type[Section] = Section) -> Iterator[type[Section]]:
