@@ -244,7 +244,7 @@ def step(
             flags |= _POSITION_AGED
         else:
             flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
-    remember_command(m, s, c.i_A, flags & (_CURRENT_LIMITED | _POSITION_AGED) != 0)
+    remember_command(p, m, s, c.i_A, flags & (_CURRENT_LIMITED | _POSITION_AGED) != 0)
     c.enable = 1 if m.state == _ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s

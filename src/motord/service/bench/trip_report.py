@@ -11,7 +11,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.interlock_table import INTERLOCK
-from motord.control.parameters import BRAKE_MARGIN_K, CURRENT_ERROR, TORQUE_ERROR
+from motord.control.parameters import BRAKE_MARGIN_K, CURRENT_ERROR, TORQUE_ERROR, settling_ns
 from motord.control.plausible import TORQUE_SHARE
 from motord.schema import BridgeStatus, InverterStatus, State, Trip
 
@@ -113,12 +113,17 @@ def _not_numbers(seen: Seen) -> float:
 
 
 def _astray_A(seen: Seen) -> float:
-    """Return how far the currents are from the nearer of the two commands before."""
+    """Return how far the currents are from the nearest command that can have been in force."""
     now = np.array([float(seen.last[f"i_{phase}_A"]) for phase in PHASES])
-    before = seen.ticks[-3:-1]
-    if not len(before):
+    begun_ns = seen.ticks["t_ns"][:-1] + seen.ticks["sample_age_ns"][:-1]
+    measured_ns = int(seen.last["t_ns"]) - int(seen.last["i_age_ns"])
+    sent, settled = np.searchsorted(
+        begun_ns, [measured_ns, measured_ns - settling_ns(seen.config)], side="right"
+    )
+    commands = seen.ticks[max(min(settled - 1, sent - 2), 0) : sent]
+    if not len(commands):
         return float(np.abs(now).max())
-    apart = now - np.stack([before[f"i_cmd_{phase}_A"].astype(float) for phase in PHASES], axis=1)
+    apart = now - np.stack([commands[f"i_cmd_{phase}_A"].astype(float) for phase in PHASES], axis=1)
     if seen.config.motor.connection == "star":
         apart -= apart.mean(axis=1, keepdims=True)
     return float(np.abs(apart).max(axis=1).min())
