@@ -38,7 +38,7 @@ TESTS: dict[str, tuple[str, ...]] = {
         "tests/unit/control/test_observer.py",
         "tests/unit/control/test_interlock_times.py",
     ),
-    "motord.sequencing.limits": ("tests/unit/plans/test_limits.py",),
+    "motord.sequencing.limits": ("tests/unit/sequencing/test_limits.py",),
     "motord.service.bench.lease": ("tests/unit/service/test_lease.py",),
 }
 SLOW = "not test_limits_hold_for_any_input and not test_compensation_inverts_the_model"

@@ -222,6 +222,13 @@ def test_an_offset_trips_in_time_at_speed_however_late(rate_Hz, age, phase) -> N
     assert bench.time_to_trip_s(offset(phase, 15.0)) <= bench.stated_s
 
 
+def test_the_most_commands_that_a_bench_file_can_ask_for() -> None:
+    """A second late at 20 kHz: 20,000 commands ago."""
+    bench = LateBench(20_000, AGES["as late as allowed"], 18.0, stale_after_s=1.0)
+    steps_and_reversals(bench, 1.5)
+    assert bench.time_to_trip_s(offset(1, 15.0), 2.0) <= bench.stated_s
+
+
 @pytest.mark.parametrize("rate_Hz", [100, 1000])
 def test_currents_that_nobody_commands_trip_when_enabled_at_no_torque(rate_Hz) -> None:
     bench = LateBench(rate_Hz, AGES["late"], 5.0)
