@@ -231,10 +231,12 @@ evidence that does not come has interlocks of its own. Speed is known up to @LAG
 constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest that is allowed).
 Where the newest position is older than @AGE ms no torque is commanded (flag `POSITION_AGED`). Bench
 files whose limits, ages, rates and timeouts would not leave every interlock its time are refused.
-Currents are compared with the two newest commands, the measured torque with the set-point as the
-sensor's high-pass shows it, besides a fifth of the set-point; this only where torque is applied and
-the currents are not limited. An encoder track is stuck if it has not changed over 2.5 times its
-pattern; tracks too fine for the speed are left out.
+Currents are compared with the commands that can have been in force when they were measured
+(`i_age_ns`), and between these while a current settles: wrong ones trip as much later as their
+feedback is late, right ones not at any age up to `inverter.stale_after_s`. The measured torque is
+compared with the set-point as the sensor's high-pass shows it, besides a fifth of the set-point;
+this only where torque is applied and the currents are not limited. An encoder track is stuck if it
+has not changed over 2.5 times its pattern; tracks too fine for the speed are left out.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )

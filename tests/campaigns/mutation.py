@@ -30,6 +30,10 @@ TESTS: dict[str, tuple[str, ...]] = {
     "motord.control.states": _CONTROL,
     "motord.control.interlocks": _CONTROL,
     "motord.control.interlock_table": _CONTROL,
+    "motord.control.plausible": (
+        "tests/unit/control/test_command_ring.py",
+        "tests/unit/control/test_plausible.py",
+    ),
     "motord.control.observer": (
         "tests/unit/control/test_observer.py",
         "tests/unit/control/test_interlock_times.py",
@@ -57,6 +61,14 @@ FEW = (
         '"limits.trip_torque_Nm", EvidenceSource.BRIDGE, 0.005',
         '"limits.trip_torque_Nm", EvidenceSource.BRIDGE, 0.006',
     ),
+    (
+        "motord.control.plausible",
+        "later = _sent_after(p, m, f.t_inverter_ns)",
+        "later = 0",
+    ),
+    ("motord.control.plausible", "if settled and back > later + 1:", "if settled:"),
+    ("motord.control.plausible", "if settled and back > later + 1:", "if back > later + 1:"),
+    ("motord.control.plausible", "if not settled and _passes(", "if _passes("),
     ("motord.control.observer", "    pole = math.exp(", SPEED_OF_DENSE_SAMPLES_ONLY),
     ("motord.control.observer", "POSITION_AGE_MAX_S = 0.03", "POSITION_AGE_MAX_S = 0.1"),
     ("motord.sequencing.limits", "SPEED_MARGIN = 0.8", "SPEED_MARGIN = 0.81"),

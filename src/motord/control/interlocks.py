@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from motord.control.interlock_table import INTERLOCKS, EvidenceSource, trips_from
-from motord.control.plausible import current_error, torque_error
+from motord.control.plausible import compare_currents, torque_error
 from motord.control.states import STATE
 from motord.control.tracks import watch_tracks
 from motord.jit import constants, jit
@@ -70,6 +70,8 @@ def conditions(
     line_open = enabled and (f.bridge_status & _BRIDGE.ENABLE_LINE) == 0
     stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
+    compared, within = compare_currents(p, m, f)
+    m.unknown = 0 if compared else _TRIP.CURRENT_IMPLAUSIBLE
     torque_astray = torque_error(p, m, f.torque_Nm) > p.torque_error_Nm
     bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
     bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
@@ -89,7 +91,7 @@ def conditions(
     bits |= _TRIP.ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
     bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
     bits |= _TRIP.FEEDBACK_INVALID if not finite else 0
-    bits |= _TRIP.CURRENT_IMPLAUSIBLE if current_error(p, m, f) > p.current_error_A else 0
+    bits |= _TRIP.CURRENT_IMPLAUSIBLE if compared and not within else 0
     bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled and not m.limited else 0
     bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
     return bits | (_TRIP.ENABLE_LINE if line_open else 0)
@@ -100,11 +102,12 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
     """Return those of the conditions `bits` that have held for longer than they may.
 
     A condition counts from the first evidence of it in a row. Where there is no evidence (`new`:
-    flags of the tick that say which samples are new) everything stays as it was.
+    flags of the tick that say which samples are new; `m.unknown`: conditions of which they say
+    nothing) everything stays as it was.
     """
-    silent = (0 if new & _FLAG.NEW_ENCODER else _FROM_BRIDGE) | (
-        0 if new & _FLAG.NEW_INVERTER else _FROM_INVERTER
-    )
+    silent = m.unknown
+    silent |= 0 if new & _FLAG.NEW_ENCODER else _FROM_BRIDGE
+    silent |= 0 if new & _FLAG.NEW_INVERTER else _FROM_INVERTER
     seen = bits & ~silent
     begun = seen & ~m.holding
     causes = m.causes & silent

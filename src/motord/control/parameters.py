@@ -1,5 +1,6 @@
 """Parameters and tables of the kernel, from the bench file and the calibration."""
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ from motord.control.interlock_table import INTERLOCKS
 from motord.control.learned import VALUES
 from motord.control.park import DqFrame
 from motord.control.tracks import watched_tracks
-from motord.control.types import PARAMETERS
+from motord.control.types import PARAMETERS, SETTLING_LAGS
 from motord.learned import LearnedTorque
 
 if TYPE_CHECKING:
@@ -57,6 +58,12 @@ def build(
     return parameters, motor.back_emf_table().copy(), cogging_Nm, learned_Nm
 
 
+def settling_ns(config: Config) -> int:
+    """Return the time (ns) from the start of a tick until its current has settled."""
+    inverter = config.inverter
+    return round((inverter.actuation_delay_s + SETTLING_LAGS * inverter.lag_s) * 1e9)
+
+
 def _fill_learned(p: np.record, learned_Nm: np.ndarray, learned: LearnedTorque) -> None:
     coefficients_Nm = learned.coefficients_Nm()
     p.learned_torques, p.learned_speeds, p.learned_orders, _ = coefficients_Nm.shape
@@ -82,6 +89,10 @@ def _fill_limits(p: np.record, config: Config) -> None:
     p.link_errors_per_s = limits.link_errors_per_s
     p.current_error_A = limits.current_error_A or CURRENT_ERROR * limits.current_A
     p.torque_error_Nm = limits.torque_error_Nm or TORQUE_ERROR * limits.torque_Nm
+    p.settling_ns = settling_ns(config)
+    oldest_s = config.inverter.stale_after_s + 1e-9 * settling_ns(config)
+    # a tick may be late by a period, and two commands count at least
+    p.commands = math.ceil(oldest_s * config.loop.rate_Hz) + 2
     for interlock in INTERLOCKS:
         p.lasts_ns[interlock.bit] = round(interlock.lasts_s(config) * 1e9)
     tau_s = config.torque_sensor.highpass_time_constant_s

@@ -11,35 +11,100 @@ TORQUE_SHARE = 0.2
 
 
 @jit
-def current_error(p: np.record, m: np.record, f: np.record) -> float:
-    """Return how far (A) the phase furthest from its command is, of the last two commands.
+def compare_currents(p: np.record, m: np.record, f: np.record) -> tuple[bool, bool]:
+    """Return (whether the sensed currents can be compared, whether they are within the limit).
 
-    A command is under way for a while, so the one before it may still be in force. In a star the
-    part common to all phases is nobody's command.
+    They are compared with the commands that can have been in force when they were measured: of
+    those sent by then the last ones, back to the newest that has had time to settle; two at least,
+    because a frame may be lost or late. A current that has not settled may be anywhere on the
+    straight line between two commands. Nothing can be said of currents that were measured before
+    the oldest command that is remembered, or that are not finite.
     """
-    return min(_furthest(p, f.i_A, m.i_last_A), _furthest(p, f.i_A, m.i_before_A))
+    later = _sent_after(p, m, f.t_inverter_ns)
+    if later == m.commands or not math.isfinite(f.i_A[0] + f.i_A[1] + f.i_A[2]):
+        return False, False
+    place = _place(p, m, later)
+    a, b, c = _deviation(p, f.i_A, m.command_A[place])
+    if max(abs(a), abs(b), abs(c)) <= p.current_error_A:
+        return True, True
+    for back in range(later + 1, m.commands):
+        settled = f.t_inverter_ns - m.command_ns[place] >= p.settling_ns
+        if settled and back > later + 1:
+            break
+        place = _place(p, m, back)
+        x, y, z = _deviation(p, f.i_A, m.command_A[place])
+        if max(abs(x), abs(y), abs(z)) <= p.current_error_A:
+            return True, True
+        if not settled and _passes(p.current_error_A, (a, b, c), (x, y, z)):
+            return True, True
+        a, b, c = x, y, z
+    return True, False
 
 
 @jit
-def _furthest(p: np.record, i_A: np.ndarray, command_A: np.ndarray) -> float:
-    a, b, c = i_A[0] - command_A[0], i_A[1] - command_A[1], i_A[2] - command_A[2]
-    if p.star:
-        mean = (a + b + c) / 3.0
-        a, b, c = a - mean, b - mean, c - mean
-    return float(max(abs(a), abs(b), abs(c)))
+def _sent_after(p: np.record, m: np.record, t_ns: int) -> int:
+    """Return how many of the remembered commands are of ticks that began after `t_ns`."""
+    low, high = 0, m.commands
+    while low < high:
+        middle = (low + high) // 2
+        if m.command_ns[_place(p, m, middle)] > t_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return int(low)
 
 
 @jit
-def remember_command(m: np.record, s: np.record, i_A: np.ndarray, limited: bool) -> None:
+def _place(p: np.record, m: np.record, back: int) -> int:
+    """Return where in the ring the command is that came `back` before the newest."""
+    place = m.newest - back
+    return int(place if place >= 0 else place + p.commands)
+
+
+@jit
+def _deviation(p: np.record, i_A: np.ndarray, command_A: np.ndarray) -> tuple[float, float, float]:
+    """Return the currents less their commands (A).
+
+    In a star the part common to all phases is nobody's command.
+    """
+    a = float(i_A[0]) - float(command_A[0])
+    b = float(i_A[1]) - float(command_A[1])
+    c = float(i_A[2]) - float(command_A[2])
+    mean = (a + b + c) / 3.0 if p.star else 0.0
+    return a - mean, b - mean, c - mean
+
+
+@jit
+def _passes(limit: float, first: tuple[float, ...], second: tuple[float, ...]) -> bool:
+    """Return whether a point of the line from `first` to `second` has no part beyond `limit`."""
+    low, high = 0.0, 1.0
+    for phase in range(3):
+        change = second[phase] - first[phase]
+        if change == 0.0:
+            if abs(first[phase]) > limit:
+                return False
+            continue
+        one, other = (-limit - first[phase]) / change, (limit - first[phase]) / change
+        low, high = max(low, min(one, other)), min(high, max(one, other))
+    return low <= high
+
+
+@jit
+def remember_command(
+    p: np.record, m: np.record, s: np.record, i_A: np.ndarray, limited: bool
+) -> None:
     """Keep the command of this tick, its torque, and whether this had to be less than asked for.
 
     A gain that is induced in all phases is part of what was asked for.
     """
     gain = 1.0 + (s.induced_gain[0] + s.induced_gain[1] + s.induced_gain[2]) / 3.0
     m.torque_asked_Nm = gain * m.torque_set_Nm
+    place = m.newest + 1 if m.newest + 1 < p.commands else 0
+    m.newest = place
+    m.commands = min(m.commands + 1, p.commands)
+    m.command_ns[place] = m.now_ns
     for phase in range(3):
-        m.i_before_A[phase] = m.i_last_A[phase]
-        m.i_last_A[phase] = i_A[phase]
+        m.command_A[place, phase] = i_A[phase]
     m.limited = 1 if limited else 0
 
 

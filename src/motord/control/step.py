@@ -230,7 +230,7 @@ def step(
             flags |= _FLAG.POSITION_AGED
         else:
             flags |= _currents(p, m, s, back_emf, cogging_Nm, learned_Nm, angle_rad, c, t)
-    remember_command(m, s, c.i_A, flags & (_FLAG.CURRENT_LIMITED | _FLAG.POSITION_AGED) != 0)
+    remember_command(p, m, s, c.i_A, flags & (_FLAG.CURRENT_LIMITED | _FLAG.POSITION_AGED) != 0)
     c.enable = 1 if m.state == STATE.ENABLED or m.arming else 0
     c.brake = s.brake
     c.drive_rad_s = s.drive_rad_s

@@ -5,6 +5,9 @@ is what the kernel remembers from tick to tick, `Parameters` those of bench and 
 All numbers that a recording must hold to replay a run are single precision, as in the tick.
 """
 
+import math
+
+from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, SILENCE_MAX_S
 from motord.learned import MAX_NODES
 from motord.schema import record_dtype
 
@@ -58,6 +61,12 @@ COMMAND = record_dtype(
     ]
 )
 
+SETTLING_LAGS = 3
+"""Lags of the current loops after [inverter] actuation_delay_s, which has one of them, within which
+a current settles: 1.8 % of a step are left."""
+COMMANDS_MAX = math.ceil((SILENCE_MAX_S + (1 + SETTLING_LAGS) * DELAY_MAX_S) * RATE_MAX_HZ) + 2
+"""Commands remembered at most; of a bench `PARAMETERS.commands`, enough for its oldest feedback."""
+
 PARAMETERS = record_dtype(
     [
         ("period_s", "f8"),
@@ -93,6 +102,8 @@ PARAMETERS = record_dtype(
         ("link_errors_per_s", "f8"),
         ("current_error_A", "f8"),
         ("torque_error_Nm", "f8"),
+        ("settling_ns", "i8"),  # from the start of a tick until its current has settled
+        ("commands", "i8"),  # how many are remembered
         ("lasts_ns", "i8", (32,)),  # for how long each trip's condition may hold
         ("torque_decay", "f8"),  # of the torque sensor's high-pass over a period
         ("brake_trip_C", "f8"),
@@ -125,8 +136,6 @@ MEMORY = record_dtype(
         ("link_errors", "i8"),
         ("missed", "i8"),
         ("arming_s", "f8"),  # time since enabling began
-        ("i_last_A", "f8", (3,)),  # newest command, and the one before it
-        ("i_before_A", "f8", (3,)),
         ("torque_expected_Nm", "f8"),  # set-point as the torque sensor should show it
         ("torque_asked_Nm", "f8"),  # set-point with the gain that is induced
         ("torque_before_Nm", "f8"),  # the same a tick before
@@ -152,5 +161,11 @@ MEMORY = record_dtype(
         ("tracking", "u1"),  # the observer has an angle
         ("arming", "u1"),  # READY, on the way to ENABLED
         ("stopping", "u1"),  # ENABLED, ramping to READY
+        ("unknown", "u4"),  # conditions that this tick's feedback says nothing of
+        # the last commands, a ring (`control.plausible`)
+        ("commands", "i8"),  # how many are in it
+        ("newest", "i8"),  # where
+        ("command_ns", "i8", (COMMANDS_MAX,)),  # when the tick of each began
+        ("command_A", "f4", (COMMANDS_MAX, 3)),
     ]
 )

@@ -177,8 +177,7 @@ def _accelerate_to_the_limit(b: Spaced) -> None:
 
 
 def _heat(b: Spaced) -> None:
-    for name in ("i_last_A", "i_before_A"):
-        b.memory[name][0, 0] = I2T_A * math.sqrt(2.0)  # as commanded
+    b.memory["command_A"][0, :, 0] = I2T_A * math.sqrt(2.0)  # as commanded
     b.feedback["i_A"][0, 0] = I2T_A * math.sqrt(2.0)
 
 

@@ -24,6 +24,7 @@ from tests.unit.control.bench import EPOCH_NS, make_config
 NEW_BRIDGE, NEW_INVERTER = int(Flag.NEW_ENCODER), int(Flag.NEW_INVERTER)
 PERIOD_NS = 1_000_000
 SAMPLES = 7
+COMMANDS = 2
 LINE = int(BridgeStatus.ENABLE_LINE)
 LIMITS = {
     "trip_current_A": 35.0, "current_A": 25.0, "i2t_current_A": 20.0, "i2t_time_s": 0.5,
@@ -53,6 +54,7 @@ class Watched:
         self.memory, self.feedback = new_memory(), np.zeros(1, FEEDBACK)
         self.m, self.f = self.memory[0], self.feedback[0]
         self.m.state, self.m.started, self.m.tracking = int(state), 1, 1
+        self.m.commands, self.m.newest = COMMANDS, COMMANDS - 1  # zero, for ever
         self.f.now_ns = self.f.t_ns = self.f.t_inverter_ns = EPOCH_NS
         self.f.inverter_status = int(InverterStatus.READY)
         self.f.bridge_status = LINE
@@ -72,7 +74,7 @@ class Watched:
 
 def currents(value: float):
     def depart(w: Watched) -> None:
-        w.m.i_last_A[:] = w.m.i_before_A[:] = (0.0, value, 0.0)  # as commanded
+        w.m.command_A[:COMMANDS] = (0.0, value, 0.0)  # as commanded
         w.f.i_A[:] = (0.0, value, 0.0)
 
     return depart
@@ -80,7 +82,7 @@ def currents(value: float):
 
 def phase(number: int, value: float):
     def depart(w: Watched) -> None:
-        w.f.i_A[number] = w.m.i_last_A[number] = value
+        w.f.i_A[number] = w.m.command_A[COMMANDS - 1, number] = value
 
     return depart
 
@@ -299,7 +301,7 @@ def test_a_sample_that_is_seen_again_is_no_further_evidence(trip, depart) -> Non
     assert watched.look() == int(trip)
     watched.m.implausible, watched.feedback[:], watched.new = 0, Watched().feedback, flag
     watched.m.speed_rad_s = watched.m.torque_expected_Nm = 0.0
-    watched.m.i_last_A[:] = watched.m.i_before_A[:] = 0.0
+    watched.m.command_A[:COMMANDS] = 0.0
     watched.m.torque_asked_Nm = watched.m.torque_before_Nm = 0.0
     assert watched.look() == 0
 

@@ -107,6 +107,15 @@ def test_an_inverter_that_never_gets_ready():
         (Trip.LOOP_OVERRUN, {"missed": [3, 3, 3, 90]}, 87, 50),
         (Trip.INVERTER_STALE, {"sample_age_ns": 10**6, "i_age_ns": 29 * 10**6}, 0.03, 0.02),
         (Trip.CURRENT_IMPLAUSIBLE, {"i_a_A": 9.0, "i_cmd_a_A": [0, 4, 1, 0]}, 5, 7.5),
+        (
+            Trip.CURRENT_IMPLAUSIBLE,  # of before the last two commands
+            {
+                "t_ns": [10**7, 2 * 10**7, 3 * 10**7, 4 * 10**7], "i_age_ns": 15 * 10**6,
+                "i_a_A": 9.0, "i_cmd_a_A": [0, 1, 9, 0],
+            },
+            8,
+            7.5,
+        ),
         (Trip.ENCODER_IMPLAUSIBLE, {"encoder_count": [4090, 4095, 6, 8]}, 7 * STEP_RAD, 0.15),
     ],
     ids=lambda given: getattr(given, "name", ""),

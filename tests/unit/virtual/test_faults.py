@@ -11,7 +11,7 @@ from motord.config import Config, ConfigError, load
 from motord.config.faults import KINDS, Fault, Timeline, load_timeline, random_timeline
 from motord.control.types import COMMAND, SETPOINT
 from motord.rig.types import new_input
-from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State
+from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State, Trip
 from motord.virtual.bench import VirtualBench
 from motord.virtual.faults import deliver_command, new_link
 from tests.campaigns import faults as campaign
@@ -50,6 +50,31 @@ def test_document_follows_from_the_tables() -> None:
 def test_random_timelines_end_off_or_in_a_trip(seed: int) -> None:
     _, faults, _, _ = campaign.random_run(seed)
     assert not faults
+
+
+@pytest.mark.parametrize("also", [None, "phase_open", "current_stuck"])
+@pytest.mark.parametrize(("brake", "torque_Nm"), [(0.643, 3.0), (0.643, 5.0), (0.5, 4.0)])
+def test_late_feedback_of_a_turning_rotor_trips_only_if_it_is_wrong(
+    brake: float, torque_Nm: float, also: str | None
+) -> None:
+    """15 of the 20 ms that feedback may be late, at 0.7 to 1.6 turns a second."""
+    driver = Driver()
+    driver.set(brake=brake)
+    driver.run(1.0)
+    driver.ask(Request.ENABLE)
+    driver.run(0.05)
+    driver.set(torque_Nm=torque_Nm)
+    driver.run(2.5)
+    driver.bench.inject(Fault(kind="can_late", delay_s=0.015, for_s=1.0))
+    assert driver.run(0.1).state == State.ENABLED
+    if also is not None:
+        driver.bench.inject(Fault(kind=also, for_s=0.5))
+    last = driver.run(0.8)
+    assert last.i_age_ns == 15_000_000
+    assert last.first_trip == (Trip.CURRENT_IMPLAUSIBLE if also else 0)
+    if also is not None:
+        tripped = driver.ticks[-1]["state"] == State.TRIPPED
+        assert tripped.argmax() < 215  # ms: as early as with fresh feedback, and 15 later
 
 
 def test_what_is_wrong_is_told() -> None:

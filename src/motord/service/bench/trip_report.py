@@ -123,8 +123,13 @@ def _not_finite(w: TripWindow) -> float:
 
 
 def _current_error_A(w: TripWindow) -> float:
-    """Return the distance of the currents from the nearer of the two commands before."""
-    now_A, before = w.currents_A(), w.ticks[-3:-1]
+    """Return the distance of the currents from the nearest command that can have been in force."""
+    now_A = w.currents_A()
+    begun_ns = w.ticks["t_ns"][:-1] + w.ticks["sample_age_ns"][:-1]
+    measured_ns = int(w.last["t_ns"]) - int(w.last["i_age_ns"])
+    settled_ns = measured_ns - int(w.parameters.settling_ns)
+    sent, settled = np.searchsorted(begun_ns, [measured_ns, settled_ns], side="right")
+    before = w.ticks[max(min(settled - 1, sent - 2), 0) : sent]
     if not len(before):
         return float(np.abs(now_A).max())
     commands_A = np.stack([before[f"i_cmd_{phase}_A"].astype(float) for phase in PHASES], axis=1)

@@ -1,0 +1,305 @@
+"""Currents that are sensed late, but not too late: right ones never trip, wrong ones do in time.
+
+The bench's current loops follow each command after a dead time and with a lag, exactly; feedback
+of any tick was measured an age before it, constant or anew in every tick.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from motord.control.interlock_table import INTERLOCK
+from motord.schema import State, Trip
+from tests.unit.control.bench import Bench, make_config
+
+ERROR_A = 5.0
+TORQUE_NM = 6.0  # 19 A
+DELAY_S, LAG_S = 0.8e-3, 0.2e-3
+RATES_HZ = (100, 333, 1000, 3000, 10_000)
+IMPLAUSIBLE = int(Trip.CURRENT_IMPLAUSIBLE)
+AGES = {
+    "fresh": lambda _draw: 0.0,
+    "late": lambda _draw: 0.6,
+    "as late as allowed": lambda _draw: 0.999,
+    "jittering": lambda draw: draw.uniform(0.0, 0.999),
+    "mostly fresh": lambda draw: 0.9 * draw.random() ** 8,
+    "in turns": lambda draw: float(draw.integers(2)) * 0.9,
+}
+"""Age of the feedback as a part of stale_after_s, drawn in every tick."""
+
+Wrong = Callable[[np.ndarray], np.ndarray]
+
+
+class CurrentLoops:
+    """The currents that follow from all commands so far, at any time."""
+
+    def __init__(self, dead_s: float, lag_s: float) -> None:
+        self._dead_ns, self._lag_ns = round(dead_s * 1e9), lag_s * 1e9
+        self._begun_ns: list[int] = []
+        self._from_to_A: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def command(self, t_ns: int, i_A: np.ndarray) -> None:
+        begun_ns = t_ns + self._dead_ns
+        self._from_to_A.append((self.at(begun_ns), i_A))
+        self._begun_ns.append(begun_ns)
+
+    def at(self, t_ns: int) -> np.ndarray:
+        number = bisect_right(self._begun_ns, t_ns) - 1
+        if number < 0:
+            return np.zeros(3)
+        from_A, to_A = self._from_to_A[number]
+        passed_ns = t_ns - self._begun_ns[number]
+        rest = math.exp(-passed_ns / self._lag_ns) if self._lag_ns else 0.0
+        return to_A + (from_A - to_A) * rest
+
+
+class LateBench(Bench):
+    """A bench whose inverter's feedback is late by `age` of `stale_after_s`."""
+
+    def __init__(
+        self,
+        rate_Hz: int,
+        age: Callable[[np.random.Generator], float],
+        speed_rad_s: float,
+        stale_after_s: float | None = None,
+        quicker: float = 1.0,
+        **sections: object,
+    ) -> None:
+        """The true delay is `quicker` times the one in the bench file."""
+        self.stale_s = stale_after_s or max(0.02, 5 / rate_Hz)
+        super().__init__(
+            make_config(
+                loop={"rate_Hz": rate_Hz},
+                inverter={
+                    "stale_after_s": self.stale_s, "timeout_s": 1.0,
+                    "actuation_delay_s": DELAY_S, "lag_s": LAG_S,
+                },
+                limits={
+                    "current_error_A": ERROR_A, "torque_rate_Nm_per_s": 1e6, "current_A": 30.0,
+                    "trip_current_A": 60.0, "i2t_current_A": 40.0,
+                },
+                **sections,
+            )
+        )  # fmt: skip
+        self.speed_rad_s = speed_rad_s
+        self.loops = CurrentLoops(quicker * (DELAY_S - LAG_S), quicker * LAG_S)
+        self.draw = np.random.default_rng(rate_Hz)
+        self.age = age
+        self.wrong: Wrong | None = None
+        self.wrong_from_ns = 0
+        self.run(5)
+        for _ in range(round(0.3 * rate_Hz)):
+            self.tick_once()
+        self.enable()
+        self.seconds(0.1)
+
+    def tick_once(self) -> np.record:
+        now_ns = self.now_ns + self.period_ns
+        f = self.feedback[0]
+        f.t_inverter_ns = now_ns - round(self.age(self.draw) * self.stale_s * 1e9)
+        i_A = self.loops.at(int(f.t_inverter_ns))
+        if self.wrong is not None and f.t_inverter_ns >= self.wrong_from_ns:
+            i_A = self.wrong(i_A)
+        f.i_A[:] = i_A
+        return self.run(healthy=False)
+
+    def run(self, ticks: int = 1, healthy: bool = True, supervised: bool = True) -> np.record:
+        for _ in range(ticks):
+            now_ns, f = self.now_ns + self.period_ns, self.feedback[0]
+            count = self.count_at(self.angle_rad + self.speed_rad_s * self.period_ns * 1e-9)
+            f.encoder_gray, f.t_ns = count ^ (count >> 1), now_ns
+            if healthy:
+                f.t_inverter_ns, f.i_A = now_ns, self.loops.at(now_ns)
+            super().run(1, False, supervised)
+            self.loops.command(now_ns, self.currents_A())
+        return self.tick[0]
+
+    def seconds(self, duration_s: float) -> None:
+        """Run; nothing may trip, and no feedback may be found implausible even for a moment."""
+        for _ in range(round(duration_s * self.config.loop.rate_Hz)):
+            tick = self.tick_once()
+            assert tick.state == State.ENABLED, Trip(int(tick.trip_bits))
+            assert not self.memory["holding"][0] & IMPLAUSIBLE
+
+    def time_to_trip_s(self, wrong: Wrong, most_s: float = 0.5) -> float:
+        """Return the time from when feedback was first measured wrong until the trip."""
+        self.wrong, self.wrong_from_ns = wrong, self.now_ns
+        while (passed_s := (self.now_ns - self.wrong_from_ns) * 1e-9) <= most_s:
+            tick = self.tick_once()
+            if tick.state == State.TRIPPED:
+                assert Trip(int(tick.first_trip)) is Trip.CURRENT_IMPLAUSIBLE
+                return (self.now_ns - self.wrong_from_ns) * 1e-9
+        raise AssertionError(f"no trip within {passed_s:g} s")
+
+    @property
+    def stated_s(self) -> float:
+        """For how long wrong currents may last, and the way of their feedback to the loop."""
+        stated_s = INTERLOCK[Trip.CURRENT_IMPLAUSIBLE].lasts_s(self.config)
+        return stated_s + self.stale_s + 2.5 / self.config.loop.rate_Hz
+
+
+def steps_and_reversals(bench: LateBench, duration_s: float, every_s: float = 0.02) -> None:
+    """Ask for another torque every `every_s`: full reversals, smaller steps, none."""
+    for number in range(round(duration_s / every_s)):
+        bench.setpoint["torque_Nm"] = TORQUE_NM * (1.0, -1.0, 0.5, -1.0, 0.0, 1.0)[number % 6]
+        bench.seconds(every_s)
+
+
+@pytest.mark.parametrize("speed_rad_s", [-18.0, 0.0, 18.0])
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("rate_Hz", RATES_HZ)
+def test_right_currents_never_trip_however_late(rate_Hz, age, speed_rad_s) -> None:
+    bench = LateBench(rate_Hz, AGES[age], speed_rad_s)
+    steps_and_reversals(bench, 0.36, max(0.02, 2 / rate_Hz))
+
+
+@pytest.mark.parametrize("quicker", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("connection", ["star", "independent"])
+def test_right_currents_of_a_drive_that_is_quicker_than_stated(connection, quicker) -> None:
+    for rate_Hz in (1000, 10_000):
+        bench = LateBench(
+            rate_Hz, AGES["jittering"], 18.0, quicker=quicker, motor={"connection": connection}
+        )
+        steps_and_reversals(bench, 0.2)
+
+
+def scaled(phase: int, factor: float) -> Wrong:
+    return lambda i_A: i_A * np.where(np.arange(3) == phase, factor, 1.0)
+
+
+def stuck(phase: int, value_A: float) -> Wrong:
+    return lambda i_A: np.where(np.arange(3) == phase, value_A, i_A)
+
+
+def offset(phase: int, error_A: float) -> Wrong:
+    return lambda i_A: i_A + np.where(np.arange(3) == phase, error_A, 0.0)
+
+
+WRONG: dict[str, Callable[[np.ndarray], Wrong]] = {
+    "open": lambda i_A: scaled(int(np.abs(i_A).argmax()), 0.0),
+    "scaled": lambda i_A: scaled(int(np.abs(i_A).argmax()), 1.6),
+    "inverted": lambda i_A: scaled(int(np.abs(i_A).argmax()), -1.0),
+    "stuck": lambda i_A: stuck(int(i_A.argmin()), 8.0),
+    "offset": lambda _: offset(1, 8.0),
+    "offset of the other sign": lambda _: offset(2, -8.0),
+    "exchanged": lambda i_A: lambda now_A: now_A[_exchanged(i_A)],
+}
+"""What is wrong, made for the currents that flow: by more than the limit for as long as it takes
+to be found."""
+
+
+def _exchanged(i_A: np.ndarray) -> list[int]:
+    order = [0, 1, 2]
+    least, most = int(i_A.argmin()), int(i_A.argmax())
+    order[least], order[most] = most, least
+    return order
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("rate_Hz", RATES_HZ)
+def test_wrong_currents_trip_in_time_however_late(rate_Hz, age, wrong) -> None:
+    bench = LateBench(rate_Hz, AGES[age], 0.5)
+    bench.setpoint["torque_Nm"] = TORQUE_NM
+    bench.seconds(2 * bench.stale_s + 0.01)
+    took_s = bench.time_to_trip_s(WRONG[wrong](bench.currents_A()))
+    lasts_s = INTERLOCK[Trip.CURRENT_IMPLAUSIBLE].lasts_s(bench.config)
+    assert lasts_s <= took_s <= bench.stated_s
+
+
+@pytest.mark.parametrize("phase", range(3))
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("rate_Hz", RATES_HZ)
+def test_an_offset_trips_in_time_at_speed_however_late(rate_Hz, age, phase) -> None:
+    bench = LateBench(rate_Hz, AGES[age], 12.0)
+    bench.setpoint["torque_Nm"] = TORQUE_NM
+    bench.seconds(2 * bench.stale_s + 0.01)
+    assert bench.time_to_trip_s(offset(phase, 15.0)) <= bench.stated_s
+
+
+def test_the_most_commands_that_a_bench_file_can_ask_for() -> None:
+    """A second late at 20 kHz: 20,000 commands ago."""
+    bench = LateBench(20_000, AGES["as late as allowed"], 18.0, stale_after_s=1.0)
+    steps_and_reversals(bench, 1.5)
+    assert bench.time_to_trip_s(offset(1, 15.0), 2.0) <= bench.stated_s
+
+
+@pytest.mark.parametrize("rate_Hz", [100, 1000])
+def test_currents_that_nobody_commands_trip_when_enabled_at_no_torque(rate_Hz) -> None:
+    bench = LateBench(rate_Hz, AGES["late"], 5.0)
+    assert bench.time_to_trip_s(offset(0, 6.0)) <= bench.stated_s
+
+
+@pytest.mark.parametrize("rate_Hz", RATES_HZ)
+@pytest.mark.parametrize("wrong", [None, offset(0, 20.0)])
+def test_feedback_that_is_always_too_late_trips_as_stale(rate_Hz, wrong) -> None:
+    bench = LateBench(rate_Hz, AGES["late"], 18.0)
+    bench.setpoint["torque_Nm"] = TORQUE_NM
+    bench.seconds(0.2)
+    bench.age, bench.wrong, bench.wrong_from_ns = lambda _draw: 1.001, wrong, bench.now_ns
+    tick = bench.tick_once()
+    assert tick.state == State.TRIPPED
+    assert Trip(int(tick.first_trip)) is Trip.INVERTER_STALE
+    bench.age = lambda _draw: 3.0  # older than any command that is remembered
+    for _ in range(20):
+        tick = bench.tick_once()
+        assert Trip(int(tick.trip_bits)) is Trip.INVERTER_STALE
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_feedback_of_before_the_first_command_is_no_evidence(wrong) -> None:
+    bench = LateBench(1000, AGES["late"], 0.5)
+    bench.setpoint["torque_Nm"] = TORQUE_NM
+    bench.seconds(0.1)
+    if wrong:
+        bench.wrong = offset(0, 15.0)
+    for _ in range(10):
+        bench.tick_once()
+    holding, since_ns = int(bench.memory["holding"][0]), bench.memory["since_ns"][0].copy()
+    assert bool(holding & IMPLAUSIBLE) is wrong
+    bench.memory["commands"] = 0
+    for _ in range(3):  # commands again, but of after what is measured now
+        bench.tick_once()
+        assert bench.memory["holding"][0] == holding
+        assert (bench.memory["since_ns"][0] == since_ns).all()
+    assert bench.tick["state"][0] == State.ENABLED
+
+
+@given(
+    rate_Hz=st.sampled_from(RATES_HZ),
+    stale_periods=st.floats(2.0, 60.0),
+    ages=st.lists(st.floats(0.0, 0.999), min_size=1, max_size=12),
+    speed_rad_s=st.floats(-18.0, 18.0),
+    quicker=st.floats(0.0, 1.0),
+    phase=st.integers(0, 2),
+    error_A=st.floats(15.0, 25.0),
+    star=st.booleans(),
+)
+@settings(max_examples=40)
+def test_at_any_age_right_currents_pass_and_wrong_ones_trip(
+    rate_Hz: int,
+    stale_periods: float,
+    ages: list[float],
+    speed_rad_s: float,
+    quicker: float,
+    phase: int,
+    error_A: float,
+    star: bool,
+) -> None:
+    """Ages come in turns, whatever they are; at standstill and at speed."""
+    bench = LateBench(
+        rate_Hz,
+        lambda draw: ages[int(draw.integers(len(ages)))],
+        speed_rad_s,
+        stale_after_s=min(max(0.002, stale_periods / rate_Hz), 0.5),
+        quicker=quicker,
+        motor={"connection": "star" if star else "independent"},
+    )
+    steps_and_reversals(bench, 0.12, max(0.02, 2 / rate_Hz))
+    error_A *= 1.5 if star else 1.0
+    assert bench.time_to_trip_s(offset(phase, error_A), 1.0) <= bench.stated_s
