@@ -20,6 +20,7 @@ _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _COUNT = len(INTERLOCKS)
 _FROM_BRIDGE = trips_from(EvidenceSource.BRIDGE)
 _FROM_INVERTER = trips_from(EvidenceSource.INVERTER)
+_CURRENTS = _TRIP.CURRENT_IMPLAUSIBLE
 _BRIDGE_FAULT = _BRIDGE.FAULT | _BRIDGE.ENCODER_INVALID
 
 IMPLAUSIBLE_SAMPLES = 3
@@ -71,7 +72,7 @@ def conditions(
     stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
     compared, within = compare_currents(p, m, f)
-    m.unknown = 0 if compared else _TRIP.CURRENT_IMPLAUSIBLE
+    m.unknown = 0 if compared else _CURRENTS
     torque_astray = torque_error(p, m, f.torque_Nm) > p.torque_error_Nm
     bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
     bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
@@ -91,7 +92,7 @@ def conditions(
     bits |= _TRIP.ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
     bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
     bits |= _TRIP.FEEDBACK_INVALID if not finite else 0
-    bits |= _TRIP.CURRENT_IMPLAUSIBLE if compared and not within else 0
+    bits |= _CURRENTS if compared and not within else 0
     bits |= _TRIP.TORQUE_IMPLAUSIBLE if torque_astray and enabled and not m.limited else 0
     bits |= _TRIP.BRAKE_TEMPERATURE if brake_C > p.brake_trip_C else 0
     return bits | (_TRIP.ENABLE_LINE if line_open else 0)
