@@ -19,7 +19,7 @@ from motord.schema import FAULT_COUNT_SHIFT, Flag, State, Trip
 from tests.campaigns.fault_bench import STATES
 from tests.campaigns.fault_table import ENABLED, RUNNING
 from tests.support import stalls
-from tests.system.daemons import daemon, emulator, forgive, patient, wait_for
+from tests.system.daemons import daemon, emulator, forgive, patient, runtime_of, wait_for
 from tests.unit.emulate.benches import write_bench
 
 RATE_HZ = 500
@@ -177,7 +177,11 @@ def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) ->
     bench, truth = bench_file(folder), folder / "truth.mcap"
     config = load(bench)
     troubles, late_ms = [], []
-    with emulator(folder, bench, truth) as devices, daemon(folder, bench) as running:
+    with (
+        runtime_of(folder),
+        emulator(folder, bench, truth) as devices,
+        daemon(folder, bench) as running,
+    ):
         with running.connect() as client, client.lease("faults") as lease:
             for row in rows:
                 for state in states:

@@ -14,7 +14,15 @@ from motord.emulate.control import inject
 from motord.recording.reader import open_run
 from tests.firmware.images import emulated, with_other_layout
 from tests.support import stalls
-from tests.system.daemons import Program, daemon, forgive, patient, wait_for, wait_until
+from tests.system.daemons import (
+    Program,
+    daemon,
+    forgive,
+    patient,
+    runtime_of,
+    wait_for,
+    wait_until,
+)
 from tests.system.test_wire import hold
 from tests.unit.emulate.benches import write_bench
 
@@ -51,7 +59,8 @@ class Bench:
         )  # fmt: skip
 
     def inject(self, **fault):
-        inject(config.load(self.path), fault)
+        with runtime_of(self.folder):
+            inject(config.load(self.path), fault)
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import time
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from unittest import mock
 
 from motord import config
 from motord.client import connect
@@ -72,6 +73,13 @@ def children(pid):
         with suppress(OSError):  # a thread that ended meanwhile
             found += [int(child) for child in path.read_text().split()]
     return found
+
+
+@contextmanager
+def runtime_of(folder):
+    """Look for sockets where the programs of `folder` make them."""
+    with mock.patch.dict(os.environ, XDG_RUNTIME_DIR=str(folder)):
+        yield
 
 
 class Program:

@@ -9,7 +9,7 @@ from motord.config import load
 from motord.emulate import EmulatorError
 from motord.emulate.control import inject
 from tests.campaigns.fault_wire import FEW, WIRE_TABLE, session, wrong
-from tests.system.daemons import emulator
+from tests.system.daemons import emulator, runtime_of
 from tests.unit.emulate.benches import write_bench
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -27,7 +27,7 @@ def test_faults_by_command_and_what_cannot_be(tmp_path):
     from typer.testing import CliRunner
 
     bench = write_bench(tmp_path)
-    with emulator(tmp_path, bench, tmp_path / "truth.mcap"):
+    with runtime_of(tmp_path), emulator(tmp_path, bench, tmp_path / "truth.mcap"):
         run = CliRunner().invoke
         said = run(app, ["fault", "inject", "-c", str(bench), "can_drop", "fraction=0.5"])
         assert said.exit_code == 0

@@ -43,7 +43,7 @@ def drive_speed_rad_s(config):
     value = layout(modbus).value
     link = modbus_link(modbus.model_copy(update={"timeout_s": 5.0}))
     try:
-        return value.decode(link.ask(modbus.unit, read("holding", value.address, value.words)))
+        return value.decode(link.exchange(modbus.unit, read("holding", value.address, value.words)))
     finally:
         link.close()
 
