@@ -38,6 +38,7 @@ class Block:
 READ_BY = {
     ("docs/faults.md", "[[fault]]"): "faults",
     ("docs/import.md", 'motor = "motor.toml"            # [motor] and, if wanted,'): "map",
+    ("docs/how-to/add-an-experiment.md", "[project.entry-points"): "experiments",
     ("docs/how-to/add-a-driver.md", '[project.entry-points."motord.drivers"]'): "entry points",
 }
 """Blocks of TOML that are not part of a bench file; by the beginning of their first line."""

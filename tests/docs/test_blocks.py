@@ -12,7 +12,7 @@ import typer
 from motord import config
 from motord.cli import app
 from motord.config import Config
-from motord.config.experiments import plan_kinds
+from motord.config.experiments import GROUP, plan_kinds
 from motord.config.faults import Timeline
 from motord.experiments.plans import build
 from motord.importing.mapping import ImportMap
@@ -89,11 +89,17 @@ def test_toml_is_valid(block: Block) -> None:
         assert Timeline.model_validate(tables).fault
     elif kind == "map":
         assert ImportMap.model_validate(tables).columns
+    elif kind == "experiments":
+        [[group, experiments]] = tables["project"]["entry-points"].items()
+        assert group == GROUP
+        [example] = experiments.items()
+        assert example == ("spin_down", "spin_down:EXPERIMENT")  # as test_external.py announces it
+        assert (ROOT / "tests/unit/experiments/external/spin_down/__init__.py").exists()
     elif kind == "entry points":
-        from motord.hal.registry import GROUP
+        from motord.hal.registry import GROUP as DRIVERS
 
         [[group, drivers]] = tables["project"]["entry-points"].items()
-        assert group == GROUP
+        assert group == DRIVERS
         assert all(re.fullmatch(r"(inverter|bridge|brake|drive)\.\w+", name) for name in drivers)
     else:
         assert bench_with(tables).motor

@@ -1,0 +1,23 @@
+"""Friction torque over speed, from coast-downs of the free rotor."""
+
+from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.experiments.friction.settings import FrictionConfig
+
+EXPERIMENT = Experiment(
+    plans=(
+        PlanKind(
+            "friction",
+            "coast-downs of the free rotor in both directions, for the friction torque over speed",
+            FrictionConfig(),
+            make="motord.experiments.friction.plan:make",
+        ),
+    ),
+    analyses=(
+        AnalysisKind(
+            "friction",
+            "Find Coulomb, viscous and Stribeck friction from coast-downs of the free rotor.",
+            command="motord.experiments.friction.command:ANALYSIS",
+        ),
+    ),
+    position=65,
+)

@@ -1,0 +1,195 @@
+"""The linear fit of coast-downs of one direction, and which orders of cogging torque it has."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from motord.config import MotorConfig
+from motord.experiments.friction.coast_down import CoastDown
+from motord.identification import IdentifyError
+from motord.identification.cluster_robust_ls import LEAST_TURNS, ClusterFit, Regressors
+from motord.identification.orders import allowed_orders
+
+SHAFT_ORDERS = (1, 2)
+"""Orders of gravity on a rotor that is out of balance, and of a shaft out of line."""
+
+BACK_EMF_ORDERS = (1, 3, 5, 7)
+"""Electrical orders at which current offsets pull: those of the back-EMF."""
+
+SAMPLES_PER_PERIOD = 2.5
+"""Samples that the highest order needs in a period at the highest speed."""
+
+RELAXATION = 0.5
+"""Part of the way to the fitted angles that a round goes; the whole way goes to and fro."""
+
+ROUNDS_PER_ORDER = 3
+ROUNDS_MAX = 40
+
+SETTLED_RAD = 1e-5
+"""Change of the fitted angles from one round to the next below which they have settled."""
+
+STRIBECK_SPEEDS = 12
+"""Values of w_s that are tried before the search."""
+
+STRIBECK_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class CoastDownFit:
+    """Coast-downs of one direction, fitted without a Stribeck part.
+
+    q_rad, speeds_rad_s: (n,) of each, by the fit; values, columns of all, one after the other.
+    """
+
+    coasts: tuple[CoastDown, ...]
+    orders: np.ndarray
+    q_rad: tuple[np.ndarray, ...]
+    values: np.ndarray
+    columns: np.ndarray
+    cluster: np.ndarray
+    fit: ClusterFit
+
+    @classmethod
+    def of(
+        cls,
+        coasts: tuple[CoastDown, ...],
+        orders: Sequence[int],
+        q_rad: Sequence[np.ndarray],
+        at_rad_s: float = 0.0,
+    ) -> "CoastDownFit":
+        """Fit Coulomb and viscous friction and the torque at `orders`; q_rad: within integrals.
+
+        at_rad_s: w_s of a Stribeck part that is fitted, too.
+        """
+        pairs, order = list(zip(coasts, q_rad, strict=True)), np.array(orders, int)
+        values = np.concatenate([one.projected(one.q_rad) for one in coasts])
+        columns = np.concatenate([one.projected(one.twice(order, q)) for one, q in pairs])
+        if at_rad_s:
+            parts = [one.stribeck(np.gradient(q, one.t_s), at_rad_s)[:, :1] for one, q in pairs]
+            more = [one.projected(part) for one, part in zip(coasts, parts, strict=True)]
+            columns = np.hstack([columns, np.concatenate(more)])
+        cluster = np.repeat(np.arange(len(coasts)), [one.t_s.size for one in coasts])
+        fit = _cluster_robust(columns, cluster, values)
+        rests = np.split(fit.rest, np.flatnonzero(np.diff(cluster)) + 1)
+        fitted = tuple(
+            (1 - RELAXATION) * q + RELAXATION * (one.q_rad - rest)
+            for (one, q), rest in zip(pairs, rests, strict=True)
+        )
+        return cls(coasts, order, fitted, values, columns, cluster, fit)
+
+    def settled(self, at_rad_s: float) -> "CoastDownFit":
+        """Return the fit with its own angle within the integrals."""
+        group = self
+        for _ in range(ROUNDS_MAX):
+            new = CoastDownFit.of(group.coasts, group.orders.tolist(), group.q_rad, at_rad_s)
+            pairs = zip(group.q_rad, new.q_rad, strict=True)
+            if max(float(np.abs(after - before).max()) for before, after in pairs) < SETTLED_RAD:
+                return new
+            group = new
+        raise IdentifyError(
+            "the fit does not settle: near the stop speed the cogging torque nearly holds the "
+            "rotor; raise stop_speed_Hz"
+        )
+
+    def speeds_rad_s(self) -> list[np.ndarray]:
+        """Return the speed (n,) over each coast-down, by the fit."""
+        pairs = zip(self.coasts, self.q_rad, strict=True)
+        return [np.asarray(np.gradient(q, one.t_s)) for one, q in pairs]
+
+    def gain(self, order: int) -> float:
+        """Return by how much the Bayesian information criterion falls with one more order."""
+        pairs = zip(self.coasts, self.q_rad, strict=True)
+        more = np.concatenate([c.projected(c.twice(np.array([order]), q)[:, 2:]) for c, q in pairs])
+        wider = _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
+        n, rest = self.values.size, self.fit.rest
+        return float(n * np.log((rest @ rest) / (wider.rest @ wider.rest)) - 2 * np.log(n))
+
+    def with_stribeck(
+        self, speeds_rad_s: Sequence[np.ndarray], at_rad_s: float, scale: float = 0.0
+    ) -> ClusterFit:
+        """Fit a Stribeck part of w_s `at_rad_s`, too; with `scale` (S/J) w_s is free around it."""
+        more = np.concatenate(
+            [
+                one.projected(one.stribeck(speed, at_rad_s))
+                for one, speed in zip(self.coasts, speeds_rad_s, strict=True)
+            ]
+        )
+        more = more * [1.0, scale] if scale else more[:, :1]
+        return _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
+
+    def best_stribeck(self, speeds_rad_s: Sequence[np.ndarray], tried: np.ndarray) -> float:
+        """Return the w_s that fits best, near the best of those `tried` (n,), rising."""
+
+        def misfit(at_rad_s: float) -> float:
+            rest = self.with_stribeck(speeds_rad_s, at_rad_s).rest
+            return float(rest @ rest)
+
+        best = int(np.argmin([misfit(float(at)) for at in tried]))
+        bounds = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
+        return float(minimize_scalar(misfit, bounds=bounds, method="bounded").x)
+
+
+def fitted(
+    coasts: tuple[CoastDown, ...], motor: MotorConfig
+) -> tuple[CoastDownFit, list[np.ndarray]]:
+    """Return the fit with as many of the orders that there may be as the data need, and speeds.
+
+    The orders are taken best first; the fit is without a Stribeck part, the speeds with it.
+    """
+    fastest = max(float((np.diff(one.q_rad[::10])).max()) / 10 for one in coasts)
+    highest = int(2 * np.pi / (SAMPLES_PER_PERIOD * fastest))
+    left = {
+        *SHAFT_ORDERS,
+        *(motor.pole_pairs * order for order in BACK_EMF_ORDERS),
+        *allowed_orders(motor.slots, 2 * motor.pole_pairs, highest),
+    }
+    left = {order for order in left if order <= highest}
+    taken: list[int] = []
+    group = CoastDownFit.of(coasts, taken, [one.smooth_rad() for one in coasts])
+    for _ in range(STRIBECK_ROUNDS):
+        at_rad_s = _apparent_stribeck(CoastDownFit.of(coasts, taken, group.q_rad))
+        group = CoastDownFit.of(coasts, taken, group.q_rad, at_rad_s)
+    while left:
+        gains = {order: group.gain(order) for order in sorted(left)}
+        best = max(gains, key=gains.__getitem__)
+        if gains[best] <= 0:
+            break
+        left.remove(best)
+        taken = sorted([*taken, best])
+        for _ in range(ROUNDS_PER_ORDER):
+            group = CoastDownFit.of(coasts, taken, group.q_rad, at_rad_s)
+    group = group.settled(at_rad_s)
+    plain = CoastDownFit.of(coasts, taken, group.q_rad) if at_rad_s else group
+    return plain, group.speeds_rad_s()
+
+
+def _apparent_stribeck(group: CoastDownFit) -> float:
+    """Return w_s of the Stribeck part that fits best before any cogging torque, 0 if none helps.
+
+    It may not be real; without it, a real one would be taken for cogging torque.
+    """
+    speeds = group.speeds_rad_s()
+    low, high = min(float(s.min()) for s in speeds), max(float(s.max()) for s in speeds)
+    tried = np.geomspace(max(low, 0.05 * high), 0.5 * high, STRIBECK_SPEEDS)
+    best = group.best_stribeck(speeds, tried)
+    rest, n = group.with_stribeck(speeds, best).rest, group.values.size
+    gain = n * np.log(float(group.fit.rest @ group.fit.rest) / float(rest @ rest)) - 2 * np.log(n)
+    return best if gain > 0 else 0.0
+
+
+def _cluster_robust(columns: np.ndarray, cluster: np.ndarray, values: np.ndarray) -> ClusterFit:
+    """Return the fit with the covariance of how the coast-downs differ alone, if they are enough.
+
+    That of white noise is no lower limit for it: the encoder's rounding changes from sample to
+    sample, and moves a fit of smooth columns less.
+    """
+    regressors = Regressors.of(columns, cluster)
+    fit = regressors.fit(values)
+    clusters = regressors.first.size
+    if clusters < LEAST_TURNS:
+        return fit
+    scores = np.add.reduceat(columns * fit.rest[:, None], regressors.first)
+    influence = regressors.inverse @ scores.T
+    return replace(fit, covariance=influence @ influence.T * clusters / (clusters - 1))

@@ -1,0 +1,57 @@
+"""`motord analyse friction`: friction torque over speed from coast-downs of the free rotor."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from motord.experiments.analysis import Analysis, encode, header
+from motord.experiments.friction.estimate import measure
+from motord.experiments.friction.recordings import coast_downs, inertia_of, settings_of
+from motord.experiments.friction.report import part_rows, report
+from motord.experiments.friction.result import Friction
+from motord.experiments.subject import Recordings
+from motord.report.text import Table
+
+
+def estimate(
+    recordings: Recordings,
+    inertia: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Result of `motord analyse inertia`, JSON."),
+    ] = None,
+) -> Friction:
+    """Return the friction. Raises AnalysisError, ConfigError, IdentifyError, OSError."""
+    settings = settings_of(recordings.runs, recordings.config)
+    known = inertia_of(inertia, settings)
+    motor = recordings.subject.motor
+    return measure(tuple(coast_downs(recordings.runs, motor)), motor, known)
+
+
+def _text(found: Friction, _: Recordings) -> Iterator[str | Table]:
+    yield Table(
+        f"friction from {found.coast_downs} coast-downs, 95 % intervals",
+        ("", *(one.direction for one in found.directions)),
+        part_rows(found, "+-"),
+        left=(0,),
+    )
+    for finding in found.findings:
+        yield f"- {finding.severity}: {finding.meaning}; {finding.action}"
+    for note in found.notes:
+        yield f"- {note}"
+
+
+ANALYSIS = Analysis(
+    estimate,
+    json=lambda found, recordings: {
+        **header(
+            recordings, "motord.friction/1", "name", "serial", "slots", "pole_pairs", "counts"
+        ),
+        **encode(found),
+    },
+    report=report,
+    text=_text,
+    details="The moment of inertia is that of --inertia FILE, else of inertia_kg_m2 in "
+    "[plans.friction]: of the bench file of -c, or as recorded.",
+)

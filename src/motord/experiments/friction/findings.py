@@ -1,0 +1,99 @@
+"""What is questionable about coast-downs, each with its meaning and what to do."""
+
+from collections.abc import Sequence
+from math import hypot, pi, sqrt
+
+import numpy as np
+
+from motord.config import MotorConfig
+from motord.experiments.friction.result import DirectionalFriction, FrictionFinding, Inertia
+
+FEW_COAST_DOWNS = 6
+"""Coast-downs of a direction from which on the errors are taken from how they differ."""
+
+RESIDUAL_COUNTS = 2.0
+"""RMS of the residual, in that of the encoder's rounding, above which the model is not enough."""
+
+RIPPLE_MAX = 0.4
+"""Part of the least speed by which the cogging torque may change it."""
+
+
+def findings(
+    directions: Sequence[DirectionalFriction], motor: MotorConfig, inertia: Inertia
+) -> tuple[FrictionFinding, ...]:
+    """Return what is questionable, of each direction and of both."""
+    found = [each for one in directions for each in _of_direction(one, motor, inertia)]
+    if len(directions) == 2:
+        found += _difference(*directions)
+    else:
+        found.append(
+            FrictionFinding(
+                "one direction", 1.0, 2.0, "directions", "warning",
+                f"all coast-downs turn {directions[0].direction}: a constant torque, such as that "
+                "of gravity or of a cable, looks like friction",
+                "take coast-downs in the other direction, too",
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def _of_direction(
+    one: DirectionalFriction, motor: MotorConfig, inertia: Inertia
+) -> list[FrictionFinding]:
+    found = []
+    if one.coast_downs < FEW_COAST_DOWNS:
+        found.append(
+            FrictionFinding(
+                "few coast-downs", one.coast_downs, FEW_COAST_DOWNS, "coast-downs", "warning",
+                f"{one.direction}: what differs between coast-downs is not in the intervals",
+                "raise repeats",
+            )
+        )  # fmt: skip
+    rounding_rad = 2 * pi / motor.counts / sqrt(12)
+    if one.residual_rad > RESIDUAL_COUNTS * rounding_rad:
+        found.append(
+            FrictionFinding(
+                "residual", one.residual_rad, RESIDUAL_COUNTS * rounding_rad, "rad", "warning",
+                f"{one.direction}: the angles differ from the fit by more than the encoder's "
+                "rounding: another torque acts on the rotor, or its friction changes",
+                "see the residual in the report; brake released? shaft free of cables and belt?",
+            )
+        )  # fmt: skip
+    ripple = _ripple(one, inertia)
+    if ripple > RIPPLE_MAX:
+        found.append(
+            FrictionFinding(
+                "cogging at the stop speed", ripple, RIPPLE_MAX, "parts", "warning",
+                f"{one.direction}: cogging torque changes the speed by up to {100 * ripple:.0f} % "
+                f"near the least one, {one.speed_min_rad_s:.3g} rad/s: what is not known of it "
+                "there looks like friction that changes with speed, such as a Stribeck part",
+                "raise stop_speed_Hz",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _ripple(one: DirectionalFriction, inertia: Inertia) -> float:
+    """Return the change of speed by the cogging torque's energy, in parts of the least speed."""
+    energy_J = sum(2 * line.amplitude_Nm / line.order for line in one.cogging)
+    fast_rad_s = sqrt(one.speed_min_rad_s**2 + 2 * energy_J / inertia.kg_m2)
+    return fast_rad_s / one.speed_min_rad_s - 1.0
+
+
+def _difference(
+    forwards: DirectionalFriction, backwards: DirectionalFriction
+) -> list[FrictionFinding]:
+    """Return a finding where Coulomb friction differs; the inertia is common to both."""
+    apart_Nm = forwards.coulomb_Nm - backwards.coulomb_Nm
+    limit_Nm = hypot(forwards.fit_coulomb_Nm, backwards.fit_coulomb_Nm)
+    if not np.abs(apart_Nm) > limit_Nm:
+        return []
+    return [
+        FrictionFinding(
+            "directions differ", abs(apart_Nm), limit_Nm, "Nm", "note",
+            f"Coulomb friction is {1e3 * abs(apart_Nm):.3g} mNm more "
+            f"{'forwards' if apart_Nm > 0 else 'backwards'}: half of it is a torque that acts in "
+            "one direction whatever way the rotor turns, or bearing and seal differ",
+            "use the value of each direction; look for a cable or a belt on the shaft",
+        )
+    ]  # fmt: skip

@@ -1,0 +1,123 @@
+"""Pictures of a friction run: torque over speed, coast-downs, residuals."""
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from motord.experiments.friction.result import CoastFit, DirectionalFriction
+from motord.report.style import AFTER, BEFORE, GRID, INK, SOFT, drawing, figure
+
+COLOURS = {"forwards": AFTER, "backwards": BEFORE}
+
+DOT_SAMPLES = 100
+"""Samples from one dot to the next."""
+
+LINE_SAMPLES = 4
+"""Samples from one point of a line to the next."""
+
+
+def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
+    """Return friction torque over speed with its band, and the band's half width."""
+    with drawing():
+        picture = figure(3.6)
+        left, right = picture.subplots(1, 2, width_ratios=[1.6, 1.0])
+        for one in directions:
+            colour = COLOURS[one.direction]
+            speed, value, low, high = _curve(one)
+            left.fill_between(speed, low, high, color=colour, alpha=0.25, linewidth=0)
+            left.plot(speed, value, color=colour, label=one.direction)
+            coulomb_mNm = 1e3 * np.sign(value[0]) * one.coulomb_Nm
+            left.plot(
+                [0, speed[np.argmax(np.abs(speed))]], [coulomb_mNm, coulomb_mNm],
+                color=SOFT, linewidth=0.9, linestyle=(0, (4, 3)),
+            )  # fmt: skip
+            right.plot(np.abs(speed), (high - low) / 2, color=colour)
+        for axis in (left.axhline, left.axvline):
+            axis(0, color=SOFT, linewidth=0.8, zorder=0)
+        left.set_xlabel("speed (rad/s)")
+        left.set_ylabel("friction torque (mNm)")
+        right.set_xlim(left=0)
+        right.set_ylim(bottom=0)
+        right.set_xlabel("speed, either way (rad/s)")
+        right.set_ylabel("half of the 95 % interval (mNm)")
+        _legend(picture, left)
+        return picture
+
+
+def coast_downs(directions: Sequence[DirectionalFriction]) -> Figure:
+    """Return speeds over time of all coast-downs, and angles with the fit."""
+    with drawing():
+        picture = figure(3.4)
+        left, right = picture.subplots(1, 2)
+        for one in directions:
+            colour = COLOURS[one.direction]
+            for number, fit in enumerate(one.fits):
+                label = one.direction if number == 0 else None
+                line, dots = slice(None, None, LINE_SAMPLES), slice(None, None, DOT_SAMPLES)
+                left.plot(
+                    fit.t_s[line], fit.speed_rad_s[line], color=colour, linewidth=0.6, alpha=0.7,
+                    label=label,
+                )  # fmt: skip
+                turns = fit.angle_rad / (2 * np.pi)
+                right.plot(
+                    fit.t_s[line], _fitted_turns(fit)[line], color=colour, linewidth=0.6, alpha=0.7
+                )
+                right.plot(fit.t_s[dots], turns[dots], ".", color=colour, markersize=3.0)
+        left.set_ylim(bottom=0)
+        left.set_xlabel("time (s)")
+        left.set_ylabel("speed, either way (rad/s)")
+        right.set_xlabel("time (s)")
+        right.set_ylabel("turns")
+        _legend(picture, left)
+        return picture
+
+
+def residuals(directions: Sequence[DirectionalFriction], rounding_rad: float) -> Figure:
+    """Return angle less fit over time, one picture for each direction."""
+    with drawing():
+        picture = figure(3.0)
+        every = picture.subplots(1, len(directions), sharey=True, squeeze=False)[0]
+        for axes, one in zip(every, directions, strict=True):
+            half_mrad = 1e3 * sqrt(3) * rounding_rad
+            axes.axhspan(-half_mrad, half_mrad, color=GRID, zorder=0)
+            for fit in one.fits:
+                axes.plot(
+                    fit.t_s[::LINE_SAMPLES], 1e3 * fit.residual_rad[::LINE_SAMPLES],
+                    color=COLOURS[one.direction], linewidth=0.4, alpha=0.5,
+                )  # fmt: skip
+            t_s, rms_rad = _rms(one.fits)
+            axes.plot(t_s, 1e3 * rms_rad, color=INK, linewidth=1.6)
+            axes.set_title(one.direction)
+            axes.set_xlabel("time (s)")
+        every[0].set_ylabel("angle less fit (mrad)")
+        return picture
+
+
+def _curve(one: DirectionalFriction) -> tuple[np.ndarray, ...]:
+    """Return speeds (rad/s), torques and both limits (mNm)."""
+    points = [(p.speed_rad_s, p.torque_Nm, p.low_Nm, p.high_Nm) for p in one.curve]
+    return tuple(np.array(points).T * np.array([[1.0], [1e3], [1e3], [1e3]]))
+
+
+def _fitted_turns(fit: CoastFit) -> np.ndarray:
+    return np.asarray((fit.angle_rad - fit.residual_rad) / (2 * np.pi))
+
+
+def _rms(fits: Sequence[CoastFit]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the RMS of the residuals over all coast-downs in 50 parts of their time."""
+    t_s = np.concatenate([fit.t_s for fit in fits])
+    square = np.concatenate([fit.residual_rad for fit in fits]) ** 2
+    edges = np.linspace(0, min(fit.t_s[-1] for fit in fits), 51)
+    place = np.searchsorted(edges, t_s, side="right") - 1
+    inside = place < 50
+    total = np.bincount(place[inside], square[inside], 50)
+    number = np.maximum(np.bincount(place[inside], minlength=50), 1)
+    return (edges[1:] + edges[:-1]) / 2, np.sqrt(total / number)
+
+
+def _legend(picture: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    picture.legend(handles, labels, loc="outside upper left", ncols=2)

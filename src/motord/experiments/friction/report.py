@@ -1,0 +1,119 @@
+"""The report of a friction run: friction over speed, coast-downs with their fit, what is left."""
+
+from collections.abc import Callable
+from math import pi, sqrt
+
+from motord.experiments.friction.plots import coast_downs, friction_over_speed, residuals
+from motord.experiments.friction.result import DirectionalFriction, Friction
+from motord.experiments.subject import Recordings, facts
+from motord.report.html import Page
+
+
+def report(found: Friction, recordings: Recordings) -> Page:
+    """Return a page of its own."""
+    subject = recordings.subject
+    page = Page("Friction of the free rotor", f"{subject.motor.name} on bench {subject.bench}")
+    page.table([], facts(subject, recordings.names))
+    fill(page, found, subject.motor.counts)
+    return page
+
+
+def fill(page: Page, found: Friction, counts: int) -> None:
+    """Add the friction run to a page; counts: of the encoder in a turn."""
+    page.heading("Friction torque over speed")
+    page.picture(
+        friction_over_speed(found.directions),
+        "Friction torque (mNm) over speed in both directions of turning, from the coast-downs "
+        "with their 95 % interval (shaded), over the speeds that were seen. Dashed: Coulomb "
+        "friction alone.",
+    )
+    page.table(
+        ["95 % intervals", *(one.direction for one in found.directions)],
+        part_rows(found, "\u00b1"),
+        numbers=True,
+    )
+    page.points(found.notes)
+    if found.findings:
+        page.subheading("Findings")
+        page.table(
+            ["finding", "value", "limit", "what it means", "what to do"],
+            [
+                [
+                    f"{one.name} ({one.severity})", f"{one.value:.3g} {one.unit}",
+                    f"{one.limit:.3g} {one.unit}", one.meaning, one.action,
+                ]
+                for one in found.findings
+            ],
+        )  # fmt: skip
+    page.heading("Coast-downs")
+    page.picture(
+        coast_downs(found.directions),
+        "Speed of the rotor without current, by the fit: cogging torque and current offsets make "
+        "its ripple. Right: the angle (dots, every hundredth sample) with the fit through it.",
+    )
+    rounding_rad = 2 * pi / counts / sqrt(12)
+    page.picture(
+        residuals(found.directions, rounding_rad),
+        "Measured angle less the fit, of each coast-down and as an RMS over all of them; shaded: "
+        f"half a count of the encoder, whose rounding alone has an RMS of {1e3 * rounding_rad:.2g} "
+        "mrad. What repeats from coast-down to coast-down is torque that the fit does not have.",
+    )
+    page.subheading("Torque without current that does no work over a turn")
+    page.table(
+        ["order per turn", *(f"{one.direction} (mNm)" for one in found.directions)],
+        _cogging_rows(found),
+        numbers=True,
+    )
+
+
+def part_rows(found: Friction, pm: str) -> list[list[str]]:
+    """Return rows of the friction's parts, a column for each direction; pm: plus-minus sign."""
+
+    def row(name: str, text: Callable[[DirectionalFriction], str]) -> list[str]:
+        return [name, *map(text, found.directions)]
+
+    rows = [
+        row(
+            "Coulomb (mNm)",
+            lambda f: (
+                f"{1e3 * f.coulomb_Nm:.3f} {pm} {1e3 * (f.coulomb_high_Nm - f.coulomb_Nm):.3f}"
+            ),
+        ),
+        row(
+            "viscous (mNm s/rad)",
+            lambda f: (
+                f"{1e3 * f.viscous_Nm_s_per_rad:.4f} {pm} "
+                f"{1e3 * (f.viscous_high_Nm_s_per_rad - f.viscous_Nm_s_per_rad):.4f}"
+            ),
+        ),
+        row("Stribeck (mNm)", lambda f: _stribeck_torque(f, pm)),
+    ]
+    if any(one.stribeck for one in found.directions):
+        rows.append(row("Stribeck speed (rad/s)", lambda f: _stribeck_speed(f, pm)))
+    rows += [
+        row("speeds seen (rad/s)", lambda f: f"{f.speed_min_rad_s:.3g} to {f.speed_max_rad_s:.3g}"),
+        row("coast-downs", lambda f: str(f.coast_downs)),
+        row("RMS residual (mrad)", lambda f: f"{1e3 * f.residual_rad:.3f}"),
+    ]
+    return rows
+
+
+def _stribeck_torque(one: DirectionalFriction, pm: str) -> str:
+    if one.stribeck is None:
+        return f"not seen: at most {1e3 * (one.stribeck_limit_Nm or 0.0):.2g}"
+    s = one.stribeck
+    return f"{1e3 * s.torque_Nm:.3f} {pm} {1e3 * (s.high_Nm - s.torque_Nm):.3f}"
+
+
+def _stribeck_speed(one: DirectionalFriction, pm: str) -> str:
+    s = one.stribeck
+    return f"{s.speed_rad_s:.3g} {pm} {s.speed_high_rad_s - s.speed_rad_s:.2g}" if s else ""
+
+
+def _cogging_rows(found: Friction) -> list[list[str]]:
+    by_direction = [
+        {line.order: f"{1e3 * line.amplitude_Nm:.2f}" for line in one.cogging}
+        for one in found.directions
+    ]
+    orders = sorted({order for lines in by_direction for order in lines})
+    return [[str(order), *(lines.get(order, "") for lines in by_direction)] for order in orders]

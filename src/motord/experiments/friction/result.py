@@ -1,0 +1,180 @@
+"""Friction as it was found: Coulomb, viscous and Stribeck part of each direction."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+Direction = Literal["forwards", "backwards"]
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """The moment of inertia that torques follow from; relative_uncertainty: standard, in parts."""
+
+    kg_m2: float
+    relative_uncertainty: float
+    source: str
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """Friction torque at a speed, both positive forwards, with its 95 % interval."""
+
+    speed_rad_s: float
+    torque_Nm: float
+    low_Nm: float
+    high_Nm: float
+
+
+@dataclass(frozen=True)
+class Stribeck:
+    """S exp(-(speed / w_s)^2) with 95 % intervals; only where it is significant."""
+
+    torque_Nm: float
+    low_Nm: float
+    high_Nm: float
+    speed_rad_s: float
+    speed_low_rad_s: float
+    speed_high_rad_s: float
+
+
+@dataclass(frozen=True)
+class CoggingLine:
+    """An order per turn of the torque without current, fitted along with the friction."""
+
+    order: int
+    amplitude_Nm: float
+
+
+@dataclass(frozen=True)
+class CoastFit:
+    """A coast-down and its fit; angles (n,) are in the direction of turning, from the start on."""
+
+    run: str
+    index: int
+    t_s: np.ndarray
+    angle_rad: np.ndarray
+    speed_rad_s: np.ndarray
+    residual_rad: np.ndarray
+
+
+@dataclass(frozen=True)
+class DirectionalFriction:
+    """Friction of one direction of turning; all intervals hold with 95 %.
+
+    stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed. fit_*:
+    the half width from the coast-downs alone, without the inertia's uncertainty, which scales
+    both directions alike.
+    """
+
+    JSON: ClassVar[dict[str, str]] = {
+        **{
+            name: name
+            for name in (
+                *("direction", "coast_downs", "speed_min_rad_s", "speed_max_rad_s"),
+                *("coulomb_Nm", "coulomb_low_Nm", "coulomb_high_Nm"),
+                *("viscous_Nm_s_per_rad", "viscous_low_Nm_s_per_rad", "viscous_high_Nm_s_per_rad"),
+            )
+        },
+        "coulomb_fit_Nm": "fit_coulomb_Nm",
+        "viscous_fit_Nm_s_per_rad": "fit_viscous_Nm_s_per_rad",
+        "stribeck": "stribeck",
+        "stribeck_limit_Nm": "stribeck_limit_Nm",
+        "cogging": "cogging",
+        "residual_rad": "residual_rad",
+    }
+
+    direction: Direction
+    coast_downs: int
+    speed_min_rad_s: float
+    speed_max_rad_s: float
+    coulomb_Nm: float
+    coulomb_low_Nm: float
+    coulomb_high_Nm: float
+    fit_coulomb_Nm: float
+    viscous_Nm_s_per_rad: float
+    viscous_low_Nm_s_per_rad: float
+    viscous_high_Nm_s_per_rad: float
+    fit_viscous_Nm_s_per_rad: float
+    stribeck: Stribeck | None
+    stribeck_limit_Nm: float | None
+    cogging: tuple[CoggingLine, ...]
+    residual_rad: float
+    curve: tuple[CurvePoint, ...]
+    fits: tuple[CoastFit, ...]
+
+
+@dataclass(frozen=True)
+class FrictionFinding:
+    """Something about the data that a user should know: value beyond its limit, and what to do."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+    severity: Literal["note", "warning"]
+    meaning: str
+    action: str
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction torque over speed, with what is questionable about it."""
+
+    JSON = (
+        "inertia_kg_m2", "inertia_relative_uncertainty", "inertia_source", "coast_downs",
+        "directions", "curve", "residual_rad", "findings", "notes",
+    )  # fmt: skip
+
+    inertia: Inertia
+    directions: tuple[DirectionalFriction, ...]
+    findings: tuple[FrictionFinding, ...]
+
+    @property
+    def inertia_kg_m2(self) -> float:
+        """Moment of inertia that torques follow from."""
+        return self.inertia.kg_m2
+
+    @property
+    def inertia_relative_uncertainty(self) -> float:
+        """Its standard uncertainty in parts."""
+        return self.inertia.relative_uncertainty
+
+    @property
+    def inertia_source(self) -> str:
+        """Where it is from."""
+        return self.inertia.source
+
+    @property
+    def coast_downs(self) -> int:
+        """Number of coast-downs of both directions."""
+        return sum(one.coast_downs for one in self.directions)
+
+    @property
+    def curve(self) -> tuple[CurvePoint, ...]:
+        """Friction torque from the fastest backwards to the fastest forwards."""
+        points = (point for one in self.directions for point in one.curve)
+        return tuple(sorted(points, key=lambda point: point.speed_rad_s))
+
+    @property
+    def residual_rad(self) -> float:
+        """RMS of the angles less their fit."""
+        rests = [fit.residual_rad for one in self.directions for fit in one.fits]
+        return float(np.sqrt(np.mean(np.concatenate(rests) ** 2)))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is worth knowing of the result, in sentences."""
+        said = [
+            f"{one.direction}: no Stribeck part seen down to {one.speed_min_rad_s:.3g} rad/s: at "
+            f"most {one.stribeck_limit_Nm:.2g} Nm there"
+            for one in self.directions
+            if one.stribeck is None
+        ]
+        share = 1.96 * self.inertia.relative_uncertainty
+        said.append(
+            f"all torques are in proportion to the inertia, {self.inertia_kg_m2:.5g} kg m2 "
+            f"({self.inertia.source}, +-{100 * share:.2g} %)"
+        )
+        return said

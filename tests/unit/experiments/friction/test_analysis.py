@@ -1,0 +1,178 @@
+"""The plan and the analysis on the packaged rig, from simulation to report; what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from motord.cli import app
+from motord.config import Config, ConfigError, load, packaged
+from motord.config.experiments import plan_kinds
+from motord.experiments.plans import build
+from motord.recording.metadata import describe
+from motord.recording.reader import open_run
+from motord.recording.writer import RunWriter
+from motord.sequencing import PlanError
+from motord.virtual.mesh import processors
+from motord.virtual.preflight import forecasts
+
+INERTIA_KG_M2, COULOMB_NM, VISCOUS_NM_S_PER_RAD = 0.0105, 0.03, 0.002
+
+
+def invoke(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(each) for each in arguments])
+    return result.exit_code, " ".join(result.output.split())
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("friction") / "friction.mcap"
+    code, output = invoke("simulate", "friction", "-o", path, "--set", "repeats=6")
+    assert code == 0, output
+    return path
+
+
+@pytest.fixture
+def inertia(tmp_path: Path) -> Path:
+    path = tmp_path / "inertia.json"
+    content = {
+        "schema": "motord.inertia/1",
+        "inertia_kg_m2": INERTIA_KG_M2,
+        "uncertainty_kg_m2": 0.01 * INERTIA_KG_M2,
+    }
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_the_packaged_rig_has_the_friction_that_is_found(
+    recorded: Path, inertia: Path, tmp_path: Path
+) -> None:
+    output, report = tmp_path / "f.json", tmp_path / "f.html"
+    arguments = ("--inertia", inertia, "-o", output, "--report", report)
+    code, text = invoke("analyse", "friction", recorded, *arguments)
+    assert code == 0, text
+    assert "Coulomb (mNm)" in text
+    assert "no Stribeck part seen" in text
+    found = json.loads(output.read_text())
+    assert found["schema"] == "motord.friction/1"
+    assert found["coast_downs"] == 12
+    assert [one["direction"] for one in found["directions"]] == ["forwards", "backwards"]
+    for one in found["directions"]:
+        assert one["coulomb_Nm"] == pytest.approx(COULOMB_NM, rel=0.05)
+        assert one["coulomb_low_Nm"] < COULOMB_NM < one["coulomb_high_Nm"]
+        viscous = one["viscous_Nm_s_per_rad"]
+        assert viscous == pytest.approx(VISCOUS_NM_S_PER_RAD, rel=0.1)
+        low, high = one["viscous_low_Nm_s_per_rad"], one["viscous_high_Nm_s_per_rad"]
+        assert low < VISCOUS_NM_S_PER_RAD < high
+        assert one["stribeck"] is None
+    page = report.read_text()
+    assert page.count("<svg") == 3
+    assert "Friction torque over speed" in page
+
+
+def test_without_an_inertia_it_says_what_to_do(recorded: Path) -> None:
+    code, text = invoke("analyse", "friction", recorded)
+    assert code == 1
+    assert "motord analyse inertia" in text
+    assert "inertia_kg_m2" in text
+
+
+def test_the_inertia_may_stand_in_the_bench_file(recorded: Path, tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    rig = packaged("report.rig.toml")
+    text = packaged("sim.toml").read_text().replace('"report.rig.toml"', f'"{rig}"')
+    bench.write_text(text + "\n[plans.friction]\ninertia_kg_m2 = 0.021\ninertia_tolerance = 0.1\n")
+    code, output = invoke("analyse", "friction", recorded, "-c", bench, "--json")
+    assert code == 0, output
+    found = json.loads(output)
+    assert found["inertia_relative_uncertainty"] == pytest.approx(0.1 / 3**0.5)
+    assert found["directions"][0]["coulomb_Nm"] == pytest.approx(2 * COULOMB_NM, rel=0.05)
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"schema": "motord.inertia/1"}', "[1]"])
+def test_a_file_that_is_no_inertia_is_refused(recorded: Path, tmp_path: Path, content: str) -> None:
+    path = tmp_path / "j.json"
+    path.write_text(content)
+    code, text = invoke("analyse", "friction", recorded, "--inertia", path)
+    assert code == 1
+    assert "is no result of `motord analyse inertia" in text
+
+
+@pytest.mark.parametrize(
+    ("plan", "message"), [({"name": "verify"}, "is of the plan verify"), ({}, "names no plan")]
+)
+def test_recordings_of_another_plan_are_refused(
+    tmp_path: Path, inertia: Path, plan: dict[str, str], message: str
+) -> None:
+    path = tmp_path / "other.mcap"
+    with RunWriter(path, describe(load(), packaged("sim.toml").read_text(), plan=plan)):
+        pass
+    code, text = invoke("analyse", "friction", path, "--inertia", inertia)
+    assert code == 1
+    assert message in text
+
+
+def test_a_recording_without_coast_downs_is_refused(tmp_path: Path, inertia: Path) -> None:
+    path = tmp_path / "empty.mcap"
+    plan = {"name": "friction", "settings": {}}
+    with RunWriter(path, describe(load(), packaged("sim.toml").read_text(), plan=plan)):
+        pass
+    code, text = invoke("analyse", "friction", path, "--inertia", inertia)
+    assert code == 1
+    assert text.startswith("motord: ")
+
+
+def test_coast_downs_go_both_ways_in_turn_and_are_without_torque(recorded: Path) -> None:
+    run = open_run(recorded)
+    points = run.operating_points()
+    assert [point["torque_Nm"] > 0 for point in points] == [True, False] * 6
+    assert {point["quality"] for point in points} == {"ok"}
+    for point in points:
+        ticks = run.ticks(
+            ("torque_set_Nm", "plan_point", "speed_rad_s"),
+            from_ns=int(point["t_start_ns"]),
+            to_ns=int(point["t_end_ns"]),
+        )
+        assert not ticks["torque_set_Nm"].any()
+        assert abs(float(ticks["speed_rad_s"][0])) > 2 * 3.14 * 2.0
+
+
+def test_a_dry_run_finds_every_point_fine() -> None:
+    config = load()
+    plan = build("friction", config, {"repeats": 1})
+    with processors() as pool:
+        found = list(forecasts(config, plan, None, pool, 120.0))
+    assert [each.fine for each in found] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"torque_Nm": 60.0}, "above .limits. torque_Nm"),
+        ({"start_speed_Hz": 3.0}, "within 20 % of the over-speed trip"),
+        ({"stop_speed_Hz": 2.5}, "stop_speed_Hz must be below start_speed_Hz"),
+        ({"speed_Hz": 1.0}, "setting speed_Hz"),
+        ({"compensate": "on"}, "compensate is always 'off'"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(PlanError, match=message):
+        build("friction", load(), settings)
+
+
+def test_an_unknown_key_of_its_section_is_named(tmp_path: Path) -> None:
+    bench = tmp_path / "bench.toml"
+    bench.write_text(packaged("sim.toml").read_text() + "\n[plans.friction]\nrepeat = 3\n")
+    with pytest.raises(ConfigError, match=r"plans\.friction\.repeat"):
+        load(bench)
+
+
+def test_keys_of_its_section() -> None:
+    config: Config = load()
+    settings = plan_kinds()["friction"].settings.model_dump()
+    assert set(settings) == {
+        "start_speed_Hz", "stop_speed_Hz", "torque_Nm", "repeats", "timeout_s", "temperature_C",
+        "inertia_kg_m2", "inertia_tolerance",
+    }  # fmt: skip
+    assert len(build("friction", config, {"repeats": 3}).points) == 6

@@ -1,0 +1,184 @@
+"""The estimate on coast-downs of known friction: bias, coverage, Stribeck part, what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from motord.experiments.analysis import encode
+from motord.experiments.friction.coast_down import CoastDown
+from motord.experiments.friction.result import DirectionalFriction, Inertia
+from motord.identification import IdentifyError
+from tests.unit.experiments.friction.coasting import INERTIA, Rotor, coast_downs, friction
+
+SEEDS = 200
+STRIBECK = Rotor(stribeck_Nm=0.02, cogging=((16, 0.002, 0.0),))
+
+
+def holds(low: float, value: float, high: float) -> bool:
+    return low < value < high
+
+
+def both_hold(one: DirectionalFriction, rotor: Rotor) -> bool:
+    return holds(one.coulomb_low_Nm, rotor.coulomb_Nm, one.coulomb_high_Nm) and holds(
+        one.viscous_low_Nm_s_per_rad, rotor.viscous_Nm_s_per_rad, one.viscous_high_Nm_s_per_rad
+    )
+
+
+@pytest.mark.parametrize(
+    ("rotor", "seeds", "most"),
+    [
+        (Rotor(cogging=()), SEEDS, 0.99),
+        (Rotor(), 60, 1.0),  # cogging torque is fitted along, and intervals are too wide by half
+    ],
+)
+def test_intervals_hold_the_truth_as_often_as_they_say(
+    rotor: Rotor, seeds: int, most: float
+) -> None:
+    errors, inside = [], []
+    for seed in range(seeds):
+        coasts = coast_downs(np.random.default_rng(seed), rotor, 8, longest_step=5)
+        (one,) = friction(coasts).directions
+        errors.append((one.coulomb_Nm - rotor.coulomb_Nm) / one.fit_coulomb_Nm)
+        viscous = one.viscous_low_Nm_s_per_rad, one.viscous_high_Nm_s_per_rad
+        inside.append(
+            (
+                holds(one.coulomb_low_Nm, rotor.coulomb_Nm, one.coulomb_high_Nm),
+                holds(viscous[0], rotor.viscous_Nm_s_per_rad, viscous[1]),
+            )
+        )
+    coverage = np.mean(inside, axis=0)
+    assert (coverage >= 0.90).all(), coverage
+    assert (coverage <= most).all(), coverage
+    assert abs(np.mean(errors)) < 0.3  # bias, in halves of an interval
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("longest_step", [1, 4])
+def test_cogging_and_friction_are_told_apart(direction: int, longest_step: int) -> None:
+    rotor = Rotor()
+    rng = np.random.default_rng(5)
+    coasts = coast_downs(rng, rotor, 8, direction=direction, longest_step=longest_step)
+    (one,) = friction(coasts).directions
+    assert one.direction == ("forwards" if direction > 0 else "backwards")
+    assert one.coulomb_Nm == pytest.approx(rotor.coulomb_Nm, rel=0.02)
+    assert one.viscous_Nm_s_per_rad == pytest.approx(rotor.viscous_Nm_s_per_rad, rel=0.02)
+    lines = {line.order: line.amplitude_Nm for line in one.cogging}
+    assert lines[16] == pytest.approx(np.hypot(0.05, 0.02), rel=0.05)
+    assert lines[48] == pytest.approx(np.hypot(0.1, 0.2), rel=0.05)
+    assert one.stribeck is None
+    assert one.residual_rad == pytest.approx(2 * np.pi / 4096 / np.sqrt(12), rel=0.1)
+
+
+def test_cogging_that_is_not_fitted_would_be_seen_in_the_residual() -> None:
+    rotor = Rotor(cogging=((5, 0.1, 0.0),))  # no order of 48 slots and 16 poles
+    found = friction(coast_downs(np.random.default_rng(1), rotor, 8))
+    assert "residual" in {finding.name for finding in found.findings}
+
+
+def test_a_stribeck_part_is_found_with_its_speed() -> None:
+    rng = np.random.default_rng(2)
+    found = friction(coast_downs(rng, STRIBECK, 10, start_rad_s=8.0, stop_rad_s=0.6))
+    (one,) = found.directions
+    assert one.stribeck is not None
+    assert one.stribeck_limit_Nm is None
+    assert one.stribeck.torque_Nm == pytest.approx(0.02, rel=0.01)
+    assert one.stribeck.speed_rad_s == pytest.approx(2.0, rel=0.01)
+    assert both_hold(one, STRIBECK)
+    for point in one.curve:
+        w = point.speed_rad_s
+        truth_Nm = 0.03 + 0.002 * w + 0.02 * np.exp(-((w / 2.0) ** 2))
+        assert point.torque_Nm == pytest.approx(truth_Nm, rel=0.01)
+        assert point.low_Nm < point.torque_Nm < point.high_Nm
+
+
+def test_a_stribeck_part_that_is_too_small_is_not_stated_but_limited() -> None:
+    rotor = replace(STRIBECK, stribeck_Nm=2e-5, stribeck_rad_s=6.0)
+    rng = np.random.default_rng(3)
+    found = friction(coast_downs(rng, rotor, 10, start_rad_s=12.0, stop_rad_s=5.0))
+    (one,) = found.directions
+    assert one.stribeck is None
+    assert one.stribeck_limit_Nm is not None
+    at_least_speed_Nm = 2e-5 * np.exp(-((one.speed_min_rad_s / 6.0) ** 2))
+    assert at_least_speed_Nm < one.stribeck_limit_Nm < 3e-3
+    assert "no Stribeck part seen" in " ".join(found.notes)
+
+
+def test_each_direction_has_its_own_friction_and_its_side_of_the_curve() -> None:
+    rng = np.random.default_rng(4)
+    other = replace(Rotor(), coulomb_Nm=0.04)
+    coasts = coast_downs(rng, Rotor(), 8) + coast_downs(rng, other, 8, direction=-1)
+    found = friction(coasts)
+    assert [one.direction for one in found.directions] == ["forwards", "backwards"]
+    assert both_hold(found.directions[0], Rotor())
+    assert both_hold(found.directions[1], other)
+    assert "directions differ" in {finding.name for finding in found.findings}
+    curve = found.curve
+    assert [p.speed_rad_s for p in curve] == sorted(p.speed_rad_s for p in curve)
+    for point in curve:
+        assert point.speed_rad_s * point.torque_Nm > 0
+        assert point.low_Nm < point.torque_Nm < point.high_Nm
+    lowest = min(one.speed_min_rad_s for one in found.directions)
+    assert min(abs(point.speed_rad_s) for point in curve) == pytest.approx(lowest)
+
+
+def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
+    coasts = coast_downs(np.random.default_rng(6), Rotor(), 8)
+    exact = friction(coasts).directions[0]
+    doubled = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test")).directions[0]
+    assert doubled.coulomb_Nm == pytest.approx(2 * exact.coulomb_Nm)
+    half = doubled.coulomb_high_Nm - doubled.coulomb_Nm
+    expected = np.hypot(2 * exact.fit_coulomb_Nm, 1.96 * 0.02 * doubled.coulomb_Nm)
+    assert half == pytest.approx(expected)
+
+
+def test_few_coast_downs_of_one_direction_are_findings() -> None:
+    found = friction(coast_downs(np.random.default_rng(7), Rotor(), 3))
+    names = {finding.name for finding in found.findings}
+    assert {"few coast-downs", "one direction"} <= names
+    for finding in encode(found)["findings"]:
+        assert set(finding) == {
+            "name", "value", "limit", "unit", "severity", "meaning", "action",
+        }  # fmt: skip
+
+
+def test_cogging_at_the_stop_speed_is_a_finding() -> None:
+    rotor = Rotor(cogging=((16, 0.25, 0.0),))
+    coasts = coast_downs(np.random.default_rng(8), rotor, 6, stop_rad_s=2.2)
+    names = {finding.name for finding in friction(coasts).findings}
+    assert "cogging at the stop speed" in names
+
+
+def test_the_json_has_units_and_no_samples() -> None:
+    coasts = coast_downs(np.random.default_rng(9), Rotor(), 6)
+    content = encode(friction(coasts))
+    assert list(content) == [
+        "inertia_kg_m2", "inertia_relative_uncertainty", "inertia_source", "coast_downs",
+        "directions", "curve", "residual_rad", "findings", "notes",
+    ]  # fmt: skip
+    assert "fits" not in content["directions"][0]
+    assert set(content["curve"][0]) == {"speed_rad_s", "torque_Nm", "low_Nm", "high_Nm"}
+
+
+def test_what_cannot_be_fitted_is_refused_in_one_line() -> None:
+    coasts = coast_downs(np.random.default_rng(10), Rotor(), 2)
+    with pytest.raises(IdentifyError, match="2 good coast-downs forwards: 3 are needed at least"):
+        friction(coasts)
+    with pytest.raises(IdentifyError, match="no good coast-down"):
+        friction([])
+    t_ns = np.arange(1000) * 1_000_000
+    still = np.zeros(1000)
+    with pytest.raises(IdentifyError, match=r"run: coast-down 4: the rotor coasted for 0 turns"):
+        CoastDown.of("run", 3, t_ns, still, 4096)
+    with pytest.raises(IdentifyError, match="10 samples only"):
+        CoastDown.of("run", 0, t_ns[:10], still[:10], 4096)
+    with pytest.raises(IdentifyError, match="times do not rise"):
+        CoastDown.of("run", 0, t_ns[::-1], still, 4096)
+
+
+def test_what_comes_after_a_turning_back_is_left_out() -> None:
+    t_ns = np.arange(3000) * 1_000_000
+    t_s = t_ns * 1e-9
+    angle_rad = 10 * t_s - 2.5 * t_s**2  # turns back at 2 s
+    one = CoastDown.of("run", 0, t_ns, angle_rad, 4096)
+    assert one.t_s[-1] == pytest.approx(2.0, abs=0.05)
