@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 import numpy as np
 
 from motord.experiments.calibration.estimate.calibrator import calibrate
-from motord.experiments.cogging.estimate import MeasuredCogging, compare, measure
+from motord.experiments.cogging.estimate import compare, measure
+from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.plans import build
 from motord.identification.operating_points import PointData
 from motord.rig.truth import RigTruth

@@ -6,12 +6,7 @@ from pathlib import Path
 
 SOURCES = Path(__file__).parents[2] / "src" / "motord"
 
-TWICE = {
-    "BackEmfHarmonic": "what a bench file says, and what was measured, with its uncertainty",
-    "CoggingHarmonic": "what the simulated rig has, and what was measured, with its uncertainty",
-    "Stop": "a request of a client, and a command frame to the bridge board",
-    "Table": "ticks read out of a recording, and a table on a page",
-}
+TWICE: dict[str, str] = {}
 """Names that more than one class has, and why."""
 
 

@@ -17,7 +17,7 @@ from motord.cli.console import CommandGroup, group, plain_console, print_json
 if TYPE_CHECKING:
     from motord.config.experiments import AnalysisKind
     from motord.experiments.analysis import Analysis
-    from motord.report.text import Table
+    from motord.report.text import TextTable
 
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", metavar="FILE", help="Write the result, JSON.")
@@ -140,16 +140,16 @@ def print_files(*files: Path | None) -> None:
             typer.echo(f"wrote {file}")
 
 
-def print_text(parts: "Iterable[str | Table]") -> None:
+def print_text(parts: "Iterable[str | TextTable]") -> None:
     """Print lines and tables."""
-    from rich.table import Table as RichTable
+    from rich.table import Table
 
     console = plain_console()
     for part in parts:
         if isinstance(part, str):
             console.print(part, highlight=False, soft_wrap=True)
             continue
-        table = RichTable(title=part.title)
+        table = Table(title=part.title)
         for column, heading in enumerate(part.header):
             table.add_column(heading, justify="left" if column in part.left else "right")
         for row in part.rows:

@@ -15,7 +15,7 @@ import numpy as np
 if TYPE_CHECKING:
     from motord.experiments.subject import Recordings
     from motord.report.html import Page
-    from motord.report.text import Table
+    from motord.report.text import TextTable
 
 Result = TypeVar("Result")
 
@@ -63,7 +63,7 @@ class Analysis(Generic[Result]):
     estimate: Callable[..., Result]
     json: Callable[[Result, "Recordings"], dict[str, Any]]
     report: Callable[[Result, "Recordings"], "Page"]
-    text: Callable[[Result, "Recordings"], "Iterable[str | Table]"]
+    text: Callable[[Result, "Recordings"], "Iterable[str | TextTable]"]
     save: Callable[[Result, Path], None] | None = None
     indent: int | None = 1
     details: str = ""

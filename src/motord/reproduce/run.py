@@ -17,7 +17,8 @@ from motord.config import packaged
 from motord.experiments.back_emf.command import measured_back_emf
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.cogging.command import measured_cogging
-from motord.experiments.cogging.estimate import Comparison, MeasuredCogging, compare
+from motord.experiments.cogging.estimate import compare
+from motord.experiments.cogging.result import Comparison, MeasuredCogging
 from motord.experiments.inertia import command as inertia
 from motord.experiments.inertia.oscillation import Oscillation
 from motord.experiments.inertia.torque_step import Acceleration

@@ -10,7 +10,7 @@ from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.subject import Recordings, Subject
 from motord.recording.reader import Run
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 
 def measured_back_emf(runs: Iterable[Run], subject: Subject) -> MeasuredBackEmf:
@@ -23,8 +23,8 @@ def estimate(recordings: Recordings) -> MeasuredBackEmf:
     return measured_back_emf(recordings.runs, recordings.subject)
 
 
-def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | Table]:
-    yield Table(
+def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
+    yield TextTable(
         f"back-EMF, {found.motor.name}, mean of the phases",
         ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)"),
         [

@@ -13,7 +13,7 @@ UNBALANCED = 0.002
 
 
 @dataclass(frozen=True)
-class BackEmfHarmonic:
+class PhaseHarmonic:
     """An order of one phase: amplitude sin(order theta + phase), theta = 2 pi count / counts."""
 
     order: int
@@ -23,7 +23,7 @@ class BackEmfHarmonic:
 
 
 @dataclass(frozen=True)
-class ElectricalHarmonic(BackEmfHarmonic):
+class ElectricalHarmonic(PhaseHarmonic):
     """An electrical order of the phases' mean, in the convention of `[motor] back_emf`."""
 
     phase_stderr_rad: float
@@ -119,11 +119,11 @@ class MeasuredBackEmf:
         )
 
     @property
-    def phases(self) -> dict[str, list[BackEmfHarmonic]]:
+    def phases(self) -> dict[str, list[PhaseHarmonic]]:
         """Each phase's own orders per turn, of those that are kept."""
         return {
             "abc"[phase]: [
-                BackEmfHarmonic(
+                PhaseHarmonic(
                     int(self.order[place]),
                     float(np.abs(self.line[place, phase])),
                     float(np.angle(1j * self.line[place, phase])),

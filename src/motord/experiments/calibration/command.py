@@ -12,7 +12,7 @@ from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, Calibrator
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 if TYPE_CHECKING:
     from motord.report.html import Page
@@ -43,9 +43,9 @@ def _report(found: CalibratedRuns, recordings: Recordings) -> "Page":
     return report(found, recordings)
 
 
-def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | Table]:
+def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     c = found.calibration
-    yield Table(
+    yield TextTable(
         f"{c.motor.name}, {c.method} estimator",
         ("phase", "alpha", "beta (A)"),
         [
@@ -57,7 +57,7 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | Table]:
             for phase in range(3)
         ],
     )
-    yield Table(
+    yield TextTable(
         "cogging torque",
         ("order", "amplitude (mNm)", "phase (rad)"),
         [

@@ -10,12 +10,13 @@ import typer
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, encode, header
 from motord.experiments.cogging.at_speed import REQUIRED
-from motord.experiments.cogging.estimate import MeasuredCogging, compare, measure
+from motord.experiments.cogging.estimate import compare, measure
 from motord.experiments.cogging.report import report
+from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.subject import Recordings, Subject
 from motord.recording.reader import Run
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 
 def measured_cogging(runs: Iterable[Run], subject: Subject) -> MeasuredCogging:
@@ -37,9 +38,9 @@ def estimate(
     return measured if other is None else replace(measured, comparison=compare(measured, other))
 
 
-def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | Table]:
+def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]:
     motor = measured.motor
-    yield Table(
+    yield TextTable(
         f"cogging torque, {motor.slots} slots, {motor.poles} poles: "
         f"main order {measured.main_order}",
         ("order", "amplitude (mNm)", "phase (rad)", "allowed"),

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from motord.experiments.cogging.estimate import (
+from motord.experiments.cogging.plots import averaged, errors, spectra, with_calibration
+from motord.experiments.cogging.result import (
     Comparison,
     MeanHarmonic,
     MeasuredCogging,
     SpeedResult,
 )
-from motord.experiments.cogging.plots import averaged, errors, spectra, with_calibration
 from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 

@@ -12,7 +12,7 @@ from motord.experiments.friction.recordings import coast_downs, inertia_of, sett
 from motord.experiments.friction.report import part_rows, report
 from motord.experiments.friction.result import Friction
 from motord.experiments.subject import Recordings
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 
 def estimate(
@@ -29,8 +29,8 @@ def estimate(
     return measure(tuple(coast_downs(recordings.runs, motor)), motor, known)
 
 
-def _text(found: Friction, _: Recordings) -> Iterator[str | Table]:
-    yield Table(
+def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:
+    yield TextTable(
         f"friction from {found.coast_downs} coast-downs, 95 % intervals",
         ("", *(one.direction for one in found.directions)),
         part_rows(found, "+-"),

@@ -14,7 +14,7 @@ from motord.experiments.ilc.analysis import finish as finished
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.report import page
 from motord.experiments.subject import Recordings
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 Gain = Annotated[
     float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
@@ -43,11 +43,11 @@ def estimate(
     return finished(done, now) if finish else done
 
 
-def text(done: LearnPass) -> Iterator[str | Table]:
+def text(done: LearnPass) -> Iterator[str | TextTable]:
     """Yield what the passes so far left at each point, and whether to go on."""
     learned = done.calibration.learned
     assert learned is not None
-    yield Table(
+    yield TextTable(
         "RMS error of the measured torque, % of rated, pass by pass",
         ("torque", "speed", "passes", "correction (mNm)", "next"),
         [

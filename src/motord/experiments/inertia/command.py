@@ -34,7 +34,7 @@ from motord.experiments.subject import AnalysisError, Recordings, Subject
 from motord.identification import IdentifyError
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 OSCILLATION = "inertia-oscillation"
 ACCELERATION = "inertia-acceleration"
@@ -196,7 +196,7 @@ def _json(found: Oscillation | Acceleration, recordings: Recordings) -> dict[str
     }
 
 
-def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Table]:
+def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | TextTable]:
     value, u = found.inertia_kg_m2, found.uncertainty_kg_m2
     oscillated = isinstance(found, Oscillation)
     yield (
@@ -215,13 +215,13 @@ def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Ta
             ("torque as commanded", found.commanded_kg_m2),
             ("as commanded, friction neglected, eq. (2.1)", found.plain_kg_m2),
         ]
-    yield Table(
+    yield TextTable(
         "where the uncertainty comes from",
         ("source", "standard uncertainty, %"),
         [(source, f"{100 * uncertainty:.3f}") for source, uncertainty in sources],
         left=(0,),
     )
-    yield Table(
+    yield TextTable(
         "other readings of the same recordings",
         ("reading", "J (e-3 kg m2)"),
         [(label, f"{1e3 * reading:.4f}") for label, reading in readings],

@@ -10,7 +10,7 @@ from motord.calibration import RmsErrors, RmsPoint, load
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
 from motord.experiments.subject import AnalysisError, Recordings
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 if TYPE_CHECKING:
     from motord.report.html import Page
@@ -47,7 +47,7 @@ def _report(found: MeshRipple, recordings: Recordings) -> "Page":
     return report(found, recordings)
 
 
-def _text(found: MeshRipple, _: Recordings) -> Iterator[str | Table]:
+def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:
     yield from error_table(found.errors)
     if shares := found.explained:
         measured = sum(s.measured.rms_percent for s in shares) / len(shares)
@@ -59,11 +59,11 @@ def _text(found: MeshRipple, _: Recordings) -> Iterator[str | Table]:
         )
 
 
-def error_table(errors: RmsErrors) -> Iterator[str | Table]:
+def error_table(errors: RmsErrors) -> Iterator[str | TextTable]:
     """Yield the errors by torque and speed, then mean and worst."""
     points = {(point.torque_Nm, point.speed_Hz): point for point in errors.points}
     speeds_Hz = sorted({speed_Hz for _, speed_Hz in points})
-    yield Table(
+    yield TextTable(
         f"RMS error of the measured torque, % of rated: {_which(errors)}",
         ["", *(f"{speed_Hz:g} /s" for speed_Hz in speeds_Hz)],
         [

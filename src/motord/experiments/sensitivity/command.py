@@ -13,7 +13,7 @@ from motord.experiments.sensitivity.estimate import DEFAULT_TORQUE_Nm, sensitivi
 from motord.experiments.sensitivity.report import report
 from motord.experiments.sensitivity.result import Again, Sensitivity
 from motord.experiments.subject import AnalysisError, Recordings
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 
 def estimate(
@@ -44,9 +44,9 @@ def estimate(
     return theory_alone(subject, table_Nm, torque_Nm or DEFAULT_TORQUE_Nm)
 
 
-def _text(result: Sensitivity, _: Recordings) -> Iterator[str | Table]:
+def _text(result: Sensitivity, _: Recordings) -> Iterator[str | TextTable]:
     theory = result.theory
-    yield Table(
+    yield TextTable(
         f"theory at {theory.torque_Nm:g} Nm, % of rated RMS",
         ("error alone", "at the ends of its interval", "at most 1 %"),
         [
@@ -64,7 +64,7 @@ def _text(result: Sensitivity, _: Recordings) -> Iterator[str | Table]:
         yield _again(result.again)
 
 
-def _practice(result: Sensitivity) -> Iterator[str | Table]:
+def _practice(result: Sensitivity) -> Iterator[str | TextTable]:
     rows = [
         (
             f"{one.what} {side}",
@@ -79,16 +79,16 @@ def _practice(result: Sensitivity) -> Iterator[str | Table]:
     if result.series and not rows:
         yield "fewer than two points a side are clear of the ripple without any error"
     if rows:
-        yield Table(
+        yield TextTable(
             f"measured at {result.theory.torque_Nm:g} Nm, {result.speed_Hz:g} turns/s",
             ("branch", "points", "slope (% per unit)", "theory"),
             rows,
         )
 
 
-def _again(again: Again) -> Table:
+def _again(again: Again) -> TextTable:
     found = again.found
-    return Table(
+    return TextTable(
         "errors that were induced, and calibrated again",
         ("phase", "alpha", "found", "beta (A)", "found (A)"),
         [

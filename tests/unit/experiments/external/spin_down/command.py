@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from motord.experiments.analysis import Analysis, encode, header
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.html import Page
-from motord.report.text import Table
+from motord.report.text import TextTable
 
 
 @dataclass(frozen=True)
@@ -43,5 +43,5 @@ ANALYSIS = Analysis(
     estimate,
     json=lambda found, recordings: {**header(recordings, "spin-down/1", "name"), **encode(found)},
     report=report,
-    text=lambda found, _: [Table("spin-down", ("time (s)", "turns"), _rows(found))],
+    text=lambda found, _: [TextTable("spin-down", ("time (s)", "turns"), _rows(found))],
 )

@@ -1,0 +1,234 @@
+"""What a cogging run gives: harmonics, cogging torque, each speed, a calibration compared."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from motord.config import MotorConfig
+from motord.experiments.cogging.at_speed import SpeedCogging
+from motord.identification.harmonics import synthesis
+from motord.identification.orders import periods_per_slot_pitch
+
+FEW_TURNS = 6
+"""Turns in all below which the noise's colour is not known."""
+
+
+@dataclass(frozen=True)
+class TorqueHarmonic:
+    """amplitude_Nm sin(order theta + phase_rad), its standard error per component."""
+
+    order: int
+    amplitude_Nm: float
+    phase_rad: float
+    stderr_Nm: float
+
+    @property
+    def significant(self) -> bool:
+        """True if it is beyond three standard errors, so that its phase says something."""
+        return self.amplitude_Nm > 3 * self.stderr_Nm
+
+
+@dataclass(frozen=True)
+class MeanHarmonic(TorqueHarmonic):
+    """A harmonic of the mean over the speeds; allowed: by slots and poles."""
+
+    phase_stderr_rad: float
+    allowed: bool
+
+
+@dataclass(frozen=True)
+class SpeedResult:
+    """One speed. noise_Nm: median level per component over the orders.
+
+    spectrum_Nm (m,): amplitude of orders 1 to m; error_percent (counts,): cogging torque at this
+    speed less the mean over the speeds, % of the mean's peak (Poels 2008, Figure 3.4).
+    """
+
+    JSON = (
+        "speed_set_Hz", "speed_Hz", "turns", "speed_ripple_percent", "noise_Nm",
+        "worst_error_percent", "harmonics",
+    )  # fmt: skip
+
+    speed_set_Hz: float
+    speed_Hz: float
+    turns: int
+    speed_ripple_percent: float
+    noise_Nm: float
+    harmonics: tuple[TorqueHarmonic, ...]
+    spectrum_Nm: np.ndarray
+    error_percent: np.ndarray
+
+    @property
+    def worst_error_percent(self) -> float:
+        """Largest difference from the mean, % of its peak."""
+        return float(np.abs(self.error_percent).max())
+
+
+@dataclass(frozen=True)
+class MeasuredCogging:
+    """Cogging torque over all speeds.
+
+    order (n,), rising; line_Nm (n,): order h is Re(line exp(j h theta)); stderr_Nm (n,) per
+    component; allowed (n,): by slots and poles, the others stand out of the noise; speeds: what
+    each speed gave; comparison: with a calibration's cogging torque.
+    """
+
+    JSON: ClassVar[dict[str, str]] = {
+        "main_order": "main_order",
+        "periods_per_slot_pitch": "periods_per_slot_pitch",
+        "harmonics": "harmonics",
+        "peak_Nm": "peak_Nm",
+        "tau_cog_Nm": "rounded_tau_cog_Nm",
+        "speeds": "speed_results",
+        "comparison": "comparison",
+        "notes": "notes",
+    }
+
+    motor: MotorConfig
+    main_order: int
+    order: np.ndarray
+    line_Nm: np.ndarray
+    stderr_Nm: np.ndarray
+    allowed: np.ndarray
+    speeds: tuple[SpeedCogging, ...]
+    comparison: "Comparison | None" = None
+
+    @property
+    def amplitude_Nm(self) -> np.ndarray:
+        """Amplitudes (n,) of amplitude sin(order theta + phase)."""
+        return np.asarray(np.abs(self.line_Nm))
+
+    @property
+    def phase_rad(self) -> np.ndarray:
+        """Phases (n,) of amplitude sin(order theta + phase)."""
+        return np.asarray(np.angle(1j * self.line_Nm))
+
+    @property
+    def tau_cog_Nm(self) -> np.ndarray:
+        """Cogging torque at the encoder's points (counts,), of the allowed orders."""
+        return synthesis(self.order[self.allowed], self.line_Nm[self.allowed], self.motor.counts)
+
+    @property
+    def rounded_tau_cog_Nm(self) -> np.ndarray:
+        """`tau_cog_Nm` to a nanonewton metre, for files."""
+        return self.tau_cog_Nm.round(9)
+
+    @property
+    def periods_per_slot_pitch(self) -> int:
+        """Periods of the main order within a slot pitch."""
+        return periods_per_slot_pitch(self.motor.slots, self.motor.poles)
+
+    @property
+    def harmonics(self) -> tuple[MeanHarmonic, ...]:
+        """The orders as harmonics."""
+        return tuple(
+            MeanHarmonic(
+                int(order), float(amplitude), float(phase), float(stderr),
+                float(min(stderr / max(amplitude, 1e-300), np.pi)), bool(allowed),
+            )
+            for order, amplitude, phase, stderr, allowed in zip(
+                self.order, self.amplitude_Nm, self.phase_rad, self.stderr_Nm, self.allowed,
+                strict=True,
+            )
+        )  # fmt: skip
+
+    @property
+    def speed_results(self) -> tuple[SpeedResult, ...]:
+        """What each speed gave, beside the mean."""
+        return tuple(
+            SpeedResult(
+                speed_set_Hz=one.speed_set_Hz,
+                speed_Hz=one.speed_Hz,
+                turns=one.turns,
+                speed_ripple_percent=100 * one.speed_ripple,
+                noise_Nm=float(np.median(one.noise_Nm)),
+                harmonics=tuple(
+                    TorqueHarmonic(
+                        int(order), float(np.abs(line)), float(np.angle(1j * line)), float(stderr)
+                    )
+                    for order, line, stderr in zip(
+                        one.order, one.line_Nm, one.stderr_Nm, strict=True
+                    )
+                ),
+                spectrum_Nm=np.abs(one.spectrum_Nm),
+                error_percent=self.error_percent(one),
+            )
+            for one in self.speeds
+        )
+
+    @property
+    def notes(self) -> list[str]:
+        """What is worth knowing of the result, in sentences."""
+        found = []
+        if self.main_order not in self.order:
+            found.append(
+                f"the main order {self.main_order} is too high for the sampling or the encoder: "
+                f"orders are seen up to {min(one.spectrum_Nm.size for one in self.speeds)}"
+            )
+        if not self.allowed.all():
+            listed = ", ".join(str(order) for order in self.order[~self.allowed])
+            found.append(
+                f"orders that neither slots nor poles explain stand out of the noise: {listed}"
+            )
+        if sum(one.turns for one in self.speeds) < FEW_TURNS:
+            found.append("few turns: the standard errors take the noise to be white")
+        return found
+
+    @property
+    def peak_Nm(self) -> float:
+        """Largest cogging torque within the turn."""
+        return float(np.abs(self.tau_cog_Nm).max())
+
+    def error_percent(self, speed: SpeedCogging) -> np.ndarray:
+        """Return the cogging torque at a speed less the average (counts,), % of the peak.
+
+        Poels 2008, Figure 3.4.
+        """
+        kept = np.isin(speed.order, self.order[self.allowed])
+        own_Nm = synthesis(speed.order[kept], speed.line_Nm[kept], self.motor.counts)
+        error: np.ndarray = 100 * (own_Nm - self.tau_cog_Nm) / self.peak_Nm
+        return error
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A calibration's cogging torque tau_cog_Nm (counts,), compared (Poels 2008, Figure 4.5).
+
+    error_percent (counts,): calibrated less measured, % of the measured peak. order (m,): of the
+    harmonics that stand out in both; magnitude_percent (m,): calibrated less measured, % of that
+    harmonic; phase_points (m,): calibrated less measured, in encoder points.
+    """
+
+    JSON: ClassVar[dict[str, str]] = {
+        "calibration": "calibration",
+        "worst_error_percent": "worst_percent",
+        "harmonics": "harmonics",
+    }
+
+    calibration: str
+    label: str
+    tau_cog_Nm: np.ndarray
+    error_percent: np.ndarray
+    order: np.ndarray
+    magnitude_percent: np.ndarray
+    phase_points: np.ndarray
+
+    @property
+    def harmonics(self) -> list[dict[str, float]]:
+        """The harmonics that are compared."""
+        return [
+            {
+                "order": int(order),
+                "magnitude_error_percent": float(magnitude),
+                "phase_error_points": float(points),
+            }
+            for order, magnitude, points in zip(
+                self.order, self.magnitude_percent, self.phase_points, strict=True
+            )
+        ]
+
+    @property
+    def worst_percent(self) -> float:
+        """Largest error in the time signal, % of the measured peak."""
+        return float(np.abs(self.error_percent).max())
