@@ -62,6 +62,10 @@ class _Analyses(CommandGroup):
         """List the names with their summaries, which import nothing."""
         with formatter.section("Commands"):
             formatter.write_dl([(kind.name, kind.summary) for kind in _kinds().values()])
+        from motord.config.experiments import broken_experiments
+
+        for why in broken_experiments():
+            formatter.write_text(why)
 
 
 app = group("Identify, verify, report.", _Analyses)

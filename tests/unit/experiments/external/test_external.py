@@ -99,6 +99,12 @@ def test_it_is_simulated_and_analysed(run: Run, tmp_path: Path) -> None:
     assert "Find how long the rotor turns on." in done.stdout
 
 
+def test_the_list_of_analyses_names_the_broken_one(run: Run) -> None:
+    done = run("-m", "motord", "analyse", "--help")
+    assert "spin-down" in done.stdout
+    assert "experiment broken cannot be imported" in " ".join(done.stdout.split())
+
+
 def test_a_plan_that_is_not_there_names_those_that_are_and_the_broken_one(run: Run) -> None:
     done = run("-m", "motord", "simulate", "spin-up")
     assert done.returncode == 1
