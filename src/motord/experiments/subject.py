@@ -1,21 +1,28 @@
 """What was recorded: the bench, its motor and its torque sensor."""
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
 
 from motord.config import (
     Config,
     MotorConfig,
     MotorFile,
+    Section,
     TorqueSensorConfig,
     load,
     load_motor,
     read_toml,
 )
+from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, open_run
+
+Settings = TypeVar("Settings", bound=Section)
 
 
 class AnalysisError(Exception):
@@ -77,6 +84,26 @@ class Recordings:
     def subject(self) -> Subject:
         """Return what they are of. Raises AnalysisError, ConfigError."""
         return Subject.of_file(self.config) if self.config else Subject.of_runs(self.runs)
+
+
+def recorded_settings(run: Run, section: type[Settings]) -> Settings:
+    """Return the settings that the plan of a run had. Raises AnalysisError if there are none."""
+    given = run.metadata.get("plan", {}).get("settings", {})
+    known = {name: value for name, value in given.items() if name in section.model_fields}
+    try:
+        return section.model_validate(known)
+    except ValueError:
+        raise AnalysisError(
+            f"{run.path}: its plan's settings cannot be read; name a bench file with -c"
+        ) from None
+
+
+def captured_ticks(run: Run, columns: Sequence[str]) -> Iterator[np.ndarray]:
+    """Yield the ticks of each good operating point of a run, in time order."""
+    for point in good_points(run.operating_points()):
+        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+        ticks = run.ticks(("plan_point", *columns), **bounds)
+        yield ticks[ticks["plan_point"] == int(point["index"])]
 
 
 def facts(subject: Subject, runs: Sequence[str]) -> list[tuple[str, str]]:

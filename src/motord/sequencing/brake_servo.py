@@ -15,6 +15,14 @@ TRUST_S = 0.5
 LEAD_TIME_CONSTANTS = 4.0
 """How long a rising brake leads a rising torque, in time constants of its excitation."""
 
+RELEASE_TIME_CONSTANTS = 6.0
+"""How long the brake needs to let go, in time constants of its excitation."""
+
+
+def release_s(brake: BrakeConfig) -> float:
+    """Return how long the brake needs to let go (s)."""
+    return RELEASE_TIME_CONSTANTS * brake.excitation_time_constant_s
+
 
 def brake_torque_Nm(brake: BrakeConfig, excitation: float, speed_rad_s: float) -> float:
     """Return the eddy-current brake's torque: e^2 2 Tmax / (w/wc + wc/w) (METHODS, section 1)."""

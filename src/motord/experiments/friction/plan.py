@@ -9,6 +9,7 @@ from typing import Any
 from motord.config import BrakeConfig, Config
 from motord.experiments.friction.settings import FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
+from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, retaken_if_poor
 from motord.sequencing.limits import check_speed, check_torque
 from motord.sequencing.motions import (
@@ -38,9 +39,6 @@ GOLDEN_RATIO = (5**0.5 - 1) / 2
 
 CURRENT_DECAY_S = 0.02
 """Time after the end of the torque in which its current has gone."""
-
-RELEASE_TIME_CONSTANTS = 6.0
-"""How long the brake needs to let go, in time constants of its excitation."""
 
 LEAST_TURNS = 1.0
 """Turns below which a coast-down is poor: the cogging torque is not averaged."""
@@ -115,8 +113,7 @@ def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -
         label=f"coast-down {point.index + 1}, {'forwards' if sign > 0 else 'backwards'}",
     )
     if began.demand.brake:
-        time_s = RELEASE_TIME_CONSTANTS * brake.excitation_time_constant_s
-        yield from wait(free.labelled("releasing the brake"), time_s)
+        yield from wait(free.labelled("releasing the brake"), release_s(brake))
     accelerate = _accelerate(free.labelled("accelerating"), point, own)
     yield from within(own.timeout_s, accelerate, lambda seen: _too_slow(seen, own))
     ending = free.labelled("ending the torque")

@@ -6,13 +6,12 @@ from math import isfinite, pi, sqrt
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
 
 from motord.config import MotorConfig, MotorFile, load, read_toml
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.result import Inertia
 from motord.experiments.friction.settings import FrictionConfig
-from motord.experiments.subject import AnalysisError
+from motord.experiments.subject import AnalysisError, recorded_settings
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
 
@@ -33,14 +32,7 @@ def settings_of(runs: Sequence[Run], config: Path | None) -> FrictionConfig:
             raise AnalysisError(f"{run.path}: {said}; needed: {NAME}")
     if config and not set(read_toml(config)[1]) <= set(MotorFile.model_fields):
         return load(config).plans.of(NAME, FrictionConfig)
-    given = runs[0].metadata["plan"].get("settings", {})
-    known = {name: value for name, value in given.items() if name in FrictionConfig.model_fields}
-    try:
-        return FrictionConfig.model_validate(known)
-    except ValidationError:
-        raise AnalysisError(
-            f"{runs[0].path}: its plan's settings cannot be read; name a bench file with -c"
-        ) from None
+    return recorded_settings(runs[0], FrictionConfig)
 
 
 def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:

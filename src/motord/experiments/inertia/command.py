@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -14,7 +14,6 @@ from motord.config import (
     MotorFile,
     OscillationConfig,
     PlansConfig,
-    Section,
     load,
     read_toml,
 )
@@ -30,16 +29,19 @@ from motord.experiments.inertia.oscillation import (
 from motord.experiments.inertia.report import report
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import Acceleration, StepData, accelerate
-from motord.experiments.subject import AnalysisError, Recordings, Subject
+from motord.experiments.subject import (
+    AnalysisError,
+    Recordings,
+    Subject,
+    captured_ticks,
+    recorded_settings,
+)
 from motord.identification import IdentifyError
-from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
 from motord.report.text import TextTable
 
 OSCILLATION = "inertia-oscillation"
 ACCELERATION = "inertia-acceleration"
-
-_Settings = TypeVar("_Settings", bound=Section)
 
 
 def experiment_of(runs: Sequence[Run], named: str | None = None) -> str:
@@ -89,7 +91,7 @@ def oscillation(
     settings: what bar and springs are, by default what the recordings say. cogging_Nm (counts,):
     known cogging torque, for a motor whose stator is in place. Raises IdentifyError, AnalysisError.
     """
-    settings = settings or _recorded(runs[0], OscillationConfig)
+    settings = settings or recorded_settings(runs[0], OscillationConfig)
     setup = SpringSetup.of(settings)
     counts = subject.motor.counts
     if settings.stator and cogging_Nm is None:
@@ -101,7 +103,7 @@ def oscillation(
     releases: list[Release] = []
     for run in runs:
         if run.operating_points():
-            for ticks in _captures(run, ("t_ns", "encoder_count")):
+            for ticks in captured_ticks(run, ("t_ns", "encoder_count")):
                 place = len(releases), ticks["t_ns"], ticks["encoder_count"]
                 releases.append(read_release(*place, counts, setup, waves))
         else:
@@ -126,36 +128,13 @@ def acceleration(
     runs: Sequence[Run], subject: Subject, settings: AccelerationConfig | None = None
 ) -> Acceleration:
     """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
-    settings = settings or _recorded(runs[0], AccelerationConfig)
+    settings = settings or recorded_settings(runs[0], AccelerationConfig)
     columns = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
     steps = [
         StepData(number, *(ticks[name] for name in columns))
-        for number, ticks in enumerate(t for run in runs for t in _captures(run, columns))
+        for number, ticks in enumerate(t for run in runs for t in captured_ticks(run, columns))
     ]
     return accelerate(steps, subject.motor.counts, subject.sensor, settings)
-
-
-def _recorded(run: Run, kind: type[_Settings]) -> _Settings:
-    """Return the settings that the plan ran with. Raises AnalysisError if they are not there."""
-    given = run.metadata.get("plan", {}).get("settings", {})
-    known = {name: value for name, value in given.items() if name in kind.model_fields}
-    try:
-        return kind.model_validate(known)
-    except ValueError:
-        raise AnalysisError(
-            f"{run.path}: its plan's settings cannot be read; name a bench file with -c"
-        ) from None
-
-
-def _captures(run: Run, columns: tuple[str, ...]) -> Iterator[np.ndarray]:
-    """Yield the ticks of each good operating point, in time order."""
-    for point in good_points(run.operating_points()):
-        ticks = run.ticks(
-            ("plan_point", *columns),
-            from_ns=int(point["t_start_ns"]),
-            to_ns=int(point["t_end_ns"]),
-        )
-        yield ticks[ticks["plan_point"] == int(point["index"])]
 
 
 def estimate(

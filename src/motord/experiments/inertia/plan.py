@@ -1,23 +1,53 @@
 """`inertia-oscillation` and `inertia-acceleration`: releases of a bar, and steps of torque.
 
-Somebody deflects the bar between its springs, holds it still and lets go; the plan sees that by
-itself. The power stage is off then: no current may act on the rotor. The steps are of the motor's
-own torque, from rest and with the brake open.
+Somebody deflects the bar between its springs and lets go, with the power stage off: no current may
+act on the rotor. The steps are of the motor's own torque, from rest and with the brake open.
 """
 
+import math
+from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from motord.config import AccelerationConfig, BrakeConfig, Config, OscillationConfig
-from motord.experiments.inertia.motions import release, release_s, torque_step, torque_step_s
-from motord.sequencing import OperatingPoint, Plan
-from motord.sequencing.capture import retaken_if_poor
+from motord.schema import State
+from motord.sequencing import Demand, Observation, OperatingPoint, Plan
+from motord.sequencing.brake_servo import release_s
+from motord.sequencing.capture import account, retaken_if_poor
 from motord.sequencing.limits import check_speed, check_torque
-from motord.sequencing.motions import Motion, enable, ramp_down
+from motord.sequencing.motions import (
+    Capture,
+    Motion,
+    Restarted,
+    enable,
+    guarded,
+    hold,
+    ramp_down,
+    restartable,
+    wait,
+    within,
+)
+from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen, compensation
 
 OSCILLATION, ACCELERATION = "inertia-oscillation", "inertia-acceleration"
+
+STANDSTILL_RAD = 0.01
+"""Movement from one observation to the next below which the rotor counts as standing."""
+
+DEFLECT_S = 3.0
+"""What somebody takes to deflect the bar, hold it and let go, for the estimate of time."""
+
+STILL_PART = 0.1
+"""Part of the least deflection within which a bar that is held still may move."""
+
+BACK_PART = 0.6
+"""Part of its path by which a bar that was let go is seen to come back; a pulled one stays."""
+
+FADED_S = 0.3
+"""Time over which the oscillation must have stayed small; periods are shorter."""
 
 
 def make_oscillation(config: Config, settings: Mapping[str, Any]) -> Plan:
@@ -25,11 +55,9 @@ def make_oscillation(config: Config, settings: Mapping[str, Any]) -> Plan:
     own = chosen(config, OSCILLATION, OscillationConfig, settings)
     return Plan(
         name=OSCILLATION,
-        points=tuple(
-            OperatingPoint(index, 0.0, 0.0, 0, aim="a release") for index in range(own.repeats)
-        ),
+        points=tuple(OperatingPoint(n, 0.0, 0.0, 0, aim="a release") for n in range(own.repeats)),
         motion=partial(releases, own),
-        point_s=partial(release_s, own),
+        point_s=partial(oscillation_s, own),
         settings=own.model_dump(mode="json"),
         needs="",
         ends_s=0.0,
@@ -71,3 +99,202 @@ def torque_steps(
     for point in points:
         yield from retaken_if_poor(torque_step, point, own, brake)
     yield from ramp_down()
+
+
+def torque_step_s(own: AccelerationConfig, brake: BrakeConfig, _: OperatingPoint) -> float:
+    """Return an estimate of the time that `torque_step` takes (s)."""
+    return 1.5 + release_s(brake) + own.rest_s + own.coast_s
+
+
+@restartable
+def torque_step(
+    point: OperatingPoint, own: AccelerationConfig, brake: BrakeConfig
+) -> Motion[Capture]:
+    """Stop the rotor and let it rest, step the torque up to a speed, follow it while it coasts.
+
+    The capture begins with the rest and ends with the coasting.
+    """
+    began = yield None
+    free = replace(
+        began.demand,
+        enabled=True,
+        torque_Nm=0.0,
+        brake=0.0,
+        plan_point=-1,
+        label=f"step {point.index + 1}, {point.torque_Nm:g} Nm",
+    )
+    captured = replace(free, plan_point=point.index)
+    limit_s = own.timeout_s + own.rest_s
+    yield from within(limit_s, _stop(free.labelled("stopping the rotor", brake=1.0)), _not_at_rest)
+    yield from wait(free.labelled("releasing the brake"), release_s(brake))
+    rest = _rest(captured.labelled("resting"), own.rest_s)
+    moved_rad = yield from within(limit_s, rest, _not_at_rest, since=began)
+    accelerate = hold(
+        captured.labelled("accelerating", torque_Nm=point.torque_Nm),
+        lambda seen: abs(seen.speed_Hz) >= own.stop_speed_Hz,
+    )
+    yield from within(limit_s, accelerate, partial(_too_slow, own.stop_speed_Hz), since=began)
+    seen = yield from wait(captured.labelled("coasting"), own.coast_s)
+    moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
+    fault = moved if moved_rad > own.rest_rad else ""
+    turns = round(abs(seen.point_turns), 3)
+    return account(point, seen, quality(seen, own.temperature_C, fault), turns=turns)
+
+
+def _stop(demand: Demand) -> Motion[None]:
+    """Brake until neither rotor nor torque moves."""
+    seen = yield None
+    while seen.highest_rad - seen.lowest_rad > STANDSTILL_RAD or seen.torque_set_Nm != 0.0:
+        seen = yield demand
+
+
+def _rest(demand: Demand, for_s: float) -> Motion[float]:
+    """Return by how much the rotor moved (rad) in some time of rest."""
+    began = seen = yield None
+    lowest_rad = highest_rad = began.turned_rad
+    while True:
+        seen = yield demand
+        lowest_rad = min(lowest_rad, seen.lowest_rad)
+        highest_rad = max(highest_rad, seen.highest_rad)
+        if seen.since_s(began) >= for_s:
+            return highest_rad - lowest_rad
+
+
+def _too_slow(speed_Hz: float, seen: Observation) -> str:
+    return (
+        f"{seen.demand.label}: {speed_Hz:g} Hz not reached; is the rotor free, and torque_Nm more "
+        "than friction and cogging torque?"
+    )
+
+
+def _not_at_rest(seen: Observation) -> str:
+    return f"{seen.demand.label}: the rotor did not come to rest; does the brake answer?"
+
+
+def oscillation_s(own: OscillationConfig, _: OperatingPoint) -> float:
+    """Return an estimate of the time that `release` takes (s)."""
+    return DEFLECT_S + own.swing_max_s
+
+
+@restartable
+def release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
+    """Wait until the bar is held still, is let go and swings, and until that has faded.
+
+    A power stage that is on is switched off first: its currents would act on the rotor.
+    """
+
+    def late(seen: Observation) -> str:
+        return f"{seen.demand.label}: nothing let go within {own.timeout_s:g} s"
+
+    return (yield from within(own.timeout_s, _release_unpowered(point, own), late))
+
+
+def _release_unpowered(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
+    seen = yield None
+    if seen.state is State.ENABLED:
+        yield Demand(enabled=True, label="switching off")  # a fall disables, so it has to rise
+        yield from ramp_down()
+    return (yield from guarded(_release(point, own), _begin_again_if_enabled))
+
+
+def _begin_again_if_enabled(seen: Observation) -> str:
+    if seen.state is State.ENABLED:
+        raise Restarted
+    return ""
+
+
+def _release(point: OperatingPoint, own: OscillationConfig) -> Motion[Capture]:
+    """Capture a release, from the hold before it.
+
+    At rest the bar is still, too: then it is pulled, which is no release since it stays there.
+    """
+    idle = Demand(label=f"release {point.index + 1}")
+    captured = replace(idle, plan_point=point.index)
+    hold_still = "deflect the bar and hold it still"
+    free = idle.labelled(hold_still)
+    while True:
+        bar = _Deflection((yield from _still(free, own)).turned_rad)
+        left = yield from _leaves(captured.labelled("let go"), bar, own)
+        came_back = yield from _comes_back(captured.labelled("moving"), bar, own)
+        if came_back and bar.furthest_rad >= 2 * own.deflection_min_rad:
+            break
+        if came_back:
+            free = idle.labelled(f"{hold_still} (by {own.deflection_min_rad:g} rad at least)")
+        yield free
+    range_rad = _Range(FADED_S)
+    seen = yield from hold(
+        captured.labelled("swinging"),
+        lambda seen: (
+            range_rad(seen) < 2 * own.amplitude_min_rad or seen.since_s(left) > own.swing_max_s
+        ),
+    )
+    return account(
+        point,
+        seen,
+        quality(seen, own.temperature_C),
+        turns=0.0,
+        speed_mean_Hz=0.0,
+        swing={
+            "deflection_rad": round(bar.furthest_rad / 2, 5),
+            "seconds": round(seen.since_s(left), 3),
+        },
+    )
+
+
+@dataclass
+class _Deflection:
+    """Where the bar was held, and how far it has been from there."""
+
+    held_rad: float
+    furthest_rad: float = 0.0
+
+    def follow(self, seen: Observation) -> None:
+        for angle_rad in (seen.lowest_rad, seen.highest_rad):
+            self.furthest_rad = max(self.furthest_rad, abs(angle_rad - self.held_rad))
+
+
+class _Range:
+    """The range of the angle over the last `span_s`, from one observation to the next."""
+
+    def __init__(self, span_s: float) -> None:
+        self._span_s = span_s
+        self._seen: deque[Observation] = deque()
+
+    def __call__(self, seen: Observation) -> float:
+        """Return the range (rad); infinite before the span has passed."""
+        self._seen.append(seen)
+        while len(self._seen) > 1 and seen.since_s(self._seen[1]) >= self._span_s:
+            self._seen.popleft()
+        if seen.since_s(self._seen[0]) < self._span_s:
+            return math.inf
+        later = list(self._seen)[1:]  # the block of the oldest lies before the span
+        return max(each.highest_rad for each in later) - min(each.lowest_rad for each in later)
+
+
+def _still(demand: Demand, own: OscillationConfig) -> Motion[Observation]:
+    seen = yield None
+    range_rad = _Range(own.still_s)
+    while range_rad(seen) >= STILL_PART * own.deflection_min_rad:
+        seen = yield demand
+    return seen
+
+
+def _leaves(demand: Demand, bar: _Deflection, own: OscillationConfig) -> Motion[Observation]:
+    while True:
+        seen = yield demand
+        bar.follow(seen)
+        if bar.furthest_rad > own.deflection_min_rad / 2:
+            return seen
+
+
+def _comes_back(demand: Demand, bar: _Deflection, own: OscillationConfig) -> Motion[bool]:
+    """Return whether the bar comes back before it is still."""
+    range_rad = _Range(own.still_s)
+    while True:
+        seen = yield demand
+        bar.follow(seen)
+        still = range_rad(seen) < STILL_PART * own.deflection_min_rad
+        if abs(seen.turned_rad - bar.held_rad) <= BACK_PART * bar.furthest_rad:
+            return True
+        if still:
+            return False
