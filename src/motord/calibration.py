@@ -1,4 +1,4 @@
-"""The calibration file: what the controller is told of a motor's currents and cogging torque.
+"""The calibration file: gains and offsets of a motor's currents, and its cogging torque.
 
 JSON, versioned, written at once or not at all. `id` is a digest of everything that is applied; a
 file whose content does not fit its id is refused, and so is one of another motor.

@@ -43,7 +43,7 @@ def latency(
 ) -> None:
     """Measure wake-up and work of the loop on this machine, with the simulated rig.
 
-    Time that the host of a virtual machine steals is told apart: figures are over slices of a
+    Time that the host of a virtual machine steals is counted apart: figures are over slices of a
     quarter of a second in which the processor's steal counter did not move, and over the others.
     """
     from motord.loop.latency.measurement import MeasurementPlan

@@ -10,7 +10,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.experiments.ilc.analysis import LearnPass, finish, learn, learn_report, stairs
+from motord.experiments.ilc.analysis import LearnPass, finish, learn, learn_report, zero_order_hold
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.report import LearnReport
 from motord.experiments.plans import build
@@ -68,7 +68,7 @@ def learn_virtual(
     """
     plan = build("learn", config, mesh)
     subject = Subject.of_config(config)
-    learning = Learning(stairs=stairs(config.inverter))
+    learning = Learning(hold=zero_order_hold(config.inverter))
     done: list[LearnPass] = []
     truth: list[Errors] = []
     ticks = 0

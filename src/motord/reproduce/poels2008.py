@@ -237,12 +237,12 @@ def _induced(found: Results) -> Iterator[Row]:
 
 
 def _remains(found: Results) -> Iterator[Row]:
-    linear, bent = found.explained
+    linear, nonlinear = found.explained
     yield Row(
         "Figure 4.10",
         "RMS error left after calibration",
         "0.8 to 1.5 %, goal 1 %",
-        f"{_range(_measured(bent))} with current sensors of \u00b10.7 %; "
+        f"{_range(_measured(nonlinear))} with current sensors of \u00b10.7 %; "
         f"{_range(_measured(linear))} with linear ones",
         "So the sensors are what was left in the report, as it says.",
     )
@@ -250,8 +250,9 @@ def _remains(found: Results) -> Iterator[Row]:
         "Figure 4.11",
         "RMS error of the torque reconstructed from the currents",
         "0.8 to 1.3 %, taken for sensors and control",
-        f"{_range([p.reconstructed_percent for p in bent])} with current sensors of "
-        f"\u00b10.7 %; not explained by the currents: {_range([p.rest_percent for p in bent])}",
+        f"{_range([p.reconstructed_percent for p in nonlinear])} with current sensors of "
+        "\u00b10.7 %; not explained by the currents: "
+        f"{_range([p.rest_percent for p in nonlinear])}",
         "A sensor does not show its own error. What the currents do show is the control's share; "
         "the sensors' is in the rest.",
     )

@@ -132,25 +132,25 @@ def _all_experiments(
     plain = PlanSource.of()
     swing = SimulatedBench(PlanSource.of(packaged("inertia.toml")), pool, seed + 1)
     main = SimulatedBench(plain, pool, seed + 2)
-    bent = SimulatedBench(with_rig(plain, NONLINEAR_RIG), pool, seed + 3)
+    nonlinear = SimulatedBench(with_rig(plain, NONLINEAR_RIG), pool, seed + 3)
     oscillation, acceleration = _inertia(recorder, swing, main, progress)
     cogging, back_emf = _driven(recorder, main, progress)
     calibrated = _calibrate(recorder, main, progress, 0.0, 0.5)
-    bent_calibration = _calibrate(recorder, bent, progress, 0.5, 1.0).calibration
+    nonlinear_calibration = _calibrate(recorder, nonlinear, progress, 0.5, 1.0).calibration
     calibration = calibrated.calibration
     calibration.save(folder / "calibration.json")
     both = (
         _verify(recorder, main, calibration, progress, 0.0),
-        _verify(recorder, bent, bent_calibration, progress, 0.5),
+        _verify(recorder, nonlinear, nonlinear_calibration, progress, 0.5),
     )
     induced = _sensitivity(recorder, main, calibration, progress)
-    learned = _learn(bent, bent_calibration, recorder.quick, pool, progress)
+    learned = _learn(nonlinear, nonlinear_calibration, recorder.quick, pool, progress)
     return Results(
         oscillation, acceleration, swing.subject, swing.truth, main.subject, main.truth,
         cogging, compare(cogging, calibration), back_emf, calibrated, both, induced, learned,
         runs=tuple(recorder.runs),
         wall_s=time.monotonic() - began_s,
-        bench_s=swing.bench_s + main.bench_s + bent.bench_s + learned.bench_s,
+        bench_s=swing.bench_s + main.bench_s + nonlinear.bench_s + learned.bench_s,
     )  # fmt: skip
 
 
@@ -218,7 +218,7 @@ def _sensitivity(
 
 
 def _learn(
-    bent: SimulatedBench,
+    nonlinear: SimulatedBench,
     calibration: Calibration,
     quick: bool,
     pool: ProcessPoolExecutor,
@@ -233,8 +233,8 @@ def _learn(
         progress(STAGES[5], (len(begun) - 1 + fraction) / passes)
 
     mesh = QUICK["learn"] if quick else None
-    config = bent.source.config
-    learned = learn_virtual(config, calibration, bent.seed(), passes, mesh, pool, in_pass)
+    config = nonlinear.source.config
+    learned = learn_virtual(config, calibration, nonlinear.seed(), passes, mesh, pool, in_pass)
     progress(STAGES[5], 1.0)
     return learned
 

@@ -52,7 +52,7 @@ def forecasts(
 ) -> Iterator[Forecast]:
     """Yield what becomes of each point of `plan` on the rig `nominal_rig`, in order.
 
-    Each point is taken on a rig of its own, from standstill, so nothing is told of the ways
+    Each point is taken on a rig of its own, from standstill, so nothing is said of the moves
     between points. After `limit_s` of elapsed time those that are left are not simulated.
     """
     if plan.name in BY_HAND and nominal_rig(config)[1].swing is None:

@@ -84,8 +84,8 @@ class Alignment:
 def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
     """Return the alignment from the ticks of `sweeps`, each with the columns `rests.REQUIRED`.
 
-    `motor` is what was told while they were taken. Forwards is where the torque sensor shows
-    positive torque; if it shows none, where the encoder counts up as told. Raises IdentifyError.
+    motor: of the bench file that they were taken with. Forwards is where the torque sensor shows
+    positive torque; if it shows none, where the encoder counts up by it. Raises IdentifyError.
     """
     if isinstance(motor.back_emf, BackEmfTable):
         raise IdentifyError(

@@ -77,20 +77,20 @@ def _ways(rests: Rests, number: int) -> np.ndarray:
     return ways
 
 
-def check_pole_pairs(turn_rad: float, stderr_rad: float, told: int) -> float:
-    """Return the pole pairs that fit. Raises IdentifyError if they are not those told."""
+def check_pole_pairs(turn_rad: float, stderr_rad: float, pole_pairs: int) -> float:
+    """Return the pole pairs that fit. Raises IdentifyError if they are others."""
     found = 2 * np.pi / abs(turn_rad)
-    if round(found) != told:
+    if round(found) != pole_pairs:
         raise IdentifyError(
             f"the rotor turned 1/{found:.2f} of a turn for each turn of the current vector: that "
-            f"is {round(found)} pole pairs, and [motor] pole_pairs = {told}. Correct it; if it is "
-            "right, [motor] counts or the encoder's wiring is not"
+            f"is {round(found)} pole pairs, and [motor] pole_pairs = {pole_pairs}. Correct it; if "
+            "it is right, [motor] counts or the encoder's wiring is not"
         )
-    if abs(found - told) > max(0.15, 5 * stderr_rad / abs(turn_rad) * told):
+    if abs(found - pole_pairs) > max(0.15, 5 * stderr_rad / abs(turn_rad) * pole_pairs):
         raise IdentifyError(
             f"the rotor turned 1/{found:.2f} of a turn for each turn of the current vector, which "
-            f"is no whole number of pole pairs ([motor] pole_pairs = {told}): are [motor] counts "
-            "right, and all lines of the encoder connected?"
+            f"is no whole number of pole pairs ([motor] pole_pairs = {pole_pairs}): are [motor] "
+            "counts right, and all lines of the encoder connected?"
         )
     return float(found)
 

@@ -38,7 +38,7 @@ MOUNT_SHARE = 0.7
 """Part of the mount's resonance frequency up to which its response is undone."""
 
 STANDS_OUT = 6.0
-"""Amplitude, in standard errors, from which an order that is not allowed is told."""
+"""Amplitude, in standard errors, from which an order that is not allowed is stated."""
 
 MOST_OTHERS = 24
 """Orders that are not allowed and are fitted all the same, at most."""

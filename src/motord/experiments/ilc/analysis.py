@@ -22,7 +22,7 @@ from motord.experiments.ilc.estimate import (
     unlearned,
 )
 from motord.experiments.ilc.report import LearnReport
-from motord.experiments.ilc.zoh_images import Staircase
+from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.operating_points import PointData, Samples, prepare
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
@@ -76,24 +76,24 @@ class LearnPass:
         }
 
 
-def stairs(inverter: InverterConfig, sample_age_s: float = 0.0) -> Staircase:
+def zero_order_hold(inverter: InverterConfig, sample_age_s: float = 0.0) -> ZeroOrderHold:
     """Return the timing of the currents for samples of that age when the tick begins."""
     dead_s = sample_age_s + inverter.actuation_delay_s - inverter.lag_s
-    return Staircase(dead_s, inverter.lag_s)
+    return ZeroOrderHold(dead_s, inverter.lag_s)
 
 
-def recorded_stairs(run: Run) -> Staircase | None:
-    """Return the timing of the currents in a run; None if its bench file does not tell."""
+def recorded_hold(run: Run) -> ZeroOrderHold | None:
+    """Return the timing of the currents in a run; None if its bench file does not say."""
     try:
         table = tomllib.loads(run.metadata["config"])["inverter"]
-        told = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
-        inverter = InverterConfig.model_validate(told)
+        given = {name: table[name] for name in ("actuation_delay_s", "lag_s") if name in table}
+        inverter = InverterConfig.model_validate(given)
     except (KeyError, TypeError, ValueError):
         return None
-    if "actuation_delay_s" not in told:
+    if "actuation_delay_s" not in given:
         return None
     age_ns = run.ticks(("sample_age_ns",))["sample_age_ns"]
-    return stairs(inverter, float(np.median(age_ns)) * 1e-9 if age_ns.size else 0.0)
+    return zero_order_hold(inverter, float(np.median(age_ns)) * 1e-9 if age_ns.size else 0.0)
 
 
 def learn_from_runs(
@@ -105,7 +105,7 @@ def learn_from_runs(
 ) -> LearnPass:
     """Return what to apply after the pass that `runs` hold, taken with `calibration` applied.
 
-    Without `stairs` in `learning`, the runs tell them. Raises AnalysisError for runs that were
+    Without `hold` in `learning`, the runs state it. Raises AnalysisError for runs that were
     taken with another calibration, IdentifyError for points that tell too little.
     """
     for run in runs:
@@ -115,8 +115,8 @@ def learn_from_runs(
                 f"{run.path}: was taken with calibration {applied or 'none'}, not with "
                 f"{calibration.id}; name the calibration that was in force with --calibration"
             )
-    if learning.stairs is None and runs:
-        learning = replace(learning, stairs=recorded_stairs(runs[0]))
+    if learning.hold is None and runs:
+        learning = replace(learning, hold=recorded_hold(runs[0]))
     points = (point for run in runs for point in captures(run))
     names = [run.path.name for run in runs]
     return learn(points, subject, calibration, names, created, learning)
@@ -233,7 +233,7 @@ def learn_report(done: LearnPass, title: str = "Learning of torque ripple") -> L
     return LearnReport(
         title=title,
         lead=f"{calibration.motor.name}, calibration {calibration.id}",
-        panels=tuple((words, values) for words, values in panels if values),
+        panels=tuple((title, values) for title, values in panels if values),
         passes={place: p.history_percent for place, p in points.items()},
         correction_Nm={
             place: tuple(zip(learned.orders, np.abs(p.line_Nm).tolist(), strict=True))

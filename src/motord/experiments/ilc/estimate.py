@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.ilc.zoh_images import Staircase, seeming_lines
+from motord.experiments.ilc.zoh_images import ZeroOrderHold, aliased_ripple
 from motord.identification import IdentifyError
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import point_ripple, repeating_rms
@@ -26,7 +26,7 @@ BAND_SHARE = 0.25
 """Part of the loop's rate up to which a correction comes out as it should."""
 
 LEAST_TURNS = 4
-"""Whole turns below which noise cannot be told from what repeats."""
+"""Whole turns below which noise cannot be separated from what repeats."""
 
 GAIN_MIN = 0.1
 """Share of the first gain below which a point that went astray is left at its best."""
@@ -43,13 +43,13 @@ class Learning:
     """How to learn.
 
     gain: share of the error taken out in a pass; limit_share: the largest correction, in parts of
-    rated torque; stairs: timing of the currents, None where the loop is fast enough not to matter.
+    rated torque; hold: timing of the currents, None where the loop is fast enough not to matter.
     """
 
     gain: float = 0.7
     highest_order: int = 256
     limit_share: float = 0.1
-    stairs: Staircase | None = None
+    hold: ZeroOrderHold | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def left_by(
 ) -> Left:
     """Return what is left at a point; gain (3,): what flows over what is commanded.
 
-    Raises IdentifyError where noise cannot be told from it.
+    Raises IdentifyError where noise cannot be separated from it.
     """
     if len(samples.turns) < LEAST_TURNS:
         raise IdentifyError(
@@ -108,9 +108,9 @@ def left_by(
     seen = np.array([order for order in orders if order <= highest], int) - 1
     error_Nm, noise_Nm = np.zeros(len(orders), complex), np.zeros(len(orders))
     even_odd_Nm = ripple.even_odd_Nm
-    if learning.stairs is not None:
-        even_odd_Nm = even_odd_Nm - seeming_lines(
-            samples, gain, motor, sensor, learning.stairs, ripple.order
+    if learning.hold is not None:
+        even_odd_Nm = even_odd_Nm - aliased_ripple(
+            samples, gain, motor, sensor, learning.hold, ripple.order
         )
     error_Nm[: seen.size] = even_odd_Nm.mean(axis=0)[seen]
     noise_Nm[: seen.size] = ripple.noise_Nm[seen]

@@ -15,7 +15,7 @@ _TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER
 """Colours from the lowest to the highest torque."""
 
 LEAST_PERCENT = 0.02
-"""Smallest error that is drawn: less cannot be told from none."""
+"""Smallest error that is drawn: less cannot be separated from none."""
 
 
 def _colours(points: Sequence[Point]) -> dict[float, tuple[float, float, float, float]]:

@@ -1,10 +1,10 @@
-"""What sampling makes of the current's staircase: ripple that the torque sensor shows and is not.
+"""Aliased ripple of the zero-order hold: what the sampled sensor shows and is not there.
 
-A current is held for a period T of the loop, so beside its harmonics it has images of them at the
-loop's rate, f + k / T. They pass the current loops (dead time and lag) and make torque with the
+A current is held for a period T of the loop, so it has images of its harmonics at the loop's rate,
+f + k / T. They pass the current loops (dead time and lag) and make torque with the
 back-EMF; the torque sensor, sampled once a period, shows them folded back onto the orders of the
 turn. A mount that resonates near the loop's rate passes them on with another sign than the torque
-itself, so that nulling what the sensor shows would put a real ripple in place of a seeming one.
+itself, so that nulling what the sensor shows would put a real ripple in place of an aliased one.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ IMAGES = (-4, -3, -2, -1, 1, 2, 3, 4)
 
 
 @dataclass(frozen=True)
-class Staircase:
+class ZeroOrderHold:
     """Timing of the currents against the samples of the torque.
 
     dead_s: from a sample of the torque until the current of the command of that tick begins to
@@ -37,19 +37,18 @@ class Staircase:
         shifted_rad_s = 2 * np.pi * (frequency_Hz + k / period_s)
         held = -np.expm1(-2j * np.pi * frequency_Hz * period_s) / (1j * shifted_rad_s * period_s)
         passed = np.exp(-1j * shifted_rad_s * self.dead_s) / (1 + 1j * shifted_rad_s * self.lag_s)
-        image: np.ndarray = held * passed
-        return image
+        return np.asarray(held * passed)
 
 
-def seeming_lines(
+def aliased_ripple(
     samples: Samples,
     gain: np.ndarray,
     motor: MotorConfig,
     sensor: TorqueSensorConfig,
-    stairs: Staircase,
+    hold: ZeroOrderHold,
     order: np.ndarray,
 ) -> np.ndarray:
-    """Return the complex amplitudes of seeming ripple at orders (n,), as `PointRipple.line_Nm`.
+    """Return the complex amplitudes of aliased ripple at orders (n,), as `PointRipple.line_Nm`.
 
     gain (3,): what flows over what is commanded. The speed is taken as steady.
     """
@@ -66,8 +65,7 @@ def seeming_lines(
     back_emf = motor.back_emf_table().T
     seen = np.zeros(counts, complex)
     for k in IMAGES:
-        current_A = np.fft.ifft(spectrum * stairs.image(turned * speed_Hz, period_s, k), axis=1)
+        current_A = np.fft.ifft(spectrum * hold.image(turned * speed_Hz, period_s, k), axis=1)
         torque_Nm = np.fft.fft((current_A * back_emf).sum(axis=0))
         seen += torque_Nm * response(sensor, turned * speed_Hz + k / period_s)
-    told: np.ndarray = 2 / counts * seen[order] / response(sensor, order * speed_Hz)
-    return told
+    return np.asarray(2 / counts * seen[order] / response(sensor, order * speed_Hz))

@@ -15,9 +15,9 @@ from motord.experiments.ilc.analysis import (
     finish,
     learn_from_runs,
     learn_report,
-    recorded_stairs,
+    recorded_hold,
     reopen,
-    stairs,
+    zero_order_hold,
 )
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.report import page
@@ -109,19 +109,21 @@ def test_a_run_without_points_is_refused(first: tuple[Path, Calibration], tmp_pa
         learned_from(tmp_path / "empty.mcap", first[1])
     with RunWriter(tmp_path / "untold.mcap", {**metadata, "config": ""}):
         pass
-    assert recorded_stairs(open_run(tmp_path / "untold.mcap")) is None
+    assert recorded_hold(open_run(tmp_path / "untold.mcap")) is None
     with RunWriter(tmp_path / "no-delay.mcap", {**metadata, "config": "[inverter]\n"}):
         pass
-    assert recorded_stairs(open_run(tmp_path / "no-delay.mcap")) is None
+    assert recorded_hold(open_run(tmp_path / "no-delay.mcap")) is None
 
 
 def test_timing_of_the_currents_is_read_from_the_bench_file(
     first: tuple[Path, Calibration],
 ) -> None:
-    told = recorded_stairs(open_run(first[0]))
+    told = recorded_hold(open_run(first[0]))
     assert told is not None
     assert (told.dead_s, told.lag_s) == pytest.approx((0.2e-3, 0.2e-3))
-    late = stairs(InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), sample_age_s=0.3e-3)
+    late = zero_order_hold(
+        InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), sample_age_s=0.3e-3
+    )
     assert (late.dead_s, late.lag_s) == pytest.approx((0.7e-3, 0.1e-3))
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from motord.config import BackEmfHarmonic, MotorConfig, TorqueSensorConfig
-from motord.experiments.ilc.zoh_images import Staircase, seeming_lines
+from motord.experiments.ilc.zoh_images import ZeroOrderHold, aliased_ripple
 from motord.identification.operating_points import Samples
 from motord.identification.torque_sensor import response
 
@@ -19,7 +19,7 @@ MOTOR = MotorConfig(
     connection="independent",
     back_emf=(BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.2),),
 )
-STAIRS = Staircase(dead_s=0.2e-3, lag_s=0.15e-3)
+HOLD = ZeroOrderHold(dead_s=0.2e-3, lag_s=0.15e-3)
 
 
 def commands(angle_rad: np.ndarray) -> np.ndarray:
@@ -33,9 +33,9 @@ def simulated(sensor: TorqueSensorConfig) -> tuple[np.ndarray, np.ndarray]:
     samples = 2 * round(1 / PERIOD_S)
     t_s = np.arange(samples * FINE) * PERIOD_S / FINE
     held = commands(2 * np.pi * SPEED_HZ * np.arange(samples) * PERIOD_S)
-    tick = np.floor((t_s - STAIRS.dead_s) / PERIOD_S + 1e-9).astype(int)
+    tick = np.floor((t_s - HOLD.dead_s) / PERIOD_S + 1e-9).astype(int)
     wanted_A = held[np.maximum(tick, 0)]
-    decay = np.exp(-PERIOD_S / FINE / STAIRS.lag_s)
+    decay = np.exp(-PERIOD_S / FINE / HOLD.lag_s)
     current_A = signal.lfilter([0, 1 - decay], [1, -decay], wanted_A, axis=0)
     angle_rad = 2 * np.pi * SPEED_HZ * t_s
     lag = 2 * np.pi / 3 * np.arange(3)
@@ -64,7 +64,7 @@ def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float) -> N
         turns=((0, count.size),),
     )
     order = np.array([30])
-    told = seeming_lines(samples, np.ones(3), MOTOR, sensor, STAIRS, order)
+    told = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
     turn = np.exp(-1j * np.outer(order, angle_rad))
     shown = 2 / count.size * (turn @ seen_Nm) / response(sensor, order * SPEED_HZ)
     assert np.abs(told).min() > 0.005
@@ -78,7 +78,7 @@ def base(order: int) -> complex:
     angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
     spectrum = np.fft.fft(commands(angle_rad), axis=0)
     turned = np.fft.fftfreq(COUNTS, 1 / COUNTS)
-    passed = np.nan_to_num(STAIRS.image(turned + 1e-12, PERIOD_S, 0), nan=1.0)
+    passed = np.nan_to_num(HOLD.image(turned + 1e-12, PERIOD_S, 0), nan=1.0)
     current_A = np.fft.ifft(spectrum * passed[:, None], axis=0)
     torque = np.fft.fft((current_A * MOTOR.back_emf_table()).sum(axis=1))
     return complex(2 / COUNTS * torque[order])
@@ -86,4 +86,4 @@ def base(order: int) -> complex:
 
 def test_a_steady_current_has_no_images() -> None:
     frequency_Hz = np.array([0.0])
-    assert STAIRS.image(frequency_Hz, PERIOD_S, 1)[0] == 0
+    assert HOLD.image(frequency_Hz, PERIOD_S, 1)[0] == 0

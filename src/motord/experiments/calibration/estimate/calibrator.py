@@ -227,7 +227,7 @@ def calibrate(
     sensor: TorqueSensorConfig,
     method: Method = "joint",
 ) -> CalibrationResult:
-    """Identify alpha, beta and cogging torque. Raises IdentifyError for what cannot be told."""
+    """Identify alpha, beta and cogging torque. Raises IdentifyError where the data do not."""
     calibrator = Calibrator(motor, sensor)
     for point in points:
         calibrator.add(point)

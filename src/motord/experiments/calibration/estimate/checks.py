@@ -53,7 +53,7 @@ def check_points(points: Sequence[TurnProducts]) -> None:
     if max(levels) < MIN_TORQUE_RATIO * min(levels):
         raise IdentifyError(
             f"all operating points are at about the same torque ({smallest.torque_set_Nm:g} to "
-            f"{largest.torque_set_Nm:g} Nm): phase gains and cogging cannot be told apart; "
+            f"{largest.torque_set_Nm:g} Nm): phase gains and cogging cannot be separated; "
             f"add a torque at least {MIN_TORQUE_RATIO:g} times as large or small"
         )
     _check_phases(points)
