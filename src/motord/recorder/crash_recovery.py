@@ -25,6 +25,7 @@ from motord.recording.file_names import (
     PART,
     STAMP,
     file_name,
+    newest_first,
     next_file,
     part_of,
     stamp,
@@ -74,7 +75,7 @@ class CrashRecovery:
         self._report = report
         self._stopping = threading.Event()
         self._end_s = 0.0
-        self._since_s = _started_s(run_dir)
+        self._since_ns = _started_ns(run_dir)
         self._parts = list(self._unfinished())
         self._thread = threading.Thread(target=self.run, name="recovery", daemon=True)
 
@@ -122,9 +123,9 @@ class CrashRecovery:
         )
         for folder, pattern in names:
             if folder.is_dir():
-                for path in sorted(folder.absolute().iterdir()):
-                    if re.fullmatch(pattern, path.name) and path.stat().st_mtime < self._since_s:
-                        yield path
+                found = (p for p in folder.absolute().iterdir() if re.fullmatch(pattern, p.name))
+                old = (path for t_ns, path in newest_first(found) if t_ns < self._since_ns)
+                yield from sorted(old)
 
     def _wait_for_writers(self) -> None:
         """Wait for the end of a recorder that has outlived its daemon."""
@@ -180,9 +181,8 @@ class CrashRecovery:
         folder = self._config.recording.directory.absolute()
         bench = re.compile(rf"{re.escape(self._config.bench.name)}-{STAMP}")
         files = [p for p in folder.glob("*.mcap*") if folder.is_dir() and bench.match(p.name)]
-        files = sorted(files, key=lambda path: path.stat().st_mtime_ns, reverse=True)[:NEWEST]
         found = []
-        for path in files:
+        for _, path in newest_first(files)[:NEWEST]:
             mark = mark_of(path)
             if mark is not None and places(block, mark).size:
                 found.append(_Recorded(path, mark))
@@ -239,12 +239,12 @@ class _Missing:
     lost: int = 0
 
 
-def _started_s(run_dir: RunDir) -> float:
-    """Return when the daemon took its lock, Unix seconds; 0 without a daemon."""
+def _started_ns(run_dir: RunDir) -> int:
+    """Return when the daemon took its lock, Unix ns; 0 without a daemon."""
     try:
-        return (run_dir.path / "daemon.lock").stat().st_mtime
+        return (run_dir.path / "daemon.lock").stat().st_mtime_ns
     except OSError:
-        return 0.0
+        return 0
 
 
 @contextmanager

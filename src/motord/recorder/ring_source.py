@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, newest_others, numbers, part_of
-from motord.recording.reader import open_run
+from motord.recording.file_names import file_name, newest_others, numbers, whole_of
+from motord.recording.reader import open_run_unfinished_or_not
 from motord.schema import TICK_DTYPE
 from motord.shm.ring import RingReader
 from motord.shm.shared_records import SharedFileError
@@ -51,8 +51,7 @@ class RingPiece:
 def last_mark(stem: Path) -> Mark | None:
     """Return the last tick in the newest file of the recording `stem`, None if there is none."""
     for number in reversed(numbers(stem)):
-        path = file_name(stem, number)
-        mark = mark_of(path if path.exists() else part_of(path))
+        mark = mark_of(file_name(stem, number))
         if mark is not None:
             return mark
     return None
@@ -68,9 +67,10 @@ def neighbours(stem: Path) -> tuple[Mark, ...]:
 
 
 def mark_of(path: Path) -> Mark | None:
-    """Return the last tick in a file, None if it has none, or none that can be read."""
+    """Return the last tick in a file, finished or not; None if none can be read."""
     try:
-        last = open_run(path).tick_table.last(["tick", "t_ns", "missed"])
+        table = open_run_unfinished_or_not(whole_of(path)).tick_table
+        last = table.last(["tick", "t_ns", "missed"])
     except RecordError:
         return None
     if not len(last):

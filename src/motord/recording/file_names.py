@@ -1,6 +1,7 @@
 """Names of files: NAME-000.mcap, NAME-001.mcap and so on, with `.part` until they are whole."""
 
 import re
+from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -56,12 +57,20 @@ def numbers(stem: Path) -> list[int]:
 
 def newest_others(stem: Path, count: int) -> list[Path]:
     """Return the files beside `stem` that are not of it and were written last, newest first."""
+    others = (path for path in _beside(stem) if stem_of(whole_of(path)) not in (None, stem))
+    return [path for _, path in newest_first(others)[:count]]
+
+
+def newest_first(paths: Iterable[Path]) -> list[tuple[int, Path]]:
+    """Return when each file was last written, Unix ns, and its path; without those that are gone.
+
+    A file in a listing of its folder may have got its final name since.
+    """
     written = []
-    for path in _beside(stem):
-        if stem_of(whole_of(path)) not in (None, stem):
-            with suppress(FileNotFoundError):  # it has just been given its name
-                written.append((path.stat().st_mtime_ns, path))
-    return [path for _, path in sorted(written, reverse=True)[:count]]
+    for path in paths:
+        with suppress(FileNotFoundError):
+            written.append((path.stat().st_mtime_ns, path))
+    return sorted(written, reverse=True)
 
 
 def next_file(stem: Path) -> Path:

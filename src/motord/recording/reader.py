@@ -8,6 +8,7 @@ from typing import Any
 from motord.recording import topics
 from motord.recording.damage import Damage
 from motord.recording.errors import RecordError
+from motord.recording.file_names import part_of
 from motord.recording.mcap.chunk_decoder import SingleMessage
 from motord.recording.mcap.chunk_source import ChunkSource, Span
 from motord.recording.table import Table
@@ -26,8 +27,22 @@ def open_run(path: Path) -> "Run":
     return Run(path)
 
 
+def open_run_unfinished_or_not(path: Path) -> "Run":
+    """Open the recording that has the final name `path`, or is still `.part` to become it.
+
+    A file goes from its unfinished name to the final one and never back: so that name is tried
+    first, and one that is closed meanwhile is found under the other. Raises RecordError.
+    """
+    try:
+        return Run(part_of(path))
+    except RecordError as error:
+        if not isinstance(error.__cause__, FileNotFoundError):
+            raise
+    return Run(path)
+
+
 class Run:
-    """A recording. Nothing is held open between calls.
+    """A recording. Its file is open for as long as the object lives.
 
     `metadata`: what was known at the beginning; `end`: what the writer noted when it closed the
     file, empty if it did not; `tick_table`, `truth_table`: ticks and truth. Columns come in the

@@ -1,5 +1,7 @@
 """Runs read back: whole, in part, cut off, damaged."""
 
+import gc
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,7 +29,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from motord.recording import topics
 from motord.recording.damage import Damage, Loss, damage_of, utc
 from motord.recording.errors import RecordError
-from motord.recording.file_names import part_of
+from motord.recording.file_names import newest_first, part_of
 from motord.recording.mcap.chunk_builder import ChunkBuilder
 from motord.recording.mcap.chunk_source import Span
 from motord.recording.mcap.mcap_file import McapFile
@@ -35,7 +37,7 @@ from motord.recording.mcap.message_array import MessageArray
 from motord.recording.mcap.records import MAGIC, serialise
 from motord.recording.mcap.structure import ChunkEntry
 from motord.recording.mcap.summary import chunk_entry
-from motord.recording.reader import Run, open_run
+from motord.recording.reader import Run, open_run, open_run_unfinished_or_not
 from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.ticks.blocks import BlockCodec
@@ -555,6 +557,77 @@ def test_times_are_told_in_utc():
     assert utc(START_NS + 1_234_567_890) == "2023-11-14T22:13:21.234Z"
     assert utc(2**63) == "2262-04-11T23:47:16.854Z"
     assert utc(2**70) == "an unknown time"
+
+
+@pytest.mark.parametrize("change", ["rename", "unlink", "replace"])
+def test_a_run_is_the_file_that_was_opened_whatever_becomes_of_its_name(whole, tmp_path, change):
+    path = part_of(tmp_path / "run.mcap")
+    path.write_bytes(whole.read_bytes())
+    run, expected = open_run(path), open_run(whole).ticks()
+    if change == "replace":
+        other = tmp_path / "other.mcap"
+        write_run(other, 3)
+        other.replace(path)
+    else:
+        getattr(path, change)(*([tmp_path / "run.mcap"] if change == "rename" else []))
+    assert same(run.ticks(), expected)
+    assert run.check() is None
+
+
+def open_descriptors():
+    return {path.name for path in Path("/proc/self/fd").iterdir()}
+
+
+def test_a_run_gives_its_descriptor_back(whole):
+    before = open_descriptors()
+    run = open_run(whole)
+    assert len(open_descriptors()) == len(before) + 1
+    del run
+    gc.collect()
+    assert open_descriptors() == before
+    for _ in range(3):
+        with pytest.raises(RecordError, match="not an MCAP"):
+            open_run(Path(__file__))
+    gc.collect()
+    assert open_descriptors() == before
+
+
+def test_a_file_that_gets_its_final_name_at_any_moment_is_found(whole, tmp_path, monkeypatch):
+    final, expected = tmp_path / "run.mcap", open_run(whole).ticks()
+    calls, open_file = [0], os.open
+
+    def open_then_rename(path, *args, **options):
+        calls[0] += 1
+        if calls[0] == moment and part_of(final).exists():
+            part_of(final).rename(final)
+        return open_file(path, *args, **options)
+
+    for moment in range(3):  # already before, while it is looked for, only afterwards
+        (final if moment == 0 else part_of(final)).write_bytes(whole.read_bytes())
+        calls[0] = 0
+        monkeypatch.setattr(os, "open", open_then_rename)
+        assert same(open_run_unfinished_or_not(final).ticks(), expected)
+        monkeypatch.undo()
+        final.unlink(missing_ok=True)
+        part_of(final).unlink(missing_ok=True)
+    with pytest.raises(RecordError, match=r"run\.mcap: cannot read it: No such file"):
+        open_run_unfinished_or_not(final)
+
+
+def test_an_unfinished_file_that_cannot_be_read_is_not_hidden_by_a_finished_one(whole, tmp_path):
+    final = tmp_path / "run.mcap"
+    final.write_bytes(whole.read_bytes())
+    part_of(final).write_text("what is this")
+    with pytest.raises(RecordError, match="is not an MCAP file"):
+        open_run_unfinished_or_not(final)
+
+
+def test_newest_first_leaves_out_what_is_gone(tmp_path):
+    for number, name in enumerate(("b", "a", "c")):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, ns=(number, number))
+    found = newest_first([tmp_path / name for name in ("a", "b", "c", "gone")])
+    assert found == [(2, tmp_path / "c"), (1, tmp_path / "a"), (0, tmp_path / "b")]
 
 
 def test_losses_tell_what_is_missing():

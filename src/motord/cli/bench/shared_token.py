@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from motord.recording.file_names import newest_first
 from motord.shm.run_directory import RunDir
 
 _STATE, _START_TIME = 0, 19
@@ -47,9 +48,10 @@ def tokens(bench: str) -> list[str]:
             pid, _, start = path.stem.partition("-")
             if not pid.isdigit() or str(_started_at(int(pid))) != start:
                 path.unlink(missing_ok=True)  # its owner has ended and cannot
-            elif (token := _token_in(path)) is not None:
-                alive.append((path.stat().st_mtime_ns, token))
-    return [token for _, token in sorted(alive, reverse=True)]
+            else:
+                alive.append(path)
+    found = (_token_in(path) for _, path in newest_first(alive))
+    return [token for token in found if token is not None]
 
 
 def _token_in(path: Path) -> str | None:

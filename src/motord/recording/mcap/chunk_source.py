@@ -1,6 +1,7 @@
 """A recording as a sequence of checked chunks, with an account of those that are not readable."""
 
 import os
+import weakref
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -58,12 +59,16 @@ ALWAYS = Span()
 class ChunkSource:
     """The file `path`: its structure, its chunks, its losses.
 
-    Raises RecordError if it cannot be read or is not an MCAP file with messages in chunks.
+    One descriptor is open from the first look to the end of the object: a file that gets its final
+    name, is replaced or removed meanwhile goes on being the one whose structure is known. Raises
+    RecordError if it cannot be read or is not an MCAP file with messages in chunks.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.structure = _structure(path)
+        self._descriptor = _open(path)
+        weakref.finalize(self, os.close, self._descriptor)
+        self.structure = self._read_structure()
         self._losses = {(loss.offset, loss.reason): loss for loss in self.structure.losses}
         self._bad_chunks: set[int] = set()
         if self.structure.loose_messages and not self.structure.chunks:
@@ -94,17 +99,18 @@ class ChunkSource:
         # glibc returns freed blocks to the system until it has freed one as large: reading is then
         # a quarter slower, for page faults
         np.empty(CAPACITY_BYTES, np.uint8)
-        with self.path.open("rb", buffering=0) as file:
-            for entry in chunks:
-                size = min(entry.size, self.structure.size)
-                record = memoryview(os.pread(file.fileno(), size, entry.offset))
-                try:
-                    chunk = decode(record, self.layouts)
-                except ChunkError as error:
-                    self._bad_chunks.add(entry.offset)
-                    self._note(Loss(entry.offset, entry.size, str(error)))
-                else:
-                    yield chunk
+        for entry in chunks:
+            size = min(entry.size, self.structure.size)
+            try:
+                record = memoryview(os.pread(self._descriptor, size, entry.offset))
+                chunk = decode(record, self.layouts)
+            except ChunkError as error:
+                self._bad_chunks.add(entry.offset)
+                self._note(Loss(entry.offset, entry.size, str(error)))
+            except OSError as error:
+                raise RecordError(f"{self.path}: cannot read it: {error.strerror}") from error
+            else:
+                yield chunk
 
     def metadata(self, name: str) -> dict[str, Any]:
         """Return the values of a metadata record, empty if there is none.
@@ -124,14 +130,26 @@ class ChunkSource:
         end, wanted = self.structure.data_end, self.structure.data_crc
         if end is None or wanted == 0 or self._losses:
             return
-        crc, left = 0, end
-        with self.path.open("rb") as file:
-            while left and (piece := file.read(min(left, _READ_AT_ONCE_BYTES))):
-                crc = crc32(piece, crc)
-                left -= len(piece)
+        crc, place = 0, 0
+        while piece := os.pread(self._descriptor, min(end - place, _READ_AT_ONCE_BYTES), place):
+            crc = crc32(piece, crc)
+            place += len(piece)
         if crc != wanted:
             reason = "checksum wrong outside the chunks: metadata or indexes have changed"
             self._note(Loss(0, 0, reason, messages=False))
+
+    def _read_structure(self) -> Structure:
+        try:
+            with open(self._descriptor, "rb", closefd=False) as file:
+                size = file.seek(0, os.SEEK_END)
+                file.seek(0)
+                if size == 0:
+                    raise RecordError(f"{self.path}: is empty")
+                if file.read(len(MAGIC)) != MAGIC:
+                    raise RecordError(f"{self.path}: is not an MCAP file")
+                return read_summary(file, size) or Salvage(file, size).structure()
+        except OSError as error:
+            raise RecordError(f"{self.path}: cannot read it: {error.strerror}") from error
 
     def _note(self, loss: Loss) -> None:
         self._losses[loss.offset, loss.reason] = loss
@@ -157,16 +175,10 @@ class ChunkSource:
                 yield number, MessageArray(number, BlockCodec(record))
 
 
-def _structure(path: Path) -> Structure:
+def _open(path: Path) -> int:
+    """Return a descriptor of `path`. Raises RecordError if it cannot be read."""
     try:
-        with path.open("rb") as file:
-            size = file.seek(0, 2)
-            file.seek(0)
-            if size == 0:
-                raise RecordError(f"{path}: is empty")
-            if file.read(len(MAGIC)) != MAGIC:
-                raise RecordError(f"{path}: is not an MCAP file")
-            return read_summary(file, size) or Salvage(file, size).structure()
+        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError as error:
         part = part_of(path)
         hint = f"; {part} is there, not closed, and can be read" if part.exists() else ""

@@ -19,8 +19,8 @@ from motord.api.messages import PlanView
 from motord.config import Config
 from motord.experiments.plans import build as build_plan
 from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, numbers, part_of, stem_of
-from motord.recording.reader import open_run
+from motord.recording.file_names import file_name, numbers, stem_of
+from motord.recording.reader import open_run_unfinished_or_not
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote
@@ -65,16 +65,13 @@ def recorded(segment: JournalSegment) -> set[int]:
     files = numbers(stem) if stem is not None and not certain else []
     if stem is None or not files:
         return segment.taken
-    paths = [file_name(stem, number) for number in files]
-    return set[int]().union(
-        *(_whole_points(path if path.exists() else part_of(path)) for path in paths)
-    )
+    return set[int]().union(*(_whole_points(file_name(stem, number)) for number in files))
 
 
 def _whole_points(path: Path) -> set[int]:
     """Return the numbers of the points that a file holds with their first and last tick."""
     try:
-        run = open_run(path)
+        run = open_run_unfinished_or_not(path)
         points = run.operating_points()
         first = next(iter(run.blocks(["tick"])), np.empty(0, [("tick", "u8")]))["tick"][:1]
         last = run.tick_table.last(["tick"])["tick"][-1:]
