@@ -25,11 +25,11 @@ from motord.config.timing import (
 class BenchConfig(Section):
     """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth.
 
-    rig_patience_s is for the emulator on computers that stall: the rig's time stands still when the
-    emulator has not run for so long and, with the power stage on, when no current command has come
-    for so long, until one comes or the inverter's timeout is over. Without it the rig plays on, as
-    a real one does. faults is a timeline of faults to inject (`config.faults`), for a simulated or
-    an emulated bench.
+    rig_patience_s is for the emulator on computers that stall: of a time in which the emulator did
+    not run, the rig plays so much, the last part; and, with the power stage on, its time stands
+    still when no current command has come for so long, until one comes or the inverter's timeout
+    is over. Without it the rig plays on, as a real one does. faults is a timeline of faults to
+    inject (`config.faults`), for a simulated or an emulated bench.
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"

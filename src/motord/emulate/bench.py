@@ -79,8 +79,7 @@ class EmulatedBench:
         )
         patience_s = config.bench.rig_patience_s
         self._patience_ns = NEVER_NS if patience_s is None else round(patience_s * 1e9)
-        self._woke_ns = start_ns
-        self._awake_until_ns = NEVER_NS
+        self._still_until_ns = start_ns
         self._temperature_max_C = config.brake.temperature_max_C
         truth = with_drive(truth, config.inverter)
         self._parameters, self._state = build.build(truth, config.bench.seed)
@@ -91,9 +90,11 @@ class EmulatedBench:
         self._arrivals: list[tuple[int, CurrentCommand | Numbered]] = []
 
     def wake(self, now_ns: int) -> None:
-        """Note that the process runs: of a sleep, the rig plays `rig_patience_s` at most."""
-        self._awake_until_ns = self._woke_ns + self._patience_ns
-        self._woke_ns = now_ns
+        """Note that the process runs: of a sleep, the rig plays its last `rig_patience_s` at most.
+
+        The last, so that its currents follow the commands that came meanwhile.
+        """
+        self._still_until_ns = now_ns - self._patience_ns
 
     def arrive(self, at_ns: int, what: CurrentCommand | Numbered) -> None:
         """Let a command or a frame of the host take effect at `at_ns`, or now if that is past."""
@@ -175,10 +176,10 @@ class EmulatedBench:
 
     def _played_ns(self, to_ns: int) -> int:
         """Return how much of the time up to `to_ns` passes for the rig (`rig_patience_s`)."""
-        until_ns = min(to_ns, self._awake_until_ns)
+        until_ns = to_ns
         if self.inverter.enabled:
-            until_ns = min(until_ns, self.inverter.commanded_ns + self._patience_ns)
-        return max(until_ns - self.now_ns, 0)
+            until_ns = min(to_ns, self.inverter.commanded_ns + self._patience_ns)
+        return max(until_ns - max(self.now_ns, self._still_until_ns), 0)
 
 
 def compile_kernels(config: Config, truth: RigTruth) -> None:

@@ -3,7 +3,8 @@
 The devices sample and send at instants of their own, fixed beforehand. A process that wakes late
 produces what was due meanwhile, with the right times; what the host sent takes effect at the time
 when it arrived. Only a stall of more than `CATCH_UP_NS`, or than the rig's patience if it has any,
-leaves instants out.
+leaves instants out. The inverter's feedback carries no time, its stamp is that of its arrival: what
+is older than a period is not sent, as no inverter queues measurements.
 """
 
 import gc
@@ -92,9 +93,11 @@ class Emulator:
         self._start_ns = 0
         patience_s = config.bench.rig_patience_s
         self._catch_up_ns = min(CATCH_UP_NS, round((patience_s or CATCH_UP_NS) * 1e9))
+        self._period_ns = round(1e9 / config.loop.rate_Hz)
         self._logged_ns = 0
         self.ticks = 0
         self.skipped = 0
+        self.feedback_late = 0
 
     def __enter__(self) -> "Emulator":
         """Open all ports. Raises EmulatorError for one that cannot be had."""
@@ -152,6 +155,7 @@ class Emulator:
             "ticks": self.ticks,
             "truth_rows": self._log.rows,
             "skipped": self.skipped,
+            "feedback_late": self.feedback_late,
             "stalled_s": bench.skipped_ns * 1e-9,
             "paused_s": bench.paused_ns * 1e-9,
             "torque_mean_Nm": self._log.mean_torque_Nm,
@@ -260,7 +264,10 @@ class Emulator:
         if self._samples.due(at_ns):
             self._link.sample(board, reading, at_ns)
         if self._feedback.due(at_ns):
-            self._send(self._fast, reading, status, at_ns)
+            if time.monotonic_ns() - at_ns <= self._period_ns:
+                self._send(self._fast, reading, status, at_ns)
+            else:
+                self.feedback_late += 1
             self.ticks += 1
             if self.bench.played_ns != self._logged_ns:  # no rows while the rig's time stands still
                 self._logged_ns = self.bench.played_ns

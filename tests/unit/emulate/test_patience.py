@@ -73,3 +73,26 @@ def test_it_goes_on_with_the_next_command() -> None:
     play(bench, 70 * MS)
     assert truth_of(bench).angle_rad != waited.angle_rad
     assert bench.paused_ns == paused_ns > 0
+
+
+def test_after_a_sleep_of_the_process_the_currents_are_those_of_the_last_command() -> None:
+    bench = bench_with(0.005)
+    play(bench, 20 * MS)
+    angle_rad = truth_of(bench).angle_rad
+    for ms in range(20, 60):  # what came while the process did not run
+        bench.arrive(ms * MS, beat(1))
+        bench.arrive(ms * MS, CurrentCommand((-4.0, 8.0, -4.0), True))
+    bench.wake(60 * MS)
+    bench.advance(54 * MS, lambda frame: None)
+    assert truth_of(bench).angle_rad == angle_rad  # time stood still
+    bench.advance(60 * MS, lambda frame: None)
+    assert bench.paused_ns == 35 * MS
+    asleep, awake = truth_of(bench), bench_with(None)
+    awake.arrive(0, beat(0))
+    for ms in range(60):
+        awake.arrive(ms * MS, beat(1))
+        awake.arrive(ms * MS, CurrentCommand((-4.0, 8.0, -4.0), True))
+    awake.advance(60 * MS, lambda frame: None)
+    assert asleep.i_a_A == pytest.approx(truth_of(awake).i_a_A, abs=0.01)
+    assert asleep.i_b_A == pytest.approx(truth_of(awake).i_b_A, abs=0.01)
+    assert abs(asleep.i_b_A) > 5.0

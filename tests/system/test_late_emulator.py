@@ -1,0 +1,55 @@
+"""An emulator that the computer keeps waiting, in virtual time: it is late, and never wrong.
+
+Feedback that it could not send in time would arrive with the stamp of its arrival, as currents that
+do not fit the commands of that time.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from motord.schema import State
+from tests.support.virtual_wire import STEP_MAX_NS, World, on_the_wire
+from tests.system.test_shipped_limits import shipped
+from tests.unit.emulate.benches import EMULATED
+
+TORQUE_NM = 0.1
+STALL_NS = 60_000_000
+EVERY_NS = 150_000_000
+
+
+def stalled(world: World, to_ns: int) -> None:
+    """Let time pass for devices whose process does not run in the first part of each EVERY_NS."""
+    while world.now_ns < to_ns:
+        world.now_ns = min(to_ns, world.now_ns + STEP_MAX_NS)
+        if world.now_ns % EVERY_NS >= STALL_NS:
+            world._step()
+
+
+def test_an_emulator_that_stalls_sends_no_old_feedback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = shipped(tmp_path, EMULATED)
+    plays_on = config.bench.model_copy(update={"rig_patience_s": None})
+    config = config.model_copy(update={"bench": plays_on})
+    ages_ns = []
+    with on_the_wire(config, tmp_path) as (service, loop):
+        world, port = loop.world, loop.world.emulator._can
+        fast = {message.name for message in world.emulator._fast}
+        send = port.send
+
+        def noting(codec, values, at_ns):
+            if codec.name in fast:
+                ages_ns.append(world.now_ns - at_ns)
+            send(codec, values, at_ns)
+
+        monkeypatch.setattr(port, "send", noting)
+        token = service.enabled()
+        monkeypatch.setattr(World, "advance", stalled)
+        service.ask("set", token=token, torque_Nm=TORQUE_NM)
+        service.run_s(1.0, token)
+        assert service.bench.state is State.ENABLED, service.messages()
+        emulator = world.emulator
+    assert max(ages_ns) <= 1_000_000_000 // config.loop.rate_Hz
+    stalls = 1_000_000_000 // EVERY_NS
+    assert emulator.summary()["feedback_late"] > stalls * (STALL_NS // 1_000_000 - 2)
