@@ -1,6 +1,11 @@
 """Requests before they are read: size, lease, room; and how they are answered."""
 
+import io
 import json
+import os
+import pickle
+import resource
+import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -311,3 +316,18 @@ def test_a_calibration_is_read_in_another_process(monkeypatch):
     with pytest.raises(RpcError, match=r"Invalid JSON") as caught:
         read_elsewhere(b'{"token": "t", "calibration": {' + b"[" * 1_000_000, motor)
     assert caught.value.code == "invalid"
+
+
+@pytest.mark.parametrize(("inherited", "added"), [(-10, 10), (0, 0), (5, 0)])
+def test_a_calibration_is_read_at_the_priority_of_ordinary_programs(monkeypatch, inherited, added):
+    """Neither before the supervisor nor, on a busy computer, never."""
+    increments, answers = [], io.BytesIO()
+    monkeypatch.setattr(os, "getpriority", lambda which, who: inherited)
+    monkeypatch.setattr(os, "nice", increments.append)
+    monkeypatch.setattr(resource, "setrlimit", lambda *limits: None)
+    payload = pickle.dumps((b"no request", config.load().motor))
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(payload)))
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(buffer=answers))
+    assert calibration_reader.main() == 0
+    assert isinstance(pickle.loads(answers.getvalue()), RpcError)
+    assert increments == [added]

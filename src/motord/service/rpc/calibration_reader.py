@@ -25,9 +25,6 @@ READ_S = 30.0
 """Reading takes a second or two, most of it to start the process."""
 MEMORY_BYTES = 1024**3
 """For the process and what it makes of the longest calibration, several times over."""
-NICE = 20
-"""Lowest priority, also when started by a thread whose priority was raised."""
-
 Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
 """Returns token and calibration of a request to install one. Raises RpcError."""
 
@@ -64,8 +61,12 @@ def read_elsewhere(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration
 
 
 def main() -> int:
-    """Read what comes on stdin, write what it is to stdout, both pickled."""
-    os.nice(NICE)
+    """Read what comes on stdin, write what it is to stdout, both pickled.
+
+    At the priority of ordinary programs, also when a thread whose priority was raised started it:
+    at the lowest, a computer that is busy with others would not get it done in READ_S.
+    """
+    os.nice(max(0, -os.getpriority(os.PRIO_PROCESS, 0)))
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
     payload, motor = pickle.load(sys.stdin.buffer)
     outcome: RpcError | tuple[str, Calibration]
