@@ -3,6 +3,7 @@
 import os
 import socket
 import stat
+from contextlib import suppress
 
 import pytest
 import serial
@@ -13,7 +14,13 @@ from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import SensorReading
 from motord.emulate.bridge.feed import input_frame
-from motord.emulate.bridge.firmware import FirmwareBoard, FirmwareLink, check_fault, check_faults
+from motord.emulate.bridge.firmware import (
+    FEED_HZ,
+    FirmwareBoard,
+    FirmwareLink,
+    check_fault,
+    check_faults,
+)
 from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
@@ -181,6 +188,18 @@ def test_a_machine_that_does_not_end_is_killed(tmp_path, monkeypatch):
     qemu.close()
     assert not qemu.running
     qemu.close()
+
+
+def test_a_machine_that_does_not_read_its_feed_finds_only_milliseconds_of_it(tmp_path, monkeypatch):
+    """Pins have a level and no queue: what the rig was long ago must not be seen later."""
+    monkeypatch.setattr("motord.emulate.bridge.qemu.END_S", 0.05)
+    qemu = Qemu(fake_qemu(tmp_path, monkeypatch, "exec sleep 100\n"))
+    frame, taken = input_frame(0, 0), 0
+    with suppress(BlockingIOError):
+        while True:
+            taken += qemu.feed.send(frame)
+    qemu.close()
+    assert 1 <= taken // len(frame) < 0.01 * FEED_HZ
 
 
 def test_a_machine_that_ends_by_itself(tmp_path, monkeypatch):
