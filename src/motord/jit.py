@@ -24,7 +24,8 @@ KERNEL_PACKAGES = ("control", "rig", "identification", "experiments/calibration/
 KERNEL_MODULES = (
     "config/timing.py", "hal/sim/rig.py", "jit.py",
     "learned.py", "loop/tick_kernel.py", "schema.py", "shm/histogram.py", "shm/tables.py",
-    "shm/timing.py", "virtual/bench.py", "virtual/drive.py", "virtual/faults.py",
+    "shm/time_count.py", "shm/timing.py", "virtual/bench.py", "virtual/drive.py",
+    "virtual/faults.py",
 )  # fmt: skip
 """Other modules with kernels, or whose constants kernels have compiled in; a test finds them."""
 

@@ -18,6 +18,9 @@ MAX_NODES = 16
 MAX_ORDERS = 64
 """Orders that a correction may have."""
 
+COEFFICIENTS_MAX = 2 * MAX_ORDERS * MAX_NODES * MAX_NODES
+"""Room for the coefficients, cos and sin, of the largest mesh."""
+
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -5,6 +5,8 @@ import enum
 import gc
 import importlib
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -100,3 +102,12 @@ def test_an_edit_anywhere_below_a_folder_of_kernels_starts_a_new_cache(tmp_path:
     made = _kernel_digest(copy)
     (below / "kernel.py").write_text("GAIN = 1.5\n")
     assert len({before, made, _kernel_digest(copy)}) == 3
+
+
+def test_processes_without_a_kernel_do_not_load_the_compiler() -> None:
+    """It takes half a second of every start, and sixty megabytes for as long as they run."""
+    modules = "daemon", "gateway.process"
+    lines = [f"import motord.service.{name}" for name in modules]
+    lines += ["import motord.recorder.main, motord.client, motord.cli", "import sys"]
+    code = "\n".join([*lines, "assert 'numba' not in sys.modules"])
+    subprocess.run([sys.executable, "-c", code], check=True)

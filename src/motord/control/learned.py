@@ -9,10 +9,6 @@ import math
 import numpy as np
 
 from motord.jit import jit
-from motord.learned import MAX_NODES, MAX_ORDERS
-
-VALUES = 2 * MAX_ORDERS * MAX_NODES * MAX_NODES
-"""Room for the coefficients of the largest mesh."""
 
 
 @jit
@@ -36,7 +32,8 @@ def learned_torque(
 ) -> float:
     """Return the learned torque (Nm) where `torque_Nm` is asked for.
 
-    learned_Nm (VALUES,): of them (torques, speeds, orders, 2) are used, cos and sin of each order.
+    learned_Nm (COEFFICIENTS_MAX,): of them (torques, speeds, orders, 2) are used, cos and sin of
+    each order.
     """
     if not torque_Nm > 0.0:
         return 0.0

@@ -7,11 +7,8 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.interlock_table import INTERLOCKS
-from motord.control.learned import VALUES
-from motord.control.park import DqFrame
-from motord.control.tracks import watched_tracks
 from motord.control.types import PARAMETERS, SETTLING_LAGS
-from motord.learned import LearnedTorque
+from motord.learned import COEFFICIENTS_MAX, LearnedTorque
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -29,7 +26,7 @@ def build(
     """Return parameters (1,) and the tables of the kernel.
 
     These are the back-EMF (counts, 3) in V s/rad, cogging (counts,) in Nm and the learned torque's
-    coefficients (learned.VALUES,) in Nm. Without a calibration alpha is 1, beta 0, the rest zero.
+    coefficients (COEFFICIENTS_MAX,) in Nm. Without a calibration alpha is 1, beta 0, the rest zero.
     """
     motor = config.motor
     parameters = np.zeros(1, PARAMETERS)
@@ -43,6 +40,8 @@ def build(
     p.simulated = config.simulated
     _fill_limits(p, config)
     if config.inverter.q_only:
+        from motord.control.park import DqFrame  # loads the compiler: only for such drives
+
         axes = DqFrame.of(config)
         p.q_only = True
         p.axes_rad, p.axes_sequence = axes.offset_rad, axes.sequence
@@ -50,7 +49,7 @@ def build(
     p.alpha[:] = calibration.alpha if calibration else 1.0
     p.beta_A[:] = calibration.beta_A if calibration else 0.0
     p.delta_epsilon = calibration.delta_epsilon if calibration else 1.0
-    cogging_Nm, learned_Nm = np.zeros(motor.counts), np.zeros(VALUES)
+    cogging_Nm, learned_Nm = np.zeros(motor.counts), np.zeros(COEFFICIENTS_MAX)
     if calibration:
         cogging_Nm[:] = calibration.tau_cog_Nm
         if calibration.learned:
@@ -62,6 +61,11 @@ def settling_ns(config: Config) -> int:
     """Return the time (ns) from the start of a tick until its current has settled."""
     inverter = config.inverter
     return round((inverter.actuation_delay_s + SETTLING_LAGS * inverter.lag_s) * 1e9)
+
+
+def watched_tracks(counts: int) -> int:
+    """Return how many tracks, from the finest on, change at least twice a turn."""
+    return max((counts // 4).bit_length(), 0)
 
 
 def _fill_learned(p: np.record, learned_Nm: np.ndarray, learned: LearnedTorque) -> None:

@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 
+from motord.control.types import TORQUE_SHARE
 from motord.jit import jit
-
-TORQUE_SHARE = 0.2
-"""Part of the torque set-point by which the measured torque may be off, besides torque_error_Nm."""
 
 
 @jit

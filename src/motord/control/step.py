@@ -192,7 +192,7 @@ def step(
     """Run one tick. All but the tables are one-element arrays of the dtypes in `control.types`.
 
     back_emf: (counts, 3), V s/rad; cogging_Nm: (counts,), Nm, at angles 2 pi n / counts;
-    learned_Nm: (learned.VALUES,), Nm.
+    learned_Nm: (COEFFICIENTS_MAX,), Nm.
     """
     p, m, f, s = parameters[0], memory[0], feedback[0], setpoint[0]
     c, t = command[0], tick[0]

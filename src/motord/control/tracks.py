@@ -14,11 +14,6 @@ STUCK_SAMPLES = 3
 ALL = 0xFFFFFFFF
 
 
-def watched_tracks(counts: int) -> int:
-    """Return how many tracks, from the finest on, change at least twice a turn."""
-    return max((counts // 4).bit_length(), 0)
-
-
 @jit
 def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     """Take in a code read at `t_ns`, after the observer has; True where a track is stuck.

@@ -61,6 +61,8 @@ COMMAND = record_dtype(
     ]
 )
 
+TORQUE_SHARE = 0.2
+"""Part of the torque set-point by which the measured torque may be off, besides torque_error_Nm."""
 SETTLING_LAGS = 3
 """Lags of the current loops after [inverter] actuation_delay_s, which has one of them, within which
 a current settles: 1.8 % of a step are left."""

@@ -19,6 +19,7 @@ from motord.schema import State
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter
 from motord.shm.tables import TablesReader
+from motord.shm.time_count import count_time
 from motord.shm.timing import BoardClockError, Timing
 
 SUPERVISOR_GONE_S = 5.0
@@ -114,4 +115,4 @@ def run(loop: ControlLoop, pacer: Pacer, ticks: int | None = None) -> None:
             if loop.supervisor_gone(now_ns):
                 stop.reason = "the supervisor is gone"
     if work_ns != NO_WORK:
-        loop.timing.work.add(work_ns)
+        count_time(loop.timing.work.cells, work_ns)

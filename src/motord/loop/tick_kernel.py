@@ -7,12 +7,12 @@ itself. They are the same in every tick, so a compiled function finds them by th
 import numpy as np
 
 from motord.control import step as kernel
-from motord.control.learned import VALUES
 from motord.control.types import COMMAND, FEEDBACK, MEMORY, PARAMETERS, SETPOINT
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
+from motord.learned import COEFFICIENTS_MAX
 from motord.schema import TICK_DTYPE
-from motord.shm.histogram import count
 from motord.shm.tables import TableSet
+from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING
 
 _PARAMETERS, _BACK_EMF, _COGGING, _LEARNED = range(4)
@@ -46,7 +46,7 @@ def run_tick(
         parameters,
         back_emf,
         records_at(frame, _COGGING, counts, _FLOAT64),
-        records_at(frame, _LEARNED, VALUES, _FLOAT64),
+        records_at(frame, _LEARNED, COEFFICIENTS_MAX, _FLOAT64),
         records_at(frame, _MEMORY, 1, MEMORY),
         records_at(frame, _FEEDBACK, 1, FEEDBACK),
         records_at(frame, _SETPOINT, 1, SETPOINT),
@@ -55,9 +55,9 @@ def run_tick(
     )
     timing = records_at(frame, _TIMING, 1, TIMING)[0]
     timing.missed = missed
-    count(timing.wake_late, wake_late_ns)
+    count_time(timing.wake_late, wake_late_ns)
     if work_ns >= 0:
-        count(timing.work, work_ns)
+        count_time(timing.work, work_ns)
 
 
 class TickKernel:

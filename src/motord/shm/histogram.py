@@ -1,7 +1,8 @@
 """Times counted in logarithmic bins: 32 to the octave, exact below 64 ns, up to 2.1 s.
 
 A histogram is an array of CELLS integers: the count of each bin, then the largest time. The loop's
-compiled tick counts into such arrays; they may lie in shared memory (`runtime.timing`).
+compiled tick counts into such arrays (`shm.time_count`); they may lie in shared memory
+(`shm.timing`).
 """
 
 import math
@@ -9,18 +10,17 @@ import math
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from motord.jit import jit
-
-_BITS = 5
-BINS = (32 - _BITS) << _BITS
+BITS = 5
+"""Of a bin's number within its octave."""
+BINS = (32 - BITS) << BITS
 """Number of bins for values below 2**31 ns."""
 CELLS = BINS + 1
 
 
 def _lower_edges_ns() -> np.ndarray:
     index = np.arange(BINS + 1, dtype=np.int64)
-    octave = np.maximum((index >> _BITS) - 1, 0)
-    return np.asarray((index - (octave << _BITS)) << octave)
+    octave = np.maximum((index >> BITS) - 1, 0)
+    return np.asarray((index - (octave << BITS)) << octave)
 
 
 EDGES_ns = _lower_edges_ns()
@@ -40,17 +40,14 @@ class TimeSummary(BaseModel):
     bins: list[tuple[int, int]] = []
 
 
-@jit
-def count(cells: np.ndarray, time_ns: int) -> None:
-    """Count a time in `cells`, shape (CELLS,): a negative one as 0, a long one in the last bin."""
-    time_ns = max(time_ns, 0)
-    octave = math.frexp(time_ns)[1] - 6  # frexp gives the number of bits
-    if octave > 0:
-        index = min((octave << _BITS) + (time_ns >> octave), BINS - 1)
-    else:
-        index = time_ns
-    cells[index] += 1
-    cells[BINS] = max(cells[BINS], time_ns)
+def bin_of(time_ns: int) -> int:
+    """Return the bin of a time; a negative one counts as 0, a long one is in the last."""
+    if time_ns <= 0:
+        return 0
+    octave = math.frexp(time_ns)[1] - 1 - BITS  # frexp gives the number of bits
+    if octave <= 0:
+        return time_ns
+    return min((octave << BITS) + (time_ns >> octave), BINS - 1)
 
 
 class TimeHistogram:
@@ -79,8 +76,9 @@ class TimeHistogram:
         return int(self.cells[BINS])
 
     def add(self, time_ns: int) -> None:
-        """Count one time."""
-        count(self.cells, time_ns)
+        """Count one time; the loop does so by `count_time`."""
+        self.cells[bin_of(time_ns)] += 1
+        self.cells[BINS] = max(self.max_ns, time_ns)
 
     def merge(self, other: "TimeHistogram") -> None:
         """Count all times of `other` too."""

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
+from motord.learned import COEFFICIENTS_MAX
 from motord.shm.memory_barrier import memory_barrier
 from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 
@@ -29,7 +29,8 @@ class TablesBusyError(Exception):
 class TableSet(NamedTuple):
     """Arguments of the kernel.
 
-    parameters (1,), back-EMF (counts, 3), cogging (counts,), learned torque (learned.VALUES,).
+    parameters (1,), back-EMF (counts, 3), cogging (counts,), learned torque
+    (COEFFICIENTS_MAX,).
     """
 
     parameters: np.ndarray
@@ -39,7 +40,7 @@ class TableSet(NamedTuple):
 
 
 def _set_bytes(counts: int) -> int:
-    return _PARAMETER_BYTES + -(-(counts * 4 + VALUES) * 8 // 64) * 64
+    return _PARAMETER_BYTES + -(-(counts * 4 + COEFFICIENTS_MAX) * 8 // 64) * 64
 
 
 def _sets(shared: SharedFile, counts: int) -> list[TableSet]:
@@ -51,7 +52,7 @@ def _sets(shared: SharedFile, counts: int) -> list[TableSet]:
         back_emf = shared.array(float64, counts * 3, back_emf_start).reshape(counts, 3)
         cogging_start = back_emf_start + counts * 3 * 8
         cogging = shared.array(float64, counts, cogging_start)
-        learned = shared.array(float64, VALUES, cogging_start + counts * 8)
+        learned = shared.array(float64, COEFFICIENTS_MAX, cogging_start + counts * 8)
         sets.append(TableSet(shared.array(PARAMETERS, 1, start), back_emf, cogging, learned))
     return sets
 
@@ -91,10 +92,10 @@ class TablesWriter:
         """
         version = self.version
         shapes = back_emf_V_s_per_rad.shape, cogging_Nm.shape, learned_Nm.shape
-        if shapes != ((self.counts, 3), (self.counts,), (VALUES,)):
+        if shapes != ((self.counts, 3), (self.counts,), (COEFFICIENTS_MAX,)):
             raise ValueError(
                 f"tables are {shapes[0]}, {shapes[1]} and {shapes[2]}, "
-                f"expected ({self.counts}, 3), ({self.counts},) and ({VALUES},)"
+                f"expected ({self.counts}, 3), ({self.counts},) and ({COEFFICIENTS_MAX},)"
             )
         if self.in_use not in (0, version):
             raise TablesBusyError("the loop has not yet taken up the tables written before")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from motord.control.tracks import watched_tracks
+from motord.control.parameters import watched_tracks
 from motord.schema import Compensate, State, Trip
 from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config

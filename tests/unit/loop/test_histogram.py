@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.shm.histogram import BINS, EDGES_ns, TimeHistogram
+from motord.shm.time_count import count_time
 
 
 def test_bins_have_no_gap_and_are_fine() -> None:
@@ -42,6 +43,16 @@ def test_quantile_is_within_a_bin_of_the_true_one(times_ns: list[int], fraction:
     got_ns = histogram.quantile_ns(fraction)
     assert true_ns * (1 - 1 / 31) - 1 <= got_ns <= true_ns * (1 + 1 / 31) + 1
     assert got_ns <= max(times_ns)
+
+
+@pytest.mark.kernel
+@given(st.lists(st.integers(-10, 2**33), max_size=50))
+def test_the_loop_counts_as_the_histogram_does(times_ns: list[int]) -> None:
+    histogram, compiled = TimeHistogram(), TimeHistogram()
+    for time_ns in times_ns:
+        histogram.add(time_ns)
+        count_time(compiled.cells, time_ns)
+    assert (histogram.cells == compiled.cells).all()
 
 
 def test_summary_holds_everything() -> None:

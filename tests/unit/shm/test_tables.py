@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from motord.control.learned import VALUES
 from motord.control.types import PARAMETERS
+from motord.learned import COEFFICIENTS_MAX
 from motord.shm.tables import TablesBusyError, TablesReader, TablesWriter
 
 COUNTS = 37
@@ -15,7 +15,12 @@ COUNTS = 37
 def tables(value: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     parameters = np.zeros(1, PARAMETERS)
     parameters["period_s"] = value
-    return parameters, np.full((COUNTS, 3), value), np.full(COUNTS, value), np.full(VALUES, value)
+    return (
+        parameters,
+        np.full((COUNTS, 3), value),
+        np.full(COUNTS, value),
+        np.full(COEFFICIENTS_MAX, value),
+    )
 
 
 def values(reader: TablesReader) -> set[float]:
@@ -68,7 +73,7 @@ def test_views_have_the_kernels_shapes(writer: TablesWriter, reader: TablesReade
     assert back_emf.flags.c_contiguous
     assert back_emf.shape == (COUNTS, 3)
     assert cogging.shape == (COUNTS,)
-    assert learned.shape == (VALUES,)
+    assert learned.shape == (COEFFICIENTS_MAX,)
     assert all(a.flags.aligned for a in (parameters, back_emf, cogging, learned))
 
 

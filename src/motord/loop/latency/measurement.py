@@ -23,6 +23,7 @@ from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.main import ONE_THREAD
 from motord.loop.steal_time import stolen_ticks
 from motord.shm.histogram import TimeHistogram
+from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
 
 SLICE_S = 0.25
@@ -167,7 +168,7 @@ def timing_of(latencies_ns: list[int], period_ns: int) -> Timing:
     """
     timing = Timing()
     for late_ns in latencies_ns:
-        timing.wake_late.add(late_ns)
+        count_time(timing.wake_late.cells, late_ns)
     timing.record["missed"] = sum(late_ns // period_ns for late_ns in latencies_ns)
     return timing
 

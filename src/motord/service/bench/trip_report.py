@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.control.plausible import TORQUE_SHARE
+from motord.control.types import TORQUE_SHARE
 from motord.schema import BridgeStatus, InverterStatus, State, Trip
 
 PHASES = "abc"
