@@ -84,7 +84,7 @@ from motord import config
 from motord.config import BridgeConfig, InverterConfig
 from motord.hal.registry import known, make_rig
 bench = config.load().model_copy(update={
-    "inverter": InverterConfig(driver="acme"),
+    "inverter": InverterConfig(driver="acme", settings={"host": "drive"}),
     "bridge": BridgeConfig(driver="serial", port="/dev/null"),
 })
 print(known("inverter"), type(make_rig(bench)._inverter).__module__)

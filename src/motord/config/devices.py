@@ -1,16 +1,22 @@
 """`[inverter] [bridge] [brake] [drive]`: drivers, wires and timing of the devices."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import (
+    Field,
+    JsonValue,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
 
 SAMPLE_BYTES, HEARTBEAT_BYTES = 19, 6
-"""Bodies of the two frames that are sent all the time (`wire.frames.BODY_BYTES`)."""
+"""Bodies of the two frames that are sent all the time (`wire.bridge.frames.BODY_BYTES`)."""
 DEFAULT_BITRATE = 1_000_000
 
 _CLASSIC_DATA, _CLASSIC_STUFFED_BITS, _CLASSIC_OTHER_BITS = 7, 34, 13
@@ -41,7 +47,37 @@ class CanConfig(CanBusConfig):
     signals: CanSignalMap
 
 
-class InverterConfig(Section):
+class DeviceConfig(Section):
+    """What the tables of all devices share.
+
+    `settings` are those of a driver of another package, which states what they are
+    (`hal.driver_settings`); motord's own drivers (`OWN`) have none.
+    """
+
+    OWN: ClassVar[tuple[str, ...]] = ()
+
+    driver: str = "sim"
+    settings: dict[str, JsonValue] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _settings_are_of_a_driver_that_has_them(self) -> "DeviceConfig":
+        if self.settings and self.driver in self.OWN:
+            raise ValueError(
+                f'driver = "{self.driver}" has no settings; they are for drivers of other packages'
+            )
+        return self
+
+    @model_serializer(mode="wrap")
+    def _without_settings_that_are_not_there(
+        self, serialise: SerializerFunctionWrapHandler
+    ) -> dict[str, Any]:
+        content: dict[str, Any] = serialise(self)
+        if not self.settings:
+            content.pop("settings", None)
+        return content
+
+
+class InverterConfig(DeviceConfig):
     """`[inverter]`: the drive's driver and timing.
 
     actuation_delay_s is from the start of a tick until its current flows, dead time and the lag
@@ -50,7 +86,8 @@ class InverterConfig(Section):
     along the rotor's axes, which `dq` describes.
     """
 
-    driver: str = "sim"
+    OWN = ("sim", "can", "can-dq")
+
     can: CanConfig | None = None
     dq: DqConfig = DqConfig()
     stale_after_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.02
@@ -126,10 +163,11 @@ class BridgeCanConfig(CanBusConfig):
         return sample_Hz * sample_s + heartbeat_Hz * heartbeat_s
 
 
-class BridgeConfig(Section):
+class BridgeConfig(DeviceConfig):
     """`[bridge]`: the board that samples encoder and torque sensor, by serial port or CAN."""
 
-    driver: str = "sim"
+    OWN = ("sim", "can", "serial")
+
     can: BridgeCanConfig | None = None
     port: str = ""
     baud: Annotated[int, Field(gt=0)] = 2_000_000
@@ -214,8 +252,9 @@ def shares_line(one: ModbusConfig, other: ModbusConfig) -> bool:
     return one.transport == other.transport == "rtu" and one.serial_port == other.serial_port
 
 
-class _ModbusDevice(Section):
-    driver: str = "sim"
+class _ModbusDevice(DeviceConfig):
+    OWN = ("sim", "none", "modbus")
+
     modbus: ModbusConfig | None = None
     poll_s: Positive = 0.05
     stale_after_s: Positive = 1.0

@@ -1,0 +1,27 @@
+"""Settings of a driver of another package: `[inverter.settings]` and the like of the bench file."""
+
+from typing import Literal, TypeVar
+
+from pydantic import ValidationError
+
+from motord.config import Config
+from motord.config.base import Section
+from motord.hal.base import DeviceError
+
+SettingsT = TypeVar("SettingsT", bound=Section)
+
+
+def read_settings(
+    kind: Literal["inverter", "bridge", "brake", "drive"], model: type[SettingsT], config: Config
+) -> SettingsT:
+    """Return the settings that a bench file has for the driver of a device, as `model` has them.
+
+    Raises DeviceError, which names the key, for one that is missing, unknown or wrong.
+    """
+    try:
+        return model.model_validate(getattr(config, kind).settings)
+    except ValidationError as error:
+        wrong = "; ".join(
+            f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors()
+        )
+        raise DeviceError(f"[{kind}.settings] {wrong}") from None
