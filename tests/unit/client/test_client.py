@@ -260,5 +260,6 @@ def test_a_supervisor_that_does_not_answer_is_said(tmp_path, monkeypatch):
         service.paused.set()
         with connect("asleep", service.listen) as client:
             assert code_of(client, "stop") == "busy"
+            monkeypatch.setattr("motord.service.rpc.outstanding.REPLY_S", 1e6)  # not even that
             monkeypatch.setattr("motord.client.connection.REPLY_S", 0.05)
             assert code_of(client, "stop") == "unreachable"
