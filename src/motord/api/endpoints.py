@@ -28,6 +28,8 @@ ENVELOPE_BYTES = 4096
 """Added to the payload of a request by Zenoh: key and headers."""
 MAX_REPLY_BYTES = 64 * 1024 * 1024
 """To a client. The largest is `config` with a table of the back-EMF at 1,048,576 counts."""
+CONNECT_MS = 500
+"""How long the gateway waits for the daemon before it says that it is open."""
 BLOCKED_US = 1_000_000
 """A client that takes no replies for so long is disconnected: no thread waits for it."""
 
@@ -49,6 +51,7 @@ def router_config(listen: Sequence[str]) -> zenoh.Config:
     config.insert_json5("listen/endpoints", json.dumps(list(listen)))
     config.insert_json5("listen/exit_on_failure", "true")
     config.insert_json5("connect/endpoints", "[]")
+    config.insert_json5("scouting/delay", "0")  # it looks for nobody, so it waits for nobody
     return config
 
 
@@ -78,6 +81,7 @@ def gateway_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
     tls = config.zenoh.tls
     assert tls is not None
     gateway = router_config(config.zenoh.remote)
+    gateway.insert_json5("scouting/delay", str(CONNECT_MS))  # until it has found the daemon
     gateway.insert_json5("connect/endpoints", json.dumps(config.zenoh.local[:1]))
     _bound(gateway, MAX_CLIENTS + 1, max_request_bytes(config.motor.counts))
     files = {
