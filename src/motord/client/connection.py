@@ -117,6 +117,12 @@ def _find_bench(
     )
 
 
+def _matches(querier: zenoh.Querier) -> bool:
+    """Return whether the router has announced who answers the querier."""
+    status: Any = querier.matching_status  # the stubs of Zenoh say bool
+    return bool(status.matching)
+
+
 class Client:
     """A connection to one daemon. Use it as a context manager, or call `close`."""
 
@@ -221,7 +227,7 @@ class Client:
                 return
             end_s = time.monotonic() + ROUTE_S
             with self._session.declare_querier(key(self.bench, name)) as querier:
-                while not (querier.matching_status.matching and self._query("state", QUERY_S)):
+                while not (_matches(querier) and self._query("state", QUERY_S)):
                     if time.monotonic() > end_s:
                         return
                     time.sleep(_LOOK_S)

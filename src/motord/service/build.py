@@ -24,7 +24,6 @@ from motord.service.host.descriptors import DescriptorReserve
 from motord.service.host.events import EventLog
 from motord.service.host.systemd import Notifier
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.journal_sink import JournalSink
 from motord.service.plans.resume import Resumption
 from motord.service.processes import PROCESSES
 from motord.service.publish.publisher import Publisher
@@ -82,11 +81,11 @@ def build(
     )
     boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
-    resumption = Resumption(config, journal, store.current_id, clock.now_ns)
-    sink = JournalSink(recording, journal, resumption, events, clock.now_ns)
-    recording.recorder.followers += [boxes, sink]
+    resumption = Resumption(config, recording, journal, store.current_id, events, clock.now_ns)
+    recording.recorder.on_process += [boxes.recorder, resumption.recorder]
+    recording.recorder.on_report = boxes.report
     mailbox = MailboxWriter(run_dir.setpoint, clock)
-    bench = Bench(config, mailbox, slow_devices(config, events), events, sink)
+    bench = Bench(config, mailbox, slow_devices(config, events), events, resumption)
     bench.monitor.on_trip = boxes.trip
 
     tables.write(*parameters.build(config, installed_calibration(store, bench)))

@@ -17,12 +17,14 @@ from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, ManualControl
-from motord.service.bench.setpoint import RAD_PER_TURN, Mailbox, Setpoint
+from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
 from motord.service.bench.slow_devices import SlowDevice
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
-from motord.service.plans.runner import PlanRunner, PlanSink
+from motord.service.plans.resume import Resumption
+from motord.service.plans.runner import PlanRunner
+from motord.shm.mailbox import MailboxWriter
 
 UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
@@ -53,10 +55,10 @@ class Bench:
     def __init__(
         self,
         config: Config,
-        mailbox: Mailbox,
+        mailbox: MailboxWriter,
         devices: Mapping[str, SlowDevice],
         events: EventLog,
-        sink: PlanSink,
+        journal: Resumption,
     ) -> None:
         self.config = config
         self.events = events
@@ -66,7 +68,7 @@ class Bench:
         self.injected = InjectedFaults(config, events)
         self.lease = CommandLease(config.zenoh.lease_s)
         self.manual = ManualControl(config, self.setpoint)
-        self.plans = PlanRunner(self.setpoint, sink)
+        self.plans = PlanRunner(self.setpoint, journal)
         self.calibrated = False
         self.loop_fault = LOOP_STARTS
         self.loop_starting = True

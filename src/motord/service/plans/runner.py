@@ -6,29 +6,14 @@ is in command.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 from uuid import uuid4
 
 from motord.api.messages import PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
 from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
-
-
-class PlanSink(Protocol):
-    """Receives a plan's progress."""
-
-    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
-        """A plan begins; returns where it is recorded, "" if it is not."""
-
-    def plan_point(self, point: dict[str, Any]) -> None:
-        """An operating point was captured."""
-
-    def plan_progress(self, view: PlanView) -> None:
-        """Progress, at every look while a plan is under way."""
-
-    def plan_over(self, view: PlanView) -> None:
-        """The plan has ended."""
+from motord.service.plans.resume import Resumption
 
 
 @dataclass(frozen=True)
@@ -43,9 +28,9 @@ class EarlierPart:
 class PlanRunner:
     """The plan under way, or the last one."""
 
-    def __init__(self, setpoint: Setpoint, sink: PlanSink) -> None:
+    def __init__(self, setpoint: Setpoint, journal: Resumption) -> None:
         self._setpoint = setpoint
-        self._sink = sink
+        self._journal = journal
         self._executor: Executor | None = None
         self._demand = Demand()
         self._points_passed_on = 0
@@ -94,7 +79,7 @@ class PlanRunner:
         self.active = True
         self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
-        recording = self._sink.plan_started(plan, self._view, notes)
+        recording = self._journal.plan_started(plan, self._view, notes)
         self._view = self._view.model_copy(update={"recording": recording})
         return self._view
 
@@ -105,7 +90,7 @@ class PlanRunner:
             return
         self._apply(executor.advance(seen))
         for point in executor.points[self._points_passed_on :]:
-            self._sink.plan_point(point)
+            self._journal.plan_point(point)
         self._points_passed_on = len(executor.points)
         self._show(executor.progress())
         if executor.finished:
@@ -150,7 +135,7 @@ class PlanRunner:
         if self._view is not None:
             counted = self._counted(progress)
             self._view = PlanView.model_validate({**self._view.model_dump(), **counted})
-            self._sink.plan_progress(self._view)
+            self._journal.plan_progress(self._view)
 
     def _counted(self, progress: dict[str, Any]) -> dict[str, Any]:
         """Return progress with the points of the whole plan."""
@@ -162,4 +147,4 @@ class PlanRunner:
         self._setpoint.rest()
         self._setpoint.compensate = self._compensate_before
         if self._view is not None:
-            self._sink.plan_over(self._view)
+            self._journal.plan_over(self._view)

@@ -1,6 +1,5 @@
 """When what is published: ticks as they come, state and plan ten times a second and on change."""
 
-import json
 from collections.abc import Callable
 
 import numpy as np
@@ -38,24 +37,12 @@ class Publisher:
     @property
     def documents(self) -> dict[str, Callable[[], bytes]]:
         """What answers who asks for the newest, by key."""
+        events, plans = self._bench.events, self._bench.plans
         return {
-            "state": self.state_document,
-            "event": self.event_document,
-            "plan": self.plan_document,
+            "state": lambda: self._state_json,
+            "event": lambda: b"[%b]" % b",".join(event.to_json() for event in events.recent()),
+            "plan": lambda: view.to_json() if (view := plans.view) is not None else b"null",
         }
-
-    def state_document(self) -> bytes:
-        """Return the newest state."""
-        return self._state_json
-
-    def event_document(self) -> bytes:
-        """Return the events that are remembered."""
-        return json.dumps([e.model_dump(mode="json") for e in self._bench.events.recent()]).encode()
-
-    def plan_document(self) -> bytes:
-        """Return the plan's progress."""
-        view = self._bench.plans.view
-        return b"null" if view is None else view.to_json()
 
     def _publish_plan(self, now_ns: int) -> None:
         view, before = self._bench.plans.view, self._plan
