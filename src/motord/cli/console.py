@@ -46,6 +46,14 @@ def print_json(obj: Any) -> None:
     print(json.dumps(obj, indent=2, allow_nan=True))  # noqa: T201
 
 
+def print_result(result: Any, text: str, as_json: bool) -> None:
+    """Print the result of a command: JSON as for `print_json`, or the text unless it is empty."""
+    if as_json:
+        print_json(result)
+    elif text:
+        typer.echo(text)
+
+
 EXPLAINED = frozenset(
     {
         "motord.calibration.CalibrationError",

@@ -9,7 +9,7 @@ import typer
 
 from motord import DEFAULT_ENDPOINT
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, group, print_json
+from motord.cli.console import fail, group, print_result
 from motord.security.roles import Role
 
 app = group("Let other machines reach a bench: certificates and roles.")
@@ -106,12 +106,11 @@ def list_(
             }
             for name, path in {**ends, **own}.items()
         ]
-    if as_json:
-        print_json(rows)
-        return
+    lines = []
     for row in rows:
         until = f"until {str(row['ends'])[:10]}" if row["ends"] else "certificate not here"
-        typer.echo(f"{row['name']:<24} {row['role']:<9} {until}")
+        lines.append(f"{row['name']:<24} {row['role']:<9} {until}")
+    print_result(rows, "\n".join(lines), as_json)
 
 
 @app.command()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.bench.lease_session import in_command
+from motord.cli.bench.lease_session import command, in_command
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, progress_bar, text_column
@@ -170,13 +170,9 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
 
 
 @app.command()
-def pause(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+def pause(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Ramp to zero and wait; the point under way is taken again after `resume`."""
-    _steer("plan/pause", connection, force=force, as_json=as_json)
+    command("plan/pause", connection, _plan_and_state, force=force, as_json=as_json)
 
 
 @app.command()
@@ -198,7 +194,7 @@ def resume(
         with in_command(client, force=force) as session, client.subscribe_plan() as progress:
             answer = client.rpc("plan/resume", token=session.token, detach=detach)
             if under_way or detach or answer["state"] == "done":
-                print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)
+                print_answer(answer, _plan_and_state(answer), as_json)
                 return
             end = follow(client, session.token, progress, quiet=as_json)
             then = _then(client, end)
@@ -207,27 +203,18 @@ def resume(
 
 @app.command()
 def discard(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
+    connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-    with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc("plan/discard", token=session.token)
-        print_answer(answer, f"{answer['plan']}: discarded", as_json)
+    discarded = "{[plan]}: discarded".format
+    command("plan/discard", connection, discarded, force=force, as_json=as_json)
 
 
 @app.command()
-def abort(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+def abort(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Ramp down, disable, end the plan."""
-    _steer("plan/abort", connection, force=force, as_json=as_json)
+    command("plan/abort", connection, _plan_and_state, force=force, as_json=as_json)
 
 
-def _steer(rpc: str, connection: Connection, *, force: bool, as_json: bool) -> None:
-    with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc(rpc, token=session.token)
-        print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)
+def _plan_and_state(answer: dict[str, Any]) -> str:
+    return f"{answer['plan']}: {answer['state']}"
