@@ -10,6 +10,7 @@ import json
 import os
 import select
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
@@ -107,6 +108,15 @@ def group(summary: str, kind: type[CommandGroup] = CommandGroup) -> typer.Typer:
         rich_markup_mode=None,
         help=summary,
     )
+
+
+def single(name: str, function: Callable[..., Any]) -> Any:
+    """Return one command, that of no group."""
+    app = group("")
+    app.command(name)(function)
+    command = typer.main.get_command(app)
+    command.name = name
+    return command
 
 
 def plain_console(*, stderr: bool = False) -> "Console":

@@ -47,9 +47,7 @@ def inject(
 
 
 @app.command()
-def kinds(
-    as_json: AsJson = False,
-) -> None:
+def kinds(as_json: AsJson = False) -> None:
     """List the kinds of faults and their parameters."""
     from motord.config.faults import KINDS
 

@@ -10,7 +10,6 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
-from motord.schema import Request
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore
@@ -91,7 +90,7 @@ def build(
     tables.write(*parameters.build(config, installed_calibration(store, bench)))
     show_interrupted_plan(journal, resumption, bench)
 
-    guard = Guard(events, bench.fault_stop, lambda: bench.setpoint.request(Request.STOP))
+    guard = Guard(bench)
     telemetry = Telemetry(
         lambda name, payload: api.put(name, payload),
         *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),

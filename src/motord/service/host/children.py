@@ -148,10 +148,6 @@ class Children:
         if process is not None:
             process.send_signal(sig)
 
-    def kill(self, name: str) -> None:
-        """End a child that does not behave, without its consent; by its policy it comes back."""
-        self.signal(name, signal.SIGKILL)
-
     def count(self, name: str, bad: int, dropped: int) -> None:
         """Note how many messages of a child were none, and how many to it were dropped."""
         child = self._children[name]

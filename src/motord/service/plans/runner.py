@@ -36,22 +36,18 @@ class PlanRunner:
         self._points_passed_on = 0
         self._compensate_before = Compensate(0)
         self._points_before = 0
-        self._view: PlanView | None = None
+        self.view: PlanView | None = None
+        """Progress of the plan under way or of the last one."""
         self.active = False
 
     @property
     def detached(self) -> bool:
         """True while a detached plan runs."""
-        return self.active and self._view is not None and self._view.detached
-
-    @property
-    def view(self) -> PlanView | None:
-        """Progress of the plan under way or of the last one."""
-        return self._view
+        return self.active and self.view is not None and self.view.detached
 
     def show(self, view: PlanView | None) -> None:
         """Show the progress of a plan of which there is no more than that, or of none."""
-        self._executor, self._view = None, view
+        self._executor, self.view = None, view
 
     def start(
         self,
@@ -68,7 +64,7 @@ class PlanRunner:
         """
         self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
         self._points_before = before.points if before is not None else 0
-        self._view = PlanView(
+        self.view = PlanView(
             **self._counted(self._executor.progress()),
             detached=detached,
             started_by=started_by,
@@ -79,9 +75,9 @@ class PlanRunner:
         self.active = True
         self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
-        recording = self._journal.plan_started(plan, self._view, notes)
-        self._view = self._view.model_copy(update={"recording": recording})
-        return self._view
+        recording = self._journal.plan_started(plan, self.view, notes)
+        self.view = self.view.model_copy(update={"recording": recording})
+        return self.view
 
     def look(self, seen: Observation) -> None:
         """Advance the plan by one observation and put what it demands into the set-point."""
@@ -132,10 +128,10 @@ class PlanRunner:
         self._demand = demand
 
     def _show(self, progress: dict[str, Any]) -> None:
-        if self._view is not None:
+        if self.view is not None:
             counted = self._counted(progress)
-            self._view = PlanView.model_validate({**self._view.model_dump(), **counted})
-            self._journal.plan_progress(self._view)
+            self.view = PlanView.model_validate({**self.view.model_dump(), **counted})
+            self._journal.plan_progress(self.view)
 
     def _counted(self, progress: dict[str, Any]) -> dict[str, Any]:
         """Return progress with the points of the whole plan."""
@@ -146,5 +142,5 @@ class PlanRunner:
         self.active = False
         self._setpoint.rest()
         self._setpoint.compensate = self._compensate_before
-        if self._view is not None:
-            self._journal.plan_over(self._view)
+        if self.view is not None:
+            self._journal.plan_over(self.view)
