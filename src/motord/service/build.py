@@ -26,7 +26,6 @@ from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
 from motord.service.processes import PROCESSES
 from motord.service.publish.publisher import Publisher
-from motord.service.publish.state import StateView
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
@@ -95,11 +94,10 @@ def build(
         lambda name, payload: api.put(name, payload),
         *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),
     )
-    state = StateView(
+    publisher = Publisher(
         *(bench, store, children, recording, loop, guard, telemetry),
         *(time.monotonic_ns(), clock.now_ns),
     )
-    publisher = Publisher(state)
     events.listeners += [publisher.event, recording.recorder.event, boxes.event]
 
     plans = PlanControl(bench, resumption, recording.obstacle)

@@ -1,6 +1,5 @@
 """The table of the daemon's child processes: add a process by adding a line."""
 
-from motord.config import Config
 from motord.loop.launch import loop_command
 from motord.recorder.launch import recorder_command, spawn_recorder
 from motord.service.bench.loop_link import LOOP
@@ -8,16 +7,10 @@ from motord.service.bench.recorder_session import RECORDER
 from motord.service.gateway.link import GATEWAY, gateway_command, spawn_gateway
 from motord.service.host.children import Process, spawn
 
-
-def listens_to_others(config: Config) -> bool:
-    """Return whether a bench can be reached from other machines."""
-    return bool(config.zenoh.remote)
-
-
 PROCESSES = (
     Process(
         GATEWAY, gateway_command, spawn_gateway,
-        restart="always", while_=listens_to_others, stop_timeout_s=2.0,
+        restart="always", while_=lambda config: bool(config.zenoh.remote), stop_timeout_s=2.0,
         loss="until it is back nobody gets in from other machines",
     ),
     Process(
