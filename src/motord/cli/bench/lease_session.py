@@ -40,7 +40,7 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
     The first of Ctrl-C, SIGTERM and SIGHUP raises KeyboardInterrupt; the lease is given back then,
     too, and no further signal keeps it from that.
     """
-    with interrupted_once() as interruption:
+    with interrupted_once() as hold_off:
         token = None if force else _token_in_force(client)
         if token is not None:
             yield LeaseSession(token, None)
@@ -51,7 +51,7 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
             with shared(client.bench, lease.token):
                 yield LeaseSession(lease.token, lease)
         finally:
-            interruption.hold_off()
+            hold_off()
             if lease.token:
                 lease.release()
 

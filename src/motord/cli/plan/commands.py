@@ -76,13 +76,16 @@ def start(
             if detach:
                 print_answer(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
-            view = follow(client, session.token, progress, quiet=as_json)
-            then = _then(client, view)
-        _say_end(view, then, as_json)
+            _follow_to_end(client, session.token, progress, as_json)
 
 
-def _say_end(view: "PlanView", then: str, as_json: bool) -> None:
-    print_answer(view.model_dump(mode="json"), _end_line(view) + then, as_json)
+def _follow_to_end(
+    client: "Client", token: str, progress: "Subscription[PlanView]", as_json: bool
+) -> None:
+    view = follow(client, token, progress, quiet=as_json)
+    recording = f", recorded in {view.recording}" if view.recording else ""
+    end = f"{view.plan}: {view.points_done} of {view.points} points{recording}"
+    print_answer(view.model_dump(mode="json"), end + _then(client, view), as_json)
     if view.state != "done":
         fail(f"{view.plan} {view.state}: {view.message}")
 
@@ -121,11 +124,6 @@ def _then(client: "Client", view: "PlanView") -> str:
     force = client.state().calibration if view.plan == "learn" else None
     known = f" --calibration {shlex.quote(force.path)}" if force is not None else ""
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
-
-
-def _end_line(view: "PlanView") -> str:
-    recording = f", recorded in {view.recording}" if view.recording else ""
-    return f"{view.plan}: {view.points_done} of {view.points} points{recording}"
 
 
 def follow(
@@ -196,9 +194,7 @@ def resume(
             if under_way or detach or answer["state"] == "done":
                 print_answer(answer, _plan_and_state(answer), as_json)
                 return
-            end = follow(client, session.token, progress, quiet=as_json)
-            then = _then(client, end)
-        _say_end(end, then, as_json)
+            _follow_to_end(client, session.token, progress, as_json)
 
 
 @app.command()

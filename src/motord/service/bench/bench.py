@@ -5,7 +5,6 @@ and progress go out. The handlers in `service.rpc` carry out requests on it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,14 +34,6 @@ SUSPENDED_NS = 500_000_000
 """A supervisor that did not run for this long stops the external drive."""
 REPORT_AGAIN_NS = 1_000_000_000
 """Least time between two reports of a device that fails now and then."""
-
-
-@dataclass
-class _DeviceReport:
-    """The last reported health of a device."""
-
-    health: Health = "ok"
-    t_ns: int = 0
 
 
 class Bench:
@@ -76,7 +67,7 @@ class Bench:
         self._pending: list[np.ndarray] = []
         self._updated_ns = 0
         self._state = State.OFF
-        self._device_reports = {name: _DeviceReport() for name in devices}
+        self._reported: dict[str, tuple[Health, int]] = dict.fromkeys(devices, ("ok", 0))
         self.device_fault = ""
         """Why no torque may be set now, or nothing."""
         self._stalled = False
@@ -195,15 +186,15 @@ class Bench:
     def _watch_devices(self, now_ns: int) -> None:
         fault = ""
         for name, device in self.devices.items():
-            view, report = device.view(now_ns), self._device_reports[name]
-            if view.health != report.health:
-                soon = now_ns - report.t_ns < REPORT_AGAIN_NS
+            view, (health, reported_ns) = device.view(now_ns), self._reported[name]
+            if view.health != health:
+                soon = now_ns - reported_ns < REPORT_AGAIN_NS
                 if view.health == "stale" or not soon:
                     what = "answers again" if view.health == "ok" else view.error
                     self.events.emit(
                         "device", f"{name} {view.health}: {what}", device=name, health=view.health
                     )
-                    report.health, report.t_ns = view.health, now_ns
+                    self._reported[name] = view.health, now_ns
             used = name == "brake" or self.setpoint.drive_Hz != 0.0
             if view.health == "stale" and used:
                 fault = fault or f"{name} has not answered for {view.age_s} s: {view.error}"

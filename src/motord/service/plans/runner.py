@@ -5,7 +5,6 @@ held by the plan, and losing a lease does not end it. Any other plan ends with t
 is in command.
 """
 
-from dataclasses import dataclass
 from typing import Any, Literal
 from uuid import uuid4
 
@@ -13,16 +12,7 @@ from motord.api.messages import PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
 from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
-from motord.service.plans.resume import Resumption
-
-
-@dataclass(frozen=True)
-class EarlierPart:
-    """What there was of a plan that goes on: its run, its last recording, how many points."""
-
-    run_id: str
-    recording: str
-    points: int
+from motord.service.plans.resume import RemainingPlan, Resumption
 
 
 class PlanRunner:
@@ -56,21 +46,21 @@ class PlanRunner:
         notes: str,
         *,
         detached: bool,
-        before: EarlierPart | None = None,
+        before: RemainingPlan | None = None,
     ) -> PlanView:
         """Begin a plan with the next look. None may be under way.
 
-        `before` is what there was of it, if `plan` is only its rest.
+        `before` says what there was of it, if `plan` is only its rest.
         """
         self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
-        self._points_before = before.points if before is not None else 0
+        self._points_before = before.taken if before is not None else 0
         self.view = PlanView(
             **self._counted(self._executor.progress()),
             detached=detached,
             started_by=started_by,
             settings=plan.settings,
-            run_id=before.run_id if before is not None else uuid4().hex,
-            continues=before.recording if before is not None else "",
+            run_id=before.log.plan.run_id if before is not None else uuid4().hex,
+            continues=before.log.recordings[-1] if before is not None else "",
         )
         self.active = True
         self._compensate_before = self._setpoint.compensate
