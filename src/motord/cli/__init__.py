@@ -30,7 +30,7 @@ COMMANDS = {
     "analyse": "motord.cli.analysis_command:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
-    "record": "motord.cli.record:app",
+    "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",
     "latency": "motord.cli.latency:latency",
 }

@@ -80,12 +80,9 @@ def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | 
 
 
 def _unreachable(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
-    if who is not None:
-        refused = why_closed(endpoint, who)
-        if refused:
-            return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
-    forbidden = why_no_socket(endpoint)
-    if forbidden:
+    if who is not None and (refused := why_closed(endpoint, who)):
+        return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
+    if forbidden := why_no_socket(endpoint):
         return ClientError("forbidden", forbidden)
     which = f" for bench '{bench}'" if bench else ""
     return ClientError(
@@ -99,10 +96,8 @@ def _find_bench(
     """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
     tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=QUERY_S)
     benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
-    if bench is None and len(benches) == 1:
-        return benches[0]
-    if bench is not None and bench in benches:
-        return bench
+    if bench in benches or (bench is None and len(benches) == 1):
+        return bench or benches[0]
     if not benches and who is not None:
         raise ClientError(
             "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"

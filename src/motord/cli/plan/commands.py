@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.5
 
+Detach = Annotated[
+    bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
+]
+
 app = group("Experiments: list, start, steer.")
 
 
@@ -55,9 +59,7 @@ def start(
         float,
         typer.Option("--limit-s", min=0.0, help="With --dry-run: simulate no longer than that."),
     ] = LIMIT_S,
-    detach: Annotated[
-        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
-    ] = False,
+    detach: Detach = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
     connection: Connection = DEFAULT,
     force: Force = False,
@@ -175,9 +177,7 @@ def pause(connection: Connection = DEFAULT, force: Force = False, as_json: AsJso
 
 @app.command()
 def resume(
-    detach: Annotated[
-        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
-    ] = False,
+    detach: Detach = False,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
