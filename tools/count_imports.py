@@ -50,7 +50,7 @@ PATH = (
     Step("service/bench/manual_control.py", "ManualControl.set", "leads with the brake"),
     Step("service/bench/setpoint.py", "Setpoint.write", "fills the SETPOINT record"),
     Step("service/bench/bench.py", "Bench.step", "writes it a hundred times a second"),
-    Step("shm/mailbox.py", "MailboxWriter.write", "shares it", "protocol Mailbox"),
+    Step("shm/mailbox.py", "MailboxWriter.write", "shares it"),
     Step("loop/control_loop.py", "run", "reads it in every tick", "shared memory"),
     Step("loop/tick_kernel.py", "run_tick", "passes the records to the kernel"),
     Step("control/step.py", "step", "ramps, compensates, limits"),

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import zenoh
 
@@ -29,30 +30,55 @@ ENVELOPE_BYTES = 4096
 MAX_REPLY_BYTES = 64 * 1024 * 1024
 """To a client. The largest is `config` with a table of the back-EMF at 1,048,576 counts."""
 CONNECT_MS = 500
-"""How long the gateway waits for the daemon before it says that it is open."""
+"""How long the gateway waits for the daemon before it says that it is open; with nobody to connect
+to a router does not wait."""
 BLOCKED_US = 1_000_000
 """A client that takes no replies for so long is disconnected: no thread waits for it."""
 
 
-def _base() -> zenoh.Config:
-    config = zenoh.Config()
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("scouting/gossip/enabled", "false")
-    config.insert_json5("adminspace/enabled", "false")
+Settings = dict[str, Any]
+"""Value by path in Zenoh's configuration."""
+
+_BASE: Settings = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "adminspace/enabled": False,
     # Memory shared with another user could be changed, or cut off, while it is being read.
-    config.insert_json5("transport/shared_memory/enabled", "false")
+    "transport/shared_memory/enabled": False,
+}
+
+
+def _config(*tables: Settings) -> zenoh.Config:
+    config = zenoh.Config()
+    for settings in (_BASE, *tables):
+        for path, value in settings.items():
+            config.insert_json5(path, json.dumps(value))
     return config
+
+
+def _router(listen: Sequence[str], connect: Sequence[str] = ()) -> Settings:
+    return {
+        "mode": "router",
+        "listen/endpoints": list(listen),
+        "listen/exit_on_failure": True,
+        "connect/endpoints": list(connect),
+        "scouting/delay": CONNECT_MS if connect else 0,
+    }
+
+
+def _bounds(clients: int, max_request_bytes: int) -> Settings:
+    return {
+        "transport/unicast/max_sessions": clients,
+        "transport/unicast/accept_pending": MAX_HANDSHAKES,
+        "transport/unicast/accept_timeout": HANDSHAKE_MS,
+        "transport/link/rx/max_message_size": max_request_bytes + ENVELOPE_BYTES,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": BLOCKED_US,
+    }
 
 
 def router_config(listen: Sequence[str]) -> zenoh.Config:
     """Return the configuration of a router that listens on `listen` only."""
-    config = _base()
-    config.insert_json5("mode", '"router"')
-    config.insert_json5("listen/endpoints", json.dumps(list(listen)))
-    config.insert_json5("listen/exit_on_failure", "true")
-    config.insert_json5("connect/endpoints", "[]")
-    config.insert_json5("scouting/delay", "0")  # it looks for nobody, so it waits for nobody
-    return config
+    return _config(_router(listen))
 
 
 def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> zenoh.Config:
@@ -60,30 +86,14 @@ def daemon_config(bench: str, listen: Sequence[str], max_request_bytes: int) -> 
 
     Messages of more than `max_request_bytes` are dropped by Zenoh as they arrive.
     """
-    config = router_config(listen)
-    config.insert_json5("access_control", json.dumps(daemon_access_control(bench, RPCS)))
-    _bound(config, MAX_LOCAL_CLIENTS, max_request_bytes)
-    return config
-
-
-def _bound(config: zenoh.Config, clients: int, max_request_bytes: int) -> None:
-    link = "transport/link"
-    config.insert_json5("transport/unicast/max_sessions", str(clients))
-    config.insert_json5("transport/unicast/accept_pending", str(MAX_HANDSHAKES))
-    config.insert_json5("transport/unicast/accept_timeout", str(HANDSHAKE_MS))
-    config.insert_json5(f"{link}/rx/max_message_size", str(max_request_bytes + ENVELOPE_BYTES))
-    blocked = f"{link}/tx/queue/congestion_control/block/wait_before_close"
-    config.insert_json5(blocked, str(BLOCKED_US))
+    access = {"access_control": daemon_access_control(bench, RPCS)}
+    return _config(_router(listen), access, _bounds(MAX_LOCAL_CLIENTS, max_request_bytes))
 
 
 def gateway_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
     """Return the configuration of the gateway: TLS with client certificates, then the daemon."""
     tls = config.zenoh.tls
     assert tls is not None
-    gateway = router_config(config.zenoh.remote)
-    gateway.insert_json5("scouting/delay", str(CONNECT_MS))  # until it has found the daemon
-    gateway.insert_json5("connect/endpoints", json.dumps(config.zenoh.local[:1]))
-    _bound(gateway, MAX_CLIENTS + 1, max_request_bytes(config.motor.counts))
     files = {
         "root_ca_certificate": str(tls.ca),
         "listen_certificate": str(tls.certificate),
@@ -91,30 +101,32 @@ def gateway_config(config: Config, roles: Mapping[str, Role]) -> zenoh.Config:
         "enable_mtls": True,
         "close_link_on_expiration": True,
     }
-    gateway.insert_json5("transport/link/tls", json.dumps(files))
-    gateway.insert_json5("access_control", json.dumps(access_control(config.bench.name, roles)))
-    return gateway
+    return _config(
+        _router(config.zenoh.remote, config.zenoh.local[:1]),
+        _bounds(MAX_CLIENTS + 1, max_request_bytes(config.motor.counts)),
+        {"transport/link/tls": files, "access_control": access_control(config.bench.name, roles)},
+    )
 
 
 def client_config(endpoint: str, identity: Identity | None = None) -> zenoh.Config:
     """Return the configuration of a client of the daemon at `endpoint`; it tries once."""
-    config = _base()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    config.insert_json5("connect/timeout_ms", "0")
-    config.insert_json5("connect/exit_on_failure", "true")
-    config.insert_json5("connect/retry", json.dumps(RETRY))
-    config.insert_json5("transport/link/rx/max_message_size", str(MAX_REPLY_BYTES))
+    settings: Settings = {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": 0,
+        "connect/exit_on_failure": True,
+        "connect/retry": RETRY,
+        "transport/link/rx/max_message_size": MAX_REPLY_BYTES,
+    }
     if identity is not None:
-        files = {
+        settings["transport/link/tls"] = {
             "root_ca_certificate": str(identity.ca),
             "connect_certificate": str(identity.certificate),
             "connect_private_key": str(identity.key),
             "enable_mtls": True,
             "verify_name_on_connect": True,
         }
-        config.insert_json5("transport/link/tls", json.dumps(files))
-    return config
+    return _config(settings)
 
 
 def key(bench: str, name: str) -> str:

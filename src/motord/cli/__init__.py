@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.connection_options import with_connection
-from motord.cli.console import CommandGroup, group, lost_output, outlive_readers, remark
+from motord.cli.console import CommandGroup, lost_output, outlive_readers, remark, single
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
@@ -30,7 +30,7 @@ COMMANDS = {
     "analyse": "motord.cli.analysis_command:app",
     "simulate": "motord.cli.simulate:simulate",
     "calibration": "motord.cli.calibration:app",
-    "record": "motord.cli.record:app",
+    "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",
     "latency": "motord.cli.latency:latency",
 }
@@ -50,15 +50,12 @@ class _Commands(CommandGroup):
             return None
         module, _, name = COMMANDS[cmd_name].partition(":")
         found = getattr(import_module(module), name)
-        app = found
-        if isinstance(found, typer.Typer):
-            for registered in found.registered_commands:
-                assert registered.callback is not None
-                registered.callback = with_connection(registered.callback)
         if not isinstance(found, typer.Typer):
-            app = group("")
-            app.command(cmd_name)(with_connection(found))
-        command = typer.main.get_command(app)
+            return single(cmd_name, with_connection(found))
+        for registered in found.registered_commands:
+            assert registered.callback is not None
+            registered.callback = with_connection(registered.callback)
+        command = typer.main.get_command(found)
         command.name = cmd_name
         return command
 

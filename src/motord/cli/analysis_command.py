@@ -12,7 +12,7 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import CommandGroup, group, plain_console, print_json
+from motord.cli.console import CommandGroup, group, plain_console, print_json, single
 
 if TYPE_CHECKING:
     from motord.config.experiments import AnalysisKind
@@ -51,11 +51,7 @@ class _Analyses(CommandGroup):
         """Return the command, or None if there is none of that name."""
         for kind in _kinds().values():
             if cmd_name in (kind.name, *kind.aliases):
-                alone = group("")
-                alone.command(cmd_name)(_command(kind))
-                command = typer.main.get_command(alone)
-                command.name = cmd_name
-                return command
+                return single(cmd_name, _command(kind))
         return None
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

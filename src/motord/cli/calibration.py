@@ -7,7 +7,7 @@ import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
-from motord.cli.console import fail, group, print_json
+from motord.cli.console import fail, group, print_result
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -34,10 +34,7 @@ def show(
             fail("no calibration is in force; name a file, or install one")
         file = Path(view.path)
     calibration = load(file)
-    if as_json:
-        print_json(calibration.to_json())
-    else:
-        typer.echo("\n".join(_lines(calibration)))
+    print_result(calibration.to_json(), "\n".join(_lines(calibration)), as_json)
 
 
 @app.command("list")
@@ -59,14 +56,11 @@ def list_(
             return
         directory, in_force = Path(view.path).parent, view.id
     rows = _rows(directory, in_force)
-    if as_json:
-        print_json(rows)
-        return
-    for row in rows:
-        mark = "*" if row["in_force"] else " "
-        typer.echo(f"{mark} {row['id']}  {row['age']} old  {row['motor']}  {row['file']}")
-    if not rows:
-        typer.echo(f"no calibration in {directory}")
+    lines = [
+        f"{' *'[row['in_force']]} {row['id']}  {row['age']} old  {row['motor']}  {row['file']}"
+        for row in rows
+    ]
+    print_result(rows, "\n".join(lines) or f"no calibration in {directory}", as_json)
 
 
 def _rows(directory: Path, in_force: str) -> list[dict[str, Any]]:

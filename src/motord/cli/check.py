@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson, BenchFile
-from motord.cli.console import fail, print_json
+from motord.cli.console import fail, print_result
 
 if TYPE_CHECKING:
     from motord.config import Config
@@ -22,7 +22,7 @@ def check(
             "--rt",
             help="Say which real-time rights it would get, and what of the machine is in the way.",
         ),
-    ] = (False),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Check a bench file, probe each device and where recordings go; nothing is enabled or set."""
@@ -33,17 +33,12 @@ def check(
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]
     findings += [*probe_devices(bench), probe_recordings(bench)]
-    rights = _rights(bench) if rt else []
-    host = _host(bench) if rt else []
-    if as_json:
-        print_json({"findings": findings, "realtime": rights, "host": host})
-    else:
-        for finding in findings:
-            typer.echo(f"{finding['what']}: {'ok, ' if finding['ok'] else ''}{finding['message']}")
-        for right in rights:
-            typer.echo(f"real time: {right['line']}")
-        for found in host:
-            typer.echo(f"{'host' if found['good'] else 'host, could be better'}: {found['line']}")
+    rights, host = _realtime(bench) if rt else ([], [])
+    lines = [f"{f['what']}: {'ok, ' if f['ok'] else ''}{f['message']}" for f in findings]
+    lines += [f"real time: {right['line']}" for right in rights]
+    lines += [f"{'host' if f['good'] else 'host, could be better'}: {f['line']}" for f in host]
+    result = {"findings": findings, "realtime": rights, "host": host}
+    print_result(result, "\n".join(lines), as_json)
     wrong = [finding["what"] for finding in findings if not finding["ok"]]
     if wrong:
         fail(f"not ready to run: {', '.join(wrong)}")
@@ -133,14 +128,11 @@ def _probe_slow(kind: Any, bench: "Config") -> str:
     return f"{section.driver}: answers"
 
 
-def _host(bench: "Config") -> list[dict[str, Any]]:
+def _realtime(bench: "Config") -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the real-time rights that there would be, and what is found about the host."""
     from motord.loop.rt_diagnostics import findings
-
-    return [{**found.model_dump(), "line": found.line()} for found in findings(bench.loop.cpu)]
-
-
-def _rights(bench: "Config") -> list[dict[str, Any]]:
     from motord.loop.rt_setup import probe
 
-    status = probe(bench.loop)
-    return [{**item.model_dump(), "line": item.line()} for item in status.items]
+    rights = [{**item.model_dump(), "line": item.line()} for item in probe(bench.loop).items]
+    host = [{**found.model_dump(), "line": found.line()} for found in findings(bench.loop.cpu)]
+    return rights, host

@@ -67,8 +67,12 @@ class Connection:
 
 DEFAULT = Connection()
 
-_OPTIONS = {"bench": (Bench, None), "connect": (Connect, DEFAULT_ENDPOINT)}
-_LAST = {"identity": (Identity, None)}
+_OPTIONS = [
+    inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+    for name, annotation, default in (
+        ("bench", Bench, None), ("connect", Connect, DEFAULT_ENDPOINT), ("identity", Identity, None)
+    )
+]  # fmt: skip
 
 
 def with_connection(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -81,18 +85,10 @@ def with_connection(command: Callable[..., Any]) -> Callable[..., Any]:
     def run(bench: str | None, connect: str, identity: Path | None, **named: Any) -> Any:
         return command(**named, connection=Connection(bench, connect, identity))
 
-    def options(wanted: dict[str, tuple[Any, Any]]) -> list[inspect.Parameter]:
-        keyword = inspect.Parameter.KEYWORD_ONLY
-        return [
-            inspect.Parameter(name, keyword, default=default, annotation=annotation)
-            for name, (annotation, default) in wanted.items()
-        ]
-
     parameters: list[inspect.Parameter] = []
-    for parameter in signature.parameters.values():
-        own = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        parameters += options(_OPTIONS) if own.name == "connection" else [own]
-    parameters += options(_LAST)
+    for own in signature.parameters.values():
+        keyword = own.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        parameters += _OPTIONS if own.name == "connection" else [keyword]
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run

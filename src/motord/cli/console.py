@@ -10,6 +10,7 @@ import json
 import os
 import select
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
@@ -44,6 +45,14 @@ def print_line(line: str) -> None:
 def print_json(obj: Any) -> None:
     """Print `obj` as one JSON document on stdout."""
     print(json.dumps(obj, indent=2, allow_nan=True))  # noqa: T201
+
+
+def print_result(result: Any, text: str, as_json: bool) -> None:
+    """Print the result of a command: JSON as for `print_json`, or the text unless it is empty."""
+    if as_json:
+        print_json(result)
+    elif text:
+        typer.echo(text)
 
 
 EXPLAINED = frozenset(
@@ -99,6 +108,15 @@ def group(summary: str, kind: type[CommandGroup] = CommandGroup) -> typer.Typer:
         rich_markup_mode=None,
         help=summary,
     )
+
+
+def single(name: str, function: Callable[..., Any]) -> Any:
+    """Return one command, that of no group."""
+    app = group("")
+    app.command(name)(function)
+    command = typer.main.get_command(app)
+    command.name = name
+    return command
 
 
 def plain_console(*, stderr: bool = False) -> "Console":

@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.analysis_command import print_text
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import fail, plain_console, print_json
+from motord.cli.console import fail, print_json
 from motord.cli.reproduce import stage_progress
 
 if TYPE_CHECKING:
+    from motord.report.text import TextTable
     from motord.reproduce.demo import Demo
 
 
@@ -43,44 +45,38 @@ def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
 
 
 def _print(found: "Demo") -> None:
-    from rich.table import Table
+    from motord.report.text import TextTable
 
-    console, summary = plain_console(), found.summary
+    summary = found.summary
     speeds_Hz = sorted({point["speed_Hz"] for point in summary["points"]})
-    table = Table(title="RMS error of the true torque, % of rated: before→after")
-    table.add_column("", justify="right")
-    for speed_Hz in speeds_Hz:
-        table.add_column(f"{speed_Hz:g} Hz", justify="right")
+    rows = []
     for torque_Nm in sorted({point["torque_Nm"] for point in summary["points"]}):
         cells = {p["speed_Hz"]: p for p in summary["points"] if p["torque_Nm"] == torque_Nm}
         row = [f"{cells[s]['before']:.1f}→{cells[s]['after']:.2f}" for s in speeds_Hz]
-        table.add_row(f"{torque_Nm:g} Nm", *row)
-    console.print(table)
+        rows.append([f"{torque_Nm:g} Nm", *row])
+    title = "RMS error of the true torque, % of rated: before→after"
     before, after = summary["before"], summary["after"]
-    console.print(
-        f"mean {before['mean']:.2f} % before, {after['mean']:.2f} % after "
-        f"(worst point {after['max']:.2f} %)"
+    print_text(
+        [
+            TextTable(title, ["", *(f"{speed_Hz:g} Hz" for speed_Hz in speeds_Hz)], rows),
+            f"mean {before['mean']:.2f} % before, {after['mean']:.2f} % after "
+            f"(worst point {after['max']:.2f} %)",
+            _gain_table(summary),
+            f"{summary['bench_s']:.0f} s on the bench took {summary['wall_s']:.0f} s; "
+            f"report: {found.files['report']}, calibration: {found.files['calibration']}",
+        ]
     )
-    console.print(_gain_table(summary))
-    console.print(
-        f"{summary['bench_s']:.0f} s on the bench took {summary['wall_s']:.0f} s; "
-        f"report: {found.files['report']}, calibration: {found.files['calibration']}"
-    )
 
 
-def _gain_table(summary: dict[str, Any]) -> Any:
-    from rich.table import Table
+def _gain_table(summary: dict[str, Any]) -> "TextTable":
+    from motord.report.text import TextTable
 
-    table = Table(title="identified parameters, compared with the truth")
-    for heading in ("", "truth", "joint estimator", "residual estimator (report)"):
-        table.add_column(heading, justify="right")
-    truth, joint, residual = summary["truth"], summary["joint"], summary["residual"]
-    for key, digits, unit in (("alpha", 4, ""), ("beta_A", 3, " A")):
-        for phase in range(3):
-            table.add_row(
-                f"{key.removesuffix('_A')} {'abc'[phase]}",
-                f"{truth[key][phase]:.{digits}f}{unit}",
-                f"{joint[key][phase]:.{digits}f}{unit}",
-                f"{residual[key][phase]:.{digits}f}{unit}",
-            )
-    return table
+    columns = [summary[name] for name in ("truth", "joint", "residual")]
+    rows = [
+        [f"{key.removesuffix('_A')} {'abc'[phase]}"]
+        + [f"{column[key][phase]:.{digits}f}{unit}" for column in columns]
+        for key, digits, unit in (("alpha", 4, ""), ("beta_A", 3, " A"))
+        for phase in range(3)
+    ]
+    header = ("", "truth", "joint estimator", "residual estimator (report)")
+    return TextTable("identified parameters, compared with the truth", header, rows)

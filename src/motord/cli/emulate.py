@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from motord.emulate.process import Emulator
-    from motord.emulate.truth_log import TruthSink
 
 
 def emulate(
@@ -45,16 +44,18 @@ def emulate(
     from motord.config import load
     from motord.config.faults import load_timeline
     from motord.emulate.process import Emulator
+    from motord.recording.writer import RunWriter
     from motord.rig.truth import load as load_rig
 
     bench = load(config)
-    with _sink(truth, bench.bench.name) as sink:
+    about = {"bench": bench.bench.name, "source": "motord emulate"}
+    with RunWriter(truth, about) if truth is not None else nullcontext() as writer:
         timeline = load_timeline(faults) if faults else None
         rig = load_rig(bench.bench.rig)
         emulator = Emulator(
             bench,
             rig,
-            sink,
+            writer.truth if writer is not None else None,
             timeline,
             lambda fault: _print(fault, _fault_line(fault), as_json),
             firmware,
@@ -63,18 +64,6 @@ def emulate(
             _print(emulator.ready(), _ready_line(emulator.ready()), as_json)
             emulator.run(duration_s)
     _print(emulator.summary(), _summary_line(emulator.summary()), as_json)
-
-
-@contextmanager
-def _sink(truth: Path | None, bench: str) -> "Iterator[TruthSink | None]":
-    """Yield what takes blocks of truth, if a file for them is wanted. Raises RecordError."""
-    from motord.recording.writer import RunWriter
-
-    if truth is None:
-        yield None
-        return
-    with RunWriter(truth, {"bench": bench, "source": "motord emulate"}) as writer:
-        yield writer.truth
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, group, print_json
+from motord.cli.console import fail, group, print_result
 from motord.cli.plan.settings import value_of
 
 app = group("Inject faults into an emulated bench.")
@@ -42,33 +42,23 @@ def inject(
             fail(f"{parameter!r} is not NAME=VALUE")
         wanted[name] = value_of(value)
     injected = send(load(config), wanted)
-    if as_json:
-        print_json(injected)
-    else:
-        injected.pop("ok", None)
-        typer.echo(f"injected: {Fault.model_validate(injected).summary()}")
+    fault = Fault.model_validate({key: injected[key] for key in injected if key != "ok"})
+    print_result(injected, f"injected: {fault.summary()}", as_json)
 
 
 @app.command()
-def kinds(
-    as_json: AsJson = False,
-) -> None:
+def kinds(as_json: AsJson = False) -> None:
     """List the kinds of faults and their parameters."""
     from motord.config.faults import KINDS
 
-    if as_json:
-        print_json(
-            {
-                name: {
-                    "meaning": kind.meaning,
-                    "for_s": kind.for_s,
-                    "parameters": kind.parameters,
-                    "places": sorted(kind.places),
-                }
-                for name, kind in KINDS.items()
-            }
-        )
-        return
+    result, lines = {}, []
     for name, kind in KINDS.items():
+        result[name] = {
+            "meaning": kind.meaning,
+            "for_s": kind.for_s,
+            "parameters": kind.parameters,
+            "places": sorted(kind.places),
+        }
         parameters = " ".join(f"{key}={value}" for key, value in kind.parameters.items())
-        typer.echo(f"{name:18} {kind.meaning}" + (f" [{parameters}]" if parameters else ""))
+        lines.append(f"{name:18} {kind.meaning}" + (f" [{parameters}]" if parameters else ""))
+    print_result(result, "\n".join(lines), as_json)

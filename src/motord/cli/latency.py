@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.analysis_command import print_text
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
+from motord.cli.console import fail, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from motord.config import LoopConfig
     from motord.loop.latency.measurement import Measured, MeasurementPlan
     from motord.loop.latency.report import Condition, Figures, LatencyReport
+    from motord.report.text import TextTable
 
 DEFAULT_S, DEFAULT_COMPARE_S = 10.0, 60.0
 
@@ -93,35 +93,31 @@ def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
 
 
 def _print(found: "LatencyReport") -> None:
-    console = plain_console()
     policy = f"SCHED_FIFO {found.priority}" if found.priority else "normal priority"
-    console.print(
+    parts: list[str | TextTable] = [
         f"{found.rate_Hz:g} Hz on CPU {found.cpu}, {policy}, "
         f"{'spinning' if found.spin else 'without spinning'}, slices of {found.slice_s:g} s: "
         f"{found.slices['clean']} clean, {found.slices['stolen']} stolen from"
-    )
-    for line in found.realtime:
-        if "wanted" in line:
-            console.print(f"not granted: {line}")
-    console.print(_table("clean slices", found))
+    ]
+    parts += [f"not granted: {line}" for line in found.realtime if "wanted" in line]
+    parts.append(_table("clean slices", found))
     if found.slices["stolen"]:
-        console.print(_table("slices from which the host stole time", found.stolen))
+        parts.append(_table("slices from which the host stole time", found.stolen))
+    print_text(parts)
 
 
-def _table(title: str, figures: "Condition | LatencyReport") -> "Table":
-    from rich.table import Table
+def _table(title: str, figures: "Condition | LatencyReport") -> "TextTable":
+    from motord.report.text import TextTable
 
-    table = Table(title=title, title_justify="left")
-    for heading in ("us", "p50", "p99", "p99.9", "max", "missed", "ticks"):
-        table.add_column(heading, justify="left" if heading == "us" else "right")
-    table.add_row("loop, wake-up", *_cells(figures.loop))
+    rows = [["loop, wake-up", *_cells(figures.loop)]]
     if figures.cyclictest is not None:
-        table.add_row("cyclictest, wake-up", *_cells(figures.cyclictest))
+        rows.append(["cyclictest, wake-up", *_cells(figures.cyclictest)])
     ratio = getattr(figures, "ratio", None)
     if ratio is not None:
-        table.add_row("ratio", *(_number(value) for value in (ratio.p50, ratio.p99)))
-    table.add_row("loop, work", *_cells(figures.work)[:4], "", str(figures.work.samples))
-    return table
+        rows.append(["ratio", _number(ratio.p50), _number(ratio.p99)])
+    rows.append(["loop, work", *_cells(figures.work)[:4], "", str(figures.work.samples)])
+    header = ("us", "p50", "p99", "p99.9", "max", "missed", "ticks")
+    return TextTable(title, header, rows, left=(0,))
 
 
 def _cells(figures: "Figures") -> list[str]:

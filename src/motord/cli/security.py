@@ -1,15 +1,14 @@
 """`motord security init|add|list|remove`: certificates and roles for other machines."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from motord import DEFAULT_ENDPOINT
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, group, print_json
+from motord.cli.console import fail, group, print_result
+from motord.security import roles
 from motord.security.roles import Role
 
 app = group("Let other machines reach a bench: certificates and roles.")
@@ -22,15 +21,15 @@ In = Annotated[Path, typer.Option("--in", metavar="DIR", help="Folder of the aut
 Days = Annotated[int, typer.Option(min=1, max=3650, help="How long it is good.")]
 
 
-@contextmanager
-def _with_cryptography() -> Iterator[None]:
-    """Say in one line what is missing if the package cryptography is."""
+def _authority() -> Any:
+    """Return the module; say in one line what is missing if the package cryptography is."""
     try:
-        yield
+        from motord.security import authority
     except ModuleNotFoundError as error:
         if error.name != "cryptography":
             raise
         fail(EXTRA)
+    return authority
 
 
 @app.command()
@@ -43,10 +42,7 @@ def init(
     days: Days = 730,
 ) -> None:
     """Make an authority, the daemon's certificate and an empty roles file; overwrite nothing."""
-    with _with_cryptography():
-        from motord.security import authority
-
-        authority.init(folder, host or [], days)
+    _authority().init(folder, host or [], days)
     typer.echo(_section(folder.resolve()))
     typer.echo(
         f"ca.key makes certificates: keep it from others, the daemon does not need it. Next: "
@@ -78,10 +74,7 @@ def add(
     days: Days = 730,
 ) -> None:
     """Make the certificate of a client and give it a role."""
-    with _with_cryptography():
-        from motord.security import authority
-
-        own = authority.add(folder, name, role, days)
+    own = _authority().add(folder, name, role, days)
     typer.echo(f"{own}: take this folder to {name}'s machine, then there:")
     typer.echo(f"  motord status --connect tls/HOST:7448 --identity {own.name}")
 
@@ -92,33 +85,27 @@ def list_(
     as_json: AsJson = False,
 ) -> None:
     """List who has which role, and until when the certificates are good."""
-    with _with_cryptography():
-        from motord.security import authority, roles
-
-        given = roles.read(folder / authority.ROLES)
-        ends = {"(authority)": folder / "ca.pem", "(daemon)": folder / "server.pem"}
-        own = {name: folder / authority.CLIENTS / name / "certificate.pem" for name in given}
-        rows = [
-            {
-                "name": name,
-                "role": str(given.get(name, "")),
-                "ends": authority.ends(path).isoformat() if path.exists() else None,
-            }
-            for name, path in {**ends, **own}.items()
-        ]
-    if as_json:
-        print_json(rows)
-        return
+    authority = _authority()
+    given = roles.read(folder / authority.ROLES)
+    ends = {"(authority)": folder / "ca.pem", "(daemon)": folder / "server.pem"}
+    own = {name: folder / authority.CLIENTS / name / "certificate.pem" for name in given}
+    rows = [
+        {
+            "name": name,
+            "role": str(given.get(name, "")),
+            "ends": authority.ends(path).isoformat() if path.exists() else None,
+        }
+        for name, path in {**ends, **own}.items()
+    ]
+    lines = []
     for row in rows:
         until = f"until {str(row['ends'])[:10]}" if row["ends"] else "certificate not here"
-        typer.echo(f"{row['name']:<24} {row['role']:<9} {until}")
+        lines.append(f"{row['name']:<24} {row['role']:<9} {until}")
+    print_result(rows, "\n".join(lines), as_json)
 
 
 @app.command()
 def remove(name: str, folder: In = Path()) -> None:
     """Take the role of a client away: it may do nothing more, within seconds."""
-    with _with_cryptography():
-        from motord.security import authority
-
-        authority.remove(folder, name)
+    _authority().remove(folder, name)
     typer.echo(f"{name} has no role any more")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import PlanSettings, ResultAsJson
-from motord.cli.console import fail, print_json, progress_bar, text_column
+from motord.cli.console import fail, print_result, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
@@ -61,13 +61,11 @@ def simulate(
         result = _record(source, plan, path, chosen, applied, silent=as_json)
     except OSError as error:
         fail(f"{error.filename or path}: {error.strerror}")
-    if as_json:
-        print_json(result)
-    else:
-        typer.echo(
-            f"{plan.name}: {result['points']} points, {result['bench_s']:.0f} s on the bench "
-            f"took {result['wall_s']:.1f} s; wrote {path}"
-        )
+    text = (
+        f"{plan.name}: {result['points']} points, {result['bench_s']:.0f} s on the bench "
+        f"took {result['wall_s']:.1f} s; wrote {path}"
+    )
+    print_result(result, text, as_json)
 
 
 def _plan(source: "PlanSource", name: str, given: list[str]) -> "Plan":

@@ -1,6 +1,7 @@
 """A connection to one daemon: its state, its events, its ticks, its RPCs."""
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -29,12 +30,16 @@ from motord.client.holder import operator
 from motord.client.lease import Lease
 from motord.client.subscription import Subscription
 from motord.security import identity as identity_folder
+from motord.security.access import permits
 from motord.security.error import SecurityError
 from motord.security.identity import Identity
 
 REPLY_S = 40.0
 """Timeout of an RPC; the daemon's own limit is shorter."""
 QUERY_S = 2.0
+ROUTE_S = 2.0
+"""How long a gateway that has just opened may take to learn the way to the daemon."""
+_LOOK_S = 0.02
 
 _Item = TypeVar("_Item")
 
@@ -75,12 +80,9 @@ def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | 
 
 
 def _unreachable(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
-    if who is not None:
-        refused = why_closed(endpoint, who)
-        if refused:
-            return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
-    forbidden = why_no_socket(endpoint)
-    if forbidden:
+    if who is not None and (refused := why_closed(endpoint, who)):
+        return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
+    if forbidden := why_no_socket(endpoint):
         return ClientError("forbidden", forbidden)
     which = f" for bench '{bench}'" if bench else ""
     return ClientError(
@@ -94,10 +96,8 @@ def _find_bench(
     """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
     tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=QUERY_S)
     benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
-    if bench is None and len(benches) == 1:
-        return benches[0]
-    if bench is not None and bench in benches:
-        return bench
+    if bench in benches or (bench is None and len(benches) == 1):
+        return bench or benches[0]
     if not benches and who is not None:
         raise ClientError(
             "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"
@@ -112,6 +112,12 @@ def _find_bench(
     )
 
 
+def _matches(querier: zenoh.Querier) -> bool:
+    """Return whether the router has announced who answers the querier."""
+    status: Any = querier.matching_status  # the stubs of Zenoh say bool
+    return bool(status.matching)
+
+
 class Client:
     """A connection to one daemon. Use it as a context manager, or call `close`."""
 
@@ -122,6 +128,7 @@ class Client:
         self.endpoint = endpoint
         self.identity = identity
         self._session = session
+        self._routed: set[tuple[str, str]] = set()  # gateway, name: it knows who answers
 
     def __enter__(self) -> Self:
         return self
@@ -194,11 +201,34 @@ class Client:
                 check_size(rpc, len(payload))
             except RpcError as error:
                 raise ClientError(error.code, error.message) from None
-        replies = self._query(name, payload, timeout_s)
+        if self.identity is not None and (rpc in RPCS or payload is None):
+            self._await_route(name, self.identity)
+        replies = self._query(name, timeout_s, payload)
         content = single_reply(replies, key(self.bench, name), timeout_s)
         if content is not None:
             return content
         raise self._no_reply(name, rpc)
+
+    def _await_route(self, name: str, who: Identity) -> None:
+        """Wait until the gateway can pass on what `who` may ask for, `ROUTE_S` at most.
+
+        A gateway that has just opened lets clients in before it knows the daemon's queryables and
+        the way there, and drops meanwhile what they send. What it drops cannot be told from what
+        the daemon took without a reply, so nothing is sent until then, and then once.
+        """
+        try:
+            gateway = ",".join(map(str, self._session.info.routers_zid()))
+            if not gateway or (gateway, name) in self._routed or not permits(who.role, name):
+                return
+            end_s = time.monotonic() + ROUTE_S
+            with self._session.declare_querier(key(self.bench, name)) as querier:
+                while not (_matches(querier) and self._query("state", QUERY_S)):
+                    if time.monotonic() > end_s:
+                        return
+                    time.sleep(_LOOK_S)
+        except zenoh.ZError:  # closed meanwhile
+            return
+        self._routed.add((gateway, name))
 
     def _no_reply(self, name: str, rpc: str) -> ClientError:
         """Return the error for a request without a reply: Zenoh gives no reason."""
@@ -214,7 +244,9 @@ class Client:
             return ClientError("busy", f"no answer to {name}: too much is asked of the daemon")
         return ClientError("unknown", f"this daemon has no {name}")
 
-    def _query(self, name: str, payload: bytes | None, timeout_s: float) -> list[zenoh.Reply]:
+    def _query(
+        self, name: str, timeout_s: float, payload: bytes | None = None
+    ) -> list[zenoh.Reply]:
         try:
             replies = self._session.get(
                 key(self.bench, name),

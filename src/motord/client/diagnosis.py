@@ -27,7 +27,7 @@ def why_no_socket(endpoint: str) -> str:
     if not endpoint.startswith(UNIX_SOCKET):
         return ""
     path = Path(endpoint.removeprefix(UNIX_SOCKET))
-    nearest = next((p for p in (path, *path.parents) if _there(p)), path)
+    nearest = next((p for p in (path, *path.parents) if os.path.lexists(p)), path)
     if os.access(nearest, os.W_OK if nearest == path else os.X_OK):
         return ""
     gid = nearest.stat().st_gid
@@ -36,14 +36,6 @@ def why_no_socket(endpoint: str) -> str:
     except KeyError:
         group = str(gid)
     return f"{nearest} is for members of the group {group} only"
-
-
-def _there(path: Path) -> bool:
-    try:
-        path.lstat()
-    except OSError:
-        return False
-    return True
 
 
 def why_closed(endpoint: str, who: Identity) -> str:

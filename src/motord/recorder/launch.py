@@ -25,8 +25,8 @@ def recorder_command(config_path: Path, run_dir: RunDir) -> list[str]:
     ]
 
 
-def spawn_recorder(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a recorder process with the pipes that `RecorderLink` needs."""
+def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
+    """Start a process with pipes to its stdin and from its stdout."""
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
 
 

@@ -90,6 +90,11 @@ def access_control(bench: str, roles: Mapping[str, Role]) -> dict[str, Any]:
     return _enabled(rules, subjects, policies)
 
 
+def permits(role: str, name: str) -> bool:
+    """Return whether the gateway lets `role` ask for `name`, such as `rpc/stop`."""
+    return role == Role.OPERATOR or name in (*WATCHED, *READ)
+
+
 def _enabled(
     rules: list[dict[str, Any]], subjects: list[dict[str, Any]], policies: list[dict[str, Any]]
 ) -> dict[str, Any]:

@@ -41,17 +41,15 @@ def init(folder: Path, hosts: Sequence[str], days: int = CERTIFICATE_DAYS) -> No
             raise SecurityError(f"{folder / name} exists; nothing is overwritten")
     folder.mkdir(parents=True, exist_ok=True)
     ca_key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name(
-        [x509.NameAttribute(NameOID.COMMON_NAME, f"motord authority {secrets.token_hex(4)}")]
-    )
+    subject = _name(f"motord authority {secrets.token_hex(4)}")
     ca = _sign(subject, subject, ca_key, ca_key, CA_DAYS, _of_authority())
     _write_key(folder / "ca.key", ca_key)
     _write(folder / "ca.pem", _pem(ca))
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "motord daemon")])
     extensions = [*_of_end(Usage.SERVER_AUTH), (x509.SubjectAlternativeName(names), False)]
     _write_key(folder / "server.key", key)
-    _write(folder / "server.pem", _pem(_sign(subject, ca.subject, key, ca_key, days, extensions)))
+    server = _sign(_name("motord daemon"), subject, key, ca_key, days, extensions)
+    _write(folder / "server.pem", _pem(server))
     roles.write(folder / ROLES, {})
 
 
@@ -68,8 +66,7 @@ def add(folder: Path, name: str, role: Role, days: int = CERTIFICATE_DAYS) -> Pa
         raise SecurityError(f"{name} is taken; choose another name, or `motord security remove` it")
     own.mkdir(parents=True, mode=0o700)
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-    certificate = _sign(subject, ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
+    certificate = _sign(_name(name), ca.subject, key, ca_key, days, _of_end(Usage.CLIENT_AUTH))
     _write_key(own / KEY, key)
     _write(own / CERTIFICATE, _pem(certificate))
     _write(own / CA, _pem(ca))
@@ -110,6 +107,10 @@ def _load(folder: Path) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise SecurityError(f"{folder / 'ca.key'}: not a key made by `motord security init`")
     return ca, key
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 
 _Extensions = list[tuple[x509.ExtensionType, bool]]

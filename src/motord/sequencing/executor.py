@@ -157,7 +157,10 @@ class Executor:
         if expected and self._was_enabled and seen.state in (State.OFF, State.READY):
             self._stop_here(PlanState.ABORTED, "the bench was disabled or stopped")
             return True
-        self._was_enabled |= expected and seen.state is State.ENABLED
+        if not self._demand.enabled:
+            self._was_enabled = False  # a plan may switch off and enable again
+        elif expected and seen.state is State.ENABLED:
+            self._was_enabled = True
         return False
 
     def _stop_here(self, state: PlanState, message: str) -> Demand:

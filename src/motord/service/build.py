@@ -10,7 +10,6 @@ from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
 from motord.hal import registry
-from motord.schema import Request
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore
@@ -24,11 +23,9 @@ from motord.service.host.descriptors import DescriptorReserve
 from motord.service.host.events import EventLog
 from motord.service.host.systemd import Notifier
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.journal_sink import JournalSink
 from motord.service.plans.resume import Resumption
 from motord.service.processes import PROCESSES
 from motord.service.publish.publisher import Publisher
-from motord.service.publish.state import StateView
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
@@ -82,26 +79,25 @@ def build(
     )
     boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
     journal = Journal(state_dir / "plans" / f"{config.bench.name}.jsonl")
-    resumption = Resumption(config, journal, store.current_id, clock.now_ns)
-    sink = JournalSink(recording, journal, resumption, events, clock.now_ns)
-    recording.recorder.followers += [boxes, sink]
+    resumption = Resumption(config, recording, journal, store.current_id, events, clock.now_ns)
+    recording.recorder.on_process += [boxes.recorder, resumption.recorder]
+    recording.recorder.on_report = boxes.report
     mailbox = MailboxWriter(run_dir.setpoint, clock)
-    bench = Bench(config, mailbox, slow_devices(config, events), events, sink)
+    bench = Bench(config, mailbox, slow_devices(config, events), events, resumption)
     bench.monitor.on_trip = boxes.trip
 
     tables.write(*parameters.build(config, installed_calibration(store, bench)))
     show_interrupted_plan(journal, resumption, bench)
 
-    guard = Guard(events, bench.fault_stop, lambda: bench.setpoint.request(Request.STOP))
+    guard = Guard(bench)
     telemetry = Telemetry(
         lambda name, payload: api.put(name, payload),
         *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),
     )
-    state = StateView(
+    publisher = Publisher(
         *(bench, store, children, recording, loop, guard, telemetry),
         *(time.monotonic_ns(), clock.now_ns),
     )
-    publisher = Publisher(state)
     events.listeners += [publisher.event, recording.recorder.event, boxes.event]
 
     plans = PlanControl(bench, resumption, recording.obstacle)

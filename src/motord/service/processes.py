@@ -1,27 +1,20 @@
 """The table of the daemon's child processes: add a process by adding a line."""
 
-from motord.config import Config
 from motord.loop.launch import loop_command
-from motord.recorder.launch import recorder_command, spawn_recorder
+from motord.recorder.launch import recorder_command, spawn_piped
 from motord.service.bench.loop_link import LOOP
 from motord.service.bench.recorder_session import RECORDER
-from motord.service.gateway.link import GATEWAY, gateway_command, spawn_gateway
+from motord.service.gateway.link import GATEWAY, gateway_command
 from motord.service.host.children import Process, spawn
-
-
-def listens_to_others(config: Config) -> bool:
-    """Return whether a bench can be reached from other machines."""
-    return bool(config.zenoh.remote)
-
 
 PROCESSES = (
     Process(
-        GATEWAY, gateway_command, spawn_gateway,
-        restart="always", while_=listens_to_others, stop_timeout_s=2.0,
+        GATEWAY, gateway_command, spawn_piped,
+        restart="always", while_=lambda config: bool(config.zenoh.remote), stop_timeout_s=2.0,
         loss="until it is back nobody gets in from other machines",
     ),
     Process(
-        RECORDER, recorder_command, spawn_recorder,
+        RECORDER, recorder_command, spawn_piped,
         restart="always", stop_timeout_s=10.0,
         loss="the next one goes on where its files end, as far as the ring reaches",
     ),

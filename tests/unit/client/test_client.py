@@ -2,6 +2,8 @@
 
 import json
 import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ import zenoh
 
 from motord.api.endpoints import client_config, router_config
 from motord.api.requests import RPCS
-from motord.client import ClientError, Lease, connect, operator
+from motord.client import Client, ClientError, Lease, connect, operator
 from motord.schema import TICK_DTYPE
+from motord.security.identity import Identity
 from motord.service.publish.zenoh_api import ApiError
 from tests.unit.service.live_service import LiveService, endpoint, live_service
 
@@ -263,3 +266,51 @@ def test_a_supervisor_that_does_not_answer_is_said(tmp_path, monkeypatch):
             monkeypatch.setattr("motord.service.rpc.outstanding.REPLY_S", 1e6)  # not even that
             monkeypatch.setattr("motord.client.connection.REPLY_S", 0.05)
             assert code_of(client, "stop") == "unreachable"
+
+
+@pytest.fixture
+def opening():
+    """A gateway that has just opened: it knows that the daemon is alive, and no RPC of it."""
+    where = endpoint()
+    with zenoh.open(router_config([where])) as gateway:
+        token = gateway.liveliness().declare_token("motord/gated/alive")
+        state = gateway.declare_queryable(
+            "motord/gated/state", lambda query: query.reply(query.key_expr, b"{}"), complete=True
+        )
+        yield where, gateway
+        del token, state
+
+
+def through(where, role):
+    return Client(zenoh.open(client_config(where)), "gated", where, Identity(Path(), "anna", role))
+
+
+def test_a_command_waits_for_a_gateway_that_has_just_opened_and_is_sent_once(opening):
+    where, gateway = opening
+    taken, declared = [], []
+
+    def stop(query):
+        taken.append(query)
+        query.reply(query.key_expr, b'{"state": "OFF"}')
+
+    def later():
+        key = "motord/gated/rpc/stop"
+        declared.append(gateway.declare_queryable(key, stop, complete=True))
+
+    timer = threading.Timer(0.5, later)
+    with through(where, "operator") as client:
+        timer.start()
+        assert client.rpc("stop") == {"state": "OFF"}
+        assert len(taken) == 1
+    timer.join()
+
+
+@pytest.mark.parametrize(("role", "waits"), [("operator", True), ("viewer", False)])
+def test_who_may_not_command_is_refused_and_only_an_operator_waits_for_it(opening, role, waits):
+    where, _ = opening
+    with through(where, role) as client:
+        begun_s = time.monotonic()
+        with pytest.raises(ClientError, match="not permitted for anna") as caught:
+            client.rpc("stop")
+        assert caught.value.code == "forbidden"
+        assert (time.monotonic() - begun_s > 1.9) is waits

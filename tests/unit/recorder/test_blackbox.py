@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord import config
-from motord.cli.record import app
+from motord.cli.record.commands import app
 from motord.config import RecordingConfig
 from motord.recorder import blackbox
 from motord.recorder.blackbox import AFTER_S, LATE_S, BlackBoxRequest, path_of

@@ -14,7 +14,7 @@ import pytest
 
 from motord.config import RecordingConfig, packaged
 from motord.recorder import launch, main
-from motord.recorder.launch import RecorderLink, recorder_command, spawn_recorder
+from motord.recorder.launch import RecorderLink, recorder_command, spawn_piped
 from motord.recorder.main import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.recorder.pipe_lines import LineReader
 from motord.recorder.protocol import MessageReader, RecorderReport
@@ -245,7 +245,7 @@ def test_the_link_needs_pipes():
 
 def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
     monkeypatch.setattr(launch, "BACKLOG_MAX_BYTES", 200_000)
-    process = spawn_recorder([sys.executable, "-c", "input()"])  # reads one line, then ends
+    process = spawn_piped([sys.executable, "-c", "input()"])  # reads one line, then ends
     link = RecorderLink(process)
     for i in range(400):
         link.event(i, "kind", "x" * 1000)
@@ -269,12 +269,12 @@ class Supervisor:
         self.stem = folder / "runs" / "day"
         self.published = 0
         self.last: RecorderReport | None = None
-        self.process = spawn_recorder(recorder_command(CONFIG, self.run_dir))
+        self.process = spawn_piped(recorder_command(CONFIG, self.run_dir))
         self.link = RecorderLink(self.process)
 
     def again(self) -> None:
         self.link.close()
-        self.process = spawn_recorder(recorder_command(CONFIG, self.run_dir))
+        self.process = spawn_piped(recorder_command(CONFIG, self.run_dir))
         self.link = RecorderLink(self.process)
         self.last = None
 

@@ -5,7 +5,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from motord.cli.record import app
+from motord.cli.record.commands import app
 from motord.recording.file_names import part_of
 from motord.recording.writer import RunWriter
 from tests.unit.recording.runs import METADATA, tick_block, write_run

@@ -2,13 +2,23 @@
 
 import itertools
 
+import numpy as np
 import pytest
 
 from motord.config import BrakeConfig
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.schema import State, Trip
-from motord.sequencing import Demand, Executor, PlanError, PlanState, TickWatcher
+from motord.sequencing import (
+    Demand,
+    Executor,
+    OperatingPoint,
+    Plan,
+    PlanError,
+    PlanState,
+    TickWatcher,
+)
+from motord.sequencing.motions import Motion, enable, ramp_down
 from tests.unit.control.bench import make_config
 from tests.unit.sequencing.fakes import FakeBench
 
@@ -137,6 +147,34 @@ def test_a_trip_ends_the_plan_and_names_the_cause() -> None:
     assert runner.executor.state is PlanState.FAILED
     assert runner.executor.message == "the bench tripped: OVER_CURRENT"
     assert runner.demand == Demand()
+
+
+class _SlowlyEnabled(FakeBench):
+    """A bench that takes a few looks to be enabled."""
+
+    looks = 0
+
+    def look(self, demand: Demand) -> np.ndarray:
+        if demand.enabled and self.state is not State.ENABLED:
+            self.looks += 1
+            self.state = State.READY if self.looks % 5 else State.ENABLED
+        return super().look(demand)
+
+
+def test_a_plan_may_disable_and_enable_again() -> None:
+    def motion(points: tuple[OperatingPoint, ...]) -> Motion[None]:
+        for _ in points:
+            yield from enable()
+            yield from ramp_down()
+
+    points = tuple(OperatingPoint(index, 1.0, 1.0, 1) for index in range(2))
+    executor = Executor(Plan("again", points, motion, lambda point: 1.0, {}))
+    bench, watcher, demand = _SlowlyEnabled(make_config().brake), TickWatcher(), Demand()
+    bench.obeys = False
+    for _ in range(100):
+        demand = executor.advance(watcher.take(bench.look(demand)))
+    assert (executor.state, executor.message) == (PlanState.DONE, "")
+    assert bench.looks == 10
 
 
 def test_a_stop_from_elsewhere_ends_the_plan() -> None:

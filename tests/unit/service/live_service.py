@@ -8,7 +8,6 @@ from motord.api.messages import RecordingView
 from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.publish.publisher import Publisher
-from motord.service.publish.state import StateView
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
@@ -31,7 +30,7 @@ class LiveService(VirtualService):
         self.listen = listen
         store = CalibrationStore(self.config, tmp_path)
         self.telemetry = Telemetry(self._put, self.config.loop.rate_Hz, 100.0, 0.1)
-        self.state = StateView(
+        self.publisher = Publisher(
             bench=self.bench,
             calibrations=store,
             children=SimpleNamespace(views=dict),
@@ -42,7 +41,6 @@ class LiveService(VirtualService):
             started_ns=self.now_ns,
             unix_ns=lambda: self.now_ns,
         )
-        self.publisher = Publisher(self.state)
         self.events.listeners.append(self.publisher.event)
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         self.dispatcher = Dispatcher(self.bench, self.operation, self.plans, installation)

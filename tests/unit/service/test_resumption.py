@@ -360,14 +360,12 @@ def test_if_a_recorder_died_meanwhile_the_files_are_asked_even_after_an_orderly_
 
 def test_a_plan_during_which_a_recorder_died_is_looked_at_again(days):
     service = days.daemon()
-    sink = service.bench.plans._sink
-    sink.recorder(None)  # no plan is under way
+    service.resumption.recorder(None)  # no plan is under way
     token = service.acquire()
     start(service, token)
     until(service, token, lambda: service.sink.points)
-    sink.report({})
-    sink.recorder(None)
-    sink.recorder(object())
+    service.resumption.recorder(None)
+    service.resumption.recorder(object())
     assert run_to_end(service, token).state == "done"
     assert "the recorder died meanwhile" in service.messages()[-1]
     log = service.journal.log
@@ -383,7 +381,7 @@ def test_what_is_missing_after_a_recorder_died_is_looked_for_once(days, monkeypa
     token = service.acquire()
     start(service, token)
     until(service, token, lambda: service.sink.points)
-    service.bench.plans._sink.recorder(None)
+    service.resumption.recorder(None)
     run_to_end(service, token)
     monkeypatch.setattr(resume, "recorded", lambda segment: {0, 2})
     service.ask("plan/resume", token=token)

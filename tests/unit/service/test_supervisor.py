@@ -176,7 +176,7 @@ class PlayedDaemon:
         return [e.message for e in self.supervisor.bench.events.recent()]
 
     def state(self):
-        return json.loads(self.supervisor.publisher.state_document())
+        return json.loads(self.supervisor.publisher.documents["state"]())
 
     def close(self):
         for recorder in self.recorders:

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from motord import config
-from motord.cli.record import app
+from motord.cli.record.commands import app
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
 from motord.service.bench.recording import RecordingControl

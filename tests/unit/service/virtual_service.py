@@ -12,7 +12,6 @@ from motord.control.types import SETPOINT
 from motord.service.bench.bench import Bench
 from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.journal_sink import JournalSink
 from motord.service.plans.resume import Resumption
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.rpc.operation import ManualOperation
@@ -124,12 +123,10 @@ class VirtualService:
         self.journal = journal or journal_in_memory()
         self.calibration_id = ""
         self.resumption = Resumption(
-            self.config, self.journal, lambda: self.calibration_id, lambda: self.now_ns
-        )
-        sink = JournalSink(
-            self.sink, self.journal, self.resumption, self.events, lambda: self.now_ns
-        )
-        self.bench = Bench(self.config, self.loop, devices or {}, self.events, sink)
+            self.config, self.sink, self.journal, lambda: self.calibration_id, self.events,
+            lambda: self.now_ns,
+        )  # fmt: skip
+        self.bench = Bench(self.config, self.loop, devices or {}, self.events, self.resumption)
         if not safe:
             self.bench.fault_stop = fail
         self.restarts = 0

@@ -7,13 +7,14 @@ and is disabled.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from motord.cli.bench.interruption import interrupted_once
 from motord.cli.bench.shared_token import shared, tokens
+from motord.cli.connection_options import Connection, print_answer
 from motord.cli.console import fail, remark
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
     The first of Ctrl-C, SIGTERM and SIGHUP raises KeyboardInterrupt; the lease is given back then,
     too, and no further signal keeps it from that.
     """
-    with interrupted_once() as interruption:
+    with interrupted_once() as hold_off:
         token = None if force else _token_in_force(client)
         if token is not None:
             yield LeaseSession(token, None)
@@ -50,9 +51,23 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
             with shared(client.bench, lease.token):
                 yield LeaseSession(lease.token, lease)
         finally:
-            interruption.hold_off()
+            hold_off()
             if lease.token:
                 lease.release()
+
+
+def command(
+    rpc: str,
+    connection: Connection,
+    text: Callable[[dict[str, Any]], str],
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Call an RPC that needs the lease and nothing else; print its answer, JSON or `text` of it."""
+    with connection.open() as client, in_command(client, force=force) as session:
+        answer = client.rpc(rpc, token=session.token)
+        print_answer(answer, text(answer), as_json)
 
 
 def _token_in_force(client: "Client") -> str | None:

@@ -2,12 +2,12 @@
 
 import time
 from contextlib import suppress
-from enum import StrEnum
-from typing import Annotated, Any
+from operator import itemgetter
+from typing import Annotated, Any, Literal
 
 import typer
 
-from motord.cli.bench.lease_session import announce, hold, in_command
+from motord.cli.bench.lease_session import announce, command, hold, in_command
 from motord.cli.bench.set_report import set_in_words, show_reached
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
@@ -17,15 +17,8 @@ ForS = Annotated[
     typer.Option("--for-s", min=0, metavar="S", help="Stay in command this long only."),
 ]
 
-
-class CompensateOption(StrEnum):
-    """What of the installed calibration is applied."""
-
-    OFF = "off"
-    ON = "on"
-    CALIBRATION = "calibration"
-    CURRENTS = "currents"
-    COGGING = "cogging"
+CompensateOption = Literal["off", "on", "calibration", "currents", "cogging"]
+"""`motord.sequencing.settings.Compensation`, without loading it."""
 
 
 def enable(
@@ -49,14 +42,10 @@ def enable(
 
 
 def disable(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
+    connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False
 ) -> None:
     """Ramp the torque to zero, then disable; ends a plan."""
-    with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc("disable", token=session.token)
-        print_answer(answer, answer["state"], as_json)
+    command("disable", connection, itemgetter("state"), force=force, as_json=as_json)
 
 
 def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
@@ -68,15 +57,9 @@ def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
         print_answer(answer, answer["state"], as_json)
 
 
-def reset(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+def reset(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Leave a trip whose cause is gone; start the loop again if it has ended."""
-    with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc("reset", token=session.token)
-        print_answer(answer, answer["state"], as_json)
+    command("reset", connection, itemgetter("state"), force=force, as_json=as_json)
 
 
 def set_(
@@ -114,7 +97,7 @@ def set_(
         "speed_Hz": speed_Hz,
         "brake": brake,
         "drive_Hz": drive_Hz,
-        "compensate": compensate.value if compensate is not None else None,
+        "compensate": compensate,
     }
     asked = {key: value for key, value in given.items() if value is not None}
     if not asked:

@@ -36,11 +36,7 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
             show(state)
 
 
-def watch(
-    connection: Connection = DEFAULT,
-    for_s: ForS = None,
-    as_json: AsJson = False,
-) -> None:
+def watch(connection: Connection = DEFAULT, for_s: ForS = None, as_json: AsJson = False) -> None:
     """Show the state as it changes, until Ctrl-C; with --json one line each."""
     from rich.live import Live
 

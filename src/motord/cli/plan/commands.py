@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.cli.bench.lease_session import in_command
+from motord.cli.bench.lease_session import command, in_command
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, progress_bar, text_column
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from motord.client import Client, Subscription
 
 LOOK_S = 0.5
+
+Detach = Annotated[
+    bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
+]
 
 app = group("Experiments: list, start, steer.")
 
@@ -55,9 +59,7 @@ def start(
         float,
         typer.Option("--limit-s", min=0.0, help="With --dry-run: simulate no longer than that."),
     ] = LIMIT_S,
-    detach: Annotated[
-        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
-    ] = False,
+    detach: Detach = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
     connection: Connection = DEFAULT,
     force: Force = False,
@@ -76,13 +78,16 @@ def start(
             if detach:
                 print_answer(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
                 return
-            view = follow(client, session.token, progress, quiet=as_json)
-            then = _then(client, view)
-        _say_end(view, then, as_json)
+            _follow_to_end(client, session.token, progress, as_json)
 
 
-def _say_end(view: "PlanView", then: str, as_json: bool) -> None:
-    print_answer(view.model_dump(mode="json"), _end_line(view) + then, as_json)
+def _follow_to_end(
+    client: "Client", token: str, progress: "Subscription[PlanView]", as_json: bool
+) -> None:
+    view = follow(client, token, progress, quiet=as_json)
+    recording = f", recorded in {view.recording}" if view.recording else ""
+    end = f"{view.plan}: {view.points_done} of {view.points} points{recording}"
+    print_answer(view.model_dump(mode="json"), end + _then(client, view), as_json)
     if view.state != "done":
         fail(f"{view.plan} {view.state}: {view.message}")
 
@@ -121,11 +126,6 @@ def _then(client: "Client", view: "PlanView") -> str:
     force = client.state().calibration if view.plan == "learn" else None
     known = f" --calibration {shlex.quote(force.path)}" if force is not None else ""
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
-
-
-def _end_line(view: "PlanView") -> str:
-    recording = f", recorded in {view.recording}" if view.recording else ""
-    return f"{view.plan}: {view.points_done} of {view.points} points{recording}"
 
 
 def follow(
@@ -170,20 +170,14 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
 
 
 @app.command()
-def pause(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+def pause(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Ramp to zero and wait; the point under way is taken again after `resume`."""
-    _steer("plan/pause", connection, force=force, as_json=as_json)
+    command("plan/pause", connection, _plan_and_state, force=force, as_json=as_json)
 
 
 @app.command()
 def resume(
-    detach: Annotated[
-        bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
-    ] = False,
+    detach: Detach = False,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
@@ -198,36 +192,25 @@ def resume(
         with in_command(client, force=force) as session, client.subscribe_plan() as progress:
             answer = client.rpc("plan/resume", token=session.token, detach=detach)
             if under_way or detach or answer["state"] == "done":
-                print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)
+                print_answer(answer, _plan_and_state(answer), as_json)
                 return
-            end = follow(client, session.token, progress, quiet=as_json)
-            then = _then(client, end)
-        _say_end(end, then, as_json)
+            _follow_to_end(client, session.token, progress, as_json)
 
 
 @app.command()
 def discard(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
+    connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-    with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc("plan/discard", token=session.token)
-        print_answer(answer, f"{answer['plan']}: discarded", as_json)
+    discarded = "{[plan]}: discarded".format
+    command("plan/discard", connection, discarded, force=force, as_json=as_json)
 
 
 @app.command()
-def abort(
-    connection: Connection = DEFAULT,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+def abort(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Ramp down, disable, end the plan."""
-    _steer("plan/abort", connection, force=force, as_json=as_json)
+    command("plan/abort", connection, _plan_and_state, force=force, as_json=as_json)
 
 
-def _steer(rpc: str, connection: Connection, *, force: bool, as_json: bool) -> None:
-    with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc(rpc, token=session.token)
-        print_answer(answer, f"{answer['plan']}: {answer['state']}", as_json)
+def _plan_and_state(answer: dict[str, Any]) -> str:
+    return f"{answer['plan']}: {answer['state']}"

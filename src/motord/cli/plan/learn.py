@@ -8,7 +8,7 @@ import typer
 
 from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
-from motord.cli.common_options import AsJson
+from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
 from motord.cli.plan.commands import follow
@@ -28,10 +28,7 @@ def learn(
     passes: Annotated[
         int, typer.Option(min=2, max=50, help="Passes at most; the last one only measures.")
     ] = 5,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change a setting of the plan `learn`."),
-    ] = None,
+    settings: PlanSettings = None,
     gain: Annotated[
         float, typer.Option(min=0.05, max=1.0, help="Share of the error to take out in a pass.")
     ] = 0.7,
@@ -60,10 +57,7 @@ def learn(
     from motord.experiments.ilc.report import page
 
     learning = Learning(gain=gain, highest_order=highest_order)
-    with (
-        connection.open() as client,
-        in_command(client, force=force) as session,
-    ):
+    with connection.open() as client, in_command(client, force=force) as session:
         calibration = _in_force(client)
         chosen = settings_of(client, "learn", settings or [])
         if again:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import group, print_json
+from motord.cli.console import group, print_result, remark
 from motord.cli.record.importing import import_recording
 
 app = group("Look into recordings, export them, import others.")
@@ -31,10 +31,7 @@ def info(
     from motord.recording.reader import open_run
 
     facts = describe(open_run(run), check=check)
-    if as_json:
-        print_json(facts)
-    else:
-        typer.echo("\n".join(_lines(facts)))
+    print_result(facts, "\n".join(_lines(facts)), as_json)
 
 
 @app.command()
@@ -47,7 +44,7 @@ def recover(
     as_json: AsJson = False,
 ) -> None:
     """Write a clean recording from a damaged or unfinished one."""
-    from motord.recording import recovery as recovery
+    from motord.recording import recovery
     from motord.recording.reader import open_run
 
     if open_run(run).check() is None:
@@ -62,10 +59,7 @@ def recover(
             "damage": str(done.damage),
         }
         text = f"{done.path}: {done.ticks} ticks in {done.chunks} chunks\n{done.damage}"
-    if as_json:
-        print_json(result)
-    else:
-        typer.echo(text)
+    print_result(result, text, as_json)
 
 
 @app.command()
@@ -93,12 +87,10 @@ def export(
     source = open_run(run)
     rows = write(source, path, wanted, truth=truth)
     damage = str(source.damage) if source.damage else None
-    if as_json:
-        print_json({"file": str(path), "rows": rows, "damage": damage})
-    else:
-        typer.echo(f"{path}: {rows} rows")
-        if damage:
-            typer.echo(f"missing in {run}: {damage}", err=True)
+    result = {"file": str(path), "rows": rows, "damage": damage}
+    print_result(result, f"{path}: {rows} rows", as_json)
+    if damage and not as_json:
+        remark(f"missing in {run}: {damage}")
 
 
 def _lines(facts: dict[str, Any]) -> Iterator[str]:

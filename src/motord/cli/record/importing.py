@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import AsJson
-from motord.cli.console import fail, print_json, progress_bar, text_column
+from motord.cli.console import fail, print_result, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.importing import Imported
@@ -38,10 +38,7 @@ def import_recording(
             done = import_run(file, map_file, output, strict=strict, progress=progress)
     except OSError as error:
         fail(f"{error.filename or output}: {error.strerror}")
-    if as_json:
-        print_json(done.to_json())
-    else:
-        typer.echo("\n".join(_lines(done)))
+    print_result(done.to_json(), "\n".join(_lines(done)), as_json)
 
 
 @contextmanager

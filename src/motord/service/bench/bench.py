@@ -5,7 +5,6 @@ and progress go out. The handlers in `service.rpc` carry out requests on it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,12 +16,14 @@ from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, ManualControl
-from motord.service.bench.setpoint import RAD_PER_TURN, Mailbox, Setpoint
+from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
 from motord.service.bench.slow_devices import SlowDevice
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
-from motord.service.plans.runner import PlanRunner, PlanSink
+from motord.service.plans.resume import Resumption
+from motord.service.plans.runner import PlanRunner
+from motord.shm.mailbox import MailboxWriter
 
 UPDATE_NS = 20_000_000
 """Time between two updates of a plan or of the speed servo."""
@@ -35,14 +36,6 @@ REPORT_AGAIN_NS = 1_000_000_000
 """Least time between two reports of a device that fails now and then."""
 
 
-@dataclass
-class _DeviceReport:
-    """The last reported health of a device."""
-
-    health: Health = "ok"
-    t_ns: int = 0
-
-
 class Bench:
     """Lease, set-point, tick monitor, manual control and plan runner.
 
@@ -53,10 +46,10 @@ class Bench:
     def __init__(
         self,
         config: Config,
-        mailbox: Mailbox,
+        mailbox: MailboxWriter,
         devices: Mapping[str, SlowDevice],
         events: EventLog,
-        sink: PlanSink,
+        journal: Resumption,
     ) -> None:
         self.config = config
         self.events = events
@@ -66,7 +59,7 @@ class Bench:
         self.injected = InjectedFaults(config, events)
         self.lease = CommandLease(config.zenoh.lease_s)
         self.manual = ManualControl(config, self.setpoint)
-        self.plans = PlanRunner(self.setpoint, sink)
+        self.plans = PlanRunner(self.setpoint, journal)
         self.calibrated = False
         self.loop_fault = LOOP_STARTS
         self.loop_starting = True
@@ -74,7 +67,7 @@ class Bench:
         self._pending: list[np.ndarray] = []
         self._updated_ns = 0
         self._state = State.OFF
-        self._device_reports = {name: _DeviceReport() for name in devices}
+        self._reported: dict[str, tuple[Health, int]] = dict.fromkeys(devices, ("ok", 0))
         self.device_fault = ""
         """Why no torque may be set now, or nothing."""
         self._stalled = False
@@ -193,15 +186,15 @@ class Bench:
     def _watch_devices(self, now_ns: int) -> None:
         fault = ""
         for name, device in self.devices.items():
-            view, report = device.view(now_ns), self._device_reports[name]
-            if view.health != report.health:
-                soon = now_ns - report.t_ns < REPORT_AGAIN_NS
+            view, (health, reported_ns) = device.view(now_ns), self._reported[name]
+            if view.health != health:
+                soon = now_ns - reported_ns < REPORT_AGAIN_NS
                 if view.health == "stale" or not soon:
                     what = "answers again" if view.health == "ok" else view.error
                     self.events.emit(
                         "device", f"{name} {view.health}: {what}", device=name, health=view.health
                     )
-                    report.health, report.t_ns = view.health, now_ns
+                    self._reported[name] = view.health, now_ns
             used = name == "brake" or self.setpoint.drive_Hz != 0.0
             if view.health == "stale" and used:
                 fault = fault or f"{name} has not answered for {view.age_s} s: {view.error}"

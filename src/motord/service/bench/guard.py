@@ -6,10 +6,11 @@ the bench as well. The bench itself, from the tick ring to the set-point mailbox
 parts: an error there ends the daemon, with the current taken away.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
-from motord.service.host.events import EventLog
+from motord.schema import Request
+from motord.service.bench.bench import Bench
 
 REPORT_NS = 10_000_000_000
 """Time between two events about the same part."""
@@ -30,19 +31,12 @@ PARTS = {
 class Guard:
     """Contains the errors of a part. `faults`: present faults, by part.
 
-    An error in the program calls `stop` every time, so that nothing is powered while it lasts, and
-    `on_bug`, with the place and the error, at most every `REPORT_NS`.
+    An error in the program requests a stop every time, so that nothing is powered while it lasts,
+    and is a `Bench.fault_stop` at most every `REPORT_NS`.
     """
 
-    def __init__(
-        self,
-        events: EventLog,
-        on_bug: Callable[[str, Exception], object],
-        stop: Callable[[], None],
-    ) -> None:
-        self._events = events
-        self._on_bug = on_bug
-        self._stop = stop
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
         self._reported_ns: dict[str, int] = {}
         self.faults: dict[str, str] = {}
 
@@ -55,12 +49,12 @@ class Guard:
             message = f"{name}: {str(error) or type(error).__name__}; {PARTS[name]}"
             self.faults[name] = message
             if self._due(name, now_ns):
-                self._events.emit("fault", message, part=name)
+                self._bench.events.emit("fault", message, part=name)
         except Exception as error:
             self.faults[name] = f"{name}: {type(error).__name__}: {error}; {PARTS[name]}"
-            self._stop()
+            self._bench.setpoint.request(Request.STOP)
             if self._due(name, now_ns):
-                self._on_bug(f"in the supervisor's part {name!r}", error)
+                self._bench.fault_stop(f"in the supervisor's part {name!r}", error)
         else:
             self.faults.pop(name, None)
 

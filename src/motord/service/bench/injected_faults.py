@@ -15,10 +15,8 @@ class InjectedFaults:
 
     def __init__(self, config: Config, events: EventLog) -> None:
         """Raises ConfigError for a timeline that cannot be read."""
-        known = config.simulated and config.bench.faults is not None
-        self._timeline = Timeline()
-        if known and config.bench.faults is not None:
-            self._timeline = load_timeline(config.bench.faults)
+        known = config.bench.faults if config.simulated else None
+        self._timeline = load_timeline(known) if known is not None else Timeline()
         self._events = events
         self._count = 0
         self._reported = 0

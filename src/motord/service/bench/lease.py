@@ -13,20 +13,14 @@ from dataclasses import dataclass
 from motord.api.errors import RpcError
 
 
-@dataclass(frozen=True)
+@dataclass
 class Grant:
     """A lease that was given: its secret, to whom, and from whom it was taken over, if so."""
 
     token: str
     holder: str
-    took_over_from: str | None
-
-
-@dataclass
-class _Held:
-    token: str
-    holder: str
     expires_ns: int
+    took_over_from: str | None
 
 
 class CommandLease:
@@ -37,7 +31,7 @@ class CommandLease:
         self.duration_ns = round(duration_s * 1e9)
         self._new_token = new_token or (lambda: secrets.token_hex(16))
         self._notice_ns = 0
-        self._held: _Held | None = None
+        self._held: Grant | None = None
         self._lost: tuple[str, str] = ("", "")  # the newest invalid token, and why
 
     def holder(self, now_ns: int) -> str | None:
@@ -62,8 +56,10 @@ class CommandLease:
             )
         if held is not None:
             self._lost = (held.token, f"{holder} took over command")
-        self._held = _Held(self._new_token(), holder, now_ns + self.duration_ns)
-        return Grant(self._held.token, holder, held.holder if held else None)
+        expires_ns = now_ns + self.duration_ns
+        before = held.holder if held else None
+        self._held = Grant(self._new_token(), holder, expires_ns, before)
+        return self._held
 
     def renew(self, token: str, now_ns: int) -> None:
         """Prolong the lease. Raises RpcError if `token` is not the one in force."""
@@ -76,7 +72,7 @@ class CommandLease:
         self._held = None
         return held.holder
 
-    def require(self, token: str, now_ns: int) -> _Held:
+    def require(self, token: str, now_ns: int) -> Grant:
         """Return the lease that `token` is for. Raises RpcError if it is not the one in force."""
         held = self._current(now_ns)
         if held is not None and secrets.compare_digest(held.token.encode(), token.encode()):
@@ -109,9 +105,9 @@ class CommandLease:
         self._held = None
         return held.holder
 
-    def _current(self, now_ns: int) -> _Held | None:
+    def _current(self, now_ns: int) -> Grant | None:
         held = self._held
         return held if held is not None and now_ns < self._lost_ns(held) else None
 
-    def _lost_ns(self, held: _Held) -> int:
+    def _lost_ns(self, held: Grant) -> int:
         return held.expires_ns - self._notice_ns

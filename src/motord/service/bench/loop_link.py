@@ -42,7 +42,20 @@ class LoopLink:
 
         Raises OSError if what it has made ready cannot be opened yet, or makes no sense.
         """
-        return self.phase == "starting" and self._attach_if_ready()
+        if self.phase != "starting":
+            return False
+        status = LoopStatus.read(self._run_dir.loop_status)
+        if status is None or status.phase is not LoopPhase.READY:
+            return False
+        try:
+            self._ring = RingReader(self._run_dir.ring, "oldest")
+        except SharedFileError as error:
+            raise OSError(f"the loop is ready, but its ring is not: {error}") from error
+        self.status = status
+        with suppress(SharedFileError):
+            self._timing = Timing.attach(self._run_dir.timing)
+        self.phase = "up"
+        return True
 
     def read(self) -> tuple[np.ndarray, int]:
         """Return (block, lost), the ticks published since the last call."""
@@ -84,17 +97,3 @@ class LoopLink:
         if not any(clock):
             return None
         return ClockView(drift_ppm=round(clock.drift_ppm, 2), jitter_us=round(clock.jitter_us, 1))
-
-    def _attach_if_ready(self) -> bool:
-        status = LoopStatus.read(self._run_dir.loop_status)
-        if status is None or status.phase is not LoopPhase.READY:
-            return False
-        try:
-            self._ring = RingReader(self._run_dir.ring, "oldest")
-        except SharedFileError as error:
-            raise OSError(f"the loop is ready, but its ring is not: {error}") from error
-        self.status = status
-        with suppress(SharedFileError):
-            self._timing = Timing.attach(self._run_dir.timing)
-        self.phase = "up"
-        return True

@@ -19,6 +19,7 @@ class RecentTicks:
 
     def __init__(self, config: Config) -> None:
         loop = config.loop
+        self._rate_Hz = loop.rate_Hz
         self._kept = round(
             loop.rate_Hz * max(LEAST_S, loop.enable_timeout_s, loop.supervisor_timeout_s)
         )
@@ -36,6 +37,16 @@ class RecentTicks:
         kept = sum(map(len, self._blocks))
         while len(self._blocks) > 1 and kept - len(self._blocks[0]) > self._kept:
             kept -= len(self._blocks.popleft())
+
+    def last_second(self, name: str) -> np.ndarray:
+        """Return a field of the ticks of the last second, shape (n,)."""
+        parts, count = [], 0
+        for block in reversed(self._blocks):
+            parts.append(block[name])
+            count += len(block)
+            if count >= self._rate_Hz:
+                break
+        return np.concatenate(parts[::-1])
 
     def forget(self) -> None:
         """Start anew."""

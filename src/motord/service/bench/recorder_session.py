@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from motord.api.messages import Event
 from motord.recorder.launch import RecorderLink
@@ -26,16 +26,6 @@ CLOSE_S = 2.0
 """Time for a recorder to close its file before it is ended."""
 _POLL_S = 0.01
 NO_REPORT = RecorderReport(recording=False)
-
-
-class Follower(Protocol):
-    """Another user of the recorder's link and reports."""
-
-    def recorder(self, link: RecorderLink | None) -> None:
-        """A recorder was started, or the one there was has ended (None)."""
-
-    def report(self, report: RecorderReport) -> None:
-        """The recorder has reported."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +57,9 @@ class RecorderSession:
         self.report = NO_REPORT
         self.reported_ns = 0
         self.error = ""
-        self.followers: list[Follower] = []
+        self.on_process: list[Callable[[RecorderLink | None], None]] = []
+        """Called when a recorder was started, and with None when the one there was has ended."""
+        self.on_report: Callable[[RecorderReport], None] = lambda report: None
 
     @property
     def up(self) -> bool:
@@ -95,8 +87,8 @@ class RecorderSession:
         if process is not None:
             self.link, self._dropped = RecorderLink(process), 0
             self._send_task(resume=True)
-        for follower in self.followers:
-            follower.recorder(self.link)
+        for follow in self.on_process:
+            follow(self.link)
 
     def step(self, now_ns: int) -> None:
         """Take the reports; send the task again to a recorder that had dropped commands."""
@@ -149,8 +141,7 @@ class RecorderSession:
     def _take_reports(self, link: RecorderLink, now_ns: int) -> None:
         for report in link.reports(now_ns):
             self.report, self.reported_ns = report, now_ns
-            for follower in self.followers:
-                follower.report(report)
+            self.on_report(report)
             if report.error and report.error != self.error:
                 self._events.emit("recording", f"the recorder says: {report.error}")
             self.error = report.error

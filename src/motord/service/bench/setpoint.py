@@ -6,7 +6,6 @@ confirms the one before.
 """
 
 from collections import deque
-from typing import Protocol
 
 import numpy as np
 
@@ -15,23 +14,17 @@ from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request
 from motord.sequencing import NOTHING_INDUCED
 from motord.sequencing.settings import COMPENSATE
+from motord.shm.mailbox import MailboxWriter
 
 RAD_PER_TURN = 2 * np.pi
 UNSEEN_NS = 200_000_000
 """A request that no tick confirms within this time is followed by the next."""
 
 
-class Mailbox(Protocol):
-    """Where the loop reads its set-point."""
-
-    def write(self, setpoint: np.ndarray) -> None:
-        """Put `setpoint` (shape (1,), SETPOINT) in place of the one before."""
-
-
 class Setpoint:
     """Torque, speed, brake, drive and compensation; torque and drive begin at zero."""
 
-    def __init__(self, mailbox: Mailbox) -> None:
+    def __init__(self, mailbox: MailboxWriter) -> None:
         self._mailbox = mailbox
         self._record = np.zeros(1, SETPOINT)
         self._requests: deque[Request] = deque()

@@ -3,7 +3,6 @@
 Pure: blocks of ticks in, views and events out.
 """
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,8 +16,6 @@ from motord.service.bench.recent_ticks import RecentTicks
 from motord.service.bench.trip_report import trip_values
 from motord.service.host.events import EventLog
 
-TIMING_S = 1.0
-"""Span of the loop's timing statistics."""
 REPORT_FIRST_NS, REPORT_LAST_NS = 1_000_000_000, 64_000_000_000
 """Missed ticks are reported after pauses that grow from the first to the last while there are new
 ones, so that they do not displace the other events."""
@@ -45,7 +42,6 @@ class TickMonitor:
         self.trip: TripReport | None = None
         """Of the trip that the bench is in."""
         self.on_trip: OnTrip = lambda t_ns, tick, report: ""
-        self._timing: deque[np.ndarray] = deque()  # (n, 3): late ns, work ns, measured torque Nm
         self.last: np.void | None = None
         self.read_ns = 0  # monotonic, when the newest tick was read
         self.ticks = 0
@@ -88,14 +84,12 @@ class TickMonitor:
         self.last = block[-1]
         self.read_ns = now_ns
         self.ticks += len(block)
-        self._keep_timing(block)
         self._report_missed(now_ns)
 
     def forget(self) -> None:
         """Start anew: the loop was restarted and its counters with it."""
         self.last = self.trip = None
         self._recent.forget()
-        self._timing.clear()
         self._missed_reported = 0
 
     def _follow_states(self, block: np.ndarray) -> None:
@@ -142,15 +136,6 @@ class TickMonitor:
         box = self.on_trip(t_ns, int(tick["tick"]), {"reason": reason, **report})
         self.trip = TripReport(t_ns=t_ns, reason=reason, blackbox=box, **report)
         self._events.emit("trip", reason, t_ns, **where, **report, blackbox=box)
-
-    def _keep_timing(self, block: np.ndarray) -> None:
-        timing = np.empty((len(block), 3))
-        timing[:, 0], timing[:, 1] = block["wake_late_ns"], block["work_ns"]
-        timing[:, 2] = block["torque_Nm"]
-        self._timing.append(timing)
-        kept = sum(len(part) for part in self._timing)
-        while len(self._timing) > 1 and kept - len(self._timing[0]) >= TIMING_S * self._rate_Hz:
-            kept -= len(self._timing.popleft())
 
     def _report_missed(self, now_ns: int) -> None:
         missed, since_ns = self.missed, now_ns - self._missed_reported_ns
@@ -211,14 +196,14 @@ class TickMonitor:
 
     def _ripple_Nm(self) -> float | None:
         with np.errstate(invalid="ignore"):  # the measured torque may be anything
-            return _finite(np.std(np.concatenate([part[:, 2] for part in self._timing])))
+            return _finite(np.std(self._recent.last_second("torque_Nm").astype(float)))
 
     def loop_view(self, now_ns: int) -> LoopView:
         """Return the timing of the loop."""
-        late_us = p50 = p99 = worst = work = None
-        if self._timing:
-            timing_us = np.concatenate(self._timing)[:, :2] / 1e3
-            late_us, work_us = timing_us[:, 0], timing_us[:, 1]
+        p50 = p99 = worst = work = None
+        if self.last is not None:
+            late_us = self._recent.last_second("wake_late_ns") / 1e3
+            work_us = self._recent.last_second("work_ns") / 1e3
             p50, p99 = (round(float(q), 1) for q in np.percentile(late_us, (50, 99)))
             worst = round(float(late_us.max()), 1)
             work = round(float(np.percentile(work_us, 99)), 1)

@@ -7,6 +7,7 @@ s, and the limit is how long it may.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +31,9 @@ class TripWindow:
     parameters: np.record
 
     @property
-    def last(self) -> np.void:
+    def last(self) -> Any:
         """The tick of the trip."""
-        last: np.void = self.ticks[-1]
-        return last
+        return self.ticks[-1]
 
     def held_s(self, holds: np.ndarray) -> float:
         """Return for how long `holds`, shape (n,), has been true up to the last tick, included."""

@@ -1,9 +1,7 @@
 """The supervisor's end of the gateway process: makes events of what it reports."""
 
 import os
-import subprocess
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -48,14 +46,6 @@ def gateway_command(config_path: Path, run_dir: RunDir) -> list[str]:
     return [sys.executable, "-m", "motord.service.gateway.process", "--config", str(config_path)]
 
 
-def spawn_gateway(command: Sequence[str]) -> "subprocess.Popen[bytes]":
-    """Start a gateway process with the pipes that `GatewayLink` needs."""
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
-    assert process.stdout is not None
-    os.set_blocking(process.stdout.fileno(), False)
-    return process
-
-
 class GatewayLink:
     """Makes events of what the gateway reports. No call waits."""
 
@@ -75,6 +65,7 @@ class GatewayLink:
             if process is None or process is self._process:
                 return
             self._process = process
+            os.set_blocking(process.stdout.fileno(), False)
             self._received = MessageReader(process.stdout.fileno(), AccessMessage)
         for message in self._received.read(now_ns):
             self._emit(message, now_ns)

@@ -1,5 +1,6 @@
 """Faults in what a child process sends: counted, reported now and then; a flood ends it."""
 
+import signal
 from typing import Any
 
 from motord.recorder.protocol import MessageReader
@@ -68,7 +69,7 @@ class ChildFaults:
         if reader.flooded and not self._ended:
             self._ended = True
             self._emit("sends more than can be meant; it is ended")
-            self._children.kill(self._name)
+            self._children.signal(self._name, signal.SIGKILL)
 
     def _emit(self, what: str) -> None:
         self._events.emit("process", f"{self._name} {what}", process=self._name)

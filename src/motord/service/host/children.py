@@ -19,11 +19,6 @@ SETTLED_S = 10.0
 """A child that ran this long is started again at once when it ends."""
 
 
-def always(config: Config) -> bool:
-    """Every bench has this process."""
-    return True
-
-
 @dataclass(frozen=True)
 class Process:
     """A child process, in a line of `service.processes.PROCESSES`.
@@ -39,7 +34,7 @@ class Process:
     restart: Literal["always", "on reset"]
     stop_timeout_s: float
     loss: str
-    while_: Callable[[Config], bool] = always
+    while_: Callable[[Config], bool] = lambda config: True
 
     def start(self, config_path: Path, run_dir: RunDir) -> "subprocess.Popen[bytes]":
         """Start it for the bench file at `config_path`. Raises OSError."""
@@ -147,10 +142,6 @@ class Children:
         process = self._children[name].process
         if process is not None:
             process.send_signal(sig)
-
-    def kill(self, name: str) -> None:
-        """End a child that does not behave, without its consent; by its policy it comes back."""
-        self.signal(name, signal.SIGKILL)
 
     def count(self, name: str, bad: int, dropped: int) -> None:
         """Note how many messages of a child were none, and how many to it were dropped."""

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from motord.atomic_write import sync_folder
 from motord.recorder.background import Background
 from motord.recording.json_encoding import to_json
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote, read
@@ -104,7 +105,7 @@ class _Disk:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             _write(temporary, line, 0)
             temporary.replace(self.path)
-            self._sync_folder()
+            sync_folder(self.path.parent)
             self.size = len(line)
 
     def append(self, line: bytes) -> None:
@@ -121,7 +122,7 @@ class _Disk:
         with self._explained():
             if self.path.exists():
                 self.path.unlink()
-                self._sync_folder()
+                sync_folder(self.path.parent)
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
@@ -130,13 +131,6 @@ class _Disk:
             yield
         except OSError as error:
             self.error = f"{self.path}: {error.strerror}"
-
-    def _sync_folder(self) -> None:
-        folder = os.open(self.path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _write(path: Path, line: bytes, offset: int) -> None:

@@ -1,4 +1,4 @@
-"""Plans that were interrupted: what is missing of them, and whether they can go on.
+"""Plans in the journal: their progress, what is missing of one, and whether it can go on.
 
 A plan goes on only on the bench that it was begun on. What counts as taken after a crash is what
 its recordings hold: a point that was noted in the journal may have died with the recorder, and one
@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
@@ -18,22 +18,18 @@ from motord.api.errors import RpcError
 from motord.api.messages import PlanView
 from motord.config import Config
 from motord.experiments.plans import build as build_plan
+from motord.recorder.launch import RecorderLink
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, numbers, stem_of
 from motord.recording.reader import open_run_unfinished_or_not
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
+from motord.service.bench.recording import RecordingControl
+from motord.service.host.events import EventLog
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote
 from motord.service.plans.journal_file import Journal
 
-_STATES: dict[str, Literal["interrupted", "done", "aborted", "failed"]] = {
-    "": "interrupted",
-    "done": "done",
-    "aborted": "aborted",
-    "failed": "failed",
-}
-"""State of a plan that is not under way, by how its journal ends."""
-
+UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
 ADVICE = "motord plan resume takes the rest, motord plan discard forgets it"
 
 PARTS = ("motor", "inverter", "bridge", "torque_sensor", "brake", "drive", "limits")
@@ -96,19 +92,28 @@ class RemainingPlan:
 
 
 class Resumption:
-    """Knows whether the plan in the journal can go on, and with which points."""
+    """Keeps a plan's progress, and knows whether it can go on and with which points.
+
+    Progress is passed on to `recording` first, then to the journal.
+    """
 
     def __init__(
         self,
         config: Config,
+        recording: RecordingControl,
         journal: Journal,
         calibration_id: Callable[[], str],
+        events: EventLog,
         unix_ns: Callable[[], int],
     ) -> None:
         self._config = config
+        self._recording = recording
         self._journal = journal
         self._calibration_id = calibration_id
+        self._events = events
         self._unix_ns = unix_ns
+        self._journal_error = ""
+        self._under_way = False
         self._parts = bench_parts(config)  # a large back-EMF table takes a while
 
     @property
@@ -117,20 +122,58 @@ class Resumption:
         log = self._journal.log
         return log is not None and not log.state
 
-    def note(self, plan: Plan, view: PlanView, notes: str, t_ns: int) -> PlanNote:
-        """Return what the journal keeps of a plan that begins."""
-        return PlanNote(
-            run_id=view.run_id,
-            name=plan.name,
-            settings=plan.settings,
-            points=len(plan.points),
-            points_digest=points_digest(plan),
-            bench_parts=self._parts,
-            calibration=self._calibration_id(),
-            started_by=view.started_by,
-            notes=notes,
-            t_ns=t_ns,
-        )
+    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
+        """A plan begins, or goes on where it was interrupted; returns where it is recorded."""
+        path = self._recording.plan_started(plan, view, notes)
+        if view.continues:
+            self._journal.resumed(path, view.started_by, self._unix_ns())
+        else:
+            note = PlanNote(
+                run_id=view.run_id,
+                name=plan.name,
+                settings=plan.settings,
+                points=len(plan.points),
+                points_digest=points_digest(plan),
+                bench_parts=self._parts,
+                calibration=self._calibration_id(),
+                started_by=view.started_by,
+                notes=notes,
+                t_ns=self._unix_ns(),
+            )
+            self._journal.begin(note, path)
+        self._under_way = True
+        return path
+
+    def plan_point(self, point: dict[str, Any]) -> None:
+        """An operating point was captured."""
+        self._recording.plan_point(point)
+        self._journal.point(point)
+
+    def plan_progress(self, view: PlanView) -> None:
+        """Progress, at every look while a plan is under way."""
+        self._recording.plan_progress(view)
+        error = self._journal.error
+        if error and error != self._journal_error:
+            self._events.emit(
+                "journal", f"cannot write it: {error}; a crash now would cost the plan its place"
+            )
+        self._journal_error = error
+
+    def plan_over(self, view: PlanView) -> None:
+        """The plan has ended."""
+        self._recording.plan_over(view)
+        log = self._journal.log
+        state, message = str(view.state), view.message
+        self._under_way = False
+        if state == "done" and log is not None and not log.segments[-1].sure:
+            state, message = "failed", UNSURE
+            self._events.emit("journal", f"{view.plan}: {UNSURE}; motord plan resume looks for it")
+        self._journal.end(state, message, self._unix_ns())
+
+    def recorder(self, link: RecorderLink | None) -> None:
+        """A recorder was started, or has ended: in the midst of a plan, one has died."""
+        if link is None and self._under_way:
+            self._journal.recorder_died(self._unix_ns())
 
     def summary(self) -> str:
         """Return what was interrupted and how it can go on, in one line; "" if nothing can."""
@@ -152,7 +195,7 @@ class Resumption:
             done = plan.points
         return PlanView(
             plan=plan.name,
-            state=_STATES[log.state],
+            state=log.state or "interrupted",
             message=self.summary() or log.segments[-1].message,
             points=plan.points,
             points_done=done,

@@ -5,68 +5,39 @@ held by the plan, and losing a lease does not end it. Any other plan ends with t
 is in command.
 """
 
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 from uuid import uuid4
 
 from motord.api.messages import PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
 from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
-
-
-class PlanSink(Protocol):
-    """Receives a plan's progress."""
-
-    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
-        """A plan begins; returns where it is recorded, "" if it is not."""
-
-    def plan_point(self, point: dict[str, Any]) -> None:
-        """An operating point was captured."""
-
-    def plan_progress(self, view: PlanView) -> None:
-        """Progress, at every look while a plan is under way."""
-
-    def plan_over(self, view: PlanView) -> None:
-        """The plan has ended."""
-
-
-@dataclass(frozen=True)
-class EarlierPart:
-    """What there was of a plan that goes on: its run, its last recording, how many points."""
-
-    run_id: str
-    recording: str
-    points: int
+from motord.service.plans.resume import RemainingPlan, Resumption
 
 
 class PlanRunner:
     """The plan under way, or the last one."""
 
-    def __init__(self, setpoint: Setpoint, sink: PlanSink) -> None:
+    def __init__(self, setpoint: Setpoint, journal: Resumption) -> None:
         self._setpoint = setpoint
-        self._sink = sink
+        self._journal = journal
         self._executor: Executor | None = None
         self._demand = Demand()
         self._points_passed_on = 0
         self._compensate_before = Compensate(0)
         self._points_before = 0
-        self._view: PlanView | None = None
+        self.view: PlanView | None = None
+        """Progress of the plan under way or of the last one."""
         self.active = False
 
     @property
     def detached(self) -> bool:
         """True while a detached plan runs."""
-        return self.active and self._view is not None and self._view.detached
-
-    @property
-    def view(self) -> PlanView | None:
-        """Progress of the plan under way or of the last one."""
-        return self._view
+        return self.active and self.view is not None and self.view.detached
 
     def show(self, view: PlanView | None) -> None:
         """Show the progress of a plan of which there is no more than that, or of none."""
-        self._executor, self._view = None, view
+        self._executor, self.view = None, view
 
     def start(
         self,
@@ -75,28 +46,28 @@ class PlanRunner:
         notes: str,
         *,
         detached: bool,
-        before: EarlierPart | None = None,
+        before: RemainingPlan | None = None,
     ) -> PlanView:
         """Begin a plan with the next look. None may be under way.
 
-        `before` is what there was of it, if `plan` is only its rest.
+        `before` says what there was of it, if `plan` is only its rest.
         """
         self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
-        self._points_before = before.points if before is not None else 0
-        self._view = PlanView(
+        self._points_before = before.taken if before is not None else 0
+        self.view = PlanView(
             **self._counted(self._executor.progress()),
             detached=detached,
             started_by=started_by,
             settings=plan.settings,
-            run_id=before.run_id if before is not None else uuid4().hex,
-            continues=before.recording if before is not None else "",
+            run_id=before.log.plan.run_id if before is not None else uuid4().hex,
+            continues=before.log.recordings[-1] if before is not None else "",
         )
         self.active = True
         self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
-        recording = self._sink.plan_started(plan, self._view, notes)
-        self._view = self._view.model_copy(update={"recording": recording})
-        return self._view
+        recording = self._journal.plan_started(plan, self.view, notes)
+        self.view = self.view.model_copy(update={"recording": recording})
+        return self.view
 
     def look(self, seen: Observation) -> None:
         """Advance the plan by one observation and put what it demands into the set-point."""
@@ -105,7 +76,7 @@ class PlanRunner:
             return
         self._apply(executor.advance(seen))
         for point in executor.points[self._points_passed_on :]:
-            self._sink.plan_point(point)
+            self._journal.plan_point(point)
         self._points_passed_on = len(executor.points)
         self._show(executor.progress())
         if executor.finished:
@@ -147,10 +118,10 @@ class PlanRunner:
         self._demand = demand
 
     def _show(self, progress: dict[str, Any]) -> None:
-        if self._view is not None:
+        if self.view is not None:
             counted = self._counted(progress)
-            self._view = PlanView.model_validate({**self._view.model_dump(), **counted})
-            self._sink.plan_progress(self._view)
+            self.view = PlanView.model_validate({**self.view.model_dump(), **counted})
+            self._journal.plan_progress(self.view)
 
     def _counted(self, progress: dict[str, Any]) -> dict[str, Any]:
         """Return progress with the points of the whole plan."""
@@ -161,5 +132,5 @@ class PlanRunner:
         self.active = False
         self._setpoint.rest()
         self._setpoint.compensate = self._compensate_before
-        if self._view is not None:
-            self._sink.plan_over(self._view)
+        if self.view is not None:
+            self._journal.plan_over(self.view)

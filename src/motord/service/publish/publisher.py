@@ -1,64 +1,82 @@
-"""When what is published: ticks as they come, state and plan ten times a second and on change."""
+"""What is published when, and the full state of bench and daemon."""
 
-import json
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
 
 import numpy as np
 
-from motord.api.messages import Event, PlanView
-from motord.service.publish.state import StateView, change_key
+from motord.api.messages import (
+    BenchState,
+    DeviceView,
+    Event,
+    LeaseView,
+    PlanView,
+    TorqueSensorView,
+)
+from motord.config import Config
+from motord.service.bench.bench import Bench
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.bench.guard import Guard
+from motord.service.bench.loop_link import LoopLink
+from motord.service.bench.recording import RecordingControl
+from motord.service.host import scheduling
+from motord.service.host.children import Children
+from motord.service.publish.telemetry import Telemetry
 
 STATE_NS = 100_000_000
 
 
+@dataclass
 class Publisher:
-    """Feeds the telemetry, and keeps the newest documents for any thread that asks."""
+    """Feeds the telemetry, and keeps the newest documents for any thread that asks.
 
-    def __init__(self, state: StateView) -> None:
-        self._state, self._bench, self._telemetry = state, state.bench, state.telemetry
-        self._state_ns = self._plan_ns = 0
-        self._change_key: tuple[object, ...] = ()
-        self._plan: PlanView | None = None
-        self._state_json = b"null"
+    Ticks are published as they come, state and plan ten times a second and on change. Times are
+    monotonic ns, but for `unix_ns`.
+    """
+
+    bench: Bench
+    calibrations: CalibrationStore
+    children: Children
+    recording: RecordingControl
+    loop: LoopLink
+    guard: Guard
+    telemetry: Telemetry
+    started_ns: int
+    unix_ns: Callable[[], int]
+    _state_ns: int = 0
+    _plan_ns: int = 0
+    _change_key: tuple[object, ...] = ()
+    _plan: PlanView | None = None
+    _state_json: bytes = b"null"
 
     def step(self, block: np.ndarray, now_ns: int) -> None:
         """Publish what is due at `now_ns` (monotonic)."""
-        self._telemetry.ticks(block)
-        key = change_key(self._bench, self._state.recording.view().path, now_ns)
+        self.telemetry.ticks(block)
+        key = change_key(self.bench, self.recording.view().path, now_ns)
         if key != self._change_key or now_ns - self._state_ns >= STATE_NS:
             self._change_key, self._state_ns = key, now_ns
-            self._state_json = self._state.build(now_ns).to_json()
-            self._telemetry.json("state", self._state_json)
+            self._state_json = self.state(now_ns).to_json()
+            self.telemetry.json("state", self._state_json)
         self._publish_plan(now_ns)
 
     def event(self, event: Event) -> None:
         """Publish an event."""
-        self._telemetry.json("event", event.to_json())
+        self.telemetry.json("event", event.to_json())
 
     @property
     def documents(self) -> dict[str, Callable[[], bytes]]:
         """What answers who asks for the newest, by key."""
+        events, plans = self.bench.events, self.bench.plans
         return {
-            "state": self.state_document,
-            "event": self.event_document,
-            "plan": self.plan_document,
+            "state": lambda: self._state_json,
+            "event": lambda: b"[%b]" % b",".join(event.to_json() for event in events.recent()),
+            "plan": lambda: view.to_json() if (view := plans.view) is not None else b"null",
         }
 
-    def state_document(self) -> bytes:
-        """Return the newest state."""
-        return self._state_json
-
-    def event_document(self) -> bytes:
-        """Return the events that are remembered."""
-        return json.dumps([e.model_dump(mode="json") for e in self._bench.events.recent()]).encode()
-
-    def plan_document(self) -> bytes:
-        """Return the plan's progress."""
-        view = self._bench.plans.view
-        return b"null" if view is None else view.to_json()
-
     def _publish_plan(self, now_ns: int) -> None:
-        view, before = self._bench.plans.view, self._plan
+        view, before = self.bench.plans.view, self._plan
         if view is None or view is before:
             return
         changed = before is None or (view.state, view.points_done) != (
@@ -67,4 +85,74 @@ class Publisher:
         )
         if changed or now_ns - self._plan_ns >= STATE_NS:
             self._plan, self._plan_ns = view, now_ns
-            self._telemetry.json("plan", view.to_json())
+            self.telemetry.json("plan", view.to_json())
+
+    def state(self, now_ns: int) -> BenchState:
+        """Return the full state of bench and daemon now."""
+        bench, config = self.bench, self.bench.config
+        trips, first = bench.monitor.trips()
+        holder = bench.commander(now_ns)
+        return BenchState(
+            bench=config.bench.name,
+            motor=f"{config.motor.name} {config.motor.serial}".strip(),
+            simulated=config.simulated,
+            version=_version(),
+            t_ns=self.unix_ns(),
+            uptime_s=round((now_ns - self.started_ns) / 1e9, 1),
+            state=bench.state.name,
+            fault=bench.fault,
+            trips=trips,
+            first_trip=first,
+            trip=bench.monitor.trip,
+            tick=bench.monitor.tick_view(),
+            torque_sensor=TorqueSensorView(
+                highpass_time_constant_s=config.torque_sensor.highpass_time_constant_s
+            ),
+            setpoint=bench.setpoint_view(),
+            lease=LeaseView(
+                holder=holder,
+                remaining_s=round(bench.lease.remaining_s(now_ns), 2),
+                duration_s=config.zenoh.lease_s,
+            ),
+            plan=bench.plans.view,
+            loop=bench.monitor.loop_view(now_ns),
+            realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
+            recording=self.recording.view(),
+            calibration=self.calibrations.view(),
+            brake=device_view(bench, config, "brake", now_ns),
+            drive=device_view(bench, config, "drive", now_ns),
+            bridge_clock=self.loop.bridge_clock(),
+            processes=self.children.views(),
+            faults=dict(self.guard.faults),
+            telemetry_dropped=self.telemetry.dropped,
+        )
+
+
+def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceView:
+    """Return a slow device, on a wire, in the simulated rig or not there."""
+    if name in bench.devices:
+        return bench.devices[name].view(now_ns)
+    return DeviceView(health="simulated" if bench.has(name) else "none")
+
+
+def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
+    """Return what makes a state worth publishing at once when it changes; cheap to make."""
+    plan = bench.plans.view
+    return (
+        bench.state,
+        bench.fault,
+        bench.monitor.trip_bits,
+        bench.commander(now_ns),
+        bench.setpoint.torque_Nm,
+        bench.setpoint.speed_Hz,
+        bench.setpoint.drive_Hz,
+        bench.setpoint.compensate,
+        (plan.plan, plan.state, plan.points_done) if plan is not None else None,
+        bench.calibrated,
+        recording_path,
+    )
+
+
+@cache
+def _version() -> str:
+    return version("motord")

@@ -6,9 +6,9 @@ or times out. Every call gets a reply, also one whose handler fails by an error 
 """
 
 import queue
-import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from motord.api.errors import RpcError
@@ -84,40 +84,35 @@ def handlers_of(service: object) -> Iterator[Handler]:
             yield Handler(handler.rpc, handler.needs, getattr(service, name))
 
 
+@dataclass(frozen=True)
 class Call:
     """One request on its way to the dispatcher; the first reply counts.
 
     `on_reply` is called in the supervisor's thread and must not wait.
     """
 
-    def __init__(
-        self,
-        name: str,
-        request: RpcRequest,
-        prepared: Any = None,
-        on_reply: Callable[[Outcome], None] = lambda outcome: None,
-    ) -> None:
-        self.name = name
-        self.request = request
-        self.prepared = prepared
-        self._on_reply = on_reply
-        self._replied = threading.Event()
-        self._outcome: Outcome | None = None
+    name: str
+    request: RpcRequest
+    prepared: Any = None
+    on_reply: Callable[[Outcome], None] = lambda outcome: None
+    _outcome: Future[Outcome] = field(default_factory=Future)
 
     def reply(self, outcome: Outcome) -> None:
         """Reply to the call, or refuse it."""
-        if not self._replied.is_set():
-            self._outcome = outcome
-            self._replied.set()
-            self._on_reply(outcome)
+        if not self._outcome.done():
+            self._outcome.set_result(outcome)
+            self.on_reply(outcome)
 
     def wait(self, timeout_s: float) -> RpcReply:
         """Return the reply. Raises RpcError, also if none comes within `timeout_s`."""
-        if not self._replied.wait(timeout_s):
-            raise RpcError("busy", f"{self.name}: no answer from the supervisor in {timeout_s:g} s")
-        if isinstance(self._outcome, RpcError):
-            raise self._outcome
-        return self._outcome or RpcReply()
+        try:
+            outcome = self._outcome.result(timeout_s)
+        except TimeoutError:
+            late = f"{self.name}: no answer from the supervisor in {timeout_s:g} s"
+            raise RpcError("busy", late) from None
+        if isinstance(outcome, RpcError):
+            raise outcome
+        return outcome
 
 
 class CallQueue:

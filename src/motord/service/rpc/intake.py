@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import zenoh
 
@@ -45,6 +45,8 @@ BURST = 40
 """Requests without the lease, except `stop`: so many at once, then one every `PACE_S`."""
 
 Work = Callable[[], None]
+Lane: TypeAlias = "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
+"""To the thread that prepares the requests of one RPC; None ends it."""
 InCommand = Callable[[bytes], bool]
 """Whether a payload contains the token of the lease in force; for any thread."""
 
@@ -76,9 +78,7 @@ class Intake:
         self._outstanding = outstanding
         self._offloaded = offloaded
         self._in_command = in_command
-        self._lanes: dict[str, queue.Queue[tuple[OutstandingQuery, bytes] | None]] = {
-            name: queue.Queue(1) for name in offloaded
-        }
+        self._lanes: dict[str, Lane] = {name: queue.Queue(1) for name in offloaded}
         self._paced: queue.SimpleQueue[Work | None] = queue.SimpleQueue()  # bounded by `admit`
         self._threads: list[threading.Thread] = []
 
@@ -134,14 +134,20 @@ class Intake:
             check_size(name, pending.size, limit)
             lane = self._lanes.get(name)
             if RPCS[name].needs_lease and not proven and (lane or len(payload) > UNPROVEN_BYTES):
-                raise self._without_lease(name, payload)
+                if len(payload) <= UNPROVEN_BYTES:
+                    parse(RPCS[name], payload)  # a short one may be invalid in itself
+                why = f"{name}: not read, without the token of the lease in force"
+                raise RpcError("no_lease", why)
             if lane is None:
                 reply = partial(self._outstanding.reply, pending)
                 self._calls.put(Call(name, parse(RPCS[name], payload), on_reply=reply))
             else:
-                _put(lane, pending, payload)
+                lane.put_nowait((pending, payload))
         except RpcError as error:
             self._outstanding.reply(pending, error)
+        except queue.Full:
+            full = RpcError("busy", f"{name}: one is under way and one waits; try again")
+            self._outstanding.reply(pending, full)
         except Exception as error:  # no client may be left without a reply
             message = log_error(f"in taking on {name}", error)
             self._outstanding.reply(pending, RpcError("internal", message))
@@ -155,15 +161,7 @@ class Intake:
                 time.sleep(due_s - now_s)
             work()
 
-    def _without_lease(self, name: str, payload: bytes) -> RpcError:
-        """Return why a request is not read; a short one may be invalid in itself."""
-        if len(payload) <= UNPROVEN_BYTES:
-            parse(RPCS[name], payload)
-        return RpcError("no_lease", f"{name}: not read, without the token of the lease in force")
-
-    def _serve_lane(
-        self, name: str, lane: "queue.Queue[tuple[OutstandingQuery, bytes] | None]"
-    ) -> None:
+    def _serve_lane(self, name: str, lane: Lane) -> None:
         offloaded = self._offloaded[name]
         while (item := lane.get()) is not None:
             pending, payload = item
@@ -178,15 +176,3 @@ class Intake:
             except Exception as error:  # as in `_take`
                 outcome = RpcError("internal", log_error(f"in {name}", error))
             self._outstanding.reply(pending, outcome)
-
-
-def _put(
-    lane: "queue.Queue[tuple[OutstandingQuery, bytes] | None]",
-    pending: OutstandingQuery,
-    payload: bytes,
-) -> None:
-    try:
-        lane.put_nowait((pending, payload))
-    except queue.Full:
-        message = f"{pending.name}: one is under way and one waits; try again"
-        raise RpcError("busy", message) from None

@@ -11,7 +11,6 @@ from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import RemainingPlan, Resumption
-from motord.service.plans.runner import EarlierPart
 from motord.service.rpc.dispatcher import RpcContext, handles
 from motord.service.rpc.preconditions import can_be_enabled, no_plan, plan_active, zero_torque
 
@@ -124,8 +123,7 @@ class PlanControl:
             run_id=note.run_id,
         )
         bench.manual.rest()
-        before = EarlierPart(note.run_id, remaining.log.recordings[-1], remaining.taken)
-        bench.plans.start(remaining.plan, holder, note.notes, detached=detached, before=before)
+        bench.plans.start(remaining.plan, holder, note.notes, detached=detached, before=remaining)
 
     @handles(rpc.PLAN_DISCARD, no_plan)
     def discard(self, request: rpc.WithToken, context: RpcContext) -> PlanName:
