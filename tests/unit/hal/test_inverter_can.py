@@ -67,7 +67,7 @@ def wrapped(bus: SilentBus) -> PythonCan:
 def pair() -> Iterator[tuple[CanInverter, SilentBus]]:
     driver, bus = CanInverter(bench()), SilentBus()
     opened = wrapped(bus)
-    driver._drive._bus, driver._drive._state = opened, opened.state
+    driver._bus, driver._state = opened, opened.state
     yield driver, bus
     driver.close()
 
