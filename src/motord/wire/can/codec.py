@@ -179,12 +179,6 @@ class InverterCodec:
         i_d_A = 0.0 if signals.q_only else values[0]
         return (i_d_A, values[0 if signals.q_only else 1], 0.0), on
 
-    def encode_feedback(
-        self, values: Mapping[str, float], counter: int
-    ) -> list[tuple[MessageCodec, bytes]]:
-        """Return every feedback message with its payload; `values` has all slots that it maps."""
-        return [(m, m.encode([values[s] for s in m.slots], counter)) for m in self.feedback]
-
     def decode_status(self, word: int) -> InverterStatus:
         """Return what the drive's status word says, in motord's bits.
 
