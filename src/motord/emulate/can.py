@@ -137,6 +137,5 @@ def open_bus(config: CanBusConfig) -> can.BusABC:
         return open_interface(config)
     except OSError as error:
         raise EmulatorError(
-            f"CAN {config.interface} {config.channel}: cannot open it: {error.strerror}; "
-            f"{opening_hint(config)}"
+            f"CAN {config.place}: cannot open it: {error.strerror}; {opening_hint(config)}"
         ) from error

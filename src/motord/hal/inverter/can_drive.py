@@ -33,7 +33,7 @@ class CanDrive:
         can = config.inverter.can
         if can is None:
             raise DeviceError("inverter: the CAN driver needs a table [inverter.can]")
-        self.name = f"inverter on {can.interface} {can.channel}"
+        self.name = f"inverter on {can.place}"
         self._config = can
         self._codec = dbc.load(can)
         self._feedback = CanFeedback(self._codec, round(config.inverter.feedback_age_s * 1e9))
