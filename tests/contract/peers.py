@@ -18,7 +18,7 @@ from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec, MessageCodec
-from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
+from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED, FD_BYTES
 from tests.support.ports import free_port
 
 PERIOD_S = 0.001
@@ -252,7 +252,7 @@ class Drive(Peer):
             self.bus.send(
                 can.Message(
                     arbitration_id=codec.identifier,
-                    is_extended_id=codec.extended,
+                    is_extended_id=codec.key >= EXTENDED,
                     is_fd=self._config.fd,
                     data=data,
                 )

@@ -138,7 +138,7 @@ class EmulatedBench:
 
     def fill_truth(self, unix_ns: int, truth: np.record) -> None:
         """Fill one row of TRUTH_DTYPE with what the rig does now."""
-        step.fill_truth(self._parameters, self._state, unix_ns, truth)
+        step.fill_truth(self._state, unix_ns, truth)
 
     def _take(self, what: CurrentCommand | Numbered, answer: Callable[[Frame], object]) -> None:
         if isinstance(what, CurrentCommand):

@@ -10,19 +10,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from motord.schema import BridgeStatus, InverterStatus
-
-__all__ = [
-    "BridgeDriver",
-    "BridgeStatus",
-    "DeviceError",
-    "DeviceReading",
-    "InverterDriver",
-    "InverterStatus",
-    "Rig",
-    "SetpointDevice",
-]
-
 
 class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""

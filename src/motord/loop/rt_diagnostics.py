@@ -6,7 +6,7 @@ that it was read from, so that an operator can look again after a change.
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from pydantic import BaseModel, ConfigDict
 
@@ -151,11 +151,9 @@ def _swap(host: Host, cpu: int | None) -> Finding | None:
 
 def _cpus(text: str) -> set[int]:
     """Return the CPUs of a list such as 0-2,5."""
-    return set(_numbers(text))
-
-
-def _numbers(text: str) -> Iterator[int]:
+    cpus: set[int] = set()
     for part in text.split(","):
         first, _, last = part.partition("-")
         if first.isdigit():
-            yield from range(int(first), int(last or first) + 1)
+            cpus.update(range(int(first), int(last or first) + 1))
+    return cpus

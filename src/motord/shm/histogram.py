@@ -1,7 +1,7 @@
 """Times counted in logarithmic bins: 32 to the octave, exact below 64 ns, up to 2.1 s.
 
 A histogram is an array of CELLS integers: the count of each bin, then the largest time. The loop's
-compiled tick counts into such arrays; they may lie in shared memory (`runtime.timing`).
+compiled tick counts into such arrays; they may lie in shared memory (`shm.timing`).
 """
 
 import math
@@ -17,13 +17,9 @@ BINS = (32 - _BITS) << _BITS
 CELLS = BINS + 1
 
 
-def _lower_edges_ns() -> np.ndarray:
-    index = np.arange(BINS + 1, dtype=np.int64)
-    octave = np.maximum((index >> _BITS) - 1, 0)
-    return np.asarray((index - (octave << _BITS)) << octave)
-
-
-EDGES_ns = _lower_edges_ns()
+_INDEX = np.arange(BINS + 1, dtype=np.int64)
+_OCTAVE = np.maximum((_INDEX >> _BITS) - 1, 0)
+EDGES_ns = (_INDEX - (_OCTAVE << _BITS)) << _OCTAVE
 """Lower edge of each bin and the upper edge of the last, shape (BINS + 1,), ns."""
 
 

@@ -29,11 +29,9 @@ def as_bytes(records: np.ndarray) -> memoryview:
     return memoryview(records.view(np.uint8).data).cast("B")
 
 
-def layout_digest(dtypes: Sequence[np.dtype[np.void]]) -> int:
+def layout_digest(dtype: np.dtype[np.void]) -> int:
     """Return a 63-bit digest of names, types and offsets of all fields."""
-    text = "\n".join(
-        f"{name} {d.fields[name][:2]}" for d in dtypes if d.fields for name in d.fields
-    )
+    text = "\n".join(f"{name} {field[:2]}" for name, field in (dtype.fields or {}).items())
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little") >> 1
 
 

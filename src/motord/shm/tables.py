@@ -61,7 +61,7 @@ class TablesWriter:
 
     def __init__(self, path: Path, counts: int) -> None:
         self._file = SharedFile.create(
-            path, KIND, layout_digest([PARAMETERS]), [counts], 2 * _set_bytes(counts)
+            path, KIND, layout_digest(PARAMETERS), [counts], 2 * _set_bytes(counts)
         )
         self.counts = counts
         self._words = self._file.words
@@ -117,7 +117,7 @@ class TablesReader:
     """The loop's end. `current` is the set in force after `poll()` returned True."""
 
     def __init__(self, path: Path) -> None:
-        self._file = SharedFile.attach(path, KIND, layout_digest([PARAMETERS]), writable=True)
+        self._file = SharedFile.attach(path, KIND, layout_digest(PARAMETERS), writable=True)
         self._words = self._file.words
         self.counts = int(self._words[_COUNTS])
         self._sets = _sets(self._file, self.counts)

@@ -73,13 +73,13 @@ class Timing:
     @classmethod
     def create(cls, path: Path) -> "Timing":
         """Make the shared file that the loop counts in. Raises SharedFileError."""
-        file = SharedFile.create(path, KIND, layout_digest([TIMING]), [], TIMING.itemsize)
+        file = SharedFile.create(path, KIND, layout_digest(TIMING), [], TIMING.itemsize)
         return cls(file.array(TIMING, 1, 0))
 
     @classmethod
     def attach(cls, path: Path) -> "Timing":
         """Return the loop's own, as it counts. Raises SharedFileError if there is none."""
-        return cls(SharedFile.attach(path, KIND, layout_digest([TIMING])).array(TIMING, 1, 0))
+        return cls(SharedFile.attach(path, KIND, layout_digest(TIMING)).array(TIMING, 1, 0))
 
     @classmethod
     def of(cls, summary: TimingSummary) -> "Timing":

@@ -245,7 +245,7 @@ def _run(
             command,
             tick_block[row : row + 1],
         )
-        fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
+        fill_truth(rig_state, t_ns, truth_block[row])
         received = command
         if turning:
             command_to_drive(axes, command, sent, rig_parameters, rig_state)

@@ -9,11 +9,10 @@ from motord import config
 from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.base import InverterStatus
 from motord.hal.sim.faults import NEVER_NS, SimFaults
 from motord.hal.sim.rig import SimRig
 from motord.rig.types import new_input
-from motord.schema import FAULT_COUNT_SHIFT
+from motord.schema import FAULT_COUNT_SHIFT, InverterStatus
 
 T0_NS = 1_800_000_000_000_000_000
 MS = 1_000_000

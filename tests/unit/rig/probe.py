@@ -57,7 +57,7 @@ class Probe:
 
     def truth(self) -> np.record:
         row = np.zeros(1, TRUTH_DTYPE)
-        fill_truth(self.parameters, self.state, 0, row[0])
+        fill_truth(self.state, 0, row[0])
         return row[0]
 
     def trace(
@@ -101,5 +101,5 @@ def _trace(
                 lag_rad = phase * 2.0 * math.pi / 3.0
                 rig_input[0].i_command_A[phase] = q_current_A * math.sin(angle_rad - lag_rad)
         sense(parameters, state, outputs[row : row + 1])
-        fill_truth(parameters, state, row, truths[row])
+        fill_truth(state, row, truths[row])
         advance(parameters, state, rig_input, step_s)

@@ -76,7 +76,10 @@ class BoardClock:
     def reset(self) -> None:
         """Forget the board's clock: the board says that it has started anew."""
         self.resets += 1
-        self._forget()
+        self._ticks = None
+        self._board_ns = 0
+        self._upper = self._lower = None
+        self._late_since_ns = None
 
     def received(self, ticks: int, arrival_ns: int) -> int:
         """Return the loop's time of a sample taken at `ticks` and read at `arrival_ns`.
@@ -143,9 +146,3 @@ class BoardClock:
         if self._late_since_ns is None:
             self._late_since_ns = arrival_ns
         return arrival_ns - self._late_since_ns > LATE_NS
-
-    def _forget(self) -> None:
-        self._ticks = None
-        self._board_ns = 0
-        self._upper = self._lower = None
-        self._late_since_ns = None

@@ -5,7 +5,6 @@ import numpy as np
 from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.base import InverterStatus
 from motord.hal.sim.faults import SimFaults
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
 from motord.rig.build import build
@@ -20,6 +19,7 @@ from motord.rig.types import (
     new_input,
     new_output,
 )
+from motord.schema import InverterStatus
 
 _TIMEOUT = int(InverterStatus.COMMAND_TIMEOUT)
 _PARAMETERS, _STATE, _INPUT, _OUTPUT, _FEEDBACK, _COMMAND = range(6)

@@ -81,11 +81,6 @@ class MessageCodec:
         """Return the identifier without the mark of an extended one."""
         return self.key & ~EXTENDED
 
-    @property
-    def extended(self) -> bool:
-        """Return whether the identifier has 29 bits."""
-        return self.key >= EXTENDED
-
     def encode(self, values: Sequence[float], counter: int = 0) -> bytes:
         """Return the payload, `size_bytes` long, of `values` in the order of `slots`.
 
