@@ -103,9 +103,7 @@ class SharedFile:
             )
         return shared
 
-    def array(
-        self, dtype: np.dtype[np.void] | np.dtype[np.float64], count: int, offset: int
-    ) -> np.ndarray:
+    def array(self, dtype: np.dtype[np.void], count: int, offset: int) -> np.ndarray:
         """Return `count` elements that start `offset` bytes after the header, as a view."""
         return np.frombuffer(self.memory, dtype, count, HEADER_BYTES + offset)
 
