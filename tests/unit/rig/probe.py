@@ -9,7 +9,7 @@ from motord.jit import jit
 from motord.rig.build import build
 from motord.rig.step import advance, fill_truth, sense
 from motord.rig.truth import RigTruth
-from motord.rig.types import RIG_OUTPUT, new_input, new_output
+from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TRUTH_DTYPE
 
 PLAIN: dict[str, Any] = {
@@ -33,7 +33,7 @@ class Probe:
     def __init__(self, truth: RigTruth, seed: int = 1, substep_s: float | None = None) -> None:
         self.truth_file = truth
         self.parameters, self.state = build(truth, seed, substep_s)
-        self.input, self.output = new_input(), new_output()
+        self.input, self.output = np.zeros(1, RIG_INPUT), np.zeros(1, RIG_OUTPUT)
 
     @property
     def substep_s(self) -> float:

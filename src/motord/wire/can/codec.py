@@ -5,7 +5,7 @@ emulated drive the other way round. A message may carry an alive counter, one mo
 modulo 2 to its width, and a CRC: CRC-8/SAE-J1850 over every byte of the payload but its own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from motord.config import CanSignalMap
@@ -35,6 +35,13 @@ FEEDBACK_SLOTS = (
 
 DQ_FEEDBACK_SLOTS = ("i_d_A", "i_q_A", "u_d_V", "u_q_V")
 """What a drive may send besides, or instead of phase currents and voltages."""
+
+_STATUS_PARTS = {
+    "ready": InverterStatus.READY,
+    "enable_line": InverterStatus.ENABLE_LINE,
+    "timeout": InverterStatus.COMMAND_TIMEOUT,
+    "fault": InverterStatus.FAULT,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,19 +211,9 @@ class InverterCodec:
                 word = word & ~mask | (mask if value is None else value)
         return word
 
-    def _meanings(self) -> tuple[tuple[int, int | None, InverterStatus], ...]:
-        signals = self.signals
-        return (
-            (signals.status_ready_mask, signals.status_ready_value, InverterStatus.READY),
-            (
-                signals.status_enable_line_mask,
-                signals.status_enable_line_value,
-                InverterStatus.ENABLE_LINE,
-            ),
-            (
-                signals.status_timeout_mask,
-                signals.status_timeout_value,
-                InverterStatus.COMMAND_TIMEOUT,
-            ),
-            (signals.status_fault_mask, signals.status_fault_value, InverterStatus.FAULT),
-        )
+    def _meanings(self) -> Iterator[tuple[int, int | None, InverterStatus]]:
+        """Yield mask, value (None: any bit) and meaning of each part of the status word."""
+        for name, meaning in _STATUS_PARTS.items():
+            mask: int = getattr(self.signals, f"status_{name}_mask")
+            value: int | None = getattr(self.signals, f"status_{name}_value")
+            yield mask, value, meaning
