@@ -112,11 +112,12 @@ class Emulator:
             self._control = ControlSocket(control_path(self._config))
             ports.callback(self._control.close)
             self._ports = ports.pop_all()
+        fault_sink, clock = self._fault_sink, self._clock
         self._faults = Injector(
             self.bench,
             self._can.faults,
             self._link.faults,
-            self._report_fault,
+            lambda at_ns, fault: fault_sink({"t_ns": clock.unix_ns(at_ns), **fault}),
             time.sleep,
             self._restart_board,
         )
@@ -205,9 +206,6 @@ class Emulator:
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
         self._board_status = Schedule(now_ns, BOARD_STATUS_HZ)
         self._schedules = (self._samples, self._feedback, self._slow_feedback, self._board_status)
-
-    def _report_fault(self, now_ns: int, fault: dict[str, Any]) -> None:
-        self._fault_sink({"t_ns": self._clock.unix_ns(now_ns), **fault})
 
     def _restart_board(self) -> None:
         """Let the board, which was silent, send its Hello."""
