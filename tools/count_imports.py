@@ -57,8 +57,8 @@ PATH = (
     Step("control/reference.py", "clamp", "clamps it"),
     Step("hal/wire_rig.py", "WireRig.write", "passes the COMMAND record on", "protocol Rig"),
     Step("hal/inverter/phase_currents.py", "CanInverter.write", "takes the currents", "registry"),
+    Step("hal/inverter/can_drive.py", "CanDrive._send", "sends the payload"),
     Step("wire/can/codec.py", "InverterCodec.encode_command", "encodes them", "dbc.load"),
-    Step("hal/inverter/can_drive.py", "CanDrive.send", "sends the payload"),
     Step("hal/can/socketcan.py", "SocketCan.send", "sends the frame", "protocol CanBus"),
 )
 """From the command line to the frame of a drive that takes phase currents."""

@@ -8,6 +8,7 @@ from contextlib import suppress
 import can
 
 from motord.config import CanBusConfig
+from motord.wire.can.frame_format import EXTENDED
 
 # python-can tells its own log of errors that it also raises
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -71,3 +72,14 @@ def widen_receive_buffer(bus: can.BusABC) -> None:
         return
     with end, suppress(OSError):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+
+
+def new_message(key: int, *, fd: bool, data: bytes = b"") -> can.Message:
+    """Return a frame to be sent; of CAN FD with the higher bit rate for its data."""
+    return can.Message(
+        arbitration_id=key & ~EXTENDED,
+        is_extended_id=key >= EXTENDED,
+        is_fd=fd,
+        bitrate_switch=fd,
+        data=data,
+    )

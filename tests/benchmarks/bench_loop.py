@@ -21,7 +21,6 @@ from motord.loop import rt_setup
 from motord.loop.control_loop import ControlLoop, StopRequest
 from motord.loop.hybrid_sleep import HybridSleep
 from motord.loop.latency.measurement import choose_cpu
-from motord.loop.launch import start_loop
 from motord.loop.pacer import Pacer
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.loop.tick_kernel import NO_WORK, run_tick
@@ -31,6 +30,7 @@ from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader, TablesWriter
 from motord.unix_clock import Clock
 from tests.benchmarks.figure import Figure
+from tests.support.loop_process import start_loop
 
 KERNEL_LIMIT_us = 3.0
 PERIOD_ns = 1_000_000

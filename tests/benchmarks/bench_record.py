@@ -38,6 +38,7 @@ from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.proto_text import descriptor_set
 from tests.benchmarks.figure import Figure
 from tests.system.recorded import cpu_s, recorded_loop
 
@@ -76,7 +77,7 @@ def tick_block(count: int, rate_Hz: int) -> np.ndarray:
 
 def tick_message() -> type[Any]:
     pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(BlockCodec(TICK).descriptor_set()).file:
+    for file in descriptor_pb2.FileDescriptorSet.FromString(descriptor_set(TICK)).file:
         pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName("motord.Tick"))
 
@@ -150,7 +151,7 @@ class Ways:
         with self.theirs.open("wb") as file:
             writer = Writer(file)
             writer.start()
-            descriptor = self.codec.descriptor_set()
+            descriptor = descriptor_set(TICK)
             schema = writer.register_schema("motord.Tick", "protobuf", descriptor)
             channel = writer.register_channel("/tick", "protobuf", schema)
             for i, t_ns in enumerate(self.times_ns):

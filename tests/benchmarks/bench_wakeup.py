@@ -51,7 +51,7 @@ def compared(measured: Measured) -> list[Figure]:
     ratio, reference = told.ratio_of_medians, told.cyclictest
     assert ratio is not None
     assert reference is not None
-    every = ratio_of_medians(loop.all, other.all)
+    every = ratio_of_medians(loop.clean + loop.stolen, other.clean + other.stolen)
     return [
         Figure(
             f"{at}, p50 to cyclictest's",

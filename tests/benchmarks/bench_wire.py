@@ -33,7 +33,6 @@ from motord.control.types import SETPOINT
 from motord.hal.bridge.serial import SerialBridge
 from motord.hal.inverter.phase_currents import CanInverter
 from motord.loop.latency.measurement import MeasuredSlices, median_of_slices_us
-from motord.loop.launch import start_loop
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.loop.steal_time import stolen_ticks
 from motord.shm.mailbox import MailboxWriter
@@ -44,6 +43,7 @@ from motord.unix_clock import Clock
 from tests.benchmarks.figure import Figure, number
 from tests.contract.benches import new_command, new_feedback
 from tests.contract.peers import Board, Drive, bench, can_config
+from tests.support.loop_process import start_loop
 from tests.unit.emulate.benches import write_bench
 
 RATES_Hz = (250, 500, 1000, 1500, 2000, 3000, 4000, 5000, 8000, 10_000)

@@ -35,6 +35,7 @@ from motord.loop.pacer import Pacer
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from motord.wire.can.codec import FEEDBACK_SLOTS, MessageCodec
+from motord.wire.can.frame_format import EXTENDED
 
 PRIORITY = 70
 LISTEN_HZ, SLOW_HZ, BOARD_STATUS_HZ = 250, 100, 20
@@ -143,7 +144,7 @@ class FixedPeer:
             self._wire.pack(
                 can.Message(
                     arbitration_id=message.identifier,
-                    is_extended_id=message.extended,
+                    is_extended_id=message.key >= EXTENDED,
                     is_fd=True,
                     bitrate_switch=True,
                     data=payload,

@@ -5,7 +5,7 @@ import select
 import threading
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,8 @@ from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
 from motord.wire.bridge.stream import StreamDecoder
 from motord.wire.can import dbc
-from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES
+from motord.wire.can.codec import InverterCodec, MessageCodec
+from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED, FD_BYTES
 from tests.support.ports import free_port
 
 PERIOD_S = 0.001
@@ -66,6 +67,13 @@ MOTOR = MotorConfig(
     connection="independent",
     back_emf=({"order": 1, "amplitude_V_s_per_rad": 0.206},),
 )
+
+
+def encode_feedback(
+    codec: InverterCodec, values: Mapping[str, float], counter: int
+) -> list[tuple[MessageCodec, bytes]]:
+    """Every feedback message with its payload."""
+    return [(m, m.encode([values[slot] for slot in m.slots], counter)) for m in codec.feedback]
 
 
 def until(condition: Callable[[], Any]) -> Any:
@@ -237,14 +245,14 @@ class Drive(Peer):
         spoil = self.corrupt > 0
         if spoil:  # before it is sent: a test that has seen it may ask for the next one
             self.corrupt -= 1
-        for codec, payload in self.codec.encode_feedback(self.values, self._counter):
+        for codec, payload in encode_feedback(self.codec, self.values, self._counter):
             data = bytearray(payload)
             if spoil:
                 data[0] ^= 0x10
             self.bus.send(
                 can.Message(
                     arbitration_id=codec.identifier,
-                    is_extended_id=codec.extended,
+                    is_extended_id=codec.key >= EXTENDED,
                     is_fd=self._config.fd,
                     data=data,
                 )

@@ -12,7 +12,6 @@ import numpy as np
 from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
-from motord.loop.launch import start_loop
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.recorder.launch import RecorderLink, recorder_command, spawn_piped
 from motord.recorder.protocol import RecorderReport
@@ -21,6 +20,7 @@ from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.unix_clock import Clock
+from tests.support.loop_process import start_loop
 from tests.system.daemons import patient
 
 PATIENCE_S = 120.0

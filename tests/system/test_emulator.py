@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import Config, load
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.base import BridgeStatus, InverterStatus
 from motord.hal.registry import make_rig, make_setpoint_device
 from motord.recording.reader import open_run
+from motord.schema import BridgeStatus, InverterStatus
 from tests.support.stalls import FORGIVEN
 from tests.unit.emulate.benches import write_bench
 

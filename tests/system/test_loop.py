@@ -14,7 +14,6 @@ import pytest
 from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
-from motord.loop.launch import start_loop
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.schema import Flag, Request, State, Trip
 from motord.shm.mailbox import MailboxWriter
@@ -23,6 +22,7 @@ from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
 from motord.shm.timing import Timing
 from motord.unix_clock import Clock
+from tests.support.loop_process import start_loop
 
 pytestmark = pytest.mark.system
 

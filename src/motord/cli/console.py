@@ -64,7 +64,7 @@ EXPLAINED = frozenset(
         "motord.experiments.subject.AnalysisError",
         "motord.hal.base.DeviceError",
         "motord.identification.IdentifyError",
-        "motord.loop.latency.error.LatencyError",
+        "motord.loop.latency.LatencyError",
         "motord.recording.errors.RecordError",
         "motord.security.error.SecurityError",
         "motord.sequencing.settings.PlanError",

@@ -38,6 +38,11 @@ class CanBusConfig(Section):
     data_bitrate: Annotated[int, Field(gt=0)] | None = None
     options: dict[str, str | int | float | bool] = Field(default_factory=dict)
 
+    @property
+    def place(self) -> str:
+        """Where the device is, for messages."""
+        return f"{self.interface} {self.channel}"
+
 
 class CanConfig(CanBusConfig):
     """`[inverter.can]`: the bus, and the DBC with its signal map."""
@@ -177,6 +182,11 @@ class BridgeConfig(DeviceConfig):
     connect_timeout_s: Positive = 2.0
     adc_V_per_count: Positive = 10.0 / 32768
 
+    @property
+    def place(self) -> str:
+        """Where the board is, for messages; "" for a simulated one."""
+        return self.can.place if self.driver == "can" and self.can is not None else self.port
+
     @model_validator(mode="after")
     def _needs_port(self) -> "BridgeConfig":
         if self.driver == "serial" and not self.port:
@@ -223,6 +233,11 @@ class ModbusConfig(Section):
     value_register: Annotated[int, Field(ge=0, le=65535)] = 17
     value_kind: RegisterKind = "i16"
     value_scale: Positive = 0.1
+
+    @property
+    def place(self) -> str:
+        """Where the device is, for messages."""
+        return f"{self.host}:{self.tcp_port}" if self.transport == "tcp" else self.serial_port
 
     @model_validator(mode="after")
     def _needs_serial_port(self) -> "ModbusConfig":

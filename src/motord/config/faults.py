@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from motord.config.base import Finite, NonNegative, Section
+from motord.config.base import ConfigError, Finite, NonNegative, Section
 from motord.config.reading import read_toml, validate
 
 EVERYWHERE = frozenset({"virtual", "sim", "emulate"})
@@ -123,6 +123,13 @@ class Fault(Section):
                 raise ValueError(f"{self.kind} has no parameter {name}; it has: {known}")
         return self
 
+    def check_place(self, place: str) -> None:
+        """Raise ValueError if a bench of this kind cannot have it."""
+        places = KINDS[self.kind].places
+        if place not in places:
+            possible = ", ".join(sorted(places))
+            raise ValueError(f"fault {self.kind} is not possible here, only in: {possible}")
+
     @property
     def duration_s(self) -> float:
         """How long it lasts."""
@@ -162,12 +169,13 @@ class Timeline(Section):
         object.__setattr__(self, "fault", ordered)
         return self
 
-    def check_place(self, place: str) -> None:
-        """Raise ValueError for a fault that a bench of this kind cannot have."""
-        for fault in self.fault:
-            if place not in KINDS[fault.kind].places:
-                possible = ", ".join(sorted(KINDS[fault.kind].places))
-                raise ValueError(f"fault {fault.kind} is not possible here, only in: {possible}")
+    def check_place(self, place: str, where: str = "") -> None:
+        """Raise ConfigError for a fault that a bench of this kind cannot have, after `where`."""
+        try:
+            for fault in self.fault:
+                fault.check_place(place)
+        except ValueError as error:
+            raise ConfigError(f"{where}{error}") from None
 
 
 def load_timeline(path: Path) -> Timeline:

@@ -32,11 +32,8 @@ RESYNC_SAMPLES = 3
 def gray_to_count(gray: int) -> int:
     """Return the binary number of a reflected Gray code of up to 32 bits."""
     value = int(gray)
-    value ^= value >> 16
-    value ^= value >> 8
-    value ^= value >> 4
-    value ^= value >> 2
-    value ^= value >> 1
+    for shift in (16, 8, 4, 2, 1):
+        value ^= value >> shift
     return value
 
 

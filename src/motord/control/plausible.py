@@ -117,6 +117,5 @@ def torque_error(p: np.record, m: np.record, torque_Nm: float) -> float:
     )
     m.torque_before_Nm = m.torque_asked_Nm
     apart_Nm = abs(torque_Nm - float(m["torque_expected_Nm"]))
-    return (
-        float(apart_Nm - TORQUE_SHARE * abs(m.torque_asked_Nm)) if math.isfinite(apart_Nm) else 0.0
-    )
+    excess_Nm = float(apart_Nm - TORQUE_SHARE * abs(m.torque_asked_Nm))
+    return excess_Nm if math.isfinite(apart_Nm) else 0.0

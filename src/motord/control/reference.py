@@ -60,11 +60,8 @@ def currents_along_q(
     x_a, x_b, x_c = dq_to_abc(electrical_rad, p.axes_sequence, 0.0, 1.0)
     g_a, g_b, g_c, offset_Nm = 1.0, 1.0, 1.0, 0.0
     if compensate:
-        g_a, g_b, g_c = (
-            p.alpha[0] * p.delta_epsilon,
-            p.alpha[1] * p.delta_epsilon,
-            p.alpha[2] * p.delta_epsilon,
-        )
+        common = p.delta_epsilon
+        g_a, g_b, g_c = p.alpha[0] * common, p.alpha[1] * common, p.alpha[2] * common
     kappa = (g_a * k[0] + g_b * k[1] + g_c * k[2]) / (g_a + g_b + g_c)
     m_a, m_b, m_c = k[0] - kappa, k[1] - kappa, k[2] - kappa
     if compensate:

@@ -153,11 +153,8 @@ def _record(m: np.record, s: np.record, f: np.record, command: np.record, tick: 
     tick.speed_rad_s = m.speed_rad_s
     tick.i_a_A, tick.i_b_A, tick.i_c_A = f.i_A[0], f.i_A[1], f.i_A[2]
     tick.u_a_V, tick.u_b_V, tick.u_c_V = f.u_V[0], f.u_V[1], f.u_V[2]
-    tick.i_cmd_a_A, tick.i_cmd_b_A, tick.i_cmd_c_A = (
-        command.i_A[0],
-        command.i_A[1],
-        command.i_A[2],
-    )
+    i_A = command.i_A
+    tick.i_cmd_a_A, tick.i_cmd_b_A, tick.i_cmd_c_A = i_A[0], i_A[1], i_A[2]
     tick.u_bus_V = f.u_bus_V
     tick.torque_Nm = f.torque_Nm
     tick.temperature_C = f.temperature_C

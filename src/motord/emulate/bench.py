@@ -19,7 +19,7 @@ from motord.rig import build, park, step
 from motord.rig.build import with_drive
 from motord.rig.park import LATCHED
 from motord.rig.truth import RigTruth
-from motord.rig.types import RIG_OUTPUT, new_input, new_output
+from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TRUTH_DTYPE, InverterStatus
 from motord.wire.bridge.frames import Frame, Numbered
 from motord.wire.modbus.registers import DeviceStatus
@@ -84,8 +84,8 @@ class EmulatedBench:
         truth = with_drive(truth, config.inverter)
         self._parameters, self._state = build.build(truth, config.bench.seed)
         self._latches = bool(self._parameters["axes"][0] == LATCHED)
-        self._output = new_output()
-        self.rig_input = new_input()
+        self._output = np.zeros(1, RIG_OUTPUT)
+        self.rig_input = np.zeros(1, RIG_INPUT)
         self._fields = {name: self.rig_input[name] for name in self.rig_input.dtype.names or ()}
         self._arrivals: list[tuple[int, CurrentCommand | Numbered]] = []
 
@@ -138,7 +138,7 @@ class EmulatedBench:
 
     def fill_truth(self, unix_ns: int, truth: np.record) -> None:
         """Fill one row of TRUTH_DTYPE with what the rig does now."""
-        step.fill_truth(self._parameters, self._state, unix_ns, truth)
+        step.fill_truth(self._state, unix_ns, truth)
 
     def _take(self, what: CurrentCommand | Numbered, answer: Callable[[Frame], object]) -> None:
         if isinstance(what, CurrentCommand):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import can
 
-from motord.can_interface import open_interface, opening_hint
+from motord.can_interface import new_message, open_interface, opening_hint
 from motord.config import CanBusConfig, CanConfig
 from motord.emulate import EmulatorError
 from motord.emulate.bench import CurrentCommand
@@ -110,13 +110,7 @@ class _Outgoing:
     def __init__(self, codec: MessageCodec, fd: bool) -> None:
         self._codec = codec
         self._counter = 0
-        self._message = can.Message(
-            arbitration_id=codec.identifier,
-            is_extended_id=codec.extended,
-            is_fd=fd,
-            bitrate_switch=fd,
-            data=bytes(codec.size_bytes),
-        )
+        self._message = new_message(codec.key, fd=fd, data=bytes(codec.size_bytes))
 
     def fill(self, values: Mapping[str, float]) -> can.Message:
         codec = self._codec
@@ -137,6 +131,5 @@ def open_bus(config: CanBusConfig) -> can.BusABC:
         return open_interface(config)
     except OSError as error:
         raise EmulatorError(
-            f"CAN {config.interface} {config.channel}: cannot open it: {error.strerror}; "
-            f"{opening_hint(config)}"
+            f"CAN {config.place}: cannot open it: {error.strerror}; {opening_hint(config)}"
         ) from error

@@ -26,10 +26,7 @@ def control_path(config: Config) -> Path:
 
     In the user's own folder, where nobody else can listen in its place.
     """
-    bridge = config.bridge
-    wire = bridge.port
-    if bridge.driver == "can" and bridge.can is not None:
-        wire = f"{bridge.can.interface} {bridge.can.channel}"
+    wire = config.bridge.place
     if not wire:
         raise EmulatorError(
             f"bench {config.bench.name} is not emulated: [bridge] has no port; name the bench file "

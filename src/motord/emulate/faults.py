@@ -8,8 +8,7 @@ from collections.abc import Callable
 from itertools import count
 from typing import Any
 
-from motord.config import ConfigError
-from motord.config.faults import Fault, Timeline
+from motord.config.faults import Fault
 from motord.emulate.bench import EmulatedBench
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
@@ -17,14 +16,6 @@ from motord.rig import faults as rig_faults
 
 FaultSink = Callable[[int, dict[str, Any]], None]
 """Takes the time (monotonic ns) and the account of a fault that begins."""
-
-
-def check_timeline(timeline: Timeline) -> None:
-    """Raise ConfigError for faults that the emulator cannot have."""
-    try:
-        timeline.check_place("emulate")
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
 
 
 class Injector:
@@ -53,7 +44,7 @@ class Injector:
 
     def add(self, fault: Fault, start_ns: int) -> None:
         """Let a fault begin its `at_s` after `start_ns`. Raises ValueError if it cannot be."""
-        Timeline(fault=(fault,)).check_place("emulate")
+        fault.check_place("emulate")
         begin_ns = start_ns + round(fault.at_s * 1e9)
         heapq.heappush(self._edges, (begin_ns, next(self._number), True, fault))
 
@@ -109,12 +100,8 @@ class Injector:
 
 def _disturb(wire: Disturbance, what: str, fault: Fault) -> None:
     fraction = fault.fraction or 0.0
-    if what == "drop":
-        wire.drop = max(wire.drop, fraction)
-    elif what == "corrupt":
-        wire.corrupt = max(wire.corrupt, fraction)
-    elif what == "duplicate":
-        wire.duplicate = max(wire.duplicate, fraction)
+    if what in ("drop", "corrupt", "duplicate"):
+        setattr(wire, what, max(getattr(wire, what), fraction))
     elif what == "late":
         wire.delay_ns = max(wire.delay_ns, round((fault.delay_s or 0.0) * 1e9))
     elif what in ("bus_off", "reboot"):

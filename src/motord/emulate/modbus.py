@@ -97,11 +97,6 @@ class ModbusServers:
         await asyncio.gather(*others, return_exceptions=True)
 
 
-def place_of(config: ModbusConfig) -> str:
-    """Return where a device is reached, as text."""
-    return f"{config.host}:{config.tcp_port}" if config.transport == "tcp" else config.serial_port
-
-
 _Unit = tuple[ModbusConfig, RegisterDevice]
 
 

@@ -19,12 +19,12 @@ from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
 from motord.emulate.bench import EmulatedBench, SensorReading, compile_kernels
 from motord.emulate.bridge.firmware import check_fault, check_faults
-from motord.emulate.bridge.opening import bridge_place, open_link
+from motord.emulate.bridge.opening import open_link
 from motord.emulate.can import CanPort
 from motord.emulate.clock import HostClock
 from motord.emulate.control import ControlSocket, control_path
-from motord.emulate.faults import Injector, check_timeline
-from motord.emulate.modbus import ModbusServers, place_of
+from motord.emulate.faults import Injector
+from motord.emulate.modbus import ModbusServers
 from motord.emulate.schedule import Schedule
 from motord.emulate.selection import (
     check_drivers,
@@ -47,7 +47,7 @@ def _timeline(config: Config, faults: Timeline | None, firmware: Path | None) ->
     """Return `faults`, by default those of the bench file. Raises ConfigError if they cannot be."""
     if faults is None:
         faults = load_timeline(config.bench.faults) if config.bench.faults else Timeline()
-    check_timeline(faults)
+    faults.check_place("emulate")
     if firmware is not None:
         check_faults(faults)
     return faults
@@ -112,11 +112,12 @@ class Emulator:
             self._control = ControlSocket(control_path(self._config))
             ports.callback(self._control.close)
             self._ports = ports.pop_all()
+        fault_sink, clock = self._fault_sink, self._clock
         self._faults = Injector(
             self.bench,
             self._can.faults,
             self._link.faults,
-            self._report_fault,
+            lambda at_ns, fault: fault_sink({"t_ns": clock.unix_ns(at_ns), **fault}),
             time.sleep,
             self._restart_board,
         )
@@ -135,14 +136,14 @@ class Emulator:
     def ready(self) -> dict[str, object]:
         """Return where the devices are, once the ports are open."""
         modbus = {
-            name: f"{place_of(config)} unit {config.unit}"
+            name: f"{config.place} unit {config.unit}"
             for name, (config, _) in register_devices(self._config, self.bench).items()
         }
         return {
             "ready": True,
             "bench": self._config.bench.name,
-            "can": f"{self._can_config.interface} {self._can_config.channel}",
-            "bridge": bridge_place(self._config),
+            "can": self._can_config.place,
+            "bridge": self._config.bridge.place,
             "pty": self._link.pty_name,
             "modbus": modbus,
         }
@@ -180,9 +181,10 @@ class Emulator:
             self.bench.wake(now_ns)
             self._listen(now_ns)
             if self._faults.next_ns <= now_ns:
-                self._play_faults(now_ns)
+                self._faults.play(now_ns)
+                self._can.play(now_ns)
+                self._link.play(now_ns)
             next_ns = min(self._produce(now_ns), self._faults.next_ns)
-            self._log.flush_if_full()
             self._clock.refresh(now_ns)
             wait_s = (next_ns - time.monotonic_ns()) * 1e-9
             if wait_s > 0:
@@ -204,14 +206,6 @@ class Emulator:
         self._slow_feedback = Schedule(now_ns, INVERTER_STATUS_HZ)
         self._board_status = Schedule(now_ns, BOARD_STATUS_HZ)
         self._schedules = (self._samples, self._feedback, self._slow_feedback, self._board_status)
-
-    def _play_faults(self, now_ns: int) -> None:
-        self._faults.play(now_ns)
-        self._can.play(now_ns)
-        self._link.play(now_ns)
-
-    def _report_fault(self, now_ns: int, fault: dict[str, Any]) -> None:
-        self._fault_sink({"t_ns": self._clock.unix_ns(now_ns), **fault})
 
     def _restart_board(self) -> None:
         """Let the board, which was silent, send its Hello."""

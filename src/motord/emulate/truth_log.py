@@ -14,7 +14,7 @@ TruthSink = Callable[[np.ndarray], None]
 class TruthLog:
     """Collects rows of TRUTH_DTYPE; a full block goes to `sink`, and into the mean torque.
 
-    `rows` counts them.
+    `rows` counts them, `on_rows` those with the power stage on, up to the last flush.
     """
 
     def __init__(self, rate_Hz: int, sink: TruthSink | None) -> None:
@@ -22,7 +22,7 @@ class TruthLog:
         self._block = np.zeros(max(1, round(BLOCK_S * rate_Hz)), TRUTH_DTYPE)
         self._used = 0
         self._torque_sum_Nm = 0.0
-        self._on_rows = 0
+        self.on_rows = 0
         self.rows = 0
 
     def next_row(self) -> np.record:
@@ -34,11 +34,6 @@ class TruthLog:
         self.rows += 1
         return row
 
-    def flush_if_full(self) -> None:
-        """Hand a full block on."""
-        if self._used == len(self._block):
-            self.flush()
-
     def flush(self) -> None:
         """Hand on what there is."""
         rows = self._block[: self._used]
@@ -47,16 +42,11 @@ class TruthLog:
             return
         on = rows["inverter_on"] != 0
         self._torque_sum_Nm += float(rows["torque_Nm"][on].sum(dtype=np.float64))
-        self._on_rows += int(on.sum())
+        self.on_rows += int(on.sum())
         if self._sink is not None:
             self._sink(rows.copy())
 
     @property
-    def on_rows(self) -> int:
-        """Return how many rows had the power stage on, up to the last flush."""
-        return self._on_rows
-
-    @property
     def mean_torque_Nm(self) -> float | None:
         """Return the mean true torque while the power stage was on, up to the last flush."""
-        return self._torque_sum_Nm / self._on_rows if self._on_rows else None
+        return self._torque_sum_Nm / self.on_rows if self.on_rows else None

@@ -6,34 +6,37 @@ record, without blocking and without allocating. `WireRig` makes one of an `Inve
 `SetpointDevice`s that the supervisor's Modbus thread owns.
 """
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-
-from motord.schema import BridgeStatus, InverterStatus
-
-__all__ = [
-    "BridgeDriver",
-    "BridgeStatus",
-    "DeviceError",
-    "DeviceReading",
-    "InverterDriver",
-    "InverterStatus",
-    "Rig",
-    "SetpointDevice",
-]
 
 
 class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""
 
 
-class Rig(Protocol):
-    """All devices of the fast loop. Times are Unix ns; records are those of `control.types`; status
-    words are in motord's own bits whatever the device's are."""
+class Device(Protocol):
+    """What every device can do."""
 
     def open(self) -> None:
-        """Open the devices and wait for their first samples. Raises DeviceError."""
+        """Connect, check who answers, wait for its first samples if it sends any.
+
+        Raises DeviceError.
+        """
+
+    def safe_stop(self) -> None:
+        """Command zero current, open the enable line, write a set-point of zero: what it has.
+
+        May be called at any time.
+        """
+
+    def close(self) -> None:
+        """Stop safely and release the device; may be called twice."""
+
+
+class Rig(Device, Protocol):
+    """All devices of the fast loop, or one of them. Times are Unix ns; records are those of
+    `control.types`; status words are in motord's own bits whatever the device's are."""
 
     def read(self, now_ns: int, feedback: np.ndarray) -> None:
         """Fill `feedback` (shape (1,)) with the newest samples; never blocks."""
@@ -41,77 +44,35 @@ class Rig(Protocol):
     def write(self, command: np.ndarray) -> None:
         """Send `command` (shape (1,)); never blocks. A failed send shows in the feedback."""
 
-    def safe_stop(self) -> None:
-        """Command zero current and open the enable line; may be called at any time."""
 
-    def close(self) -> None:
-        """Stop safely and release the devices; may be called twice."""
+class InverterDriver(Rig, Protocol):
+    """A drive that takes phase-current references.
 
-
-class InverterDriver(Protocol):
-    """A drive that takes phase-current references."""
-
-    def open(self) -> None:
-        """Open the bus. Raises DeviceError."""
-
-    def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
-
-    def write(self, command: np.ndarray) -> None:
-        """Send current references and the enable bit; not finite ones are all sent as 0."""
-
-    def safe_stop(self) -> None:
-        """Send zero current and disable."""
-
-    def close(self) -> None:
-        """Release the bus; may be called twice."""
+    `read` fills t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status and adds to
+    link_errors. `write` sends current references, all as 0 if one is not finite, and the enable
+    bit; `safe_stop` zero current and disable.
+    """
 
 
-class BridgeDriver(Protocol):
-    """The board that samples encoder and torque at one instant and holds the enable line."""
+class BridgeDriver(Rig, Protocol):
+    """The board that samples encoder and torque at one instant and holds the enable line.
 
-    def open(self) -> None:
-        """Open the link, check the board's identity, start the stream. Raises DeviceError."""
-
-    def read(self, now_ns: int, feedback: np.ndarray) -> None:
-        """Fill t_ns, encoder_gray, torque_Nm, bridge_status; add link_errors.
-
-        bridge_status has ENABLE_LINE while the line is closed: without it the bench is not enabled,
-        and one that is enabled trips.
-        """
-
-    def write(self, command: np.ndarray) -> None:
-        """Send heartbeat and enable-line request."""
-
-    def safe_stop(self) -> None:
-        """Open the enable line."""
-
-    def close(self) -> None:
-        """Release the link; may be called twice."""
+    `read` fills t_ns, encoder_gray, torque_Nm, bridge_status and adds to link_errors. bridge_status
+    has ENABLE_LINE while the line is closed: without it the bench is not enabled, and one that is
+    enabled trips. `write` sends heartbeat and enable-line request; `safe_stop` opens the line.
+    """
 
 
-class SetpointDevice(Protocol):
+class SetpointDevice(Device, Protocol):
     """A slow device with one set-point: brake (excitation 0 to 1) or external drive (rad/s)."""
-
-    def open(self) -> None:
-        """Connect. Raises DeviceError."""
 
     def exchange(self, setpoint: float) -> "DeviceReading":
         """Write the set-point, read the device back; blocks at most its timeout. DeviceError."""
 
-    def safe_stop(self) -> None:
-        """Write a set-point of zero, if the device can be reached."""
 
-    def close(self) -> None:
-        """Disconnect; may be called twice."""
-
-
-class DeviceReading:
+class DeviceReading(NamedTuple):
     """What a slow device says: status word, actual set-point, one measured value."""
 
-    __slots__ = ("setpoint", "status", "value")
-
-    def __init__(self, status: int, setpoint: float, value: float) -> None:
-        self.status = status
-        self.setpoint = setpoint
-        self.value = value
+    status: int
+    setpoint: float
+    value: float

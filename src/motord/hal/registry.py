@@ -8,7 +8,7 @@ Drivers in other packages join through the entry-point group `motord.drivers`, n
 
 from importlib import import_module
 from importlib.metadata import entry_points
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from motord.config import Config
 from motord.hal.base import DeviceError, Rig, SetpointDevice
@@ -34,8 +34,7 @@ SIMULATED_RIG = "motord.hal.sim.rig:SimRig"
 def make_rig(config: Config) -> Rig:
     """Return the rig of a bench, not yet opened. Raises DeviceError, ConfigError."""
     if config.simulated:
-        rig: Rig = _load(SIMULATED_RIG)(config)
-        return rig
+        return cast("Rig", _load(SIMULATED_RIG)(config))
     inverter, bridge = config.inverter.driver, config.bridge.driver
     return WireRig(_driver("inverter", inverter)(config), _driver("bridge", bridge)(config))
 
@@ -46,8 +45,7 @@ def make_setpoint_device(kind: Literal["brake", "drive"], config: Config) -> Set
     The supervisor itself deals with "none" and "sim", which are no devices.
     """
     name = config.brake.driver if kind == "brake" else config.drive.driver
-    device: SetpointDevice = _driver(kind, name)(config)
-    return device
+    return cast("SetpointDevice", _driver(kind, name)(config))
 
 
 def known(kind: str) -> list[str]:

@@ -20,7 +20,7 @@ from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter
 from motord.shm.tables import TablesReader
 from motord.shm.time_count import count_time
-from motord.shm.timing import BoardClockError, Timing
+from motord.shm.timing import Timing
 
 SUPERVISOR_GONE_S = 5.0
 """Without a heartbeat for so long, and without torque, the loop ends by itself."""
@@ -73,8 +73,7 @@ class ControlLoop:
     def set_board_clock(self) -> None:
         """Publish the error of the bridge board's clock, if it has one."""
         if self.clock is not None:
-            error = BoardClockError(self.clock.drift_ppm, self.clock.jitter_ns * 1e-3)
-            self.timing.set_board_clock(error)
+            self.timing.set_board_clock(self.clock.drift_ppm, self.clock.jitter_ns)
 
     def supervisor_gone(self, now_ns: int) -> bool:
         """Return whether the supervisor has been silent for long and no torque is applied."""

@@ -1,6 +1,5 @@
 """How the supervisor starts the loop process."""
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,12 +13,3 @@ def loop_command(config_path: Path, run_dir: RunDir) -> list[str]:
         *("--config", str(config_path)),
         *("--dir", str(run_dir.path)),
     ]
-
-
-def start_loop(config_path: Path, run_dir: RunDir) -> "subprocess.Popen[bytes]":
-    """Start the loop process; its status file appears in `run_dir` (`LoopStatus.read`).
-
-    Set-point mailbox and tables must be there. A status left by an earlier loop is removed.
-    """
-    run_dir.loop_status.unlink(missing_ok=True)
-    return subprocess.Popen(loop_command(config_path, run_dir), stdin=subprocess.DEVNULL)

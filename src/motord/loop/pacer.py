@@ -5,30 +5,12 @@ once and only within its own period: a loop that comes late skips the periods th
 counts them and goes on in phase, so a stall is never followed by a burst.
 """
 
-from typing import Protocol
-
+from motord.loop.hybrid_sleep import HybridSleep
 from motord.schema import Flag
 
 INT32_MAX = 2**31 - 1
 _LATE = int(Flag.LATE)
 _AFTER_GAP = int(Flag.AFTER_GAP)
-
-
-class Alarm(Protocol):
-    """What a pacer waits with (`loop.hybrid_sleep.HybridSleep`). Times are monotonic ns."""
-
-    @property
-    def overdrawn(self) -> bool:
-        """True if the loop has to skip a tick to give time back to the system."""
-
-    def clock_ns(self) -> int:
-        """Return the time."""
-
-    def start(self) -> None:
-        """Note that the loop starts now."""
-
-    def wait_until(self, deadline_ns: int) -> int:
-        """Return at `deadline_ns`, or at once if it is over; returns the time of returning."""
 
 
 class Pacer:
@@ -50,7 +32,7 @@ class Pacer:
         "tick",
     )
 
-    def __init__(self, period_ns: int, alarm: Alarm) -> None:
+    def __init__(self, period_ns: int, alarm: HybridSleep) -> None:
         self.period_ns = period_ns
         self._half_ns = period_ns // 2
         self._alarm = alarm

@@ -6,12 +6,11 @@ that it was read from, so that an operator can look again after a change.
 """
 
 import re
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 from pydantic import BaseModel, ConfigDict
 
-from motord.loop.rt_setup import preemption
+from motord.loop.rt_setup import Host, preemption
 
 SLEEP_LATENCY_MAX_US = 20
 """Longest wake-up of a sleep state that a loop of some kHz hardly notices."""
@@ -33,30 +32,6 @@ class Finding(BaseModel):
     def line(self) -> str:
         """Return it as one line for people."""
         return f"{self.name}: {self.found}" + (f"; {self.how}" if not self.good else "")
-
-
-class Host:
-    """The system files of a machine; `root` is another folder in tests."""
-
-    def __init__(self, root: Path = Path("/")) -> None:
-        self._root = root
-
-    def text(self, path: str) -> str:
-        """Return the content of a file without white space around it; "" if there is none."""
-        try:
-            return (self._root / path).read_text().strip()
-        except OSError:
-            return ""
-
-    def number(self, path: str) -> int | None:
-        """Return the number in a file, or None."""
-        text = self.text(path)
-        return int(text) if text.lstrip("-").isdigit() else None
-
-    def under(self, folder: str, pattern: str) -> list[Path]:
-        """Return the files under `folder` that fit, in order, from the root on."""
-        found = sorted((self._root / folder).glob(pattern))
-        return [path.relative_to(self._root) for path in found]
 
 
 def findings(cpu: int | None, host: Host | None = None) -> list[Finding]:
@@ -176,11 +151,9 @@ def _swap(host: Host, cpu: int | None) -> Finding | None:
 
 def _cpus(text: str) -> set[int]:
     """Return the CPUs of a list such as 0-2,5."""
-    return set(_numbers(text))
-
-
-def _numbers(text: str) -> Iterator[int]:
+    cpus: set[int] = set()
     for part in text.split(","):
         first, _, last = part.partition("-")
         if first.isdigit():
-            yield from range(int(first), int(last or first) + 1)
+            cpus.update(range(int(first), int(last or first) + 1))
+    return cpus

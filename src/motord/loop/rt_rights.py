@@ -39,8 +39,8 @@ class RealtimeItem(BaseModel):
         return f"{self.name}: wanted {self.wanted}, got {self.got} ({self.why}); {self.how}"
 
 
-def _all_of(name: str, wanted: str) -> RealtimeItem:
-    return RealtimeItem(name=name, wanted=wanted, got=wanted, granted=True)
+def _all_of(name: str, wanted: str, got: str = "") -> RealtimeItem:
+    return RealtimeItem(name=name, wanted=wanted, got=got or wanted, granted=True)
 
 
 def _less(name: str, wanted: str, got: str, why: str, how: str) -> RealtimeItem:
@@ -94,8 +94,7 @@ def keep_cpu_awake(device: Path = Path("/dev/cpu_dma_latency")) -> RealtimeItem:
         descriptor = os.open(device, os.O_WRONLY)  # left open: closing it withdraws the request
         os.write(descriptor, (0).to_bytes(4, sys.byteorder))
     except FileNotFoundError:
-        got = "not managed by this kernel"
-        return RealtimeItem(name="CPU sleep", wanted=wanted, got=got, granted=True)
+        return _all_of("CPU sleep", wanted, "not managed by this kernel")
     except OSError as error:
         why = f"{device}: {error.strerror}"
         how = f"let the user write to {device} (a udev rule), or boot with cpuidle.off=1"
@@ -107,8 +106,7 @@ def pin(cpu: int | None) -> RealtimeItem:
     """Run on CPU `cpu` only; None leaves it to the kernel."""
     allowed = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
     if cpu is None:
-        got = f"any of {allowed}; set [loop] cpu to pin"
-        return RealtimeItem(name="CPU", wanted="any", got=got, granted=True)
+        return _all_of("CPU", "any", f"any of {allowed}; set [loop] cpu to pin")
     try:
         os.sched_setaffinity(0, {cpu})
     except OSError as error:

@@ -16,6 +16,30 @@ from motord.loop import rt_rights
 from motord.loop.rt_rights import RealtimeItem
 
 
+class Host:
+    """The system files of a machine; `root` is another folder in tests."""
+
+    def __init__(self, root: Path = Path("/")) -> None:
+        self._root = root
+
+    def text(self, path: str) -> str:
+        """Return the content of a file without white space around it; "" if there is none."""
+        try:
+            return (self._root / path).read_text().strip()
+        except OSError:
+            return ""
+
+    def number(self, path: str) -> int | None:
+        """Return the number in a file, or None."""
+        text = self.text(path)
+        return int(text) if text.lstrip("-").isdigit() else None
+
+    def under(self, folder: str, pattern: str) -> list[Path]:
+        """Return the files under `folder` that fit, in order, from the root on."""
+        found = sorted((self._root / folder).glob(pattern))
+        return [path.relative_to(self._root) for path in found]
+
+
 class RealtimeStatus(BaseModel):
     """All rights, and the system's kernel, preemption, real-time bandwidth and isolated CPUs."""
 
@@ -52,13 +76,14 @@ def apply(loop: LoopConfig) -> RealtimeStatus:
         rt_rights.pin(loop.cpu),
         rt_rights.schedule(loop.priority),
     ]
+    host = Host()
     return RealtimeStatus(
         items=items,
         kernel=f"{platform.system()} {platform.release()}",
-        preemption=preemption(read_text("/sys/kernel/realtime"), platform.version()),
-        rt_runtime_us=read_number("/proc/sys/kernel/sched_rt_runtime_us"),
-        rt_period_us=read_number("/proc/sys/kernel/sched_rt_period_us"),
-        isolated_cpus=read_text("/sys/devices/system/cpu/isolated"),
+        preemption=preemption(host.text("sys/kernel/realtime"), platform.version()),
+        rt_runtime_us=host.number("proc/sys/kernel/sched_rt_runtime_us"),
+        rt_period_us=host.number("proc/sys/kernel/sched_rt_period_us"),
+        isolated_cpus=host.text("sys/devices/system/cpu/isolated"),
     )
 
 
@@ -80,20 +105,6 @@ def preemption(realtime_flag: str, version: str) -> str:
         return "PREEMPT_RT"
     models = ("PREEMPT_RT", "PREEMPT_DYNAMIC", "PREEMPT")
     return next((model for model in models if model in version), "none")
-
-
-def read_text(path: str) -> str:
-    """Return the content of a system file without white space around it; "" if it has none."""
-    try:
-        return Path(path).read_text().strip()
-    except OSError:
-        return ""
-
-
-def read_number(path: str) -> int | None:
-    """Return the number in a system file, or None."""
-    text = read_text(path)
-    return int(text) if text.lstrip("-").isdigit() else None
 
 
 def main() -> None:

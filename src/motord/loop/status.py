@@ -1,11 +1,11 @@
 """Status of the loop process, in `loop.json`: at start, when ready, at the end."""
 
-import os
 from enum import StrEnum
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from motord.atomic_write import write_whole
 from motord.loop.rt_setup import RealtimeStatus
 from motord.shm.histogram import TimeSummary
 
@@ -41,9 +41,7 @@ class LoopStatus(BaseModel):
 
     def write(self, path: Path) -> None:
         """Write the file in one step, so that a reader sees the old or the new one."""
-        temporary = path.with_name(f".{path.name}.{os.getpid()}")
-        temporary.write_text(self.model_dump_json(indent=1))
-        temporary.rename(path)
+        write_whole(path, self.model_dump_json(indent=1))
 
     @classmethod
     def read(cls, path: Path) -> "LoopStatus | None":

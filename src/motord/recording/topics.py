@@ -8,6 +8,7 @@ from mcap.records import Channel, Schema
 
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.proto_text import descriptor_set
 
 PROTOBUF = "protobuf"
 JSON = "json"
@@ -54,7 +55,7 @@ class Topic:
 
 
 def _block_topic(number: int, record: Record) -> Topic:
-    descriptor = BlockCodec(record).descriptor_set()
+    descriptor = descriptor_set(record)
     name = f"motord.{record.name}"
     return Topic(number, f"/{record.name.lower()}", name, PROTOBUF, descriptor, PROTOBUF, record)
 

@@ -93,15 +93,6 @@ def _run_turning_loops(p: np.record, s: np.record, speed_rad_s: float) -> None:
 
 
 @jit
-def _common_part(p: np.record, s: np.record, x: np.ndarray, offset: float) -> float:
-    """Return the c that makes the flow of sensed x_p + c, plus offset, zero in a star, else 0."""
-    if not p.star:
-        return 0.0
-    common = _linear_common_part(s.gain, x, offset)
-    return sensed_zero_sequence(p, s, x, offset, common) if p.nonlinear else common
-
-
-@jit
 def _linear_common_part(g: np.ndarray, x: np.ndarray, offset: float) -> float:
     """Return the c that makes sum_p g_p (x_p + c) + offset zero."""
     total = float(g[0] * x[0] + g[1] * x[1] + g[2] * x[2] + offset)
@@ -160,7 +151,12 @@ def _flowing(p: np.record, s: np.record, phase: int, sensed_A: float) -> float:
 @jit
 def _flow(p: np.record, s: np.record, speed_rad_s: float) -> None:
     """Let the currents flow that the loops ask for, as far as the bus voltage allows."""
-    common_A = _common_part(p, s, s.i_loop_A, p.beta_A[0] + p.beta_A[1] + p.beta_A[2])
+    common_A = 0.0
+    if p.star:  # so that what flows sums to zero
+        offset_A = p.beta_A[0] + p.beta_A[1] + p.beta_A[2]
+        common_A = _linear_common_part(s.gain, s.i_loop_A, offset_A)
+        if p.nonlinear:
+            common_A = sensed_zero_sequence(p, s, s.i_loop_A, offset_A, common_A)
     i_a = _flowing(p, s, 0, s.i_loop_A[0] + common_A)
     i_b = _flowing(p, s, 1, s.i_loop_A[1] + common_A)
     i_c = _flowing(p, s, 2, s.i_loop_A[2] + common_A)

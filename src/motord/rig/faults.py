@@ -213,26 +213,14 @@ def put(rig_input: np.ndarray, fault: Fault) -> None:
         i.current_noise_A[phase] = fault.noise_A or 0.0
     elif fault.kind == "encoder_bit":
         i["encoder_high" if fault.level else "encoder_low"] |= 1 << (fault.bit or 0)
-    elif fault.kind == "encoder_skew":
-        i.encoder_skew += fault.counts or 0
-    elif fault.kind == "index_slip":
-        i.index_slip += fault.counts or 0
+    elif fault.kind in ("encoder_skew", "index_slip"):
+        i[fault.kind] += fault.counts or 0
     elif fault.kind == "torque_drift":
         i.torque_drift_Nm_per_s += fault.drift_Nm_per_s or 0.0
-    elif not _put_reading(i, fault):
+    elif fault.kind in ("inverter_hot", "brake_hot"):
+        i[f"{fault.kind}_C"] = fault.temperature_C or 0.0
+    elif fault.kind == "bus_voltage":
+        i.bus_fault, i.bus_fault_V = 1, fault.bus_V or 0.0
+    else:
         return
     i.faults = 1
-
-
-def _put_reading(i: np.record, fault: Fault) -> bool:
-    """Put a fault of a slow reading; False for one that is not the rig's."""
-    temperature_C, bus_V = fault.temperature_C or 0.0, fault.bus_V or 0.0
-    if fault.kind == "inverter_hot":
-        i.inverter_hot_C = temperature_C
-    elif fault.kind == "brake_hot":
-        i.brake_hot_C = temperature_C
-    elif fault.kind == "bus_voltage":
-        i.bus_fault, i.bus_fault_V = 1, bus_V
-    else:
-        return False
-    return True

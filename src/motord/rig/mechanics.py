@@ -25,14 +25,9 @@ def step_brake(p: np.record, s: np.record, speed_rad_s: float) -> None:
     mean = 0.5 * (before + s.excitation)
     warm_K = s.brake_temperature_C - p.ambient_C
     critical_rad_s = p.brake_critical_rad_s * (1.0 + p.brake_critical_per_K * warm_K)
-    s.brake_coefficient_Nm_s_per_rad = (
-        2.0
-        * p.brake_torque_max_Nm
-        * mean
-        * mean
-        * critical_rad_s
-        / (speed_rad_s * speed_rad_s + critical_rad_s * critical_rad_s)
-    )
+    scale_Nm = 2.0 * p.brake_torque_max_Nm * mean * mean
+    squares = speed_rad_s * speed_rad_s + critical_rad_s * critical_rad_s
+    s.brake_coefficient_Nm_s_per_rad = scale_Nm * critical_rad_s / squares
 
 
 @jit

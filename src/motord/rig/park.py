@@ -27,17 +27,11 @@ def d_axis_angle(p: np.record, angle_rad: float, speed_rad_s: float) -> float:
 
 
 @jit
-def dq_to_phase(p: np.record, axis_rad: float, phase: int, d: float, q: float) -> float:
-    """Return the value of `phase` that (d, q) are with the d axis at `axis_rad`."""
-    own_rad = axis_rad - p.axes_order * phase * _STEP_RAD
-    return float(d * math.cos(own_rad) - q * math.sin(own_rad))
-
-
-@jit
 def dq_to_abc(p: np.record, axis_rad: float, d: float, q: float, values: np.ndarray) -> None:
     """Set `values` (3,) to what (d, q) are with the d axis at `axis_rad`."""
     for phase in range(3):
-        values[phase] = dq_to_phase(p, axis_rad, phase, d, q)
+        own_rad = axis_rad - p.axes_order * phase * _STEP_RAD
+        values[phase] = d * math.cos(own_rad) - q * math.sin(own_rad)
 
 
 @jit

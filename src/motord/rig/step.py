@@ -130,7 +130,7 @@ def sense(parameters: np.ndarray, state: np.ndarray, rig_output: np.ndarray) -> 
 
 
 @jit
-def fill_truth(parameters: np.ndarray, state: np.ndarray, t_ns: int, truth: np.record) -> None:
+def fill_truth(state: np.ndarray, t_ns: int, truth: np.record) -> None:
     """Fill `truth`, one element of a TRUTH_DTYPE block, with what the rig does now."""
     s = state[0]
     truth.t_ns = t_ns

@@ -1,10 +1,9 @@
 """The records of the simulated rig, one element arrays of these dtypes.
 
 `RIG_PARAMETERS` and `RIG_STATE` come from `rig.build`; `RIG_INPUT` is what the world does to the
-rig, `RIG_OUTPUT` what its sensors say. SI units; [3] is phases a, b, c.
+rig, all zero if it is left alone; `RIG_OUTPUT` is what its sensors say. SI units; [3] is phases a,
+b, c.
 """
-
-import numpy as np
 
 from motord.rig.faults import FAULT_INPUTS, FAULT_STATE
 from motord.rig.truth import MAX_ORDERS, MAX_SPRINGS
@@ -207,13 +206,3 @@ RIG_STATE = record_dtype(
         *FAULT_STATE,
     ]
 )
-
-
-def new_input() -> np.ndarray:
-    """Return a RIG_INPUT, shape (1,), of a rig left alone: all zero."""
-    return np.zeros(1, RIG_INPUT)
-
-
-def new_output() -> np.ndarray:
-    """Return an empty RIG_OUTPUT, shape (1,)."""
-    return np.zeros(1, RIG_OUTPUT)

@@ -17,13 +17,9 @@ BINS = (32 - BITS) << BITS
 CELLS = BINS + 1
 
 
-def _lower_edges_ns() -> np.ndarray:
-    index = np.arange(BINS + 1, dtype=np.int64)
-    octave = np.maximum((index >> BITS) - 1, 0)
-    return np.asarray((index - (octave << BITS)) << octave)
-
-
-EDGES_ns = _lower_edges_ns()
+_INDEX = np.arange(BINS + 1, dtype=np.int64)
+_OCTAVE = np.maximum((_INDEX >> BITS) - 1, 0)
+EDGES_ns = (_INDEX - (_OCTAVE << BITS)) << _OCTAVE
 """Lower edge of each bin and the upper edge of the last, shape (BINS + 1,), ns."""
 
 

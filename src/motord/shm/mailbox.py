@@ -29,7 +29,7 @@ class MailboxWriter:
 
     def __init__(self, path: Path, clock: Clock) -> None:
         self._file = SharedFile.create(
-            path, KIND, layout_digest([SETPOINT]), [clock.offset_ns], 2 * _COPY_BYTES
+            path, KIND, layout_digest(SETPOINT), [clock.offset_ns], 2 * _COPY_BYTES
         )
         self.clock = clock
         self._words = self._file.words
@@ -56,7 +56,7 @@ class MailboxReader:
     RETRIES = 4
 
     def __init__(self, path: Path) -> None:
-        self._file = SharedFile.attach(path, KIND, layout_digest([SETPOINT]))
+        self._file = SharedFile.attach(path, KIND, layout_digest(SETPOINT))
         self._words = self._file.words
         self.clock = Clock(int(self._words[_OFFSET_NS]))
         self._bytes = [as_bytes(copy) for copy in _copies(self._file)]

@@ -39,7 +39,7 @@ class RingWriter:
         if capacity < 2 or capacity & (capacity - 1):
             raise ValueError(f"capacity must be a power of two from 2 on, got {capacity}")
         self._file = SharedFile.create(
-            path, KIND, layout_digest([TICK_DTYPE]), [capacity], capacity * TICK_DTYPE.itemsize
+            path, KIND, layout_digest(TICK_DTYPE), [capacity], capacity * TICK_DTYPE.itemsize
         )
         self.records = self._file.array(TICK_DTYPE, capacity, 0)
         self.index = 0
@@ -72,7 +72,7 @@ class RingReader:
     """
 
     def __init__(self, path: Path, start: Literal["now", "oldest"] = "now") -> None:
-        self._file = SharedFile.attach(path, KIND, layout_digest([TICK_DTYPE]))
+        self._file = SharedFile.attach(path, KIND, layout_digest(TICK_DTYPE))
         self._words = self._file.words
         self.capacity = int(self._words[_CAPACITY])
         self._slots = self._file.array(_SLOT, self.capacity, 0)

@@ -28,36 +28,21 @@ class RunDir:
     def __init__(self, bench: str, base: Path | None = None) -> None:
         self.bench = bench
         self.path = (base or base_directory()) / bench
+        self.ring = self.path / "ring"
+        """The tick ring, written by the loop."""
+        self.setpoint = self.path / "setpoint"
+        """The set-point mailbox, written by the supervisor."""
+        self.tables = self.path / "tables"
+        """Parameters and tables of the kernel, written by the supervisor."""
+        self.timing = self.path / "timing"
+        """The loop's histograms (`shm.timing.Timing`), written by the loop."""
+        self.loop_status = self.path / "loop.json"
+        """The loop's account of itself (`loop.status.LoopStatus`)."""
 
     @classmethod
     def at(cls, path: Path) -> "RunDir":
         """Return the folder at `path`, as the loop and the recorder get it from the daemon."""
         return cls(path.name, path.parent)
-
-    @property
-    def ring(self) -> Path:
-        """The tick ring, written by the loop."""
-        return self.path / "ring"
-
-    @property
-    def setpoint(self) -> Path:
-        """The set-point mailbox, written by the supervisor."""
-        return self.path / "setpoint"
-
-    @property
-    def tables(self) -> Path:
-        """Parameters and tables of the kernel, written by the supervisor."""
-        return self.path / "tables"
-
-    @property
-    def timing(self) -> Path:
-        """The loop's histograms (`shm.timing.Timing`), written by the loop."""
-        return self.path / "timing"
-
-    @property
-    def loop_status(self) -> Path:
-        """The loop's account of itself (`loop.status.LoopStatus`)."""
-        return self.path / "loop.json"
 
     def create(self) -> None:
         """Make the folder, for this user only. Raises RunDirError if others could use it."""

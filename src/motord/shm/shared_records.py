@@ -29,11 +29,9 @@ def as_bytes(records: np.ndarray) -> memoryview:
     return memoryview(records.view(np.uint8).data).cast("B")
 
 
-def layout_digest(dtypes: Sequence[np.dtype[np.void]]) -> int:
+def layout_digest(dtype: np.dtype[np.void]) -> int:
     """Return a 63-bit digest of names, types and offsets of all fields."""
-    text = "\n".join(
-        f"{name} {d.fields[name][:2]}" for d in dtypes if d.fields for name in d.fields
-    )
+    text = "\n".join(f"{name} {field[:2]}" for name, field in (dtype.fields or {}).items())
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little") >> 1
 
 
@@ -105,9 +103,7 @@ class SharedFile:
             )
         return shared
 
-    def array(
-        self, dtype: np.dtype[np.void] | np.dtype[np.float64], count: int, offset: int
-    ) -> np.ndarray:
+    def array(self, dtype: np.dtype[np.void], count: int, offset: int) -> np.ndarray:
         """Return `count` elements that start `offset` bytes after the header, as a view."""
         return np.frombuffer(self.memory, dtype, count, HEADER_BYTES + offset)
 

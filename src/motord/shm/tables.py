@@ -12,6 +12,7 @@ import numpy as np
 
 from motord.control.types import PARAMETERS
 from motord.learned import COEFFICIENTS_MAX
+from motord.schema import record_dtype
 from motord.shm.memory_barrier import memory_barrier
 from motord.shm.shared_records import FIRST_WORD, LINE_WORDS, SharedFile, layout_digest
 
@@ -19,7 +20,6 @@ KIND = "tables"
 _COUNTS = FIRST_WORD
 _VERSION = 2 * LINE_WORDS
 _IN_USE = 4 * LINE_WORDS
-_PARAMETER_BYTES = -(-PARAMETERS.itemsize // 64) * 64
 
 
 class TablesBusyError(Exception):
@@ -39,22 +39,23 @@ class TableSet(NamedTuple):
     learned_Nm: np.ndarray
 
 
-def _set_bytes(counts: int) -> int:
-    return _PARAMETER_BYTES + -(-(counts * 4 + COEFFICIENTS_MAX) * 8 // 64) * 64
+def _set_dtype(counts: int) -> np.dtype[np.void]:
+    return record_dtype(
+        [
+            ("parameters", PARAMETERS, (1,)),
+            ("back_emf_V_s_per_rad", "f8", (counts, 3)),
+            ("cogging_Nm", "f8", (counts,)),
+            ("learned_Nm", "f8", (COEFFICIENTS_MAX,)),
+        ]
+    )
+
+
+_LAYOUT = layout_digest(_set_dtype(1))
 
 
 def _sets(shared: SharedFile, counts: int) -> list[TableSet]:
-    float64 = np.dtype(np.float64)
-    sets = []
-    for side in (0, 1):
-        start = side * _set_bytes(counts)
-        back_emf_start = start + _PARAMETER_BYTES
-        back_emf = shared.array(float64, counts * 3, back_emf_start).reshape(counts, 3)
-        cogging_start = back_emf_start + counts * 3 * 8
-        cogging = shared.array(float64, counts, cogging_start)
-        learned = shared.array(float64, COEFFICIENTS_MAX, cogging_start + counts * 8)
-        sets.append(TableSet(shared.array(PARAMETERS, 1, start), back_emf, cogging, learned))
-    return sets
+    both = shared.array(_set_dtype(counts), 2, 0)
+    return [TableSet(*(both[name][side] for name in TableSet._fields)) for side in (0, 1)]
 
 
 class TablesWriter:
@@ -62,7 +63,7 @@ class TablesWriter:
 
     def __init__(self, path: Path, counts: int) -> None:
         self._file = SharedFile.create(
-            path, KIND, layout_digest([PARAMETERS]), [counts], 2 * _set_bytes(counts)
+            path, KIND, _LAYOUT, [counts], 2 * _set_dtype(counts).itemsize
         )
         self.counts = counts
         self._words = self._file.words
@@ -99,11 +100,9 @@ class TablesWriter:
             )
         if self.in_use not in (0, version):
             raise TablesBusyError("the loop has not yet taken up the tables written before")
-        target = self._sets[(version + 1) & 1]
-        target.parameters[:] = parameters
-        target.back_emf_V_s_per_rad[:] = back_emf_V_s_per_rad
-        target.cogging_Nm[:] = cogging_Nm
-        target.learned_Nm[:] = learned_Nm
+        given = (parameters, back_emf_V_s_per_rad, cogging_Nm, learned_Nm)
+        for table, values in zip(self._sets[(version + 1) & 1], given, strict=True):
+            table[:] = values
         memory_barrier()
         self._words[_VERSION] = version + 1
         memory_barrier()
@@ -118,7 +117,7 @@ class TablesReader:
     """The loop's end. `current` is the set in force after `poll()` returned True."""
 
     def __init__(self, path: Path) -> None:
-        self._file = SharedFile.attach(path, KIND, layout_digest([PARAMETERS]), writable=True)
+        self._file = SharedFile.attach(path, KIND, _LAYOUT, writable=True)
         self._words = self._file.words
         self.counts = int(self._words[_COUNTS])
         self._sets = _sets(self._file, self.counts)

@@ -73,13 +73,13 @@ class Timing:
     @classmethod
     def create(cls, path: Path) -> "Timing":
         """Make the shared file that the loop counts in. Raises SharedFileError."""
-        file = SharedFile.create(path, KIND, layout_digest([TIMING]), [], TIMING.itemsize)
+        file = SharedFile.create(path, KIND, layout_digest(TIMING), [], TIMING.itemsize)
         return cls(file.array(TIMING, 1, 0))
 
     @classmethod
     def attach(cls, path: Path) -> "Timing":
         """Return the loop's own, as it counts. Raises SharedFileError if there is none."""
-        return cls(SharedFile.attach(path, KIND, layout_digest([TIMING])).array(TIMING, 1, 0))
+        return cls(SharedFile.attach(path, KIND, layout_digest(TIMING)).array(TIMING, 1, 0))
 
     @classmethod
     def of(cls, summary: TimingSummary) -> "Timing":
@@ -95,10 +95,10 @@ class Timing:
         """Periods skipped."""
         return int(self.record["missed"][0])
 
-    def set_board_clock(self, clock: BoardClockError) -> None:
+    def set_board_clock(self, drift_ppm: float, jitter_ns: float) -> None:
         """Note what the loop knows of the bridge board's clock now."""
-        self.record["clock_drift_ppb"] = round(clock.drift_ppm * 1e3)
-        self.record["clock_jitter_ns"] = round(clock.jitter_us * 1e3)
+        self.record["clock_drift_ppb"] = round(drift_ppm * 1e3)
+        self.record["clock_jitter_ns"] = round(jitter_ns)
 
     @property
     def clock(self) -> BoardClockError:

@@ -16,7 +16,7 @@ from motord.rig.build import build, with_drive
 from motord.rig.feedback import apply_command, fill_feedback
 from motord.rig.step import advance, fill_truth, sense
 from motord.rig.truth import RigTruth, load
-from motord.rig.types import new_input, new_output
+from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
 from motord.virtual.drive import command_to_drive, feedback_from_drive
 from motord.virtual.faults import (
@@ -65,7 +65,7 @@ class VirtualBench:
         self._axes = dq_frame_record(config)
         seed = config.bench.seed if seed is None else seed
         self._rig = build(self.truth, seed, self._fitting_substep_s())
-        self._input, self._output = new_input(), new_output()
+        self._input, self._output = np.zeros(1, RIG_INPUT), np.zeros(1, RIG_OUTPUT)
         self._memory = new_memory()
         self._feedback = np.zeros(1, FEEDBACK)
         self._command, self._sent = np.zeros(1, COMMAND), np.zeros(1, COMMAND)
@@ -245,7 +245,7 @@ def _run(
             command,
             tick_block[row : row + 1],
         )
-        fill_truth(rig_parameters, rig_state, t_ns, truth_block[row])
+        fill_truth(rig_state, t_ns, truth_block[row])
         received = command
         if turning:
             command_to_drive(axes, command, sent, rig_parameters, rig_state)

@@ -8,8 +8,7 @@ from typer.testing import CliRunner
 
 from motord import config
 from motord.cli import app
-from motord.loop.latency import measurement
-from motord.loop.latency.error import LatencyError
+from motord.loop.latency import LatencyError, measurement
 from motord.loop.latency.measurement import Measured, MeasuredSlices, MeasurementPlan
 from tests.unit.loop.test_latency import READY, timing
 

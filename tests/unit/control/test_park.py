@@ -15,7 +15,7 @@ from motord.control.park import DqFrame, flux_axis
 from motord.rig.build import build
 from motord.rig.park import latch, sense_dq
 from motord.rig.truth import RigTruth
-from motord.rig.types import new_output
+from motord.rig.types import RIG_OUTPUT
 from motord.schema import Compensate, Request, State
 from tests.contract.peers import DQ_SIGNALS
 from tests.unit.control.bench import Bench, make_config
@@ -108,7 +108,7 @@ def test_the_rig_understands_what_it_is_told(
         }
     )
     parameters, state = build(truth, 1)
-    axes, output = DqFrame.of(told), new_output()
+    axes, output = DqFrame.of(told), np.zeros(1, RIG_OUTPUT)
     values = np.array([*axes.to_drive(angle_rad, 0.0, i_A), 0.0])
     latch(parameters, state, values)
     expected = np.array(i_A) - np.mean(i_A)

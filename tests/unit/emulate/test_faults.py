@@ -17,7 +17,7 @@ from motord.emulate.bridge.board import Board
 from motord.emulate.control import ControlSocket, control_path, inject
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
-from motord.emulate.faults import Injector, check_timeline
+from motord.emulate.faults import Injector
 from motord.rig.truth import RigTruth
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus
 from motord.wire.bridge import frames
@@ -199,7 +199,7 @@ def test_random_timelines_end_as_they_began(injected, seed):
 
 def test_faults_that_cannot_be_here(injected):
     with pytest.raises(ConfigError, match="supervisor_silent is not possible here"):
-        check_timeline(Timeline(fault=(Fault(kind="supervisor_silent"),)))
+        Timeline(fault=(Fault(kind="supervisor_silent"),)).check_place("emulate")
     with pytest.raises(ValueError, match="not possible here"):
         injected.injector.add(Fault(kind="supervisor_silent"), 0)
 
@@ -277,7 +277,7 @@ def test_examples_are_for_the_emulator():
     from motord.config.faults import load_timeline
 
     for path in sorted((Path(EMULATED).parent / "faults").glob("*.toml")):
-        check_timeline(load_timeline(path))
+        load_timeline(path).check_place("emulate")
 
 
 def test_kinds_are_listed():

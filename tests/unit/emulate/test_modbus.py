@@ -7,7 +7,7 @@ from pymodbus.client import ModbusTcpClient
 from motord.config import ModbusConfig
 from motord.emulate import EmulatorError
 from motord.emulate.devices import RegisterDevice
-from motord.emulate.modbus import ModbusServers, place_of
+from motord.emulate.modbus import ModbusServers
 from tests.support.ports import free_port
 
 
@@ -67,5 +67,5 @@ def test_status_and_value_are_read_only():
 
 
 def test_places_in_words():
-    assert place_of(ModbusConfig(host="10.0.0.1", tcp_port=502)) == "10.0.0.1:502"
-    assert place_of(ModbusConfig(transport="rtu", serial_port="/dev/x")) == "/dev/x"
+    assert ModbusConfig(host="10.0.0.1", tcp_port=502).place == "10.0.0.1:502"
+    assert ModbusConfig(transport="rtu", serial_port="/dev/x").place == "/dev/x"

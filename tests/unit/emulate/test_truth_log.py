@@ -7,7 +7,6 @@ def fill(log: TruthLog, torques_Nm, on=1):
     for torque_Nm in torques_Nm:
         row = log.next_row()
         row.torque_Nm, row.inverter_on = torque_Nm, on
-        log.flush_if_full()
 
 
 def test_blocks_reach_the_sink_whole_and_in_order():

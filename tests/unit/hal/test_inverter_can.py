@@ -15,7 +15,7 @@ from motord.hal.inverter.phase_currents import CanInverter
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from tests.contract.benches import new_command, new_feedback
-from tests.contract.peers import SIGNALS, Drive, bench, can_config, until
+from tests.contract.peers import SIGNALS, Drive, bench, can_config, encode_feedback, until
 
 NOW_NS = 1_800_000_000_000_000_000
 BUS_OFF = InverterStatus.BUS_OFF
@@ -67,7 +67,7 @@ def wrapped(bus: SilentBus) -> PythonCan:
 def pair() -> Iterator[tuple[CanInverter, SilentBus]]:
     driver, bus = CanInverter(bench()), SilentBus()
     opened = wrapped(bus)
-    driver._drive._bus, driver._drive._state = opened, opened.state
+    driver._bus, driver._state = opened, opened.state
     yield driver, bus
     driver.close()
 
@@ -179,7 +179,7 @@ def test_times_of_another_clock_are_not_used(pair: tuple[CanInverter, SilentBus]
         can.Message(
             arbitration_id=m.identifier, is_extended_id=False, is_fd=True, data=data, timestamp=12.5
         )
-        for m, data in codec.encode_feedback(values, 0)
+        for m, data in encode_feedback(codec, values, 0)
     ]
     assert read(driver, NOW_NS).t_inverter_ns == NOW_NS
 
@@ -201,7 +201,7 @@ def test_feedback_age_is_taken_off() -> None:
 
 def feedback_of(values: dict[str, float], counter: int, only: int) -> tuple[int, bytes]:
     codec = dbc.load(can_config())
-    message, data = codec.encode_feedback(values, counter)[only]
+    message, data = encode_feedback(codec, values, counter)[only]
     return message.key, data
 
 

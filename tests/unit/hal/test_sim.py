@@ -7,8 +7,8 @@ import pytest
 
 from motord import config
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.base import BridgeStatus, InverterStatus
 from motord.hal.sim.rig import SimRig
+from motord.schema import BridgeStatus, InverterStatus
 
 T0_NS = 1_800_000_000_000_000_000
 READY_AND_LINE = InverterStatus.READY | InverterStatus.ENABLE_LINE

@@ -9,11 +9,10 @@ from motord import config
 from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.base import InverterStatus
 from motord.hal.sim.faults import NEVER_NS, SimFaults
 from motord.hal.sim.rig import SimRig
-from motord.rig.types import new_input
-from motord.schema import FAULT_COUNT_SHIFT
+from motord.rig.types import RIG_INPUT
+from motord.schema import FAULT_COUNT_SHIFT, InverterStatus
 
 T0_NS = 1_800_000_000_000_000_000
 MS = 1_000_000
@@ -46,7 +45,7 @@ def test_faults_begin_and_end_counted_from_the_first_read(tmp_path: Path) -> Non
 def test_a_stall_sleeps_and_nothing_stays() -> None:
     slept: list[float] = []
     timeline = Timeline(fault=(Fault(kind="host_stall", at_s=0.01, for_s=0.03),))
-    faults = SimFaults(timeline, new_input(), slept.append)
+    faults = SimFaults(timeline, np.zeros(1, RIG_INPUT), slept.append)
     faults.play(T0_NS)
     assert faults.due_ns == T0_NS + 10 * MS
     faults.play(T0_NS + 10 * MS)
@@ -57,9 +56,9 @@ def test_a_stall_sleeps_and_nothing_stays() -> None:
 
 
 def test_without_a_timeline_nothing_is_ever_due() -> None:
-    assert SimFaults(Timeline(), new_input()).due_ns == NEVER_NS
+    assert SimFaults(Timeline(), np.zeros(1, RIG_INPUT)).due_ns == NEVER_NS
 
 
 def test_faults_of_wires_need_wires() -> None:
     with pytest.raises(ConfigError, match="can_drop is not possible here, only in: emulate, virt"):
-        SimFaults(Timeline(fault=(Fault(kind="can_drop"),)), new_input())
+        SimFaults(Timeline(fault=(Fault(kind="can_drop"),)), np.zeros(1, RIG_INPUT))

@@ -8,8 +8,7 @@ import numpy as np
 from motord import config
 from motord.control import parameters
 from motord.control.types import COMMAND, SETPOINT
-from motord.hal.base import InverterStatus
-from motord.schema import BridgeStatus, Request
+from motord.schema import BridgeStatus, InverterStatus, Request
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter

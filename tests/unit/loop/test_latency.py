@@ -11,8 +11,7 @@ import pytest
 
 from motord.config import LoopConfig
 from motord.loop import rt_setup
-from motord.loop.latency import cyclictest, measured_loop, measurement
-from motord.loop.latency.error import LatencyError
+from motord.loop.latency import LatencyError, cyclictest, measured_loop, measurement
 from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.latency.measurement import (
     LoopOnDemand,

@@ -12,13 +12,14 @@ from motord.hal import registry
 from motord.hal.base import DeviceError
 from motord.loop import main as entry
 from motord.loop import process, rt_setup
-from motord.loop.launch import loop_command, start_loop
+from motord.loop.launch import loop_command
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
 from motord.shm.shared_records import SharedFileError
 from motord.shm.tables import TablesWriter
+from tests.support.loop_process import start_loop
 from tests.unit.loop.bench import ScriptedRig, Supervisor, write_bench
 
 WARM_UP_READS = 3

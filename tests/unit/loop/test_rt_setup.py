@@ -215,9 +215,10 @@ def test_preemption(flag: str, version: str, model: str) -> None:
 def test_system_files(tmp_path: Path) -> None:
     (tmp_path / "n").write_text("-1\n")
     (tmp_path / "t").write_text("text\n")
-    assert rt_setup.read_number(str(tmp_path / "n")) == -1
-    assert rt_setup.read_number(str(tmp_path / "t")) is None
-    assert rt_setup.read_text(str(tmp_path / "none")) == ""
+    host = rt_setup.Host(tmp_path)
+    assert host.number("n") == -1
+    assert host.number("t") is None
+    assert host.text("none") == ""
 
 
 def test_apply_asks_for_everything_the_scheduler_last(

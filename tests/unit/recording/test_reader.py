@@ -41,6 +41,7 @@ from motord.recording.reader import Run, open_run, open_run_unfinished_or_not
 from motord.recording.writer import RunWriter
 from motord.schema import TICK, TICK_DTYPE, TRUTH_DTYPE, Field, Record
 from motord.wire.ticks.blocks import BlockCodec
+from motord.wire.ticks.proto_text import descriptor_set
 from tests.unit.recording.runs import PERIOD_NS, START_NS, same, tick_block, truth_block, write_run
 
 COUNT = 700
@@ -337,7 +338,7 @@ def write_with_library(
         writer = Writer(file, **options)
         writer.start()
         codec = BlockCodec(record)
-        schema = writer.register_schema("motord.Tick", "protobuf", codec.descriptor_set())
+        schema = writer.register_schema("motord.Tick", "protobuf", descriptor_set(record))
         other = writer.register_channel("/other", "json", 0)
         channel = writer.register_channel(topic, "protobuf", schema)
         for row, message in zip(block, codec.encode(block), strict=True):
@@ -391,7 +392,7 @@ def unfinished_by(path: Path, record: Record, count: int, told: int | None = Non
     block["tick"] = np.arange(count)
     block["t_ns"] = START_NS + block["tick"].astype(np.int64)
     schema, channel = topics.TICKS.schema(), topics.TICKS.channel()
-    schema.data = codec.descriptor_set()
+    schema.data = descriptor_set(record)
     channel.metadata = {"message_bytes": str(codec.size if told is None else told)}
     layout, chunk = MessageArray(1, codec), ChunkBuilder()
     chunk.add_block(layout, block, block["t_ns"], block["tick"])
@@ -492,7 +493,7 @@ def test_channels_without_a_fixed_layout_do_not_disturb(tmp_path):
     path = tmp_path / "run.mcap"
     bad = Schema(id=9, name="other.Thing", encoding="protobuf", data=b"\xff")
     empty = Schema(id=10, name="motord.Tick", encoding="protobuf",
-                   data=BlockCodec(Record("Tick", "", ())).descriptor_set())  # fmt: skip
+                   data=descriptor_set(Record("Tick", "", ())))  # fmt: skip
     channels = [Channel(id=n, topic=f"/{n}", message_encoding="protobuf", metadata={}, schema_id=n)
                 for n in (9, 10, 11)]  # fmt: skip
     path.write_bytes(minimal(bad, empty, *channels))

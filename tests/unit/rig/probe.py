@@ -9,7 +9,7 @@ from motord.jit import jit
 from motord.rig.build import build
 from motord.rig.step import advance, fill_truth, sense
 from motord.rig.truth import RigTruth
-from motord.rig.types import RIG_OUTPUT, new_input, new_output
+from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TRUTH_DTYPE
 
 PLAIN: dict[str, Any] = {
@@ -33,7 +33,7 @@ class Probe:
     def __init__(self, truth: RigTruth, seed: int = 1, substep_s: float | None = None) -> None:
         self.truth_file = truth
         self.parameters, self.state = build(truth, seed, substep_s)
-        self.input, self.output = new_input(), new_output()
+        self.input, self.output = np.zeros(1, RIG_INPUT), np.zeros(1, RIG_OUTPUT)
 
     @property
     def substep_s(self) -> float:
@@ -57,7 +57,7 @@ class Probe:
 
     def truth(self) -> np.record:
         row = np.zeros(1, TRUTH_DTYPE)
-        fill_truth(self.parameters, self.state, 0, row[0])
+        fill_truth(self.state, 0, row[0])
         return row[0]
 
     def trace(
@@ -101,5 +101,5 @@ def _trace(
                 lag_rad = phase * 2.0 * math.pi / 3.0
                 rig_input[0].i_command_A[phase] = q_current_A * math.sin(angle_rad - lag_rad)
         sense(parameters, state, outputs[row : row + 1])
-        fill_truth(parameters, state, row, truths[row])
+        fill_truth(state, row, truths[row])
         advance(parameters, state, rig_input, step_s)

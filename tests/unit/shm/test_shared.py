@@ -9,7 +9,7 @@ import pytest
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE
 from motord.shm.shared_records import HEADER_BYTES, SharedFile, SharedFileError, layout_digest
 
-LAYOUT = layout_digest([TICK_DTYPE])
+LAYOUT = layout_digest(TICK_DTYPE)
 
 
 def test_words_and_memory_are_shared(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SharedFileError, match="not a ring file"):
         SharedFile.attach(tmp_path / "file", "ring", LAYOUT)
     with pytest.raises(SharedFileError, match="another version"):
-        SharedFile.attach(tmp_path / "file", "test", layout_digest([TRUTH_DTYPE]))
+        SharedFile.attach(tmp_path / "file", "test", layout_digest(TRUTH_DTYPE))
     (tmp_path / "short").write_bytes(b"short")
     with pytest.raises(SharedFileError, match="only 5 bytes"):
         SharedFile.attach(tmp_path / "short", "test", LAYOUT)
@@ -67,7 +67,7 @@ def test_no_room_is_said_and_leaves_nothing(
 
 def test_layout_digest_sees_name_type_and_place() -> None:
     def digest(*fields: tuple[str, str]) -> int:
-        return layout_digest([np.dtype(list(fields))])
+        return layout_digest(np.dtype(list(fields)))
 
     base = digest(("a", "f4"), ("b", "f4"))
     assert base == digest(("a", "f4"), ("b", "f4"))

@@ -32,7 +32,7 @@ def test_others_see_the_bridges_clock(tmp_path: Path) -> None:
     own = Timing.create(tmp_path / "timing")
     seen = Timing.attach(tmp_path / "timing")
     assert seen.clock == BoardClockError(0.0, 0.0)
-    own.set_board_clock(BoardClockError(-35.25, 12.5))
+    own.set_board_clock(-35.25, 12_500)
     assert seen.clock == BoardClockError(-35.25, 12.5)
     assert seen.copy().clock == seen.clock
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from motord.config import Config, ConfigError, load
 from motord.config.faults import KINDS, Fault, Timeline, load_timeline, random_timeline
 from motord.control.types import COMMAND, SETPOINT
-from motord.rig.types import new_input
+from motord.rig.types import RIG_INPUT
 from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State, Trip
 from motord.virtual.bench import VirtualBench
 from motord.virtual.faults import deliver_command, new_link
@@ -134,7 +134,11 @@ def test_a_repeated_run_gives_the_same_bits() -> None:
 @pytest.mark.parametrize("silent", [False, True])
 def test_a_board_that_starts_anew_holds_the_line_open_until_asked_to(silent: bool) -> None:
     """Heartbeats of a host that has not noticed do not close it; nor does it tell of their loss."""
-    link, command, rig_input = new_link(1, 0.1, 0.005, 1000), np.zeros(1, COMMAND), new_input()
+    link, command, rig_input = (
+        new_link(1, 0.1, 0.005, 1000),
+        np.zeros(1, COMMAND),
+        np.zeros(1, RIG_INPUT),
+    )
 
     def lines(enable: int, ticks: int = 1) -> set[int]:
         command["enable"] = enable

@@ -12,7 +12,7 @@ from motord import proto
 from motord.schema import TICK, TICK_DTYPE, TRUTH, Field, Record
 from motord.wire.ticks.blocks import BlockCodec, varint
 from motord.wire.ticks.pattern import ROWS_AT_ONCE
-from motord.wire.ticks.proto_text import descriptor_set, read_record
+from motord.wire.ticks.proto_text import descriptor_set, proto_text, read_record
 
 WIDE_NUMBERS = Record(
     "Wide",
@@ -30,7 +30,7 @@ records = pytest.mark.parametrize("record", RECORDS, ids=lambda r: r.name)
 
 
 def message_class(record: Record, name: str) -> type[Any]:
-    files = descriptor_pb2.FileDescriptorSet.FromString(BlockCodec(record).descriptor_set())
+    files = descriptor_pb2.FileDescriptorSet.FromString(descriptor_set(record))
     pool = descriptor_pool.DescriptorPool()
     for file in files.file:
         pool.Add(file)
@@ -174,12 +174,12 @@ def test_shipped_proto_files_are_current():
 def test_proto_files_are_written_to_their_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(proto, "FOLDER", tmp_path)
     proto.write()
-    assert (tmp_path / "tick.proto").read_text() == BlockCodec(TICK).proto_text()
+    assert (tmp_path / "tick.proto").read_text() == proto_text(TICK)
 
 
 @records
 def test_proto_text_gives_every_field_its_unit_and_meaning(record):
-    text = BlockCodec(record).proto_text()
+    text = proto_text(record)
     for field in record.fields:
         line = next(row for row in text.splitlines() if f" {field.name} = {field.number};" in row)
         assert line.strip().startswith(f"{field.kind} ")
@@ -189,7 +189,7 @@ def test_proto_text_gives_every_field_its_unit_and_meaning(record):
 
 @records
 def test_a_record_is_read_back_from_its_descriptor(record):
-    read = read_record(BlockCodec(record).descriptor_set(), f"motord.{record.name}")
+    read = read_record(descriptor_set(record), f"motord.{record.name}")
     assert read.name == record.name
     assert [(f.number, f.name, f.kind) for f in read.fields] == [
         (f.number, f.name, f.kind) for f in record.fields
@@ -200,13 +200,12 @@ def test_a_record_is_read_back_from_its_descriptor(record):
 
 
 def test_descriptors_that_are_not_of_fixed_layout_are_refused():
-    codec = BlockCodec(TICK)
     with pytest.raises(ValueError, match="not a FileDescriptorSet"):
         read_record(b"\xff\xff\xff", "motord.Tick")
     with pytest.raises(ValueError, match=r"no message motord\.Tock"):
-        read_record(codec.descriptor_set(), "motord.Tock")
+        read_record(descriptor_set(TICK), "motord.Tock")
     with pytest.raises(ValueError, match="field 'ticks' is not of fixed width"):
-        read_record(codec.descriptor_set(), "motord.Ticks")
+        read_record(descriptor_set(TICK), "motord.Ticks")
     number = Field(3, "x", "float", "", "")
     for fields, reason in (
         ((number, Field(4, "x", "float", "", "")), "share a name"),

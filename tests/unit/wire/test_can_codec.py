@@ -16,7 +16,7 @@ from motord.wire.bridge.crc import crc8
 from motord.wire.can import dbc
 from motord.wire.can.codec import FEEDBACK_SLOTS, Checks, InverterCodec, MessageCodec
 from motord.wire.can.signal import SignalCodec
-from tests.contract.peers import SIGNALS
+from tests.contract.peers import SIGNALS, encode_feedback
 
 SCALES = [1, 2, 0.002, 0.5, -0.25, 1e-6, 3.7]
 OFFSETS = [0, 0.5, -40, 1000]
@@ -171,7 +171,7 @@ def test_feedback_there_and_back(inverter: InverterCodec, values: dict[str, floa
     values["status"] = abs(round(values["status"]))
     values["u_bus_V"] = abs(values["u_bus_V"])
     seen: dict[str, float] = {}
-    for codec, payload in inverter.encode_feedback(values, 17):
+    for codec, payload in encode_feedback(inverter, values, 17):
         assert len(payload) == codec.size_bytes
         assert codec.counter(payload) == 1
         decoded = codec.decode(payload)

@@ -109,7 +109,7 @@ def test_padding_to_a_length_that_can_fd_has(tmp_path: Path) -> None:
 def test_extended_identifier(tmp_path: Path) -> None:
     text = HEADER + COMMAND.format(identifier=0x18FF0102 | EXTENDED) + FEEDBACK
     command = load(write(tmp_path, text)).command
-    assert (command.identifier, command.extended) == (0x18FF0102, True)
+    assert command.key == 0x18FF0102 | EXTENDED
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from motord.config import CanConfig, InverterConfig, packaged
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec
+from motord.wire.can.frame_format import EXTENDED
 from tests.contract.peers import DQ_SIGNALS
 
 DOCS = Path(__file__).parents[3] / "docs" / "drives.md"
@@ -45,7 +46,7 @@ def test_every_example_loads(name: str) -> None:
 def test_vesc_current_as_in_its_document() -> None:
     """51 A are 0000C738; the identifier is the command, 1, and the VESC's."""
     command = drive("vesc").command
-    assert (command.identifier, command.extended) == (0x101, True)
+    assert command.key == 0x101 | EXTENDED
     assert drive("vesc").encode_command((0.0, 51.0), True, 0).hex() == "0000c738"
     status, *_ = (m for m in drive("vesc").feedback if m.name == "Status")
     assert status.identifier == 0x901
@@ -72,7 +73,7 @@ def test_odrive_takes_a_float() -> None:
 def test_moteus_subframes() -> None:
     """Write mode 9, write q and d, read mode, both currents, and voltage to fault."""
     codec = drive("moteus")
-    assert (codec.command.identifier, codec.command.extended) == (0x8001, True)
+    assert codec.command.key == 0x8001 | EXTENDED
     payload = codec.encode_command((-1.5, 6.25), True, 0)
     currents = struct.pack("<ff", 6.25, -1.5).hex()
     assert payload.hex() == "010009" + "0e1c" + currents + "1100" + "1e04" + "170d" + "50"

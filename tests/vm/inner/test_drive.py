@@ -92,7 +92,7 @@ def test_without_its_bus_the_driver_says_so_and_goes_on_with_it(
 def test_frames_of_others_do_not_wake_the_driver(pair: tuple[CanInverter, Drive]) -> None:
     driver, drive = pair
     ticks(driver, 3)
-    end = driver._drive._bus._socket
+    end = driver._bus._socket
     for number in range(200):
         drive.send(can.Message(arbitration_id=0x200 + number, is_extended_id=False))
     drive.send(can.Message(arbitration_id=0x180, is_extended_id=True))

@@ -32,7 +32,7 @@ class Board:
     The link's decoder counts corrupt frames in `check` and passes all good ones.
     """
 
-    def __init__(self, config: Config, reset_ns: int, serial: int = 1) -> None:
+    def __init__(self, config: Config, reset_ns: int) -> None:
         self.line_closed = False
         self.streaming = False
         self.rate_Hz = config.bridge.rate_Hz or config.loop.rate_Hz
@@ -42,7 +42,6 @@ class Board:
         self.faults_begun = 0
         self._configured_ns = round(config.bridge.heartbeat_timeout_s * 1e9)
         self._counts = config.motor.counts
-        self._serial = serial
         self._timeout_ns = self._configured_ns
         self._reset_ns = reset_ns
         self._may_close = False  # a heartbeat with enable = 0 has come since reset, Stop, silence
@@ -105,7 +104,7 @@ class Board:
             protocol=frames.PROTOCOL,
             firmware=FIRMWARE,
             board=BOARD_NAME,
-            serial=self._serial,
+            serial=1,
             rate_Hz=self.rate_Hz,
             counts=self._counts,
             layout=frames.LAYOUT_HASH,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import can
 
+from motord.can_interface import new_message
 from motord.config import BridgeCanConfig
 from motord.emulate.bridge.link import BoardEnd
 from motord.emulate.can import FRAMES_AT_ONCE, open_bus
@@ -77,13 +78,7 @@ class BoardCanLink(BoardEnd):
         self._bus.shutdown()
 
     def _transmit(self, piece: bytes) -> None:
-        message = can.Message(
-            arbitration_id=self._config.board_id,
-            is_extended_id=False,
-            is_fd=self._config.fd,
-            bitrate_switch=self._config.fd,
-            data=piece,
-        )
+        message = new_message(self._config.board_id, fd=self._config.fd, data=piece)
         try:
             self._bus.send(message, timeout=0)
         except can.CanError:

@@ -37,11 +37,3 @@ def open_link(
         link = FirmwareLink(port, machine, board)
     ports.callback(link.close)
     return link
-
-
-def bridge_place(config: Config) -> str:
-    """Return where the host finds the bridge."""
-    can = config.bridge.can
-    if config.bridge.driver == "can" and can is not None:
-        return f"{can.interface} {can.channel}"
-    return config.bridge.port

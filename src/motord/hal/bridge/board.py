@@ -99,7 +99,10 @@ class Bridge:
         self._link = self._open_link()
         try:
             self.hello = self._ask(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
-            self._check(self.hello)
+            unfit = self._unfit(self.hello)
+            if unfit is not None:
+                board = f"{self.hello.board_name} (firmware {self.hello.firmware_version})"
+                raise self._error(f"{board} {unfit}")
             self._number = self.hello.heartbeat_next
             status = self._ask(self._configure(), frames.Status)
             if status.rate_Hz != self._rate_Hz:
@@ -132,7 +135,7 @@ class Bridge:
         feedback["encoder_gray"] = sample.encoder_gray
         feedback["torque_Nm"] = sample.torque_counts * self._torque_Nm_per_count
         feedback["bridge_status"] = sample.status
-        errors = self._errors()
+        errors = self._lost_by_board + (self._link.errors if self._link is not None else 0)
         if self._errors_before is None:
             self._errors_before = errors
         feedback["link_errors"] += errors - self._errors_before
@@ -204,10 +207,6 @@ class Bridge:
         if self._link is not None:
             self._link.send(frame, number % frames.SEQUENCE_MODULUS)
 
-    def _errors(self) -> int:
-        link_errors = self._link.errors if self._link is not None else 0
-        return link_errors + self._lost_by_board
-
     def _configure(self) -> frames.Configure:
         return frames.Configure(self._rate_Hz, round(self._config.heartbeat_timeout_s * 1e6))
 
@@ -232,11 +231,6 @@ class Bridge:
                 else "nothing at all; is the board powered, and is this where it is?"
             )
         )
-
-    def _check(self, hello: frames.Hello) -> None:
-        why = self._unfit(hello)
-        if why is not None:
-            raise self._error(f"{hello.board_name} (firmware {hello.firmware_version}) {why}")
 
     def _unfit(self, hello: frames.Hello) -> str | None:
         """Return why this board cannot be used, as text behind its name; None if it can."""

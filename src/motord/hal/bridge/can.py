@@ -72,7 +72,7 @@ class CanBridge(Bridge):
         can = config.bridge.can
         if can is None:
             raise DeviceError("bridge: the CAN driver needs a table [bridge.can]")
-        name = f"bridge on {can.interface} {can.channel}"
+        name = f"bridge on {can.place}"
         super().__init__(
             config,
             name,

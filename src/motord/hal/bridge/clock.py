@@ -10,6 +10,7 @@ the drift comes from the heartbeats alone.
 import time
 
 from motord.hal.bridge.drift_estimator import HeartbeatLine, SampleBound
+from motord.wire.bridge.frames import CLOCK_MODULUS_US
 
 HEARTBEAT_LATENCY_NS = 100_000
 """Half the round trip is taken for the heartbeat's way, but never more than this: what else is in
@@ -49,7 +50,7 @@ class LoopClock:
 
 
 class BoardClock:
-    """Maps a board's wrapping counter of `unit_ns` steps to the loop's clock.
+    """Maps a board's counter of microseconds, which wraps, to the loop's clock.
 
     Two-way: `received` for every reading of samples, `heartbeat` whenever the board reports when it
     received one. Without heartbeats a sample's time is late by the least delay until it is read. A
@@ -57,12 +58,10 @@ class BoardClock:
     `jitter_ns` is the mean deviation of the samples' delay until they are read from its mean.
     """
 
-    def __init__(self, unit_ns: int = 1000, modulus: int = 1 << 32) -> None:
+    def __init__(self) -> None:
         self.resets = 0
         self.jitter_ns = 0.0
         self._delay_ns = 0.0
-        self._unit_ns = unit_ns
-        self._modulus = modulus
         self._ticks: int | None = None
         self._board_ns = 0
         self._upper: SampleBound | None = None
@@ -77,7 +76,10 @@ class BoardClock:
     def reset(self) -> None:
         """Forget the board's clock: the board says that it has started anew."""
         self.resets += 1
-        self._forget()
+        self._ticks = None
+        self._board_ns = 0
+        self._upper = self._lower = None
+        self._late_since_ns = None
 
     def received(self, ticks: int, arrival_ns: int) -> int:
         """Return the loop's time of a sample taken at `ticks` and read at `arrival_ns`.
@@ -85,11 +87,11 @@ class BoardClock:
         Feed the newest sample of each reading; never later than `arrival_ns`.
         """
         if self._ticks is not None:
-            step = (ticks - self._ticks) % self._modulus
-            if step >= self._modulus // 2:
+            step = (ticks - self._ticks) % CLOCK_MODULUS_US
+            if step >= CLOCK_MODULUS_US // 2:
                 self.reset()
             else:
-                self._board_ns += step * self._unit_ns
+                self._board_ns += step * 1000
                 if self._jumped(arrival_ns):
                     self.reset()
         self._ticks = ticks
@@ -112,9 +114,9 @@ class BoardClock:
         """
         if self._ticks is None or self._upper is None:
             return
-        half = self._modulus // 2
-        step = (ticks - self._ticks + half) % self._modulus - half
-        board_ns = self._board_ns + step * self._unit_ns
+        half = CLOCK_MODULUS_US // 2
+        step = (ticks - self._ticks + half) % CLOCK_MODULUS_US - half
+        board_ns = self._board_ns + step * 1000
         value_ns = board_ns - sent_ns
         contradiction_ns = -value_ns - self._upper.at(board_ns)
         if contradiction_ns < JUMP_NS:
@@ -144,9 +146,3 @@ class BoardClock:
         if self._late_since_ns is None:
             self._late_since_ns = arrival_ns
         return arrival_ns - self._late_since_ns > LATE_NS
-
-    def _forget(self) -> None:
-        self._ticks = None
-        self._board_ns = 0
-        self._upper = self._lower = None
-        self._late_since_ns = None

@@ -1,4 +1,4 @@
-"""Lines through the least of noisy values: what `hal.clock` knows of a board's clock.
+"""Lines through the least of noisy values: what `hal.bridge.clock` knows of a board's clock.
 
 Time is cut into windows, of which the least value each is kept; a line lies along these. So what
 comes late now and then, however late, leaves no trace.
@@ -69,10 +69,7 @@ class HeartbeatLine(_Windows):
     without one prompt heartbeat may be many on a busy computer.
     """
 
-    def __init__(self, t_ns: int, value_ns: int) -> None:
-        """Start with a first value at time `t_ns`."""
-        super().__init__(t_ns, value_ns)
-        self._fits = 0
+    _fits = 0
 
     def add(self, t_ns: int, value_ns: int) -> bool:
         """Take a value; return whether the line has changed."""

@@ -7,14 +7,14 @@ from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 
 
-class SerialLink:
+class SerialLink(SerialPort):
     """A `BridgeLink` on a serial port."""
 
     stamp_ns = 0
 
     def __init__(self, config: BridgeConfig) -> None:
         """Open the port. Raises DeviceError."""
-        self._port = SerialPort(config.port, config.baud, "bridge")
+        super().__init__(config.port, config.baud, "bridge")
         self._decoder = StreamDecoder()
         self._bytes = 0
 
@@ -26,25 +26,17 @@ class SerialLink:
     @property
     def errors(self) -> int:
         """Return the frames lost, corrupt or refused so far."""
-        return self._decoder.errors + self._port.failures
+        return self._decoder.errors + self.failures
 
     def receive(self) -> list[frames.Numbered]:
         """Return the good frames that have arrived."""
-        data = self._port.read()
+        data = self.read()
         self._bytes += len(data)
         return self._decoder.feed(data) if data else []
 
     def send(self, frame: frames.Frame, number: int) -> None:
         """Send a frame."""
-        self._port.write(frames.encode(frame, number))
-
-    def wait(self, timeout_s: float) -> None:
-        """Wait until something has arrived."""
-        self._port.wait(timeout_s)
-
-    def close(self) -> None:
-        """Release the port."""
-        self._port.close()
+        self.write(frames.encode(frame, number))
 
 
 class SerialBridge(Bridge):

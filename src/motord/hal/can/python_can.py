@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import can
 
-from motord.can_interface import interface_options, open_interface
+from motord.can_interface import interface_options, new_message, open_interface
 from motord.config import CanBusConfig
 from motord.hal.can.base import FRAMES_AT_ONCE, BusState, CanFrame
 from motord.hal.can.slcan_port import read_in_bulk
@@ -55,7 +55,7 @@ class PythonCan:
         """Send a frame: CAN FD with the higher bit rate if the bus is CAN FD, else classical."""
         message = self._outgoing.get(key)
         if message is None:
-            message = self._outgoing[key] = self._message(key)
+            message = self._outgoing[key] = new_message(key, fd=self._fd)
         message.data[:] = payload
         message.dlc = len(payload)
         try:
@@ -86,14 +86,6 @@ class PythonCan:
             self._host_stamps = abs(message.timestamp - time.time()) < HOST_STAMP_S
         stamp_ns = int(message.timestamp * 1e9) if self._host_stamps else 0
         received.append((key, bytes(message.data), stamp_ns))
-
-    def _message(self, key: int) -> can.Message:
-        return can.Message(
-            arbitration_id=key & ~EXTENDED,
-            is_extended_id=key >= EXTENDED,
-            is_fd=self._fd,
-            bitrate_switch=self._fd,
-        )
 
 
 def open_python_can(config: CanBusConfig) -> PythonCan:

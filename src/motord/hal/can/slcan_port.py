@@ -13,6 +13,7 @@ import os
 import termios
 import time
 from collections.abc import Mapping
+from io import BytesIO
 from typing import Any
 
 import can
@@ -137,19 +138,6 @@ def _taken(port: serial.Serial) -> int:
     return fd
 
 
-class _Lines:
-    """Keeps what slcan writes."""
-
-    def __init__(self) -> None:
-        self.lines = b""
-
-    def write(self, data: bytes) -> None:
-        self.lines += data
-
-    def flush(self) -> None:
-        pass
-
-
 def read_in_bulk(bus: can.BusABC, settings: Mapping[str, object]) -> None:
     """Let an slcan bus on a serial port of this computer use a `BulkPort`; leave others alone.
 
@@ -159,7 +147,7 @@ def read_in_bulk(bus: can.BusABC, settings: Mapping[str, object]) -> None:
     port = getattr(bus, "serialPortOrig", None)
     if not isinstance(port, serial.Serial):
         return
-    holder.serialPortOrig = said = _Lines()
+    holder.serialPortOrig = said = BytesIO()
     if settings.get("btr") is not None:
         holder.set_bitrate_reg(settings["btr"])
     elif settings.get("bitrate") is not None:
@@ -167,4 +155,4 @@ def read_in_bulk(bus: can.BusABC, settings: Mapping[str, object]) -> None:
     else:
         holder.open()
     holder.serialPortOrig = port  # to be closed if it cannot be taken
-    holder.serialPortOrig = BulkPort(port, said.lines)
+    holder.serialPortOrig = BulkPort(port, said.getvalue())

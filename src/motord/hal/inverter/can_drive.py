@@ -1,94 +1,91 @@
-"""One drive on a CAN bus, whatever it takes as its command: opening, reading, errors.
+"""One drive on a CAN bus, whatever it takes as its command: opening, reading, sending, errors.
 
-The loop pays per tick for one send and one receive, whatever number of frames has arrived.
+The messages come from the bench's DBC, the bus is any that `motord.hal.can.bus` opens. The loop
+pays per tick for one send and one receive, whatever number of frames has arrived.
 """
 
 import time
-from collections.abc import Callable, Collection
-from typing import Protocol
+from typing import ClassVar
 
-from motord.config import CanConfig
+import numpy as np
+
+from motord.config import Config
 from motord.hal.base import DeviceError
 from motord.hal.bridge.clock import LoopClock
 from motord.hal.can.base import BusState, CanBus
 from motord.hal.can.bus import open_bus
-from motord.wire.can.codec import MessageCodec
+from motord.hal.inverter.feedback import CanFeedback
+from motord.schema import InverterStatus
+from motord.wire.can import dbc
 from motord.wire.can.frame_format import EXTENDED
 
 _OPEN_ASK_S = 0.02
 
 
-class Feedback(Protocol):
-    """What puts the drive's messages together (`CanFeedback`)."""
-
-    @property
-    def keys(self) -> Collection[int]:
-        """Return the keys of the messages it takes."""
-
-    @property
-    def errors(self) -> int:
-        """Return the frames lost, corrupt or repeated so far."""
-
-    def take(self, key: int, payload: bytes, t_ns: int) -> None:
-        """Take a frame that arrived at `t_ns` of the loop's clock."""
-
-    def missing(self) -> list[MessageCodec]:
-        """Return the messages of which no good frame has come yet."""
-
-    def corrupt(self) -> list[MessageCodec]:
-        """Return the messages of which frames came that were not good."""
-
-
 class CanDrive:
-    """The bus and what comes from the drive on it. `command_key` is what we ourselves send."""
+    """A drive whose messages a DBC describes: an `InverterDriver` but for `write`."""
 
-    def __init__(self, config: CanConfig, feedback: Feedback, command_key: int) -> None:
-        self.name = f"inverter on {config.interface} {config.channel}"
-        self._config = config
-        self._feedback = feedback
-        self._command_key = command_key
+    NO_CURRENT_A: ClassVar[tuple[float, ...]]
+    """What is sent where no current shall flow."""
+
+    def __init__(self, config: Config) -> None:
+        """Compile the drive's messages; nothing is opened. Raises ConfigError, DeviceError."""
+        can = config.inverter.can
+        if can is None:
+            raise DeviceError("inverter: the CAN driver needs a table [inverter.can]")
+        self.name = f"inverter on {can.place}"
+        self._config = can
+        self._codec = dbc.load(can)
+        self._feedback = CanFeedback(self._codec, round(config.inverter.feedback_age_s * 1e9))
+        self._counter = 0
         self._bus: CanBus | None = None
         self._state = BusState()
         self._clock = LoopClock()
         self._errors_before: int | None = None  # link errors count from the first read
 
-    @property
-    def off(self) -> bool:
-        """Return whether the controller is off the bus, or the bus takes no frames."""
-        return self._state.off
-
-    def open(self, ask: Callable[[], None]) -> None:
-        """Open the bus and wait until every feedback message has come; `ask` sends the drive a
-        command that does no harm. Raises DeviceError."""
+    def open(self) -> None:
+        """Open the bus and wait until every feedback message has come. Raises DeviceError."""
         bus = open_bus(self._config, self.name)
         self._bus, self._state = bus, bus.state
         try:
-            self._await_feedback(bus, ask)
+            self._await_feedback(bus)
             bus.listen(self._feedback.keys)
         except BaseException:
-            self.close()
+            self._bus = None
+            bus.close()
             raise
 
-    def read(self, now_ns: int) -> int:
-        """Hand the feedback all frames that have arrived; returns the link errors so far."""
+    def read(self, now_ns: int, feedback: np.ndarray) -> None:
+        """Fill t_inverter_ns, i_A, u_V, u_bus_V, temperature_C, inverter_status; add errors."""
         self._clock.observe(now_ns)
         if self._bus is not None:
             self._take(self._bus, now_ns)
+        self._feedback.fill(feedback)
         errors = self._state.errors + self._feedback.errors
         if self._errors_before is None:
             self._errors_before = errors
-        return errors - self._errors_before
+        feedback["link_errors"] += errors - self._errors_before
+        if self._state.off:
+            feedback["inverter_status"] |= int(InverterStatus.BUS_OFF)
 
-    def send(self, payload: bytes) -> None:
-        """Send the command's message; nothing happens while the bus is closed."""
-        if self._bus is not None:
-            self._bus.send(self._command_key, payload)
+    def safe_stop(self) -> None:
+        """Send zero current and disable; twice, in case a frame is lost."""
+        self._send(self.NO_CURRENT_A, False)
+        self._send(self.NO_CURRENT_A, False)
 
     def close(self) -> None:
-        """Release the bus; may be called twice."""
+        """Stop safely and release the bus; may be called twice."""
+        self.safe_stop()
         bus, self._bus = self._bus, None
         if bus is not None:
             bus.close()
+
+    def _send(self, currents_A: tuple[float, ...], enable: bool) -> None:
+        """Send the command's message; nothing happens while the bus is closed."""
+        payload = self._codec.encode_command(currents_A, enable, self._counter)
+        self._counter += 1
+        if self._bus is not None:
+            self._bus.send(self._codec.command.key, payload)
 
     def _take(self, bus: CanBus, now_ns: int, timeout_s: float = 0.0) -> set[int]:
         """Take what has come, at most waiting for the first; returns the keys."""
@@ -98,13 +95,13 @@ class CanDrive:
             self._feedback.take(key, payload, stamp_ns + system_ns if stamp_ns else now_ns)
         return {key for key, _, _ in frames} if timeout_s else set()
 
-    def _await_feedback(self, bus: CanBus, ask: Callable[[], None]) -> None:
+    def _await_feedback(self, bus: CanBus) -> None:
         deadline_s = time.monotonic() + self._config.connect_timeout_s
         received: set[int] = set()
         while self._feedback.missing():
             if time.monotonic() >= deadline_s:
                 raise self._silence(received)
-            ask()
+            self._send(self.NO_CURRENT_A, False)
             received |= self._take(bus, self._clock.now_ns(), _OPEN_ASK_S)
             if bus.state.failures:
                 raise DeviceError(f"{self.name}: the bus failed: {bus.state.last}")
@@ -118,7 +115,7 @@ class CanDrive:
             return DeviceError(f"{self.name}: {what}")
         missing = self._feedback.missing()
         names = " and ".join(f"{m.name} (0x{m.identifier:x})" for m in missing)
-        others = sorted(key & ~EXTENDED for key in received - {self._command_key})
+        others = sorted(key & ~EXTENDED for key in received - {self._codec.command.key})
         what = f"no {names} within {self._config.connect_timeout_s:g} s, "
         if others:
             listed = ", ".join(f"0x{identifier:x}" for identifier in others[:8])

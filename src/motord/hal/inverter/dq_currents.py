@@ -12,11 +12,11 @@ import numpy as np
 
 from motord.config import Config
 from motord.control.park import DqFrame
-from motord.hal.inverter.phase_currents import CanInverter
+from motord.hal.inverter.can_drive import CanDrive
 
 
-class DqInverter(CanInverter):
-    """An `InverterDriver` for a drive with `[inverter.dq]` axes whose messages a DBC describes."""
+class DqInverter(CanDrive):
+    """An `InverterDriver` for a drive with `[inverter.dq]` axes."""
 
     NO_CURRENT_A = (0.0, 0.0)
 

@@ -84,9 +84,10 @@ class ModbusDevice:
         return self._exchange(f"read of {table} register {register.address}", request)
 
     def _exchange(self, what: str, request: ModbusRequest) -> list[int]:
-        link = self._connected()
+        if self._link is None:
+            self._link = self._connect()
         try:
-            response = link.exchange(self._config.unit, request)
+            response = self._link.exchange(self._config.unit, request)
         except TimeoutError as error:
             self.close()
             received = f", only {error}" if str(error) else ""
@@ -105,11 +106,6 @@ class ModbusDevice:
             raise self._error(f"{what}: device answers exception {response.code} ({name})")
         return response
 
-    def _connected(self) -> ModbusLink:
-        if self._link is None:
-            self._link = self._connect()
-        return self._link
-
     def _connect(self) -> ModbusLink:
         config = self._config
         try:
@@ -125,10 +121,7 @@ class ModbusDevice:
 
     def _error(self, what: str) -> DeviceError:
         config = self._config
-        place = (
-            f"{config.host}:{config.tcp_port}" if config.transport == "tcp" else config.serial_port
-        )
-        return DeviceError(f"[{self._name}.modbus] {place} unit {config.unit}: {what}")
+        return DeviceError(f"[{self._name}.modbus] {config.place} unit {config.unit}: {what}")
 
 
 def brake(config: Config) -> ModbusDevice:

@@ -9,7 +9,7 @@ import select
 import socket
 import threading
 import time
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import serial
 
@@ -29,20 +29,6 @@ PAUSE_CHARACTERS = 3.5
 BITS_PER_CHARACTER = 11
 PAUSE_LEAST_S = 0.00175
 """Silence between two frames on a serial line, as the Modbus specification has it."""
-
-
-class ModbusLink(Protocol):
-    """A way to exchange requests and responses with Modbus devices."""
-
-    def exchange(self, unit: int, request: ModbusRequest) -> ModbusResponse:
-        """Return the response of `unit`.
-
-        Raises TimeoutError if none comes, ValueError for one that does not fit, and OSError if
-        the link is lost.
-        """
-
-    def close(self) -> None:
-        """Release it; may be called twice."""
 
 
 class _Deadline:
@@ -75,7 +61,11 @@ class TcpLink:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def exchange(self, unit: int, request: ModbusRequest) -> ModbusResponse:
-        """Return the response of `unit`. Raises TimeoutError, ValueError, OSError."""
+        """Return the response of `unit`.
+
+        Raises TimeoutError if none comes, ValueError for one that does not fit, and OSError if
+        the link is lost.
+        """
         self._transaction = (self._transaction + 1) % TRANSACTIONS
         self._socket.sendall(tcp_frame(self._transaction, unit, request))
         deadline = _Deadline(self._timeout_s)
@@ -219,6 +209,9 @@ class _SerialLine:
             if self._open.get(self._path) is self:
                 del self._open[self._path]
             self._port.close()
+
+
+ModbusLink = TcpLink | RtuLink
 
 
 def _settings(config: ModbusConfig) -> tuple[int, str, int]:

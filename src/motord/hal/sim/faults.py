@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from motord.config import ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.rig import faults as rig_faults
 from motord.schema import FAULT_COUNT_SHIFT
@@ -24,10 +23,7 @@ class SimFaults:
         self, timeline: Timeline, rig_input: np.ndarray, sleep: Callable[[float], None] = time.sleep
     ) -> None:
         """Raises ConfigError for faults that a bench simulated in the loop cannot have."""
-        try:
-            timeline.check_place("sim")
-        except ValueError as error:
-            raise ConfigError(f"[bench] faults: {error}") from None
+        timeline.check_place("sim", "[bench] faults: ")
         self.due_ns = 0 if timeline.fault else NEVER_NS
         self.status_bits = 0
         self._input = rig_input

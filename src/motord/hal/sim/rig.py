@@ -5,7 +5,6 @@ import numpy as np
 from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
 from motord.control.types import COMMAND, FEEDBACK
-from motord.hal.base import InverterStatus
 from motord.hal.sim.faults import SimFaults
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
 from motord.rig.build import build
@@ -17,9 +16,8 @@ from motord.rig.types import (
     RIG_OUTPUT,
     RIG_PARAMETERS,
     RIG_STATE,
-    new_input,
-    new_output,
 )
+from motord.schema import InverterStatus
 
 _TIMEOUT = int(InverterStatus.COMMAND_TIMEOUT)
 _PARAMETERS, _STATE, _INPUT, _OUTPUT, _FEEDBACK, _COMMAND = range(6)
@@ -54,7 +52,7 @@ class SimRig:
 
     def __init__(self, config: Config) -> None:
         self._rig = build(load(config.bench.rig), config.bench.seed)
-        self._input, self._output = new_input(), new_output()
+        self._input, self._output = np.zeros(1, RIG_INPUT), np.zeros(1, RIG_OUTPUT)
         self._feedback, self._command = np.zeros(1, FEEDBACK), np.zeros(1, COMMAND)
         self._frame = ArgumentBlock(
             *self._rig, self._input, self._output, self._feedback, self._command
@@ -110,7 +108,7 @@ class SimRig:
 
     def safe_stop(self) -> None:
         """Command zero current, open the enable line, release brake and drive."""
-        self._input[:] = new_input()
+        self._input[:] = 0
         self._deadline_ns = None
 
     def close(self) -> None:

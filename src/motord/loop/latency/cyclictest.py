@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 
-from motord.loop.latency.error import LatencyError
+from motord.loop.latency import LatencyError
 
 PACKAGE = "rt-tests"
 _PATIENCE_S = 30.0

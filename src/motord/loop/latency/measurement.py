@@ -12,13 +12,11 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from types import TracebackType
 
 import numpy as np
 
 from motord.config import LoopConfig
-from motord.loop.latency import cyclictest
-from motord.loop.latency.error import LatencyError
+from motord.loop.latency import LatencyError, cyclictest
 from motord.loop.latency.measured_loop import LoopSetup, Ready
 from motord.loop.main import ONE_THREAD
 from motord.loop.steal_time import stolen_ticks
@@ -68,11 +66,6 @@ class MeasuredSlices:
     clean: list[Timing] = field(default_factory=list)
     stolen: list[Timing] = field(default_factory=list)
 
-    @property
-    def all(self) -> list[Timing]:
-        """All slices."""
-        return self.clean + self.stolen
-
     def of(self, *, clean: bool) -> Timing:
         """Return all clean slices, or all others, as one."""
         whole = Timing()
@@ -119,12 +112,7 @@ class LoopOnDemand:
     def __enter__(self) -> "LoopOnDemand":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_error: object) -> None:
         if kind is not None:
             self._process.kill()
         self._process.communicate()

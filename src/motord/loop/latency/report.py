@@ -1,7 +1,5 @@
 """The figures of a latency measurement, for people and files."""
 
-from typing import Any
-
 from pydantic import BaseModel, ConfigDict
 
 from motord.loop.latency.measurement import Measured, MeasuredSlices, median_of_slices_us
@@ -49,18 +47,13 @@ class Condition(BaseModel):
     cyclictest: Figures | None = None
 
 
-class LatencyReport(BaseModel):
+class LatencyReport(Condition):
     """Figures over clean slices; `stolen` has those over the rest.
 
     `ratio` divides quantiles over all clean slices, `ratio_of_medians` the medians over clean
     slices of each slice's quantiles, which single disturbances hardly move.
     """
 
-    model_config = ConfigDict(frozen=True)
-
-    loop: Figures
-    work: Figures
-    cyclictest: Figures | None = None
     ratio: Ratio | None = None
     ratio_of_medians: Ratio | None = None
     slices: dict[str, int]
@@ -99,12 +92,11 @@ def report(measured: Measured) -> LatencyReport:
 
 def _condition(measured: Measured, *, clean: bool) -> Condition:
     loop = measured.loop.of(clean=clean)
-    figures: dict[str, Any] = {}
-    if measured.cyclictest is not None:
-        reference = measured.cyclictest.of(clean=clean)
-        figures["cyclictest"] = Figures.of(reference.wake_late, reference.missed)
+    reference = measured.cyclictest.of(clean=clean) if measured.cyclictest is not None else None
     return Condition(
-        loop=Figures.of(loop.wake_late, loop.missed), work=Figures.of(loop.work, 0), **figures
+        loop=Figures.of(loop.wake_late, loop.missed),
+        work=Figures.of(loop.work, 0),
+        cyclictest=Figures.of(reference.wake_late, reference.missed) if reference else None,
     )
 
 

@@ -26,7 +26,7 @@ class MessageArray:
         self.size = HEAD.size + codec.size
         constant = _CONSTANT.pack(Opcode.MESSAGE, self.size - RECORD_HEAD.size, channel)
         variable = HEAD.size - _CONSTANT.size
-        self.pattern = Pattern.fixed(constant) + Pattern.free(variable) + codec.pattern
+        self.pattern = Pattern(constant, variable, *codec.parts)
         self._head = np.dtype(
             {
                 "names": ["sequence", "log_time", "publish_time"],

@@ -1,9 +1,9 @@
 """The frames between host and bridge board, in both directions.
 
 The body of a frame is `type u8, sequence u16, payload, CRC-16 u16`, little-endian. On a serial wire
-it is byte-stuffed (`wire.cobs`) and ended by a zero byte; over CAN it is cut into pieces
-(`wire.can_pieces`). Each side numbers all the frames it sends. The CRC (`wire.crc.crc16`) covers
-type, sequence and payload. The layouts come from the firmware's header (`wire.bridge_layout`).
+it is byte-stuffed (`wire.bridge.cobs`) and ended by a zero byte; over CAN it is cut into pieces
+(`wire.bridge.segmentation`). Each side numbers all the frames it sends. The CRC covers
+type, sequence and payload. The layouts come from the firmware's header (`wire.bridge.layout`).
 `docs/protocols.md` tells who sends what when.
 
 Status words are those of `schema.BridgeStatus`. Times are the board's microsecond clock, which

@@ -9,8 +9,9 @@ the next length that CAN FD has. The receiver knows the length of a body from it
 The board's side is `firmware_bridge/protocol/can_pieces.c`.
 """
 
-from motord.wire.bridge.frames import BODY_BYTES, SEQUENCE_MODULUS, Hello, Numbered, unpack
+from motord.wire.bridge.frames import BODY_BYTES, Numbered, unpack
 from motord.wire.bridge.sequence import SequenceCheck
+from motord.wire.bridge.stream import FrameDecoder
 from motord.wire.can.frame_format import CLASSIC_BYTES, FD_BYTES, data_size
 
 FIRST = 0x80
@@ -92,36 +93,17 @@ def _fills(filling: bytes, piece_length: int, last: bool) -> bool:
     return not filling or (last and piece_length > CLASSIC_BYTES and not any(filling))
 
 
-class PieceDecoder:
-    """Turns pieces into frames, as `wire.stream.StreamDecoder` does with bytes."""
+class PieceDecoder(FrameDecoder):
+    """Turns pieces into frames, as `wire.bridge.stream.StreamDecoder` does with bytes."""
 
     def __init__(self, check: SequenceCheck | None = None) -> None:
+        super().__init__(check)
         self._joiner = PieceJoiner()
-        self._judges = check is None
-        self._check = check or SequenceCheck(SEQUENCE_MODULUS)
-
-    @property
-    def errors(self) -> int:
-        """Return the frames lost, corrupt or repeated so far; it never falls."""
-        return self._check.errors
 
     def feed(self, piece: bytes) -> Numbered | None:
-        """Return the frame that `piece` completes, if it is good and does not repeat the last.
-
-        A `Hello` starts a new count: the board has just started.
-        """
+        """Return the frame that `piece` completes, if it counts."""
         before = self._joiner.errors
         body = self._joiner.feed(piece)
         for _ in range(self._joiner.errors - before):
             self._check.corrupt()
-        if body is None:
-            return None
-        numbered = unpack(body)
-        if numbered is None:
-            self._check.corrupt()
-            return None
-        if not self._judges:
-            return numbered
-        if type(numbered.frame) is Hello:
-            self._check.restart()
-        return numbered if self._check.accept(numbered.sequence) else None
+        return None if body is None else self._counting(unpack(body))

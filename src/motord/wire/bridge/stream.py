@@ -15,16 +15,15 @@ from motord.wire.bridge.frames import (
 from motord.wire.bridge.sequence import SequenceCheck
 
 
-class StreamDecoder:
-    """Turns bytes into frames; how they were cut into pieces makes no difference.
+class FrameDecoder:
+    """Says which frames count: the good ones that do not repeat the one before.
 
-    With a `check` of the caller's, corrupt frames are counted there, and all good frames are
-    handed on: their numbers are the caller's to judge.
+    A `Hello` starts a new count: the board has just started. With a `check` of the caller's,
+    corrupt frames are counted there, and all good frames are handed on: their numbers are the
+    caller's to judge.
     """
 
     def __init__(self, check: SequenceCheck | None = None) -> None:
-        self._rest = b""
-        self._overlong = False
         self._judges = check is None
         self._check = check or SequenceCheck(SEQUENCE_MODULUS)
 
@@ -33,11 +32,28 @@ class StreamDecoder:
         """Return the frames lost, corrupt or repeated so far; it never falls."""
         return self._check.errors
 
-    def feed(self, data: bytes) -> list[Numbered]:
-        """Return the good frames that `data` completes, oldest first; repeated ones are left out.
+    def _counting(self, numbered: Numbered | None) -> Numbered | None:
+        """Return a frame if it counts; None is a corrupt one."""
+        if numbered is None:
+            self._check.corrupt()
+            return None
+        if not self._judges:
+            return numbered
+        if type(numbered.frame) is Hello:
+            self._check.restart()
+        return numbered if self._check.accept(numbered.sequence) else None
 
-        A `Hello` starts a new count: the board has just started.
-        """
+
+class StreamDecoder(FrameDecoder):
+    """Turns bytes into frames; how they were cut into pieces makes no difference."""
+
+    def __init__(self, check: SequenceCheck | None = None) -> None:
+        super().__init__(check)
+        self._rest = b""
+        self._overlong = False
+
+    def feed(self, data: bytes) -> list[Numbered]:
+        """Return the frames that `data` completes and that count, oldest first."""
         pieces = (self._rest + data).split(DELIMITER)
         self._rest = pieces.pop()
         frames: list[Numbered] = []
@@ -46,19 +62,12 @@ class StreamDecoder:
                 self._overlong = False
                 self._check.corrupt()
             elif piece:
-                self._take(piece, frames)
+                fits = len(piece) <= MAX_STUFFED_BYTES
+                numbered = self._counting(decode(piece) if fits else None)
+                if numbered is not None:
+                    frames.append(numbered)
         if len(self._rest) > MAX_STUFFED_BYTES:
             self._overlong = True
         if self._overlong:
             self._rest = b""
         return frames
-
-    def _take(self, piece: bytes, frames: list[Numbered]) -> None:
-        numbered = decode(piece) if len(piece) <= MAX_STUFFED_BYTES else None
-        if numbered is None:
-            self._check.corrupt()
-            return
-        if self._judges and type(numbered.frame) is Hello:
-            self._check.restart()
-        if not self._judges or self._check.accept(numbered.sequence):
-            frames.append(numbered)

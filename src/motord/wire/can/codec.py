@@ -5,7 +5,7 @@ emulated drive the other way round. A message may carry an alive counter, one mo
 modulo 2 to its width, and a CRC: CRC-8/SAE-J1850 over every byte of the payload but its own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from motord.config import CanSignalMap
@@ -35,6 +35,13 @@ FEEDBACK_SLOTS = (
 
 DQ_FEEDBACK_SLOTS = ("i_d_A", "i_q_A", "u_d_V", "u_q_V")
 """What a drive may send besides, or instead of phase currents and voltages."""
+
+_STATUS_PARTS = {
+    "ready": InverterStatus.READY,
+    "enable_line": InverterStatus.ENABLE_LINE,
+    "timeout": InverterStatus.COMMAND_TIMEOUT,
+    "fault": InverterStatus.FAULT,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +87,6 @@ class MessageCodec:
     def identifier(self) -> int:
         """Return the identifier without the mark of an extended one."""
         return self.key & ~EXTENDED
-
-    @property
-    def extended(self) -> bool:
-        """Return whether the identifier has 29 bits."""
-        return self.key >= EXTENDED
 
     def encode(self, values: Sequence[float], counter: int = 0) -> bytes:
         """Return the payload, `size_bytes` long, of `values` in the order of `slots`.
@@ -179,12 +181,6 @@ class InverterCodec:
         i_d_A = 0.0 if signals.q_only else values[0]
         return (i_d_A, values[0 if signals.q_only else 1], 0.0), on
 
-    def encode_feedback(
-        self, values: Mapping[str, float], counter: int
-    ) -> list[tuple[MessageCodec, bytes]]:
-        """Return every feedback message with its payload; `values` has all slots that it maps."""
-        return [(m, m.encode([values[s] for s in m.slots], counter)) for m in self.feedback]
-
     def decode_status(self, word: int) -> InverterStatus:
         """Return what the drive's status word says, in motord's bits.
 
@@ -215,19 +211,9 @@ class InverterCodec:
                 word = word & ~mask | (mask if value is None else value)
         return word
 
-    def _meanings(self) -> tuple[tuple[int, int | None, InverterStatus], ...]:
-        signals = self.signals
-        return (
-            (signals.status_ready_mask, signals.status_ready_value, InverterStatus.READY),
-            (
-                signals.status_enable_line_mask,
-                signals.status_enable_line_value,
-                InverterStatus.ENABLE_LINE,
-            ),
-            (
-                signals.status_timeout_mask,
-                signals.status_timeout_value,
-                InverterStatus.COMMAND_TIMEOUT,
-            ),
-            (signals.status_fault_mask, signals.status_fault_value, InverterStatus.FAULT),
-        )
+    def _meanings(self) -> Iterator[tuple[int, int | None, InverterStatus]]:
+        """Yield mask, value (None: any bit) and meaning of each part of the status word."""
+        for name, meaning in _STATUS_PARTS.items():
+            mask: int = getattr(self.signals, f"status_{name}_mask")
+            value: int | None = getattr(self.signals, f"status_{name}_value")
+            yield mask, value, meaning

@@ -5,7 +5,7 @@ one `ConfigError` that names the DBC, the key of the map and what the DBC has in
 """
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,13 +15,16 @@ from cantools.database.errors import Error as DatabaseError
 
 from motord.config import CanConfig, CanSignalMap, ConfigError
 from motord.wire.can.codec import (
+    COMMAND_SLOTS,
+    DQ_COMMAND_SLOTS,
+    DQ_FEEDBACK_SLOTS,
+    FEEDBACK_SLOTS,
     Checks,
     InverterCodec,
     MessageCodec,
 )
 from motord.wire.can.frame_format import CLASSIC_BYTES, EXTENDED
 from motord.wire.can.signal import SignalCodec
-from motord.wire.can.signal_map import command_names, feedback_names
 
 
 def load(can: CanConfig) -> InverterCodec:
@@ -55,7 +58,7 @@ def compile_codec(database: Database, path: Path, signals: CanSignalMap) -> Inve
     """Compile the mapped signals of `database`; `path` is for messages. Raises ConfigError."""
     names = _Names(database, path)
     commands = _Drafts(names)
-    for slot, key, name in command_names(signals):
+    for slot, key, name in _command_names(signals):
         commands.add(slot, key, name)
     if len(commands.drafts) > 1:
         raise names.error(
@@ -69,13 +72,39 @@ def compile_codec(database: Database, path: Path, signals: CanSignalMap) -> Inve
         commands.fix("command_constants", name, value)
 
     feedback = _Drafts(names)
-    for slot, key, name in feedback_names(signals):
+    for slot, key, name in _feedback_names(signals):
         feedback.add(slot, key, name)
     for name in signals.feedback_counter:
         feedback.count("feedback_counter", name)
     for name in signals.feedback_crc:
         feedback.guard("feedback_crc", name)
     return InverterCodec(commands.compiled()[0], feedback.compiled(), signals)
+
+
+def _command_names(signals: CanSignalMap) -> list[tuple[str, str, str]]:
+    """Return slot, key of the map and name of every signal of the command that is mapped."""
+    if not signals.rotating:
+        rows = [("command_i_A", name) for name in signals.command_i_A]
+        slots: tuple[str, ...] = COMMAND_SLOTS
+    else:
+        rows = [(key, getattr(signals, key)) for key in ("command_i_d_A", "command_i_q_A")]
+        slots = DQ_COMMAND_SLOTS
+    rows.append(("command_enable", signals.command_enable))
+    return _mapped(slots, rows)
+
+
+def _feedback_names(signals: CanSignalMap) -> list[tuple[str, str, str]]:
+    """Return slot, key of the map and name of every signal of the feedback that is mapped."""
+    nothing = ("", "", "")
+    rows = [("feedback_i_A", name) for name in signals.feedback_i_A or nothing]
+    rows += [("feedback_u_V", name) for name in signals.feedback_u_V or nothing]
+    slots = FEEDBACK_SLOTS[6:] + DQ_FEEDBACK_SLOTS
+    rows += [(f"feedback_{slot}", getattr(signals, f"feedback_{slot}")) for slot in slots]
+    return _mapped(FEEDBACK_SLOTS + DQ_FEEDBACK_SLOTS, rows)
+
+
+def _mapped(slots: Sequence[str], rows: list[tuple[str, str]]) -> list[tuple[str, str, str]]:
+    return [(slot, *row) for slot, row in zip(slots, rows, strict=True) if row[1]]
 
 
 @dataclass

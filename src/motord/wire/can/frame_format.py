@@ -9,7 +9,6 @@ CLASSIC_BYTES, FD_BYTES = 8, 64
 _SIZES: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 
 # classes of error frames: linux/can/error.h
-ERROR_LOST_ARBITRATION = 0x02
 ERROR_CONTROLLER = 0x04
 ERROR_BUS_OFF = 0x40
 ERROR_RESTARTED = 0x100

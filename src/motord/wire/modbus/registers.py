@@ -5,13 +5,14 @@ which comes from `config.ModbusConfig`.
 """
 
 import math
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 
 from motord.config import ModbusConfig, RegisterKind
 
-_BITS = {"u16": 16, "i16": 16, "u32": 32, "i32": 32}
+_LAYOUTS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i"}
 
 
 class DeviceStatus(IntFlag):
@@ -33,12 +34,12 @@ class Register:
     @property
     def words(self) -> int:
         """Return how many 16-bit registers it takes."""
-        return _BITS[self.kind] // 16
+        return struct.calcsize(_LAYOUTS[self.kind]) // 2
 
     @property
     def counts(self) -> tuple[int, int]:
         """Return the least and the greatest count that it can hold."""
-        bits = _BITS[self.kind]
+        bits = 16 * self.words
         if self.kind.startswith("u"):
             return 0, 2**bits - 1
         return -(2 ** (bits - 1)), 2 ** (bits - 1) - 1
@@ -49,18 +50,15 @@ class Register:
         count = 0
         if math.isfinite(value):
             count = round(min(max(value / self.scale, low), high))
-        raw = count & (2 ** _BITS[self.kind] - 1)
-        words = [raw >> shift & 0xFFFF for shift in range(_BITS[self.kind] - 16, -1, -16)]
+        words = list(struct.unpack(f">{self.words}H", struct.pack(_LAYOUTS[self.kind], count)))
         return words if self.word_order == "big" else words[::-1]
 
     def decode(self, words: Sequence[int]) -> float:
         """Return the value that `words` (as many as `words`) stand for."""
-        raw = 0
-        for word in words if self.word_order == "big" else reversed(words):
-            raw = raw << 16 | word
-        if raw > self.counts[1]:
-            raw -= 2 ** _BITS[self.kind]
-        return raw * self.scale
+        ordered = words if self.word_order == "big" else words[::-1]
+        packed = struct.pack(f">{self.words}H", *ordered)
+        (count,) = struct.unpack(_LAYOUTS[self.kind], packed)
+        return float(count * self.scale)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motord.schema import PROTO_KINDS, Field, Record, record_dtype
-from motord.wire.ticks import proto_text
 from motord.wire.ticks.lanes import Lanes, Place
 from motord.wire.ticks.pattern import Bytes, Pattern
 
@@ -44,24 +43,24 @@ def _tag(field: Field) -> bytes:
 class BlockCodec:
     """Encoder and decoder of the protobuf message of one `Record`.
 
-    `size`: bytes of a message. `pattern`: its constant bytes, the tags.
+    `size`: bytes of a message. `pattern`: its constant bytes, the tags; `parts`: what it joins.
     """
 
     def __init__(self, record: Record) -> None:
         self.record = record
         self._places: list[Place] = []
-        patterns = [Pattern.free(0)]
+        self.parts: list[bytes | int] = []
         self.size = 0
         for field in sorted(record.fields, key=lambda f: f.number):
             tag, width = _tag(field), _width(field)
             self._places.append(Place(field.name, self.size, len(tag), width))
-            patterns += [Pattern.fixed(tag), Pattern.free(width)]
+            self.parts += [tag, width]
             self.size += len(tag) + width
-        self.pattern = Pattern.joined(patterns)
+        self.pattern = Pattern(*self.parts)
         self._all_lanes = Lanes(self._places, record.dtype)
         self._known_dtype = self._all_lanes.dtype
         self._list_head = varint(1 << 3 | _LEN) + varint(self.size)
-        self._list_pattern = Pattern.fixed(self._list_head) + self.pattern
+        self._list_pattern = Pattern(self._list_head, *self.parts)
 
     def dtype(self, columns: Iterable[str] | None = None) -> np.dtype[np.void]:
         """Return the aligned dtype of `columns`, in that order; all of the record's if None.
@@ -122,14 +121,6 @@ class BlockCodec:
     def lanes(self, dtype: np.dtype[np.void]) -> Lanes:
         """Return what reads messages into records of `dtype`, some of this record's fields."""
         return Lanes(self._places, dtype)
-
-    def proto_text(self) -> str:
-        """Return the .proto file of the message, with comments."""
-        return proto_text.proto_text(self.record)
-
-    def descriptor_set(self) -> bytes:
-        """Return the serialised FileDescriptorSet of the message, as an MCAP schema holds it."""
-        return proto_text.descriptor_set(self.record)
 
     def _decode(
         self,

@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from motord.wire.ticks.pattern import Bytes
-
-_ROWS_AT_ONCE = 2048
+from motord.wire.ticks.pattern import ROWS_AT_ONCE, Bytes
 
 
 @dataclass(frozen=True)
@@ -74,16 +72,16 @@ class Lanes:
     def unpack(self, rows: Bytes, records: NDArray[Any]) -> None:
         """Copy from messages `rows` (n, message size) to contiguous `records` (n,) of `dtype`."""
         target = _as_bytes(records)
-        for start in range(0, len(rows), _ROWS_AT_ONCE):
-            part = slice(start, start + _ROWS_AT_ONCE)
+        for start in range(0, len(rows), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
             for lane in self._lanes:
                 lane.in_records(target[part])[...] = lane.in_messages(rows[part])
 
     def pack(self, records: NDArray[Any], rows: Bytes) -> None:
         """Copy from `records` (n,) of `dtype` to the values of messages `rows` (n, size)."""
         source = _as_bytes(np.ascontiguousarray(records))
-        for start in range(0, len(rows), _ROWS_AT_ONCE):
-            part = slice(start, start + _ROWS_AT_ONCE)
+        for start in range(0, len(rows), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
             for lane in self._lanes:
                 lane.in_messages(rows[part])[...] = lane.in_records(source[part])
 

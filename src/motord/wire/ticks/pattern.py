@@ -1,7 +1,5 @@
 """Byte patterns: rows of bytes some of which are constant, made and recognised as arrays."""
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,39 +12,15 @@ _ROWS_FOLDED = 8
 
 
 class Pattern:
-    """A row of bytes: `template` (size,) and `mask` (size,), 255 where a byte is constant."""
+    """A row of `size` bytes: `template` (size,) and `mask` (size,), 255 where one is constant."""
 
-    def __init__(self, template: Bytes, mask: Bytes) -> None:
-        self.template = template
-        self.mask = mask
-
-    @classmethod
-    def fixed(cls, content: bytes) -> "Pattern":
-        """Return a pattern of constant bytes."""
-        template = np.frombuffer(content, np.uint8)
-        return cls(template, np.full_like(template, 0xFF))
-
-    @classmethod
-    def free(cls, size: int) -> "Pattern":
-        """Return a pattern of `size` bytes that may be anything, zero in the template."""
-        return cls(np.zeros(size, np.uint8), np.zeros(size, np.uint8))
-
-    @classmethod
-    def joined(cls, parts: Iterable["Pattern"]) -> "Pattern":
-        """Return the patterns `parts` one after the other."""
-        every = list(parts)
-        return cls(
-            np.concatenate([part.template for part in every]),
-            np.concatenate([part.mask for part in every]),
-        )
-
-    def __add__(self, other: "Pattern") -> "Pattern":
-        return Pattern.joined([self, other])
-
-    @property
-    def size(self) -> int:
-        """Bytes in a row."""
-        return len(self.template)
+    def __init__(self, *parts: bytes | int) -> None:
+        """Join `parts`: constant bytes, and numbers of bytes that may be anything."""
+        known = [part if isinstance(part, bytes) else bytes(part) for part in parts]
+        masks = [b"\xff" * len(part) if isinstance(part, bytes) else bytes(part) for part in parts]
+        self.template = np.frombuffer(b"".join(known), np.uint8)
+        self.mask = np.frombuffer(b"".join(masks), np.uint8)
+        self.size = len(self.template)
 
     def rows(self, count: int) -> Bytes:
         """Return new rows, shape (count, size), all equal to the template."""

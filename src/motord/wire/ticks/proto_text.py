@@ -60,7 +60,7 @@ def proto_text(record: Record) -> str:
 
 
 def descriptor_set(record: Record) -> bytes:
-    """Return the serialised FileDescriptorSet that defines the two messages of `record`."""
+    """Return the FileDescriptorSet of the messages of `record`, as an MCAP schema holds it."""
     file = descriptor_pb2.FileDescriptorProto(
         name=f"{PACKAGE}/{file_name(record)}", package=PACKAGE, syntax="proto3"
     )
