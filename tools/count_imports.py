@@ -48,7 +48,7 @@ PATH = (
     Step("service/rpc/setpoint_validation.py", "validate_setpoint", "validates it as a whole"),
     Step("sequencing/limits.py", "check_torque", "compares it with [limits]"),
     Step("service/bench/manual_control.py", "ManualControl.set", "leads with the brake"),
-    Step("service/bench/setpoint.py", "Setpoint.write", "fills the SETPOINT record"),
+    Step("service/setpoint.py", "Setpoint.write", "fills the SETPOINT record"),
     Step("service/bench/bench.py", "Bench.step", "writes it a hundred times a second"),
     Step("shm/mailbox.py", "MailboxWriter.write", "shares it"),
     Step("loop/control_loop.py", "run", "reads it in every tick", "shared memory"),

@@ -26,7 +26,7 @@ from can.interfaces.udp_multicast.utils import pack_message
 
 from motord import config
 from motord.config import CanConfig, LoopConfig
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.bridge.link import BoardLink
 from motord.emulate.selection import is_fast
 from motord.loop import rt_setup

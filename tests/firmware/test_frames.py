@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from tools import bridge_layout
 
 from motord.wire.bridge import cobs, frames
-from motord.wire.bridge.crc import crc16
 from motord.wire.bridge.layout import LAYOUTS, PROTOCOL
 from motord.wire.bridge.segmentation import PieceDecoder, split
 from motord.wire.bridge.sequence import SequenceCheck
 from motord.wire.bridge.stream import StreamDecoder
+from motord.wire.crc import crc16
 from tests.firmware.library import Library
 from tests.unit.wire.test_frames import FRAMES, KINDS, U16
 

@@ -13,7 +13,7 @@ import pytest
 
 from motord.config import load
 from motord.emulate.bench import SensorReading
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.process import Emulator
 from motord.schema import State, Trip
 from motord.wire.bridge.frames import Frame, Numbered

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.config import load
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 from tests.firmware.device import Device

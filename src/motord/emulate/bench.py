@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from motord.config import Config, ModbusConfig
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS, Currents, Inverter, RegisterDevice
 from motord.rig import build, park, step
 from motord.rig.build import with_drive

@@ -15,7 +15,6 @@ from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
-from motord.service.bench.recording import RecordingControl
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children
@@ -28,6 +27,7 @@ from motord.service.processes import PROCESSES
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
+from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded

@@ -3,9 +3,9 @@
 from motord.loop.launch import loop_command
 from motord.recorder.launch import recorder_command, spawn_piped
 from motord.service.bench.loop_link import LOOP
-from motord.service.bench.recorder_session import RECORDER
 from motord.service.gateway.link import GATEWAY, gateway_command
 from motord.service.host.children import Process, spawn
+from motord.service.recording.session import RECORDER
 
 PROCESSES = (
     Process(

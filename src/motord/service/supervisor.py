@@ -16,12 +16,12 @@ from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LOOP, LoopLink
-from motord.service.bench.recording import RecordingControl
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children, Ended
 from motord.service.host.log import log_error
 from motord.service.host.systemd import Notifier
 from motord.service.publish.publisher import Publisher
+from motord.service.recording.control import RecordingControl
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.shm.tables import TablesWriter
 

@@ -13,7 +13,7 @@ from motord.config import ConfigError, load
 from motord.config.faults import KINDS, Fault, Timeline, random_timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.control import ControlSocket, control_path, inject
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance

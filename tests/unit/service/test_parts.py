@@ -21,11 +21,11 @@ from motord.api.replies import RpcReply, StateReply
 from motord.api.requests import STOP, StopNow
 from motord.control.types import SETPOINT
 from motord.schema import Compensate, Request, Trip
-from motord.service.bench.setpoint import UNSEEN_NS, Setpoint
 from motord.service.host import scheduling
 from motord.service.host.events import KEPT, EventLog
 from motord.service.host.log import log_to_stderr
 from motord.service.rpc.dispatcher import Call, CallQueue, Dispatcher, Wait, handles
+from motord.service.setpoint import UNSEEN_NS, Setpoint
 
 WAIT_S = 20.0
 

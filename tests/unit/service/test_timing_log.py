@@ -11,9 +11,9 @@ from motord import config
 from motord.cli.record.commands import app
 from motord.recording.writer import RunWriter
 from motord.schema import TICK_DTYPE, State
-from motord.service.bench.recording import RecordingControl
 from motord.service.host.events import EventLog
-from motord.service.publish.timing_log import EVERY_NS
+from motord.service.recording.control import RecordingControl
+from motord.service.recording.timing_log import EVERY_NS
 from motord.shm.timing import Timing, TimingSummary, total
 
 START_NS = 1_700_000_000_000_000_000

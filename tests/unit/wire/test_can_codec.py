@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from motord.config import CanSignalMap, packaged
 from motord.schema import InverterStatus
-from motord.wire.bridge.crc import crc8
 from motord.wire.can import dbc
 from motord.wire.can.codec import FEEDBACK_SLOTS, Checks, InverterCodec, MessageCodec
 from motord.wire.can.signal import SignalCodec
+from motord.wire.crc import crc8
 from tests.contract.peers import SIGNALS, encode_feedback
 
 SCALES = [1, 2, 0.002, 0.5, -0.25, 1e-6, 3.7]

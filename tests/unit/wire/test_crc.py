@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.wire.bridge.crc import crc8, crc16
+from motord.wire.crc import crc8, crc16
 
 CHECK = b"123456789"
 

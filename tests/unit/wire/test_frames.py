@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from motord.schema import BridgeStatus
 from motord.wire.bridge import cobs, frames
-from motord.wire.bridge.crc import crc16
 from motord.wire.bridge.stream import StreamDecoder
+from motord.wire.crc import crc16
 
 U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
 I32 = st.integers(-(2**31), 2**31 - 1)

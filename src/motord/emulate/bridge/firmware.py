@@ -12,7 +12,7 @@ from motord.config import Config, ConfigError
 from motord.config.faults import Fault, Timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import SensorReading
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.bridge.feed import FeedDecoder, input_frame
 from motord.emulate.bridge.link import PtyEnd
 from motord.emulate.bridge.qemu import Qemu, receive, send

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from motord.emulate.bench import SensorReading
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.devices import NEVER_NS
 from motord.emulate.disturbance import Disturbance
 from motord.emulate.pty import Pty

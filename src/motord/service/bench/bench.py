@@ -16,13 +16,13 @@ from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.injected_faults import InjectedFaults
 from motord.service.bench.lease import CommandLease
 from motord.service.bench.manual_control import WATCHED, ManualControl
-from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
 from motord.service.bench.slow_devices import SlowDevice
 from motord.service.bench.tick_monitor import TickMonitor
 from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
 from motord.service.plans.resume import Resumption
 from motord.service.plans.runner import PlanRunner
+from motord.service.setpoint import RAD_PER_TURN, Setpoint
 from motord.shm.mailbox import MailboxWriter
 
 UPDATE_NS = 20_000_000

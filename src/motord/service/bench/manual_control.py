@@ -7,7 +7,7 @@ from motord.schema import State
 from motord.sequencing.brake_servo import BrakeServo
 from motord.sequencing.observation import Observation
 from motord.sequencing.settings import COMPENSATE
-from motord.service.bench.setpoint import Setpoint
+from motord.service.setpoint import Setpoint
 
 WATCHED = (State.READY, State.ENABLED)
 """States in which the interlocks watch the rotor's speed: in others the drive stands."""

@@ -24,10 +24,10 @@ from motord.recording.file_names import file_name, numbers, stem_of
 from motord.recording.reader import open_run_unfinished_or_not
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
-from motord.service.bench.recording import RecordingControl
 from motord.service.host.events import EventLog
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote
 from motord.service.plans.journal_file import Journal
+from motord.service.recording.control import RecordingControl
 
 UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
 ADVICE = "motord plan resume takes the rest, motord plan discard forgets it"

@@ -11,8 +11,8 @@ from uuid import uuid4
 from motord.api.messages import PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
-from motord.service.bench.setpoint import RAD_PER_TURN, Setpoint
 from motord.service.plans.resume import RemainingPlan, Resumption
+from motord.service.setpoint import RAD_PER_TURN, Setpoint
 
 
 class PlanRunner:

@@ -20,10 +20,10 @@ from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
-from motord.service.bench.recording import RecordingControl
 from motord.service.host import scheduling
 from motord.service.host.children import Children
 from motord.service.publish.telemetry import Telemetry
+from motord.service.recording.control import RecordingControl
 
 STATE_NS = 100_000_000
 

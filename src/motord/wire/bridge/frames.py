@@ -15,9 +15,9 @@ from binascii import crc32
 from typing import NamedTuple
 
 from motord.wire.bridge import cobs
-from motord.wire.bridge.crc import crc16
 from motord.wire.bridge.layout import LAYOUTS
 from motord.wire.bridge.layout import PROTOCOL as PROTOCOL
+from motord.wire.crc import crc16
 
 DELIMITER = b"\0"
 SEQUENCE_MODULUS = 1 << 16

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from motord.config import CanSignalMap
 from motord.schema import InverterStatus
-from motord.wire.bridge.crc import crc8
 from motord.wire.can.frame_format import EXTENDED, data_size
 from motord.wire.can.signal import SignalCodec
+from motord.wire.crc import crc8
 
 COMMAND_SLOTS = ("i_a_A", "i_b_A", "i_c_A", "enable")
 """The values of a command of phase currents, in the order of its `MessageCodec`."""

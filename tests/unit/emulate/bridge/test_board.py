@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.config import load
-from motord.emulate.bridge.board import CLOCK_DRIFT, CLOCK_OFFSET_US, Board
+from motord.emulate.board import CLOCK_DRIFT, CLOCK_OFFSET_US, Board
 from motord.emulate.devices import NEVER_NS
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames

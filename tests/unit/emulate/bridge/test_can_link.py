@@ -7,7 +7,7 @@ import pytest
 from motord import config
 from motord.config import BridgeCanConfig
 from motord.emulate import EmulatorError
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.bridge.can_link import BoardCanLink
 from motord.emulate.clock import HostClock
 from motord.emulate.control import control_path

@@ -4,7 +4,7 @@ import pytest
 import serial
 
 from motord import config
-from motord.emulate.bridge.board import Board
+from motord.emulate.board import Board
 from motord.emulate.bridge.link import BoardLink
 from motord.wire.bridge import frames
 from motord.wire.bridge.sequence import SequenceCheck

@@ -21,10 +21,10 @@ from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
 from motord.schema import TICK_DTYPE, State
 from motord.sequencing import Plan
-from motord.service.bench.recorder_session import RecorderSession, RecordingTask
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
-from motord.service.publish.timing_log import TimingLog
+from motord.service.recording.session import RecorderSession, RecordingTask
+from motord.service.recording.timing_log import TimingLog
 
 BEFORE_S = 2.0
 """Ticks before the bench was enabled that belong to a recording."""

@@ -1,0 +1,1 @@
+"""What the supervisor has recorded: the recorder's session, runs and plans, timing."""
