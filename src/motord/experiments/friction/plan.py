@@ -10,18 +10,9 @@ from motord.config import BrakeConfig, Config
 from motord.experiments.friction.settings import FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
-from motord.sequencing.capture import account, retaken_if_poor
+from motord.sequencing.capture import account, take_points
 from motord.sequencing.limits import check_speed, check_torque
-from motord.sequencing.motions import (
-    Capture,
-    Motion,
-    enable,
-    hold,
-    ramp_down,
-    restartable,
-    wait,
-    within,
-)
+from motord.sequencing.motions import Capture, Motion, hold, restartable, wait, within
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
 
@@ -64,7 +55,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=NAME,
         points=tuple(_point(index, own) for index in range(2 * own.repeats)),
-        motion=partial(coast_downs, own, config.brake),
+        motion=partial(take_points, partial(coast_down, own=own, brake=config.brake)),
         point_s=coast_down_s,
         settings={**own.model_dump(mode="json"), "compensate": "off"},
         needs="",
@@ -89,27 +80,14 @@ def coast_down_s(_: OperatingPoint) -> float:
     return ASSUMED_COAST_S
 
 
-def coast_downs(
-    own: FrictionConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]
-) -> Motion[None]:
-    """Enable without compensation, take every coast-down, ramp down."""
-    yield from enable()
-    for point in points:
-        yield from retaken_if_poor(coast_down, point, own, brake)
-    yield from ramp_down()
-
-
 @restartable
 def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -> Motion[Capture]:
     """Accelerate to the start speed, end the torque, capture until the stop speed."""
     began = yield None
     sign = copysign(1.0, point.torque_Nm)
-    free = replace(
-        began.demand,
+    free = began.demand.at_rest(
         enabled=True,
-        torque_Nm=0.0,
         brake=0.0,
-        plan_point=-1,
         label=f"coast-down {point.index + 1}, {'forwards' if sign > 0 else 'backwards'}",
     )
     if began.demand.brake:
