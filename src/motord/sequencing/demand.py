@@ -54,8 +54,8 @@ class Demand:
 
     def at_rest(self, **changes: Any) -> "Demand":
         """Return this demand with `changes`, without torque, drive and operating point."""
-        none = {"torque_Nm": 0.0, "drive_rad_s": 0.0, "plan_point": -1, "induced": NOTHING_INDUCED}
-        return replace(self, **none, **changes)
+        changes |= {"torque_Nm": 0.0, "drive_rad_s": 0.0}
+        return replace(self, plan_point=-1, induced=NOTHING_INDUCED, **changes)
 
     def labelled(self, label: str, **changes: Any) -> "Demand":
         """Return this demand with `changes`, and `label` after its own."""
