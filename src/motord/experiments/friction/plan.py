@@ -7,7 +7,7 @@ from math import copysign
 from typing import Any
 
 from motord.config import BrakeConfig, Config
-from motord.experiments.friction.settings import FrictionConfig
+from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
 from motord.sequencing.capture import account, take_points
@@ -15,8 +15,6 @@ from motord.sequencing.limits import check_speed, check_torque
 from motord.sequencing.motions import Capture, Motion, hold, restartable, wait, within
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
-
-NAME = "friction"
 
 LEAST_TORQUE_PART = 0.3
 """Part of the torque that is left near the start speed, so as not to go far beyond it."""
@@ -104,7 +102,8 @@ def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -
     )
     seen = yield from within(own.timeout_s, coast, lambda seen: _too_fast(seen, own))
     turns = round(abs(seen.point_turns), 3)
-    return account(point, seen, quality(seen, own.temperature_C, _fault(turns)), turns=turns)
+    fault = f"coasted for {turns:.2g} turns only" if turns < LEAST_TURNS else ""
+    return account(point, seen, quality(seen, own.temperature_C, fault), turns=turns)
 
 
 def _accelerate(demand: Demand, point: OperatingPoint, own: FrictionConfig) -> Motion[None]:
@@ -113,10 +112,6 @@ def _accelerate(demand: Demand, point: OperatingPoint, own: FrictionConfig) -> M
     while (part := seen.speed_Hz / point.speed_Hz) < 1.0:
         torque_Nm = point.torque_Nm * min(max(1.0 - part, LEAST_TORQUE_PART), 1.0)
         seen = yield replace(demand, torque_Nm=torque_Nm)
-
-
-def _fault(turns: float) -> str:
-    return f"coasted for {turns:.2g} turns only" if turns < LEAST_TURNS else ""
 
 
 def _too_slow(seen: Observation, own: FrictionConfig) -> str:

@@ -27,9 +27,7 @@ from motord.identification.operating_points import PointData, Samples, prepare
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
 from motord.recording.reader import Run
-from motord.schema import Compensate
-
-EVERYTHING = Compensate.CURRENTS | Compensate.COGGING | Compensate.LEARNED
+from motord.sequencing.settings import COMPENSATE
 
 
 @dataclass(frozen=True)
@@ -182,7 +180,7 @@ def _each(
 
 
 def _prepared(point: PointData, subject: Subject) -> Samples:
-    if point.compensate != EVERYTHING:
+    if point.compensate != COMPENSATE["on"]:
         raise AnalysisError(
             f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz was not taken with everything applied "
             "(compensate = on): use a run of the plan `learn`"

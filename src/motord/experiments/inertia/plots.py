@@ -141,24 +141,14 @@ def _mark_waves(axes: Axes, curves: Curves) -> None:
     )  # fmt: skip
 
 
-def shares(sources: Sequence[tuple[str, float]], changes: Sequence[tuple[str, float]]) -> Figure:
-    """Return the ranked sources, (label, uncertainty in parts), and what changes would leave."""
+def uncertainties(*panels: tuple[str, Sequence[tuple[str, float]]]) -> Figure:
+    """Return bars of uncertainties, (label, uncertainty in parts), under the title of a panel."""
     with drawing():
-        picture = figure(0.9 + 0.34 * max(len(sources), len(changes)))
-        left, right = picture.subplots(1, 2)
-        _bars(left, sources, AFTER)
-        left.set_title("Where it comes from")
-        _bars(right, changes, OTHER)
-        right.set_title("What changes of the set-up leave")
-        return picture
-
-
-def ranked(sources: Sequence[tuple[str, float]]) -> Figure:
-    """Return the ranked sources of an uncertainty, (label, uncertainty in parts)."""
-    with drawing():
-        picture = figure(0.9 + 0.34 * len(sources))
-        axes = picture.subplots()
-        _bars(axes, sources, AFTER)
+        picture = figure(0.9 + 0.34 * max(len(bars) for _, bars in panels))
+        places = picture.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (title, bars), colour in zip(places, panels, (AFTER, OTHER), strict=False):
+            _bars(axes, bars, colour)
+            axes.set_title(title)
         return picture
 
 

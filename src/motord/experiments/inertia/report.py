@@ -7,10 +7,9 @@ from motord.experiments.inertia.oscillation import POELS2008_METHOD, Oscillation
 from motord.experiments.inertia.plots import (
     decays,
     periods,
-    ranked,
     sensitivity,
-    shares,
     torque_steps,
+    uncertainties,
 )
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import Acceleration
@@ -114,9 +113,12 @@ def _budget(page: Page, found: Oscillation) -> None:
         f"of {budget.draws:,} draws lie between {grams(low)} and {grams(high)}."
     )
     page.picture(
-        shares(
-            [(one.source, one.uncertainty) for one in budget.shares],
-            [(one.label, one.uncertainty) for one in found.improvements],
+        uncertainties(
+            ("Where it comes from", [(one.source, one.uncertainty) for one in budget.shares]),
+            (
+                "What changes of the set-up leave",
+                [(one.label, one.uncertainty) for one in found.improvements],
+            ),
         ),
         "Standard uncertainty that each source alone would give, and what is left of the whole "
         "after the changes that Poels 2008, section 2.3.2, proposes, with the same ruler and "
@@ -172,7 +174,7 @@ def _acceleration(page: Page, found: Acceleration, truth_kg_m2: float | None) ->
         numbers=True,
     )
     page.picture(
-        ranked([(one.source, one.uncertainty) for one in found.sources]),
+        uncertainties(("", [(one.source, one.uncertainty) for one in found.budget])),
         "Standard uncertainty that each source alone would give.",
     )
 
