@@ -87,11 +87,9 @@ def _currents_A(config: Config, own: AlignConfig) -> tuple[float, ...]:
 
 
 def _check_currents(config: Config, own: AlignConfig) -> None:
-    largest_A, limits = max(own.currents_A), config.limits
-    for name, limit_A in (
-        ("current_A", limits.current_A),
-        ("i2t_current_A", limits.i2t_current_A),
-    ):
+    largest_A = max(own.currents_A)
+    for name in ("current_A", "i2t_current_A"):
+        limit_A = getattr(config.limits, name)
         if largest_A > limit_A:
             raise PlanError(f"{NAME}: {largest_A:g} A is above [limits] {name} = {limit_A:g}")
 

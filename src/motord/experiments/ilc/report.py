@@ -32,7 +32,7 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[Point, float]] = (
         passes = {place: tuple(errors[place] for errors in truth) for place in truth[0]}
     else:
         passes = {place: point.history_percent for place, point in learned.items()}
-    panels = _panels(passes, {} if truth else _uncompensated(done))
+    panels = _panels(done, passes, measured=not truth)
     page.heading("Learning what the calibration leaves")
     page.picture(
         rms_error(panels),
@@ -62,20 +62,13 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[Point, float]] = (
 
 
 def _panels(
-    passes: Mapping[Point, Sequence[float]], uncompensated: Mapping[Point, float]
-) -> list[tuple[str, Mapping[Point, float]]]:
+    done: LearnPass, passes: Mapping[Point, Sequence[float]], *, measured: bool
+) -> list[tuple[str, dict[Point, float]]]:
     """Return title and RMS errors of what came about one after the other, as far as it is known."""
-    panels: list[tuple[str, Mapping[Point, float]]] = [
-        ("Without compensation", uncompensated),
+    panels = [
         ("Calibrated", {place: errors[0] for place, errors in passes.items()}),
         ("Learned", {place: errors[-1] for place, errors in passes.items()}),
     ]
-    return [(title, errors) for title, errors in panels if errors]
-
-
-def _uncompensated(done: LearnPass) -> dict[Point, float]:
-    return {
-        (p.torque_Nm, p.speed_Hz): p.before
-        for p in done.calibration.rms_error_percent.points
-        if p.before is not None
-    }
+    points = done.calibration.rms_error_percent.points
+    before = {(p.torque_Nm, p.speed_Hz): p.before for p in points if p.before is not None}
+    return [("Without compensation", before), *panels] if measured and before else panels
