@@ -96,9 +96,9 @@ class LearnedTorque(_Part):
         return self
 
     @property
-    def places(self) -> tuple[tuple[float, float], ...]:
-        """(torque_Nm, speed_Hz) of the points, in their order."""
-        return tuple(product(self.torques_Nm, self.speeds_Hz))
+    def by_place(self) -> dict[tuple[float, float], LearnedPoint]:
+        """The points by (torque_Nm, speed_Hz), in their order."""
+        return dict(zip(product(self.torques_Nm, self.speeds_Hz), self.points, strict=True))
 
     def coefficients_Nm(self) -> np.ndarray:
         """Return (torques, speeds, orders, 2): cos and sin of each order at each point."""

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import Config, load
-from motord.experiments.alignment.estimate import Alignment, align
+from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.rests import REQUIRED
+from motord.experiments.alignment.result import Alignment
 from motord.experiments.plans import build
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from motord.config import Config, load, packaged
-from motord.experiments.ilc.report import page
+from motord.experiments.ilc.report import fill
 from motord.experiments.plans import build
+from motord.report.html import Page
 from motord.reproduce.evaluate import Errors
-from motord.reproduce.learning import learn_virtual, learned_report
+from motord.reproduce.learning import learn_virtual
 from motord.virtual.mesh import processors
 from tests.campaigns import seeds
 from tests.support.virtual_calibration import calibrate_virtual, verify_virtual
@@ -62,7 +63,9 @@ def main() -> int:
         print(f"pass {number}: mean {np.mean(values):.3f} %, worst {max(values):.3f} %")
     print(f"{learned.bench_s:.0f} s of learning; all in {time.monotonic() - began_s:.0f} s")
     if given.report:
-        page(learned_report(learned)).write(given.report)
+        page = Page("Learning of torque ripple", f"calibration {learned.calibration.id}")
+        fill(page, learned.passes[-1], learned.truth)
+        page.write(given.report)
     low, high = BEFORE_PERCENT
     kept = all(low <= error <= high for error in before.values())
     kept &= max(after.values()) <= AFTER_PERCENT

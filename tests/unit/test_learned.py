@@ -50,7 +50,7 @@ def test_coefficients_are_by_torque_speed_order() -> None:
     coefficients = learned().coefficients_Nm()
     assert coefficients.shape == (2, 3, 3, 2)
     assert (coefficients[1, 2] == 0.005).all()
-    assert learned().places[4] == (2.0, 0.7)
+    assert list(learned().by_place)[4] == (2.0, 0.7)
     np.testing.assert_allclose(point(0.3).line_Nm, 0.3 * (1 - 1j))
 
 

@@ -39,15 +39,20 @@ def encode(value: Any) -> Any:
     return value
 
 
-def header(recordings: "Recordings", schema: str, *motor: str) -> dict[str, Any]:
-    """Return how the JSON of a result begins: of what it is; motor: fields of `[motor]` in it."""
-    subject = recordings.subject
-    return {
-        "schema": schema,
-        "bench": subject.bench,
-        "motor": {name: getattr(subject.motor, name) for name in motor},
-        "runs": recordings.names,
-    }
+def json_of(schema: str, *motor: str) -> Callable[[Any, "Recordings"], dict[str, Any]]:
+    """Return what makes the JSON of a result, after what it is of; motor: fields of `[motor]`."""
+
+    def json(result: Any, recordings: "Recordings") -> dict[str, Any]:
+        subject = recordings.subject
+        return {
+            "schema": schema,
+            "bench": subject.bench,
+            "motor": {name: getattr(subject.motor, name) for name in motor},
+            "runs": recordings.names,
+            **encode(result),
+        }
+
+    return json
 
 
 @dataclass(frozen=True)

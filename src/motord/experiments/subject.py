@@ -45,10 +45,10 @@ class Subject:
     @classmethod
     def of_file(cls, path: Path) -> "Subject":
         """Return the subject of a bench file or of a motor file. Raises ConfigError."""
-        if set(read_toml(path)[1]) <= set(MotorFile.model_fields):
-            file = load_motor(path)
-            return cls(path.stem, file.motor, file.torque_sensor)
-        return cls.of_config(load(path))
+        if bench := bench_of(path):
+            return cls.of_config(bench)
+        file = load_motor(path)
+        return cls(path.stem, file.motor, file.torque_sensor)
 
     @classmethod
     def of_runs(cls, runs: Sequence[Run]) -> "Subject":
@@ -84,6 +84,36 @@ class Recordings:
     def subject(self) -> Subject:
         """Return what they are of. Raises AnalysisError, ConfigError."""
         return Subject.of_file(self.config) if self.config else Subject.of_runs(self.runs)
+
+
+def bench_of(path: Path) -> Config | None:
+    """Return the bench of a bench file; None for a motor file. Raises ConfigError."""
+    return None if set(read_toml(path)[1]) <= set(MotorFile.model_fields) else load(path)
+
+
+def plan_name(run: Run) -> str:
+    """Return the plan that a run is of, "" if it does not say."""
+    return str(run.metadata.get("plan", {}).get("name", ""))
+
+
+def check_plan(run: Run, *needed: str, hint: str = "") -> None:
+    """Raise AnalysisError if a run is not of one of the plans; hint: for one that names none."""
+    name = plan_name(run)
+    if name not in needed:
+        said = f"is of the plan {name}" if name else "names no plan"
+        raise AnalysisError(
+            f"{run.path}: {said}; needed: {' or '.join(needed)}{'' if name else hint}"
+        )
+
+
+def plan_settings(recordings: Recordings, plan: str, section: type[Settings]) -> Settings:
+    """Return `[plans.PLAN]` of the bench file that was named, else the settings as recorded.
+
+    Raises AnalysisError, ConfigError.
+    """
+    if recordings.config and (bench := bench_of(recordings.config)):
+        return bench.plans.of(plan, section)
+    return recorded_settings(recordings.runs[0], section)
 
 
 def recorded_settings(run: Run, section: type[Settings]) -> Settings:

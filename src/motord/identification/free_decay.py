@@ -109,11 +109,6 @@ class Decay:
     angle_rad: np.ndarray
     residual_rad: np.ndarray
 
-    @property
-    def damping_ratio(self) -> float:
-        """Viscous part of the damping."""
-        return self.viscous_per_s / (2 * self.frequency_rad_s)
-
 
 def fit_decay(swing: Swing, stiffness_Nm: float, cogging_Nm: np.ndarray | None = None) -> Decay:
     """Fit a decay from its first crossing on. Raises IdentifyError where it does not converge.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,9 +10,8 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import Config
-from motord.experiments.ilc.analysis import LearnPass, finish, learn, learn_report, zero_order_hold
+from motord.experiments.ilc.analysis import LearnPass, finish, learn, zero_order_hold
 from motord.experiments.ilc.estimate import Learning
-from motord.experiments.ilc.report import LearnReport
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData, split
@@ -89,17 +88,6 @@ def learn_virtual(
         if done[-1].finished:
             break
     return Learned(tuple(done), tuple(truth), ticks / config.loop.rate_Hz)
-
-
-def learned_report(learned: Learned) -> LearnReport:
-    """Return the content of a report with the errors of the true torque."""
-    measured = learn_report(learned.passes[-1])
-    return replace(
-        measured,
-        panels=(("Calibrated", learned.before), ("Learned", learned.after)),
-        passes={place: tuple(e[place] for e in learned.truth) for place in learned.before},
-        torque_meaning="true torque",
-    )
 
 
 def _captured(piece: MeshPiece) -> list[PointData]:

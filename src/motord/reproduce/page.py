@@ -13,7 +13,6 @@ from motord.experiments.sensitivity import report as sensitivity
 from motord.report.html import Page
 from motord.reproduce import cad_difference
 from motord.reproduce.bench import true_estimate
-from motord.reproduce.learning import learned_report
 from motord.reproduce.poels2008 import Row, as_json, chapters
 from motord.reproduce.run import Results, save_summary
 
@@ -88,7 +87,7 @@ def _remains(made: Page, found: Results) -> None:
     for title, points in zip(titles, found.explained, strict=True):
         made.subheading(title)
         ripple.fill_shares(made, points)
-    learn.fill(made, learned_report(found.learned))
+    learn.fill(made, found.learned.passes[-1], found.learned.truth)
 
 
 def _facts(found: Results, keep_recordings: bool) -> tuple[tuple[str, str], ...]:

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from typing import Any, ParamSpec
 
 from motord.sequencing.demand import NOTHING_INDUCED, Demand, OperatingPoint
-from motord.sequencing.motions import Capture, Motion, hold, within
+from motord.sequencing.motions import Capture, Motion, enable, hold, ramp_down, within
 from motord.sequencing.observation import Observation
 from motord.sequencing.quality import GOOD
 
@@ -34,6 +34,18 @@ def retaken_if_poor(
         yield captured
         if final(captured):
             return captured
+
+
+def take_points(
+    take: Callable[[OperatingPoint], Motion[Capture]],
+    points: tuple[OperatingPoint, ...],
+    compensate: int = 0,
+) -> Motion[None]:
+    """Enable, take every operating point, ramp down."""
+    yield from enable(compensate)
+    for point in points:
+        yield from retaken_if_poor(take, point)
+    yield from ramp_down()
 
 
 def capture(point: OperatingPoint, demand: Demand) -> Motion[Observation]:

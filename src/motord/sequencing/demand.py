@@ -52,6 +52,11 @@ class Demand:
     induced: Induced = NOTHING_INDUCED
     label: str = ""
 
+    def at_rest(self, **changes: Any) -> "Demand":
+        """Return this demand with `changes`, without torque, drive and operating point."""
+        changes |= {"torque_Nm": 0.0, "drive_rad_s": 0.0}
+        return replace(self, plan_point=-1, induced=NOTHING_INDUCED, **changes)
+
     def labelled(self, label: str, **changes: Any) -> "Demand":
         """Return this demand with `changes`, and `label` after its own."""
         return replace(self, label=f"{self.label}: {label}", **changes)

@@ -64,9 +64,10 @@ def _steady_turns(
             driven.settle_timeout_s / 3,
         )
     while True:
+        reaches = near_speed(point.speed_Hz, driven.speed_tolerance, since=(yield None))
         reached = yield from within(
             driven.settle_timeout_s,
-            _reach_speed(demand.labelled("waiting for the speed"), driven.speed_tolerance),
+            hold(demand.labelled("waiting for the speed"), reaches),
             lambda seen: f"{demand.label}: {_why_not_reached(seen, driven)}",
             since=began,
         )
@@ -79,11 +80,6 @@ def _spin_up(demand: Demand, above_Hz: float, limit_s: float) -> Motion[None]:
     began = seen = yield None
     while seen.turn_speed_Hz <= above_Hz and seen.since_s(began) <= limit_s:
         seen = yield demand
-
-
-def _reach_speed(demand: Demand, tolerance: float) -> Motion[Observation]:
-    began = yield None
-    return (yield from hold(demand, near_speed(demand.speed_Hz, tolerance, since=began)))
 
 
 def _is_steady(demand: Demand, reached: Observation, driven: DrivenConfig) -> Motion[bool]:

@@ -6,7 +6,6 @@ in order and arms the interlocks. Enabled at zero torque the offsets of the curr
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -58,10 +57,7 @@ def driven_points(
 @restartable
 def stand_still(timeout_s: float = 30.0) -> Motion[None]:
     """Stop the drive and wait until the rotor stands."""
-    seen = yield None
-    demand = replace(
-        seen.demand, drive_rad_s=0.0, speed_Hz=0.0, plan_point=-1, label="coming to rest"
-    )
+    demand = (yield None).demand.at_rest(speed_Hz=0.0, label="coming to rest")
     yield from within(
         timeout_s,
         hold(demand, lambda seen: abs(seen.speed_Hz) < STANDSTILL_Hz),

@@ -6,7 +6,7 @@ from typing import Any
 
 from motord.schema import State, Trip
 from motord.sequencing.capture import final
-from motord.sequencing.demand import NOTHING_INDUCED, Demand
+from motord.sequencing.demand import Demand
 from motord.sequencing.motions import Capture, Motion, MotionFailed, Restarted, ramp_down
 from motord.sequencing.observation import Observation
 from motord.sequencing.plan import Plan
@@ -168,13 +168,7 @@ class Executor:
         return self._demand
 
     def _rest_in_pause(self, seen: Observation) -> Demand:
-        self._demand = replace(
-            self._demand,
-            torque_Nm=0.0,
-            drive_rad_s=0.0,
-            plan_point=-1,
-            induced=NOTHING_INDUCED,
-        )
+        self._demand = self._demand.at_rest()
         if seen.torque_set_Nm == 0.0:
             self.state = PlanState.PAUSED
         return self._demand

@@ -6,10 +6,10 @@ from typing import Any, TypeVar
 
 from motord.config import BrakeConfig, Config, MeshConfig
 from motord.sequencing.brake_servo import BrakeServo
-from motord.sequencing.capture import retaken_if_poor
+from motord.sequencing.capture import take_points
 from motord.sequencing.demand import OperatingPoint
 from motord.sequencing.limits import check_operating_points
-from motord.sequencing.motions import Motion, enable, ramp_down
+from motord.sequencing.motions import Motion
 from motord.sequencing.operating_point import operating_point, operating_point_s
 from motord.sequencing.plan import Plan
 from motord.sequencing.settings import Compensation, chosen, compensation
@@ -66,8 +66,5 @@ def operating_points(
     mesh: MeshConfig, brake: BrakeConfig, compensate: int, points: tuple[OperatingPoint, ...]
 ) -> Motion[None]:
     """Enable, take every operating point, ramp down."""
-    servo = BrakeServo(brake)
-    yield from enable(compensate)
-    for point in points:
-        yield from retaken_if_poor(operating_point, point, mesh, servo)
-    yield from ramp_down()
+    take = partial(operating_point, mesh=mesh, servo=BrakeServo(brake))
+    yield from take_points(take, points, compensate)

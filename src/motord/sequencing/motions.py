@@ -6,12 +6,11 @@ more than that, a Capture reports a point that was taken. What a motion returns 
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import replace
 from functools import wraps
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 from motord.schema import State
-from motord.sequencing.demand import NOTHING_INDUCED, Demand
+from motord.sequencing.demand import Demand
 from motord.sequencing.observation import Observation
 
 T = TypeVar("T")
@@ -123,15 +122,7 @@ def ramp_down(timeout_s: float = 10.0) -> Motion[None]:
     seen = yield None
     if seen.state is not State.ENABLED:
         return
-    demand = replace(
-        seen.demand,
-        enabled=False,
-        torque_Nm=0.0,
-        drive_rad_s=0.0,
-        plan_point=-1,
-        induced=NOTHING_INDUCED,
-        label="ramping down",
-    )
+    demand = seen.demand.at_rest(enabled=False, label="ramping down")
     yield from within(
         timeout_s,
         hold(demand, lambda seen: seen.state is not State.ENABLED),

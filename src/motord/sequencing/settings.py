@@ -46,7 +46,6 @@ COMPENSATE: dict[Compensation, Compensate] = {
 
 def compensation(setting: object) -> Compensate:
     """Return the flags that a setting stands for. Raises PlanError."""
-    for known, flags in COMPENSATE.items():
-        if setting == known:
-            return flags
+    if isinstance(setting, str) and setting in COMPENSATE:
+        return COMPENSATE[setting]
     raise PlanError(f"compensate = {setting!r}: one of {', '.join(COMPENSATE)}")

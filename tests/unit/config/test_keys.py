@@ -268,7 +268,7 @@ def test_tolerances_of_the_torque_sensor(key: str, source: str) -> None:
     def uncertainty(tolerance: float) -> float:
         settings = AccelerationConfig(**{key: tolerance})
         found = accelerate(data, 4096, config.torque_sensor, settings)
-        return next(each.uncertainty for each in found.sources if each.source == source)
+        return next(each.uncertainty for each in found.budget if each.source == source)
 
     assert uncertainty(0.2) > 10 * uncertainty(0.001)
 

@@ -51,7 +51,7 @@ def learn(
     """
     from datetime import UTC, datetime
 
-    from motord.experiments.ilc.analysis import finish, learn_report, reopen
+    from motord.experiments.ilc.analysis import finish, reopen
     from motord.experiments.ilc.command import summary, text
     from motord.experiments.ilc.estimate import Learning
     from motord.experiments.ilc.report import page
@@ -76,7 +76,7 @@ def learn(
         if output:
             calibration.save(output)
         if report:
-            page(learn_report(done)).write(report)
+            page(done).write(report)
     if as_json:
         print_json(done.to_json())
     else:

@@ -1,7 +1,7 @@
 """`motord analyse align`: phase order, encoder direction and encoder zero."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,16 +10,32 @@ import typer
 from motord.atomic_write import write_whole
 from motord.config import read_toml
 from motord.config.editing import with_values
+from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.report import report
-from motord.experiments.alignment.result import AlignmentResult, found_alignment
-from motord.experiments.analysis import Analysis, encode, header
-from motord.experiments.subject import Recordings
+from motord.experiments.alignment.rests import REQUIRED
+from motord.experiments.alignment.result import Alignment
+from motord.experiments.analysis import Analysis, json_of
+from motord.experiments.subject import (
+    AnalysisError,
+    Recordings,
+    Subject,
+    captured_ticks,
+    check_plan,
+)
+from motord.recording.reader import Run
+
+PLAN = "align"
 
 
-@dataclass(frozen=True)
-class _Written:
-    found: AlignmentResult
-    bench_file: Path | None
+def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
+    """Return the alignment over all sweeps of the runs. Raises AnalysisError, IdentifyError."""
+    for run in runs:
+        check_plan(run, PLAN)
+    sweeps = [ticks for run in runs for ticks in captured_ticks(run, REQUIRED)]
+    if not sweeps:
+        names = ", ".join(str(run.path) for run in runs)
+        raise AnalysisError(f"{names}: the plan was ended before a sweep was over: start it anew")
+    return align(sweeps, subject.motor)
 
 
 def estimate(
@@ -28,42 +44,38 @@ def estimate(
         Path | None,
         typer.Option(metavar="BENCH.toml", help="Write what was found into [motor] of this file."),
     ] = None,
-) -> _Written:
+) -> Alignment:
     """Return the alignment, written into a bench file if one is named."""
     found = found_alignment(recordings.runs, recordings.subject)
     if write:
         text, _ = read_toml(write)
         write_whole(write, with_values(text, "motor", found.fields, str(write)))
-    return _Written(found, write)
+    return replace(found, bench_file=write)
 
 
-def _text(written: _Written, _: Recordings) -> Iterator[str]:
-    result, found = written.found, written.found.alignment
+def _text(result: Alignment, _: Recordings) -> Iterator[str]:
     yield "[motor]"
-    yield f'phase_order = "{found.phase_order}"'
-    yield f"encoder_direction = {found.direction}"
+    yield f'phase_order = "{result.phase_order}"'
+    yield f"encoder_direction = {result.direction}"
     yield (
         f"encoder_offset_rad = {result.fields['encoder_offset_rad']}  "
-        f"# +- {1.96 * found.offset_stderr_rad:.2g} (95 %), "
+        f"# +- {1.96 * result.offset_stderr_rad:.2g} (95 %), "
         f"{1.96 * result.offset_stderr_points:.2f} encoder points"
     )
-    yield f"- the rotor turns 1/{found.pole_pairs:.3f} of a turn for each electrical turn"
+    yield f"- the rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn"
     yield (
-        f"- friction leaves {1e3 * found.friction_Nm:.0f} mNm at rest: a single stop is "
+        f"- friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest: a single stop is "
         f"{result.friction_points:.2f} encoder points off"
     )
     for note in result.notes:
         yield f"- {note}"
-    if written.bench_file:
-        yield f"wrote {written.bench_file}"
+    if result.bench_file:
+        yield f"wrote {result.bench_file}"
 
 
 ANALYSIS = Analysis(
     estimate,
-    json=lambda written, recordings: {
-        **header(recordings, "motord.align/1", "name", "serial", "pole_pairs", "counts"),
-        **encode(written.found),
-    },
-    report=lambda written, recordings: report(written.found, recordings),
+    json=json_of("motord.align/1", "name", "serial", "pole_pairs", "counts"),
+    report=report,
     text=_text,
 )

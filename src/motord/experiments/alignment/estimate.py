@@ -10,7 +10,6 @@ with a wide prior, as it need not show.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,13 +17,13 @@ from motord.config import SEQUENCE, BackEmfHarmonic, MotorConfig, PhaseOrder, ba
 from motord.config.back_emf import BackEmfTable
 from motord.experiments.alignment.rests import Rests, rests_of
 from motord.experiments.alignment.rests_checks import (
-    TorqueAnswer,
     check_pole_pairs,
     check_rests,
     current_gains,
     torque_answer,
     turns_of,
 )
+from motord.experiments.alignment.result import Alignment
 from motord.identification import IdentifyError
 from motord.identification.orders import allowed_orders
 
@@ -49,38 +48,6 @@ FRICTION_SHARE = 1 / 3
 TURN = 2 * np.pi
 
 
-@dataclass(frozen=True)
-class Alignment:
-    """What was found, for `[motor]` of the bench file, and how well.
-
-    offset_rad is known to a whole electrical turn; it is the one nearest to zero. friction_Nm: RMS
-    of the torque that is left where the rotor rests; friction_rad: how far that takes a single rest
-    off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;
-    apart_rad (n,): how far each is from where the vector would take it without cogging and errors;
-    left_rad (n,): what of that the fit does not explain.
-    """
-
-    phase_order: PhaseOrder
-    direction: int
-    offset_rad: float
-    offset_stderr_rad: float
-    pole_pairs: float
-    friction_Nm: float
-    friction_rad: float
-    gains: tuple[float, float, float]
-    answer: TorqueAnswer
-    rests: Rests
-    left_out: int
-    angle_rad: np.ndarray
-    apart_rad: np.ndarray
-    left_rad: np.ndarray
-
-    @property
-    def sign_seen(self) -> bool:
-        """Whether the torque sensor showed which way is forwards."""
-        return self.answer.way != 0
-
-
 def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
     """Return the alignment from the ticks of `sweeps`, each with the columns `rests.REQUIRED`.
 
@@ -100,12 +67,13 @@ def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
     answer = torque_answer(sweeps, motor.counts)
     forwards = answer.way or 1
     order: PhaseOrder = "abc" if turn_rad * forwards > 0 else "acb"
-    used = rests.chosen(rests.still)
+    used = rests[rests.still]
     fit = _Fit(used, forwards * used.encoder_rad, motor, motor.back_emf, order)
     fit.run()
     stuck_Nm = fit.left_Nm - fit.held_Nm
     friction_rad = float(np.sqrt(np.mean((stuck_Nm / fit.stiffness) ** 2)))
     return Alignment(
+        motor=motor,
         phase_order=order,
         direction=motor.encoder_direction * forwards,
         offset_rad=_nearest_zero(fit.offset_rad, TURN / motor.pole_pairs),
@@ -197,8 +165,7 @@ class _Fit:
     @property
     def held_Nm(self) -> np.ndarray:
         """What friction explains, (n,): alike at all rests of one way."""
-        held: np.ndarray = self._fixed[:, -1] * self.unknowns[-1]
-        return held
+        return np.asarray(self._fixed[:, -1] * self.unknowns[-1])
 
     def apart_rad(self) -> np.ndarray:
         """Return how far each rest is from that of the vector alone, (n,), mechanical."""
@@ -206,8 +173,7 @@ class _Fit:
         electrical_rad = self._motor.pole_pairs * (self.angle_rad + self.offset_rad)
         turned = np.exp(1j * (sequence * electrical_rad - np.angle(self._rests.vector_A)))
         middle = np.exp(-1j * self._rest_rad() * sequence)
-        apart: np.ndarray = sequence * np.angle(turned * middle) / self._motor.pole_pairs
-        return apart
+        return np.asarray(sequence * np.angle(turned * middle) / self._motor.pole_pairs)
 
     def _rest_rad(self) -> float:
         """Return the electrical angle at which the rotor rests under a vector at zero.

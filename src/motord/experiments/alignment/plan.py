@@ -15,15 +15,8 @@ import numpy as np
 from motord.config import AlignConfig, Config
 from motord.config.back_emf import BackEmfTable
 from motord.sequencing import Induced, OperatingPoint, Plan, PlanError
-from motord.sequencing.capture import account, retaken_if_poor
-from motord.sequencing.motions import (
-    Capture,
-    Motion,
-    MotionFailed,
-    enable,
-    ramp_down,
-    restartable,
-)
+from motord.sequencing.capture import account, take_points
+from motord.sequencing.motions import Capture, Motion, MotionFailed, restartable
 from motord.sequencing.quality import GOOD
 from motord.sequencing.settings import chosen
 
@@ -76,7 +69,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
         points=tuple(
             OperatingPoint(index, 0.0, 0.0, 0, aim=sweep.aim) for index, sweep in enumerate(sweeps)
         ),
-        motion=partial(take_sweeps, sweeps),
+        motion=partial(take_points, partial(turn_vector, sweeps=sweeps)),
         point_s=partial(_sweep_s, sweeps),
         settings=own.model_dump(mode="json"),
         needs="",
@@ -94,11 +87,9 @@ def _currents_A(config: Config, own: AlignConfig) -> tuple[float, ...]:
 
 
 def _check_currents(config: Config, own: AlignConfig) -> None:
-    largest_A, limits = max(own.currents_A), config.limits
-    for name, limit_A in (
-        ("current_A", limits.current_A),
-        ("i2t_current_A", limits.i2t_current_A),
-    ):
+    largest_A = max(own.currents_A)
+    for name in ("current_A", "i2t_current_A"):
+        limit_A = getattr(config.limits, name)
         if largest_A > limit_A:
             raise PlanError(f"{NAME}: {largest_A:g} A is above [limits] {name} = {limit_A:g}")
 
@@ -158,28 +149,21 @@ def vector_A(amplitude_A: float, angle_rad: float) -> tuple[float, float, float]
     return a, b, c
 
 
-def take_sweeps(sweeps: tuple[Sweep, ...], points: tuple[OperatingPoint, ...]) -> Motion[None]:
-    """Enable, turn the vector with each current either way, ramp down."""
-    yield from enable()
-    for point in points:
-        yield from retaken_if_poor(turn_vector, point, sweeps[point.index])
-    yield from ramp_down()
-
-
 def _sweep_s(sweeps: tuple[Sweep, ...], point: OperatingPoint) -> float:
     sweep = sweeps[point.index]
     return RAMP_S + sweep.lead_s + sweep.end_s
 
 
 @restartable
-def turn_vector(point: OperatingPoint, sweep: Sweep) -> Motion[Capture]:
+def turn_vector(point: OperatingPoint, sweeps: tuple[Sweep, ...]) -> Motion[Capture]:
     """Ramp the current up, turn the vector to the first stop, capture from there to the last.
 
     The torque set-point is zero; the currents are put on it as an induced offset, which the loop
     limits and switches off as any other.
     """
+    sweep = sweeps[point.index]
     began = seen = yield None
-    free = replace(began.demand, enabled=True, torque_Nm=0.0, compensate=0, brake=sweep.own.brake)
+    free = began.demand.at_rest(enabled=True, compensate=0, brake=sweep.own.brake)
     name = f"{sweep.amplitude_A:g} A {'forwards' if sweep.direction > 0 else 'backwards'}"
     far_rad = FURTHEST_PART * (sweep.path_rad + 2 * math.pi / sweep.pole_pairs)
     passed_s, first_stop = 0.0, None

@@ -1,9 +1,13 @@
 """Pictures of an alignment: rotor over vector, rests, torque over motion."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from motord.experiments.alignment.rests import Rests
+from motord.experiments.alignment.result import Alignment
 from motord.report.style import AFTER, BEFORE, INK, drawing, figure
 
 WAYS = ((1, AFTER, "forwards"), (-1, BEFORE, "backwards"))
@@ -12,51 +16,40 @@ DOTS = 4000
 """Dots of a cloud at most."""
 
 
-def followed(
-    vector_turns: np.ndarray, encoder_turns: np.ndarray, amplitude_A: np.ndarray, way: np.ndarray
-) -> Figure:
-    """Return the encoder's angle over the vector's, (n,) turns each, by amplitude and way."""
+def followed(stops: Rests) -> Figure:
+    """Return the encoder's angle over the vector's at each stop, by amplitude and way."""
     with drawing():
         picture = figure(3.2)
         axes = picture.subplots()
-        for amplitude, marker in _markers(amplitude_A):
-            for sign, colour, word in WAYS:
-                which = (way == sign) & np.isclose(amplitude_A, amplitude)
-                axes.plot(
-                    vector_turns[which], encoder_turns[which], linestyle="none", marker=marker,
-                    color=colour, markersize=4, label=f"{amplitude:.3g} A {word}",
-                )  # fmt: skip
-        axes.set_xlabel("current vector (electrical turns)")
-        axes.set_ylabel("encoder (turns)")
-        _legend(picture, axes)
+        turns = stops.electrical_rad / (2 * np.pi), stops.encoder_rad / (2 * np.pi)
+        for which, style in _kinds(stops):
+            axes.plot(turns[0][which], turns[1][which], **style)
+        axes.set(xlabel="current vector (electrical turns)", ylabel="encoder (turns)")
+        picture.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=4)
         return picture
 
 
-def rests(
-    electrical_deg: np.ndarray,
-    apart_points: np.ndarray,
-    left_points: np.ndarray,
-    way: np.ndarray,
-    amplitude_A: np.ndarray,
-) -> Figure:
-    """Return how far rests (n,) are off in encoder points, before and after the fit."""
+def rests(result: Alignment) -> Figure:
+    """Return how far rests are off in encoder points, before and after the fit."""
+    points = result.points(1.0)
+    electrical_deg = np.degrees(result.angle_rad * result.motor.pole_pairs) % 360
+    still = result.rests[result.rests.still]
     with drawing():
         picture = figure(3.2)
         left, right = picture.subplots(1, 2)
-        for amplitude, marker in _markers(amplitude_A):
-            for sign, colour, word in WAYS:
-                which = (way == sign) & np.isclose(amplitude_A, amplitude)
-                for axes, values in ((left, apart_points), (right, left_points)):
-                    axes.plot(
-                        electrical_deg[which], values[which], linestyle="none", marker=marker,
-                        color=colour, markersize=4, label=f"{amplitude:.3g} A {word}",
-                    )  # fmt: skip
-        for axes, words in ((left, "from the vector"), (right, "not explained")):
-            axes.set_xlim(0, 360)
-            axes.set_xticks(range(0, 361, 60))
-            axes.set_xlabel("rotor's electrical angle (degrees)")
-            axes.set_ylabel(f"{words} (encoder points)")
-        _legend(picture, left)
+        for axes, values, words in (
+            (left, points * result.apart_rad, "from the vector"),
+            (right, points * result.left_rad, "not explained"),
+        ):
+            for which, style in _kinds(still):
+                axes.plot(electrical_deg[which], values[which], **style)
+            axes.set(
+                xlim=(0, 360),
+                xticks=range(0, 361, 60),
+                xlabel="rotor's electrical angle (degrees)",
+                ylabel=f"{words} (encoder points)",
+            )
+        picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=4)
         return picture
 
 
@@ -73,16 +66,19 @@ def torque_sign(motion_Nm: np.ndarray, torque_Nm: np.ndarray) -> Figure:
         if motion_Nm.size:
             ends = np.array([motion_Nm.min(), motion_Nm.max()])
             axes.plot(ends, ends, color=INK, linewidth=0.9)
-        axes.set_xlabel("torque that the motion takes (Nm)")
-        axes.set_ylabel("measured torque (Nm)")
+        axes.set(xlabel="torque that the motion takes (Nm)", ylabel="measured torque (Nm)")
         return picture
 
 
-def _markers(amplitude_A: np.ndarray) -> list[tuple[float, str]]:
-    found = np.unique(np.round(amplitude_A, 6))
-    return list(zip(found.tolist(), "os^Dv<>p", strict=False))
-
-
-def _legend(picture: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    picture.legend(handles, labels, loc="outside upper left", ncols=4)
+def _kinds(stops: Rests) -> Iterator[tuple[np.ndarray, dict[str, Any]]]:
+    """Yield which stops (n,) are of an amplitude and a way, and how they are drawn."""
+    amplitude_A = np.abs(stops.vector_A)
+    for amplitude, marker in zip(np.unique(np.round(amplitude_A, 6)), "os^Dv<>p", strict=False):
+        for sign, colour, name in WAYS:
+            yield (
+                (stops.way == sign) & np.isclose(amplitude_A, amplitude),
+                {
+                    "linestyle": "none", "marker": marker, "color": colour, "markersize": 4,
+                    "label": f"{amplitude:.3g} A {name}",
+                },
+            )  # fmt: skip

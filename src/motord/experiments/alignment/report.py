@@ -1,14 +1,12 @@
 """The report of an alignment: what was found, how the rotor followed, what the zero rests on."""
 
-import numpy as np
-
 from motord.experiments.alignment.plots import followed, rests, torque_sign
-from motord.experiments.alignment.result import AlignmentResult
+from motord.experiments.alignment.result import Alignment
 from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
 
-def report(result: AlignmentResult, recordings: Recordings) -> Page:
+def report(result: Alignment, recordings: Recordings) -> Page:
     """Return a page of its own."""
     lead = f"{result.motor.name} on bench {recordings.subject.bench}"
     page = Page("Phase order, encoder direction and zero", lead)
@@ -17,11 +15,8 @@ def report(result: AlignmentResult, recordings: Recordings) -> Page:
     return page
 
 
-def fill(page: Page, result: AlignmentResult) -> None:
+def fill(page: Page, result: Alignment) -> None:
     """Add the alignment to a page."""
-    found = result.alignment
-    stops, points = found.rests, result.points(1.0)
-    still, amplitude_A = stops.still, np.abs(stops.vector_A)
     page.heading("Encoder and phases, found by turning a current vector")
     page.table(
         ["[motor]", "found", "bench file"],
@@ -31,37 +26,26 @@ def fill(page: Page, result: AlignmentResult) -> None:
         [
             f"Zero known to \u00b1{1.96 * result.offset_stderr_points:.2f} encoder points (95 %), "
             "and to a whole electrical turn.",
-            f"The rotor turns 1/{found.pole_pairs:.3f} of a turn for each electrical turn.",
-            f"Friction leaves {1e3 * found.friction_Nm:.0f} mNm at rest, RMS, which takes a single "
-            f"stop {result.friction_points:.2f} encoder points off.",
+            f"The rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn.",
+            f"Friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest, RMS, which takes a "
+            f"single stop {result.friction_points:.2f} encoder points off.",
             *result.notes,
         ]
     )
     page.picture(
-        followed(
-            stops.electrical_rad / (2 * np.pi),
-            stops.encoder_rad / (2 * np.pi),
-            amplitude_A,
-            stops.way,
-        ),
+        followed(result.rests),
         "Where the rotor was at each stop of the current vector. It goes down where the encoder "
         "counts against the order of the phases; the slope is one over the pole pairs.",
     )
     page.picture(
-        rests(
-            np.degrees(found.angle_rad * result.motor.pole_pairs) % 360,
-            points * found.apart_rad,
-            points * found.left_rad,
-            stops.way[still],
-            amplitude_A[still],
-        ),
+        rests(result),
         "How far the rotor rested from where the vector alone would take it, in encoder points, "
         "and what is left once cogging torque, unequal currents and their offsets are taken into "
         "account: friction.",
     )
     page.picture(
-        torque_sign(found.answer.motion_Nm, found.answer.torque_Nm),
+        torque_sign(result.answer.motion_Nm, result.answer.torque_Nm),
         "Torque that the rotor's swings take, by its inertia and damping, and the torque that "
-        f"the sensor measured: {100 * found.answer.explained[0]:.0f} % of its variance. A rising "
+        f"the sensor measured: {100 * result.answer.explained[0]:.0f} % of its variance. A rising "
         "line: the way called forwards is that of positive torque.",
     )

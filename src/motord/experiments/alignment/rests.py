@@ -1,10 +1,11 @@
 """Where the rotor came to rest under a current vector that went from stop to stop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.lib.recfunctions import structured_to_unstructured
 
 from motord.identification.operating_points import COMMANDS, CURRENTS
 from motord.identification.turning import unwrap_counts
@@ -22,28 +23,26 @@ STILL_ELECTRICAL_RAD = 0.05
 PHASE_LAGS_RAD = 2 * np.pi / 3 * np.arange(3)
 
 
-@dataclass(frozen=True)
-class Rests:
-    """Stops of one or several sweeps, n of them, in the order in which they were made.
+REST = np.dtype(
+    [
+        ("command_A", float, 3),
+        ("sensed_A", float, 3),
+        ("vector_A", complex),
+        ("electrical_rad", float),
+        ("encoder_rad", float),
+        ("way", int),
+        ("sweep", int),
+        ("still", bool),
+    ]
+)
+"""A stop of a sweep. command_A, sensed_A: means; vector_A: the command as a complex number, of the
+amplitude and at the electrical angle of the vector; electrical_rad: that angle, not wrapped within
+a sweep; encoder_rad: mean angle of the encoder, nor that; way: 1 or -1; sweep: its number; still:
+whether the rotor rested.
+"""
 
-    command_A, sensed_A (n, 3): means; vector_A (n,): the command as a complex number, of the
-    amplitude and at the electrical angle of the vector; electrical_rad (n,): that angle, not
-    wrapped within a sweep; encoder_rad (n,): mean angle of the encoder, nor that; way (n,): 1 or
-    -1; sweep (n,): its number; still (n,): whether the rotor rested.
-    """
-
-    command_A: np.ndarray
-    sensed_A: np.ndarray
-    vector_A: np.ndarray
-    electrical_rad: np.ndarray
-    encoder_rad: np.ndarray
-    way: np.ndarray
-    sweep: np.ndarray
-    still: np.ndarray
-
-    def chosen(self, which: np.ndarray) -> "Rests":
-        """Return some of them; `which` (n,) says which."""
-        return Rests(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+Rests: TypeAlias = np.recarray[Any, Any]
+"""Stops of one or several sweeps, n of them, in the order in which they were made: REST."""
 
 
 def rests_of(sweeps: Sequence[np.ndarray], counts: int, pole_pairs: int) -> Rests:
@@ -53,8 +52,7 @@ def rests_of(sweeps: Sequence[np.ndarray], counts: int, pole_pairs: int) -> Rest
         for number, ticks in enumerate(sweeps)
         if ticks.size
     ]
-    names = Rests.__dataclass_fields__
-    return Rests(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+    return np.concatenate(parts).view(np.recarray)
 
 
 def unwrapped_rad(encoder_count: np.ndarray, counts: int) -> np.ndarray:
@@ -64,42 +62,35 @@ def unwrapped_rad(encoder_count: np.ndarray, counts: int) -> np.ndarray:
 
 def vectors(currents_A: np.ndarray) -> np.ndarray:
     """Return currents (n, 3) of three phases as complex numbers (n,): amplitude and angle."""
-    vector: np.ndarray = currents_A @ np.exp(1j * PHASE_LAGS_RAD) * (2 / 3)
-    return vector
+    return np.asarray(currents_A @ np.exp(1j * PHASE_LAGS_RAD) * (2 / 3))
 
 
 def _rests(ticks: np.ndarray, number: int, counts: int, pole_pairs: int) -> Rests:
-    command_A = _columns(ticks, COMMANDS)
-    sensed_A = _columns(ticks, CURRENTS)
+    command_A = structured_to_unstructured(ticks[list(COMMANDS)], float)
+    sensed_A = structured_to_unstructured(ticks[list(CURRENTS)], float)
     encoder_rad = unwrapped_rad(ticks["encoder_count"], counts)
     halves = [_later_half(ticks["t_ns"], part) for part in _stops(ticks["t_ns"], command_A)]
-    n = len(halves)
     commands_A = _means(command_A, halves)
     vector_A = vectors(commands_A)
-    electrical_rad = np.unwrap(np.angle(vector_A)) if n else np.zeros(0)
+    electrical_rad = np.unwrap(np.angle(vector_A))
+    backwards = electrical_rad.size and electrical_rad[-1] < electrical_rad[0]
     limit_rad = max(STILL_COUNTS * 2 * np.pi / counts, STILL_ELECTRICAL_RAD / pole_pairs)
-    still = np.array([bool(np.ptp(encoder_rad[half]) < limit_rad) for half in halves], bool)
-    way = 1 if n and electrical_rad[-1] >= electrical_rad[0] else -1
-    return Rests(
-        command_A=commands_A,
-        sensed_A=_means(sensed_A, halves),
-        vector_A=vector_A,
-        electrical_rad=electrical_rad,
-        encoder_rad=_means(encoder_rad[:, np.newaxis], halves)[:, 0],
-        way=np.full(n, way),
-        sweep=np.full(n, number),
-        still=still,
+    columns = (
+        commands_A,
+        _means(sensed_A, halves),
+        vector_A,
+        electrical_rad,
+        _means(encoder_rad, halves),
+        np.full(len(halves), -1 if backwards else 1),
+        np.full(len(halves), number),
+        np.array([np.ptp(encoder_rad[half]) < limit_rad for half in halves], bool),
     )
-
-
-def _columns(ticks: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    return np.stack([ticks[name].astype(float) for name in names], axis=1)
+    return np.rec.fromarrays(columns, dtype=REST)
 
 
 def _means(values: np.ndarray, parts: Sequence[slice]) -> np.ndarray:
-    """Return the mean of each part of `values` (n, k), shape (parts, k)."""
-    means = [values[part].mean(axis=0) for part in parts]
-    return np.array(means).reshape(len(parts), values.shape[1])
+    """Return the mean of each part of `values` (n, ...), shape (parts, ...)."""
+    return np.reshape([values[part].mean(axis=0) for part in parts], (-1, *values.shape[1:]))
 
 
 def _stops(t_ns: np.ndarray, command_A: np.ndarray) -> list[slice]:

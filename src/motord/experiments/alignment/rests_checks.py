@@ -33,18 +33,17 @@ def check_rests(rests: Rests) -> None:
     """Raise IdentifyError if there are too few stops, or the rotor does not rest at them."""
     for way, word in ((1, "forwards"), (-1, "backwards")):
         of_way = rests.way == way
-        if int((of_way & rests.still).sum()) >= STOPS_MIN:
-            continue
-        if int(of_way.sum()) >= STOPS_MIN:
+        stops, still = int(of_way.sum()), int((of_way & rests.still).sum())
+        if stops < STOPS_MIN:
             raise IdentifyError(
-                f"the rotor came to rest at {int((of_way & rests.still).sum())} of "
-                f"{int(of_way.sum())} stops {word}: set a longer hold_s, or more brake, which "
-                "takes its swing away"
+                f"{stops} stops of a current vector {word}, at least {STOPS_MIN} are "
+                "needed: is this a whole recording of the plan align?"
             )
-        raise IdentifyError(
-            f"{int(of_way.sum())} stops of a current vector {word}, at least {STOPS_MIN} are "
-            "needed: is this a whole recording of the plan align?"
-        )
+        if still < STOPS_MIN:
+            raise IdentifyError(
+                f"the rotor came to rest at {still} of {stops} stops {word}: set a longer hold_s, "
+                "or more brake, which takes its swing away"
+            )
 
 
 def turns_of(rests: Rests) -> tuple[float, float]:
@@ -70,11 +69,10 @@ def turns_of(rests: Rests) -> tuple[float, float]:
 
 
 def _ways(rests: Rests, number: int) -> np.ndarray:
-    own = rests.chosen(rests.sweep == number)
+    own = rests[rests.sweep == number]
     apart = own.electrical_rad[np.newaxis, :] - own.electrical_rad[:, np.newaxis]
     first, second = np.nonzero(np.abs(apart - 2 * np.pi) < SAME_RAD)
-    ways: np.ndarray = own.encoder_rad[second] - own.encoder_rad[first]
-    return ways
+    return np.asarray(own.encoder_rad[second] - own.encoder_rad[first])
 
 
 def check_pole_pairs(turn_rad: float, stderr_rad: float, pole_pairs: int) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 
-from motord.experiments.analysis import Analysis, encode, header
+from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.back_emf.estimate import measure
 from motord.experiments.back_emf.fit import VOLTAGES
 from motord.experiments.back_emf.report import report
@@ -49,10 +49,7 @@ def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
 
 ANALYSIS = Analysis(
     estimate,
-    json=lambda found, recordings: {
-        **header(recordings, "motord.back-emf/1", "name", "serial", "pole_pairs", "counts"),
-        **encode(found),
-    },
+    json=json_of("motord.back-emf/1", "name", "serial", "pole_pairs", "counts"),
     report=report,
     text=_text,
     indent=None,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from motord.calibration import load
-from motord.experiments.analysis import Analysis, encode, header
+from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.cogging.at_speed import REQUIRED
 from motord.experiments.cogging.estimate import compare, measure
 from motord.experiments.cogging.report import report
@@ -70,10 +70,7 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
 
 ANALYSIS = Analysis(
     estimate,
-    json=lambda measured, recordings: {
-        **header(recordings, "motord.cogging/1", "name", "serial", "slots", "poles", "counts"),
-        **encode(measured),
-    },
+    json=json_of("motord.cogging/1", "name", "serial", "slots", "poles", "counts"),
     report=report,
     text=_text,
 )

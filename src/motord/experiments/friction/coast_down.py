@@ -12,7 +12,6 @@ the integrals is that of the fit itself, in a few rounds that begin with a polyn
 rounding, integrated twice, would hide the cogging torque at high orders.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
@@ -35,13 +34,11 @@ BACK_COUNTS = 2
 
 @dataclass(frozen=True)
 class CoastDown:
-    """A coast-down: samples (n,); direction: 1 forwards, -1 backwards; run, index: where from.
+    """A coast-down: samples (n,); direction: 1 forwards, -1 backwards.
 
     angle_rad is that of the encoder, rounded to its counts, without jumps, positive forwards.
     """
 
-    run: str
-    index: int
     direction: int
     t_s: np.ndarray
     angle_rad: np.ndarray
@@ -65,7 +62,7 @@ class CoastDown:
         if end < LEAST_SAMPLES or q_rad[end - 1] < 2 * pi * LEAST_TURNS:
             turns = q_rad[max(end - 1, 0)] / (2 * pi)
             raise IdentifyError(f"{name}: the rotor coasted for {turns:.2g} turns only")
-        return cls(run, index, direction, t_s[:end], unwrapped_rad[:end])
+        return cls(direction, t_s[:end], unwrapped_rad[:end])
 
     @cached_property
     def q_rad(self) -> np.ndarray:
@@ -89,13 +86,18 @@ class CoastDown:
     def twice(self, orders: np.ndarray, q_rad: np.ndarray) -> np.ndarray:
         """Return the columns (n, 2 + 2 m) of F/J, b/J and C/J, D/J of each order.
 
-        q_rad (n,): the angle within the integrals.
+        q_rad (n,): the angle within the integrals, taken to be straight between samples, of which
+        there may be few in a wave.
         """
-        waves = [
-            integral(self.t_s, once(self.t_s, means), values)
-            for means, values in self._waves(orders, q_rad)
-        ]
-        return np.column_stack([-(self.t_s**2) / 2, -integral(self.t_s, q_rad - q_rad[0]), *waves])
+        angle_rad = self.angle_rad[0] + self.direction * q_rad
+        middle_rad = (angle_rad[1:] + angle_rad[:-1]) / 2
+        columns = [-(self.t_s**2) / 2, -integral(self.t_s, q_rad - q_rad[0])]
+        for order in orders:
+            scale = self.direction * np.sinc(order * np.diff(angle_rad) / (2 * pi))
+            for wave in (np.cos, np.sin):
+                means = once(self.t_s, scale * wave(order * middle_rad))
+                columns.append(integral(self.t_s, means, self.direction * wave(order * angle_rad)))
+        return np.column_stack(columns)
 
     def stribeck(self, speed_rad_s: np.ndarray, at_rad_s: float) -> np.ndarray:
         """Return the columns (n, 2) of S/J and, over S, of w_s; speed (n,) of the rotor."""
@@ -107,21 +109,6 @@ class CoastDown:
                 for shape in (falling, falling * 2 * ratio / at_rad_s)
             ]
         )
-
-    def _waves(
-        self, orders: np.ndarray, q_rad: np.ndarray
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield s cos h theta, s sin h theta: means between samples (n - 1,), values (n,).
-
-        The angle is taken to be straight between samples, of which there may be few in a wave.
-        """
-        angle_rad = self.angle_rad[0] + self.direction * q_rad
-        middle_rad = (angle_rad[1:] + angle_rad[:-1]) / 2
-        for order in orders:
-            scale = self.direction * np.sinc(order * np.diff(angle_rad) / (2 * pi))
-            for wave in (np.cos, np.sin):
-                values = self.direction * wave(order * angle_rad)
-                yield scale * wave(order * middle_rad), values
 
 
 def once(t_s: np.ndarray, means: np.ndarray) -> np.ndarray:

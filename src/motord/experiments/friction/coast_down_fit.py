@@ -102,7 +102,12 @@ class CoastDownFit:
         """Return by how much the Bayesian information criterion falls with one more order."""
         pairs = zip(self.coasts, self.q_rad, strict=True)
         more = np.concatenate([c.projected(c.twice(np.array([order]), q)[:, 2:]) for c, q in pairs])
-        wider = _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
+        return self.gain_of(
+            _cluster_robust(np.hstack([self.columns, more]), self.cluster, self.values)
+        )
+
+    def gain_of(self, wider: ClusterFit) -> float:
+        """Return by how much the Bayesian information criterion falls with two more columns."""
         n, rest = self.values.size, self.fit.rest
         return float(n * np.log((rest @ rest) / (wider.rest @ wider.rest)) - 2 * np.log(n))
 
@@ -174,9 +179,7 @@ def _apparent_stribeck(group: CoastDownFit) -> float:
     low, high = min(float(s.min()) for s in speeds), max(float(s.max()) for s in speeds)
     tried = np.geomspace(max(low, 0.05 * high), 0.5 * high, STRIBECK_SPEEDS)
     best = group.best_stribeck(speeds, tried)
-    rest, n = group.with_stribeck(speeds, best).rest, group.values.size
-    gain = n * np.log(float(group.fit.rest @ group.fit.rest) / float(rest @ rest)) - 2 * np.log(n)
-    return best if gain > 0 else 0.0
+    return best if group.gain_of(group.with_stribeck(speeds, best)) > 0 else 0.0
 
 
 def _cluster_robust(columns: np.ndarray, cluster: np.ndarray, values: np.ndarray) -> ClusterFit:

@@ -6,12 +6,13 @@ from typing import Annotated
 
 import typer
 
-from motord.experiments.analysis import Analysis, encode, header
+from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.friction.estimate import measure
-from motord.experiments.friction.recordings import coast_downs, inertia_of, settings_of
+from motord.experiments.friction.recordings import coast_downs, inertia_of
 from motord.experiments.friction.report import part_rows, report
 from motord.experiments.friction.result import Friction
-from motord.experiments.subject import Recordings
+from motord.experiments.friction.settings import NAME, FrictionConfig
+from motord.experiments.subject import Recordings, check_plan, plan_settings
 from motord.report.text import TextTable
 
 
@@ -23,8 +24,9 @@ def estimate(
     ] = None,
 ) -> Friction:
     """Return the friction. Raises AnalysisError, ConfigError, IdentifyError, OSError."""
-    settings = settings_of(recordings.runs, recordings.config)
-    known = inertia_of(inertia, settings)
+    for run in recordings.runs:
+        check_plan(run, NAME)
+    known = inertia_of(inertia, plan_settings(recordings, NAME, FrictionConfig))
     motor = recordings.subject.motor
     return measure(tuple(coast_downs(recordings.runs, motor)), motor, known)
 
@@ -44,12 +46,7 @@ def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:
 
 ANALYSIS = Analysis(
     estimate,
-    json=lambda found, recordings: {
-        **header(
-            recordings, "motord.friction/1", "name", "serial", "slots", "pole_pairs", "counts"
-        ),
-        **encode(found),
-    },
+    json=json_of("motord.friction/1", "name", "serial", "slots", "pole_pairs", "counts"),
     report=report,
     text=_text,
     details="The moment of inertia is that of --inertia FILE, else of inertia_kg_m2 in "

@@ -160,6 +160,6 @@ def _coast_fits(
 ) -> tuple[CoastFit, ...]:
     edges = np.cumsum([one.t_s.size for one in group.coasts])[:-1]
     return tuple(
-        CoastFit(one.run, one.index, one.t_s, one.q_rad, speed, rest)
+        CoastFit(one.t_s, one.q_rad, speed, rest)
         for one, speed, rest in zip(group.coasts, speeds, np.split(fit.rest, edges), strict=True)
     )

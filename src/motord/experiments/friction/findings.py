@@ -1,9 +1,7 @@
 """What is questionable about coast-downs, each with its meaning and what to do."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import hypot, pi, sqrt
-
-import numpy as np
 
 from motord.config import MotorConfig
 from motord.experiments.friction.result import DirectionalFriction, FrictionFinding, Inertia
@@ -23,54 +21,45 @@ def findings(
 ) -> tuple[FrictionFinding, ...]:
     """Return what is questionable, of each direction and of both."""
     found = [each for one in directions for each in _of_direction(one, motor, inertia)]
-    if len(directions) == 2:
-        found += _difference(*directions)
-    else:
-        found.append(
-            FrictionFinding(
-                "one direction", 1.0, 2.0, "directions", "warning",
-                f"all coast-downs turn {directions[0].direction}: a constant torque, such as that "
-                "of gravity or of a cable, looks like friction",
-                "take coast-downs in the other direction, too",
-            )
-        )  # fmt: skip
-    return tuple(found)
+    both = _difference(*directions) if len(directions) == 2 else _one_alone(directions[0])
+    return (*found, *both)
 
 
 def _of_direction(
     one: DirectionalFriction, motor: MotorConfig, inertia: Inertia
-) -> list[FrictionFinding]:
-    found = []
+) -> Iterator[FrictionFinding]:
     if one.coast_downs < FEW_COAST_DOWNS:
-        found.append(
-            FrictionFinding(
-                "few coast-downs", one.coast_downs, FEW_COAST_DOWNS, "coast-downs", "warning",
-                f"{one.direction}: what differs between coast-downs is not in the intervals",
-                "raise repeats",
-            )
+        yield FrictionFinding(
+            "few coast-downs", one.coast_downs, FEW_COAST_DOWNS, "coast-downs", "warning",
+            f"{one.direction}: what differs between coast-downs is not in the intervals",
+            "raise repeats",
         )  # fmt: skip
     rounding_rad = 2 * pi / motor.counts / sqrt(12)
     if one.residual_rad > RESIDUAL_COUNTS * rounding_rad:
-        found.append(
-            FrictionFinding(
-                "residual", one.residual_rad, RESIDUAL_COUNTS * rounding_rad, "rad", "warning",
-                f"{one.direction}: the angles differ from the fit by more than the encoder's "
-                "rounding: another torque acts on the rotor, or its friction changes",
-                "see the residual in the report; brake released? shaft free of cables and belt?",
-            )
+        yield FrictionFinding(
+            "residual", one.residual_rad, RESIDUAL_COUNTS * rounding_rad, "rad", "warning",
+            f"{one.direction}: the angles differ from the fit by more than the encoder's "
+            "rounding: another torque acts on the rotor, or its friction changes",
+            "see the residual in the report; brake released? shaft free of cables and belt?",
         )  # fmt: skip
     ripple = _ripple(one, inertia)
     if ripple > RIPPLE_MAX:
-        found.append(
-            FrictionFinding(
-                "cogging at the stop speed", ripple, RIPPLE_MAX, "parts", "warning",
-                f"{one.direction}: cogging torque changes the speed by up to {100 * ripple:.0f} % "
-                f"near the least one, {one.speed_min_rad_s:.3g} rad/s: what is not known of it "
-                "there looks like friction that changes with speed, such as a Stribeck part",
-                "raise stop_speed_Hz",
-            )
+        yield FrictionFinding(
+            "cogging at the stop speed", ripple, RIPPLE_MAX, "parts", "warning",
+            f"{one.direction}: cogging torque changes the speed by up to {100 * ripple:.0f} % "
+            f"near the least one, {one.speed_min_rad_s:.3g} rad/s: what is not known of it "
+            "there looks like friction that changes with speed, such as a Stribeck part",
+            "raise stop_speed_Hz",
         )  # fmt: skip
-    return found
+
+
+def _one_alone(one: DirectionalFriction) -> Iterator[FrictionFinding]:
+    yield FrictionFinding(
+        "one direction", 1.0, 2.0, "directions", "warning",
+        f"all coast-downs turn {one.direction}: a constant torque, such as that "
+        "of gravity or of a cable, looks like friction",
+        "take coast-downs in the other direction, too",
+    )  # fmt: skip
 
 
 def _ripple(one: DirectionalFriction, inertia: Inertia) -> float:
@@ -82,18 +71,15 @@ def _ripple(one: DirectionalFriction, inertia: Inertia) -> float:
 
 def _difference(
     forwards: DirectionalFriction, backwards: DirectionalFriction
-) -> list[FrictionFinding]:
-    """Return a finding where Coulomb friction differs; the inertia is common to both."""
+) -> Iterator[FrictionFinding]:
+    """Yield a finding where Coulomb friction differs; the inertia is common to both."""
     apart_Nm = forwards.coulomb_Nm - backwards.coulomb_Nm
-    limit_Nm = hypot(forwards.fit_coulomb_Nm, backwards.fit_coulomb_Nm)
-    if not np.abs(apart_Nm) > limit_Nm:
-        return []
-    return [
-        FrictionFinding(
+    limit_Nm = hypot(forwards.coulomb_fit_Nm, backwards.coulomb_fit_Nm)
+    if abs(apart_Nm) > limit_Nm:
+        yield FrictionFinding(
             "directions differ", abs(apart_Nm), limit_Nm, "Nm", "note",
             f"Coulomb friction is {1e3 * abs(apart_Nm):.3g} mNm more "
             f"{'forwards' if apart_Nm > 0 else 'backwards'}: half of it is a torque that acts in "
             "one direction whatever way the rotor turns, or bearing and seal differ",
             "use the value of each direction; look for a cable or a belt on the shaft",
-        )
-    ]  # fmt: skip
+        )  # fmt: skip

@@ -7,25 +7,14 @@ from math import copysign
 from typing import Any
 
 from motord.config import BrakeConfig, Config
-from motord.experiments.friction.settings import FrictionConfig
+from motord.experiments.friction.settings import NAME, FrictionConfig
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import release_s
-from motord.sequencing.capture import account, retaken_if_poor
+from motord.sequencing.capture import account, take_points
 from motord.sequencing.limits import check_speed, check_torque
-from motord.sequencing.motions import (
-    Capture,
-    Motion,
-    enable,
-    hold,
-    ramp_down,
-    restartable,
-    wait,
-    within,
-)
+from motord.sequencing.motions import Capture, Motion, hold, restartable, wait, within
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
-
-NAME = "friction"
 
 LEAST_TORQUE_PART = 0.3
 """Part of the torque that is left near the start speed, so as not to go far beyond it."""
@@ -64,7 +53,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name=NAME,
         points=tuple(_point(index, own) for index in range(2 * own.repeats)),
-        motion=partial(coast_downs, own, config.brake),
+        motion=partial(take_points, partial(coast_down, own=own, brake=config.brake)),
         point_s=coast_down_s,
         settings={**own.model_dump(mode="json"), "compensate": "off"},
         needs="",
@@ -89,27 +78,14 @@ def coast_down_s(_: OperatingPoint) -> float:
     return ASSUMED_COAST_S
 
 
-def coast_downs(
-    own: FrictionConfig, brake: BrakeConfig, points: tuple[OperatingPoint, ...]
-) -> Motion[None]:
-    """Enable without compensation, take every coast-down, ramp down."""
-    yield from enable()
-    for point in points:
-        yield from retaken_if_poor(coast_down, point, own, brake)
-    yield from ramp_down()
-
-
 @restartable
 def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -> Motion[Capture]:
     """Accelerate to the start speed, end the torque, capture until the stop speed."""
     began = yield None
     sign = copysign(1.0, point.torque_Nm)
-    free = replace(
-        began.demand,
+    free = began.demand.at_rest(
         enabled=True,
-        torque_Nm=0.0,
         brake=0.0,
-        plan_point=-1,
         label=f"coast-down {point.index + 1}, {'forwards' if sign > 0 else 'backwards'}",
     )
     if began.demand.brake:
@@ -126,7 +102,8 @@ def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -
     )
     seen = yield from within(own.timeout_s, coast, lambda seen: _too_fast(seen, own))
     turns = round(abs(seen.point_turns), 3)
-    return account(point, seen, quality(seen, own.temperature_C, _fault(turns)), turns=turns)
+    fault = f"coasted for {turns:.2g} turns only" if turns < LEAST_TURNS else ""
+    return account(point, seen, quality(seen, own.temperature_C, fault), turns=turns)
 
 
 def _accelerate(demand: Demand, point: OperatingPoint, own: FrictionConfig) -> Motion[None]:
@@ -135,10 +112,6 @@ def _accelerate(demand: Demand, point: OperatingPoint, own: FrictionConfig) -> M
     while (part := seen.speed_Hz / point.speed_Hz) < 1.0:
         torque_Nm = point.torque_Nm * min(max(1.0 - part, LEAST_TORQUE_PART), 1.0)
         seen = yield replace(demand, torque_Nm=torque_Nm)
-
-
-def _fault(turns: float) -> str:
-    return f"coasted for {turns:.2g} turns only" if turns < LEAST_TURNS else ""
 
 
 def _too_slow(seen: Observation, own: FrictionConfig) -> str:

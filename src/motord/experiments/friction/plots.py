@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from math import sqrt
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.friction.result import CoastFit, DirectionalFriction
@@ -37,13 +36,14 @@ def friction_over_speed(directions: Sequence[DirectionalFriction]) -> Figure:
             right.plot(np.abs(speed), (high - low) / 2, color=colour)
         for axis in (left.axhline, left.axvline):
             axis(0, color=SOFT, linewidth=0.8, zorder=0)
-        left.set_xlabel("speed (rad/s)")
-        left.set_ylabel("friction torque (mNm)")
-        right.set_xlim(left=0)
-        right.set_ylim(bottom=0)
-        right.set_xlabel("speed, either way (rad/s)")
-        right.set_ylabel("half of the 95 % interval (mNm)")
-        _legend(picture, left)
+        left.set(xlabel="speed (rad/s)", ylabel="friction torque (mNm)")
+        right.set(
+            xlim=(0, None),
+            ylim=(0, None),
+            xlabel="speed, either way (rad/s)",
+            ylabel="half of the 95 % interval (mNm)",
+        )
+        picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
         return picture
 
 
@@ -62,16 +62,12 @@ def coast_downs(directions: Sequence[DirectionalFriction]) -> Figure:
                     label=label,
                 )  # fmt: skip
                 turns = fit.angle_rad / (2 * np.pi)
-                right.plot(
-                    fit.t_s[line], _fitted_turns(fit)[line], color=colour, linewidth=0.6, alpha=0.7
-                )
+                fitted = (fit.angle_rad - fit.residual_rad) / (2 * np.pi)
+                right.plot(fit.t_s[line], fitted[line], color=colour, linewidth=0.6, alpha=0.7)
                 right.plot(fit.t_s[dots], turns[dots], ".", color=colour, markersize=3.0)
-        left.set_ylim(bottom=0)
-        left.set_xlabel("time (s)")
-        left.set_ylabel("speed, either way (rad/s)")
-        right.set_xlabel("time (s)")
-        right.set_ylabel("turns")
-        _legend(picture, left)
+        left.set(ylim=(0, None), xlabel="time (s)", ylabel="speed, either way (rad/s)")
+        right.set(xlabel="time (s)", ylabel="turns")
+        picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=2)
         return picture
 
 
@@ -90,8 +86,7 @@ def residuals(directions: Sequence[DirectionalFriction], rounding_rad: float) ->
                 )  # fmt: skip
             t_s, rms_rad = _rms(one.fits)
             axes.plot(t_s, 1e3 * rms_rad, color=INK, linewidth=1.6)
-            axes.set_title(one.direction)
-            axes.set_xlabel("time (s)")
+            axes.set(title=one.direction, xlabel="time (s)")
         every[0].set_ylabel("angle less fit (mrad)")
         return picture
 
@@ -100,10 +95,6 @@ def _curve(one: DirectionalFriction) -> tuple[np.ndarray, ...]:
     """Return speeds (rad/s), torques and both limits (mNm)."""
     points = [(p.speed_rad_s, p.torque_Nm, p.low_Nm, p.high_Nm) for p in one.curve]
     return tuple(np.array(points).T * np.array([[1.0], [1e3], [1e3], [1e3]]))
-
-
-def _fitted_turns(fit: CoastFit) -> np.ndarray:
-    return np.asarray((fit.angle_rad - fit.residual_rad) / (2 * np.pi))
 
 
 def _rms(fits: Sequence[CoastFit]) -> tuple[np.ndarray, np.ndarray]:
@@ -116,8 +107,3 @@ def _rms(fits: Sequence[CoastFit]) -> tuple[np.ndarray, np.ndarray]:
     total = np.bincount(place[inside], square[inside], 50)
     number = np.maximum(np.bincount(place[inside], minlength=50), 1)
     return (edges[1:] + edges[:-1]) / 2, np.sqrt(total / number)
-
-
-def _legend(picture: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    picture.legend(handles, labels, loc="outside upper left", ncols=2)

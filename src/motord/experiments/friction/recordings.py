@@ -1,38 +1,28 @@
 """Coast-downs and the inertia, from recordings, settings and the result of `analyse inertia`."""
 
-import json
 from collections.abc import Iterator, Sequence
-from math import isfinite, pi, sqrt
+from math import pi, sqrt
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from pydantic import BaseModel, Field, ValidationError
 
-from motord.config import MotorConfig, MotorFile, load, read_toml
+from motord.config import MotorConfig, NonNegative, Positive
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.result import Inertia
 from motord.experiments.friction.settings import FrictionConfig
-from motord.experiments.subject import AnalysisError, recorded_settings
+from motord.experiments.subject import AnalysisError, captured_ticks
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run
 
-NAME = "friction"
-
-COLUMNS = ("t_ns", "encoder_count", "torque_set_Nm", "plan_point")
+COLUMNS = ("t_ns", "encoder_count", "torque_set_Nm")
 
 
-def settings_of(runs: Sequence[Run], config: Path | None) -> FrictionConfig:
-    """Return `[plans.friction]` of a bench file, else the settings that the plan ran with.
-
-    Raises AnalysisError, ConfigError.
-    """
-    for run in runs:
-        name = str(run.metadata.get("plan", {}).get("name", ""))
-        if name != NAME:
-            said = f"is of the plan {name}" if name else "names no plan"
-            raise AnalysisError(f"{run.path}: {said}; needed: {NAME}")
-    if config and not set(read_toml(config)[1]) <= set(MotorFile.model_fields):
-        return load(config).plans.of(NAME, FrictionConfig)
-    return recorded_settings(runs[0], FrictionConfig)
+class _InertiaFile(BaseModel):
+    format: Literal["motord.inertia/1"] = Field(alias="schema")
+    inertia_kg_m2: Positive
+    uncertainty_kg_m2: NonNegative
 
 
 def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:
@@ -54,32 +44,23 @@ def inertia_of(file: Path | None, settings: FrictionConfig) -> Inertia:
 
 def _read_inertia(file: Path) -> Inertia:
     try:
-        found = json.loads(file.read_text())
-        if found["schema"] != "motord.inertia/1":
-            raise ValueError(found["schema"])
-        value, uncertainty = float(found["inertia_kg_m2"]), float(found["uncertainty_kg_m2"])
-        if not (isfinite(value) and value > 0 and isfinite(uncertainty) and uncertainty >= 0):
-            raise ValueError(value)
-    except (ValueError, KeyError, TypeError):
+        found = _InertiaFile.model_validate_json(file.read_bytes())
+    except ValidationError:
         raise AnalysisError(f"{file}: is no result of `motord analyse inertia -o FILE`") from None
-    return Inertia(value, uncertainty / value, file.name)
+    return Inertia(found.inertia_kg_m2, found.uncertainty_kg_m2 / found.inertia_kg_m2, file.name)
 
 
 def coast_downs(runs: Sequence[Run], motor: MotorConfig) -> Iterator[CoastDown]:
     """Yield the coast-downs of good quality. Raises AnalysisError, IdentifyError."""
+    turn_rad = motor.encoder_direction * 2 * pi / motor.counts
     for run in runs:
-        missing = [name for name in COLUMNS if name not in run.columns]
+        missing = [name for name in (*COLUMNS, "plan_point") if name not in run.columns]
         if missing:
             raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
-        for point in good_points(run.operating_points()):
-            bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-            ticks = run.ticks(COLUMNS, **bounds)
-            ticks = ticks[ticks["plan_point"] == int(point["index"])]
+        points = good_points(run.operating_points())
+        for point, ticks in zip(points, captured_ticks(run, COLUMNS), strict=True):
+            index = int(point["index"])
             if np.any(ticks["torque_set_Nm"] != 0.0):
-                raise AnalysisError(
-                    f"{run.path}: coast-down {int(point['index']) + 1}: a torque was commanded"
-                )
-            turn_rad = motor.encoder_direction * 2 * pi / motor.counts
+                raise AnalysisError(f"{run.path}: coast-down {index + 1}: a torque was commanded")
             angle_rad = ticks["encoder_count"].astype(float) * turn_rad
-            name, index = run.path.name, int(point["index"])
-            yield CoastDown.of(name, index, ticks["t_ns"], angle_rad, motor.counts)
+            yield CoastDown.of(run.path.name, index, ticks["t_ns"], angle_rad, motor.counts)

@@ -1,6 +1,5 @@
 """The report of a friction run: friction over speed, coast-downs with their fit, what is left."""
 
-from collections.abc import Callable
 from math import pi, sqrt
 
 from motord.experiments.friction.plots import coast_downs, friction_over_speed, residuals
@@ -68,46 +67,29 @@ def fill(page: Page, found: Friction, counts: int) -> None:
 
 def part_rows(found: Friction, pm: str) -> list[list[str]]:
     """Return rows of the friction's parts, a column for each direction; pm: plus-minus sign."""
-
-    def row(name: str, text: Callable[[DirectionalFriction], str]) -> list[str]:
-        return [name, *map(text, found.directions)]
-
-    rows = [
-        row(
-            "Coulomb (mNm)",
-            lambda f: (
-                f"{1e3 * f.coulomb_Nm:.3f} {pm} {1e3 * (f.coulomb_high_Nm - f.coulomb_Nm):.3f}"
-            ),
-        ),
-        row(
-            "viscous (mNm s/rad)",
-            lambda f: (
-                f"{1e3 * f.viscous_Nm_s_per_rad:.4f} {pm} "
-                f"{1e3 * (f.viscous_high_Nm_s_per_rad - f.viscous_Nm_s_per_rad):.4f}"
-            ),
-        ),
-        row("Stribeck (mNm)", lambda f: _stribeck_torque(f, pm)),
-    ]
-    if any(one.stribeck for one in found.directions):
-        rows.append(row("Stribeck speed (rad/s)", lambda f: _stribeck_speed(f, pm)))
-    rows += [
-        row("speeds seen (rad/s)", lambda f: f"{f.speed_min_rad_s:.3g} to {f.speed_max_rad_s:.3g}"),
-        row("coast-downs", lambda f: str(f.coast_downs)),
-        row("RMS residual (mrad)", lambda f: f"{1e3 * f.residual_rad:.3f}"),
-    ]
-    return rows
+    columns = [_parts(one, pm) for one in found.directions]
+    rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
+    return [row for row in rows if any(row[1:])]
 
 
-def _stribeck_torque(one: DirectionalFriction, pm: str) -> str:
-    if one.stribeck is None:
-        return f"not seen: at most {1e3 * (one.stribeck_limit_Nm or 0.0):.2g}"
-    s = one.stribeck
-    return f"{1e3 * s.torque_Nm:.3f} {pm} {1e3 * (s.high_Nm - s.torque_Nm):.3f}"
-
-
-def _stribeck_speed(one: DirectionalFriction, pm: str) -> str:
-    s = one.stribeck
-    return f"{s.speed_rad_s:.3g} {pm} {s.speed_high_rad_s - s.speed_rad_s:.2g}" if s else ""
+def _parts(one: DirectionalFriction, pm: str) -> dict[str, str]:
+    """Return value and half of the interval of each part, by its name and unit; "" for no part."""
+    coulomb_mNm = 1e3 * (one.coulomb_high_Nm - one.coulomb_Nm)
+    viscous = 1e3 * (one.viscous_high_Nm_s_per_rad - one.viscous_Nm_s_per_rad)
+    if s := one.stribeck:
+        stribeck = f"{1e3 * s.torque_Nm:.3f} {pm} {1e3 * (s.high_Nm - s.torque_Nm):.3f}"
+        speed = f"{s.speed_rad_s:.3g} {pm} {s.speed_high_rad_s - s.speed_rad_s:.2g}"
+    else:
+        stribeck, speed = f"not seen: at most {1e3 * (one.stribeck_limit_Nm or 0.0):.2g}", ""
+    return {
+        "Coulomb (mNm)": f"{1e3 * one.coulomb_Nm:.3f} {pm} {coulomb_mNm:.3f}",
+        "viscous (mNm s/rad)": f"{1e3 * one.viscous_Nm_s_per_rad:.4f} {pm} {viscous:.4f}",
+        "Stribeck (mNm)": stribeck,
+        "Stribeck speed (rad/s)": speed,
+        "speeds seen (rad/s)": f"{one.speed_min_rad_s:.3g} to {one.speed_max_rad_s:.3g}",
+        "coast-downs": str(one.coast_downs),
+        "RMS residual (mrad)": f"{1e3 * one.residual_rad:.3f}",
+    }
 
 
 def _cogging_rows(found: Friction) -> list[list[str]]:

@@ -51,8 +51,6 @@ class CoggingLine:
 class CoastFit:
     """A coast-down and its fit; angles (n,) are in the direction of turning, from the start on."""
 
-    run: str
-    index: int
     t_s: np.ndarray
     angle_rad: np.ndarray
     speed_rad_s: np.ndarray
@@ -63,27 +61,18 @@ class CoastFit:
 class DirectionalFriction:
     """Friction of one direction of turning; all intervals hold with 95 %.
 
-    stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed. fit_*:
-    the half width from the coast-downs alone, without the inertia's uncertainty, which scales
-    both directions alike.
+    stribeck_limit_Nm: where no Stribeck part is seen, what it is at most at the least speed.
+    *_fit_*: the half width from the coast-downs alone, without the inertia's uncertainty, which
+    scales both directions alike.
     """
 
-    JSON: ClassVar[dict[str, str]] = {
-        **{
-            name: name
-            for name in (
-                *("direction", "coast_downs", "speed_min_rad_s", "speed_max_rad_s"),
-                *("coulomb_Nm", "coulomb_low_Nm", "coulomb_high_Nm"),
-                *("viscous_Nm_s_per_rad", "viscous_low_Nm_s_per_rad", "viscous_high_Nm_s_per_rad"),
-            )
-        },
-        "coulomb_fit_Nm": "fit_coulomb_Nm",
-        "viscous_fit_Nm_s_per_rad": "fit_viscous_Nm_s_per_rad",
-        "stribeck": "stribeck",
-        "stribeck_limit_Nm": "stribeck_limit_Nm",
-        "cogging": "cogging",
-        "residual_rad": "residual_rad",
-    }
+    JSON = (
+        "direction", "coast_downs", "speed_min_rad_s", "speed_max_rad_s",
+        "coulomb_Nm", "coulomb_low_Nm", "coulomb_high_Nm",
+        "viscous_Nm_s_per_rad", "viscous_low_Nm_s_per_rad", "viscous_high_Nm_s_per_rad",
+        "coulomb_fit_Nm", "viscous_fit_Nm_s_per_rad",
+        "stribeck", "stribeck_limit_Nm", "cogging", "residual_rad",
+    )  # fmt: skip
 
     direction: Direction
     coast_downs: int
@@ -92,11 +81,11 @@ class DirectionalFriction:
     coulomb_Nm: float
     coulomb_low_Nm: float
     coulomb_high_Nm: float
-    fit_coulomb_Nm: float
+    coulomb_fit_Nm: float
     viscous_Nm_s_per_rad: float
     viscous_low_Nm_s_per_rad: float
     viscous_high_Nm_s_per_rad: float
-    fit_viscous_Nm_s_per_rad: float
+    viscous_fit_Nm_s_per_rad: float
     stribeck: Stribeck | None
     stribeck_limit_Nm: float | None
     cogging: tuple[CoggingLine, ...]
@@ -122,29 +111,21 @@ class FrictionFinding:
 class Friction:
     """Friction torque over speed, with what is questionable about it."""
 
-    JSON = (
-        "inertia_kg_m2", "inertia_relative_uncertainty", "inertia_source", "coast_downs",
-        "directions", "curve", "residual_rad", "findings", "notes",
-    )  # fmt: skip
+    JSON: ClassVar[dict[str, str]] = {
+        "inertia_kg_m2": "inertia.kg_m2",
+        "inertia_relative_uncertainty": "inertia.relative_uncertainty",
+        "inertia_source": "inertia.source",
+        "coast_downs": "coast_downs",
+        "directions": "directions",
+        "curve": "curve",
+        "residual_rad": "residual_rad",
+        "findings": "findings",
+        "notes": "notes",
+    }
 
     inertia: Inertia
     directions: tuple[DirectionalFriction, ...]
     findings: tuple[FrictionFinding, ...]
-
-    @property
-    def inertia_kg_m2(self) -> float:
-        """Moment of inertia that torques follow from."""
-        return self.inertia.kg_m2
-
-    @property
-    def inertia_relative_uncertainty(self) -> float:
-        """Its standard uncertainty in parts."""
-        return self.inertia.relative_uncertainty
-
-    @property
-    def inertia_source(self) -> str:
-        """Where it is from."""
-        return self.inertia.source
 
     @property
     def coast_downs(self) -> int:
@@ -174,7 +155,7 @@ class Friction:
         ]
         share = 1.96 * self.inertia.relative_uncertainty
         said.append(
-            f"all torques are in proportion to the inertia, {self.inertia_kg_m2:.5g} kg m2 "
+            f"all torques are in proportion to the inertia, {self.inertia.kg_m2:.5g} kg m2 "
             f"({self.inertia.source}, +-{100 * share:.2g} %)"
         )
         return said

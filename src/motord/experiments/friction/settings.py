@@ -7,6 +7,8 @@ from pydantic import Field, model_validator
 from motord.config import NonNegative, Positive, Section
 from motord.config.base import TemperatureBand
 
+NAME = "friction"
+
 
 class FrictionConfig(Section):
     """`[plans.friction]`: coast-downs of the free rotor, forwards and backwards in turn.

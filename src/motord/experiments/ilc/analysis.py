@@ -21,16 +21,13 @@ from motord.experiments.ilc.estimate import (
     settled,
     unlearned,
 )
-from motord.experiments.ilc.report import LearnReport
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.operating_points import PointData, Samples, prepare
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
 from motord.recording.reader import Run
-from motord.schema import Compensate
-
-EVERYTHING = Compensate.CURRENTS | Compensate.COGGING | Compensate.LEARNED
+from motord.sequencing.settings import COMPENSATE
 
 
 @dataclass(frozen=True)
@@ -44,24 +41,23 @@ class LearnPass:
     left: tuple[Left, ...]
 
     @property
-    def points(self) -> tuple[LearnedPoint, ...]:
+    def learned(self) -> LearnedTorque:
         """The corrections."""
-        return self.calibration.learned.points if self.calibration.learned else ()
+        assert self.calibration.learned is not None
+        return self.calibration.learned
 
     @property
     def finished(self) -> bool:
         """True once no point gains any more."""
-        return all(point.gain == 0 for point in self.points)
+        return all(point.gain == 0 for point in self.learned.points)
 
     def to_json(self) -> dict[str, Any]:
         """Return the pass as `analyse learn --json` prints it."""
-        learned = self.calibration.learned
-        assert learned is not None
         return {
             "schema": "motord.learn/1",
             "calibration": self.calibration.id,
             "motor": self.calibration.motor.name,
-            "runs": list(learned.runs),
+            "runs": list(self.learned.runs),
             "finished": self.finished,
             "points": [
                 {
@@ -71,7 +67,7 @@ class LearnPass:
                     "correction_mNm": round(1e3 * point.amplitude_Nm, 3),
                     "gain": point.gain,
                 }
-                for (torque_Nm, speed_Hz), point in zip(learned.places, learned.points, strict=True)
+                for (torque_Nm, speed_Hz), point in self.learned.by_place.items()
             ],
         }
 
@@ -145,7 +141,7 @@ def learn(
         left_by(each, subject.motor, subject.sensor, before.orders, learning, gain)
         for each in samples
     )
-    after = dict(zip(before.places, before.points, strict=True))
+    after = before.by_place
     for seen in left:
         place = seen.torque_Nm, seen.speed_Hz
         if place not in after:
@@ -184,7 +180,7 @@ def _each(
 
 
 def _prepared(point: PointData, subject: Subject) -> Samples:
-    if point.compensate != EVERYTHING:
+    if point.compensate != COMPENSATE["on"]:
         raise AnalysisError(
             f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz was not taken with everything applied "
             "(compensate = on): use a run of the plan `learn`"
@@ -208,35 +204,4 @@ def _empty(samples: Sequence[Samples], pole_pairs: int, learning: Learning) -> L
         speeds_Hz=speeds_Hz,
         orders=orders,
         points=(point,) * (len(torques_Nm) * len(speeds_Hz)),
-    )
-
-
-def learn_report(done: LearnPass, title: str = "Learning of torque ripple") -> LearnReport:
-    """Return the content of a report: measured errors of all passes so far."""
-    calibration, learned = done.calibration, done.calibration.learned
-    assert learned is not None
-    points = {
-        place: point
-        for place, point in zip(learned.places, learned.points, strict=True)
-        if point.history_percent
-    }
-    uncompensated = {
-        (p.torque_Nm, p.speed_Hz): p.before
-        for p in calibration.rms_error_percent.points
-        if p.before is not None
-    }
-    panels = [
-        ("Without compensation", uncompensated),
-        ("Calibrated", {place: p.history_percent[0] for place, p in points.items()}),
-        ("Learned", {place: p.history_percent[-1] for place, p in points.items()}),
-    ]
-    return LearnReport(
-        title=title,
-        lead=f"{calibration.motor.name}, calibration {calibration.id}",
-        panels=tuple((title, values) for title, values in panels if values),
-        passes={place: p.history_percent for place, p in points.items()},
-        correction_Nm={
-            place: tuple(zip(learned.orders, np.abs(p.line_Nm).tolist(), strict=True))
-            for place, p in points.items()
-        },
     )

@@ -9,7 +9,7 @@ import typer
 
 from motord.calibration import load
 from motord.experiments.analysis import Analysis
-from motord.experiments.ilc.analysis import LearnPass, learn_from_runs, learn_report
+from motord.experiments.ilc.analysis import LearnPass, learn_from_runs
 from motord.experiments.ilc.analysis import finish as finished
 from motord.experiments.ilc.estimate import Learning
 from motord.experiments.ilc.report import page
@@ -45,8 +45,6 @@ def estimate(
 
 def text(done: LearnPass) -> Iterator[str | TextTable]:
     """Yield what the passes so far left at each point, and whether to go on."""
-    learned = done.calibration.learned
-    assert learned is not None
     yield TextTable(
         "RMS error of the measured torque, % of rated, pass by pass",
         ("torque", "speed", "passes", "correction (mNm)", "next"),
@@ -58,7 +56,7 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
                 f"{1e3 * point.amplitude_Nm:.1f}",
                 "settled" if point.gain == 0 else f"gain {point.gain:.2g}",
             )
-            for (torque_Nm, speed_Hz), point in zip(learned.places, learned.points, strict=True)
+            for (torque_Nm, speed_Hz), point in done.learned.by_place.items()
         ],
     )
     yield summary(done)
@@ -67,8 +65,10 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
 def summary(done: LearnPass) -> str:
     """Return the newest pass in a line."""
     errors = [left.rms_percent for left in done.left]
-    still = sum(point.gain > 0 for point in done.points)
-    next_step = f"{still} of {len(done.points)} points go on" if still else "all have settled"
+    still = sum(point.gain > 0 for point in done.learned.points)
+    next_step = (
+        f"{still} of {len(done.learned.points)} points go on" if still else "all have settled"
+    )
     mean = sum(errors) / len(errors)
     return f"RMS error {mean:.2f} % mean, {max(errors):.2f} % worst; {next_step}"
 
@@ -76,7 +76,7 @@ def summary(done: LearnPass) -> str:
 ANALYSIS = Analysis(
     estimate,
     json=lambda done, _: done.to_json(),
-    report=lambda done, _: page(learn_report(done)),
+    report=lambda done, _: page(done),
     text=lambda done, _: text(done),
     save=lambda done, path: done.calibration.save(path),
 )

@@ -182,8 +182,7 @@ def _back(point: LearnedPoint, step: Learning) -> LearnedPoint:
 def _sure(left: Left) -> np.ndarray:
     """Return which share of each order's error is not noise (n,)."""
     size = np.abs(left.error_Nm) ** 2
-    share: np.ndarray = np.maximum(1 - left.noise_Nm**2 / np.maximum(size, 1e-30), 0.0)
-    return share
+    return np.asarray(np.maximum(1 - left.noise_Nm**2 / np.maximum(size, 1e-30), 0.0))
 
 
 def _with(point: LearnedPoint, line_Nm: np.ndarray) -> LearnedPoint:

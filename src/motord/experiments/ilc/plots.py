@@ -8,6 +8,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from motord.learned import LearnedPoint
 from motord.report.plots.mesh import Point
 from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure
 
@@ -20,11 +21,8 @@ LEAST_PERCENT = 0.02
 
 def _colours(points: Sequence[Point]) -> dict[float, tuple[float, float, float, float]]:
     torques_Nm = sorted({torque_Nm for torque_Nm, _ in points})
-    places = np.linspace(0, 1, len(torques_Nm)) if len(torques_Nm) > 1 else [0.0]
-    return {
-        torque_Nm: _TORQUES(float(place))
-        for torque_Nm, place in zip(torques_Nm, places, strict=True)
-    }
+    places = np.linspace(0, 1, len(torques_Nm)).tolist()
+    return dict(zip(torques_Nm, map(_TORQUES, places), strict=True))
 
 
 def _legend(axes: Axes, colours: Mapping[float, tuple[float, float, float, float]]) -> None:
@@ -49,10 +47,12 @@ def convergence(passes: Mapping[Point, Sequence[float]]) -> Figure:
         axes.axhline(0.2, color=SOFT, linewidth=0.8, linestyle=(0, (4, 3)))
         longest = max(len(errors) for errors in passes.values())
         axes.set_xticks(range(1, longest + 1))
-        axes.set_xlabel("pass")
-        axes.set_ylabel("RMS error (% of rated)")
         largest = max(max(errors) for errors in passes.values())
-        axes.set_ylim(0.9 * LEAST_PERCENT, 2.5 * largest)
+        axes.set(
+            xlabel="pass",
+            ylabel="RMS error (% of rated)",
+            ylim=(0.9 * LEAST_PERCENT, 2.5 * largest),
+        )
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         axes.yaxis.set_minor_formatter(NullFormatter())
@@ -60,22 +60,17 @@ def convergence(passes: Mapping[Point, Sequence[float]]) -> Figure:
         return picture
 
 
-def corrections(points: Mapping[Point, Sequence[tuple[int, float]]]) -> Figure:
-    """Return amplitudes (Nm) over order, a dot for each point."""
+def corrections(orders: Sequence[int], points: Mapping[Point, LearnedPoint]) -> Figure:
+    """Return amplitudes over order, a dot for each point."""
     colours = _colours(list(points))
     with drawing():
         picture = figure(3.0)
         axes = picture.subplots()
-        for (torque_Nm, _), harmonics in points.items():
-            order = [h[0] for h in harmonics]
-            amplitude_mNm = [1e3 * h[1] for h in harmonics]
+        for (torque_Nm, _), point in points.items():
             axes.plot(
-                order, amplitude_mNm, color=colours[torque_Nm], marker="o", markersize=3,
-                linestyle="none", alpha=0.8,
+                orders, 1e3 * np.abs(point.line_Nm), color=colours[torque_Nm], marker="o",
+                markersize=3, linestyle="none", alpha=0.8,
             )  # fmt: skip
-        axes.set_ylim(bottom=0)
-        axes.set_xlim(left=0)
-        axes.set_xlabel("order per turn")
-        axes.set_ylabel("correction (mNm)")
+        axes.set(ylim=(0, None), xlim=(0, None), xlabel="order per turn", ylabel="correction (mNm)")
         _legend(axes, colours)
         return picture

@@ -1,69 +1,74 @@
 """The report of learning: ripple over the mesh before and after, and pass by pass."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
+from motord.experiments.ilc.analysis import LearnPass
 from motord.experiments.ilc.plots import convergence, corrections
 from motord.report.html import Page
 from motord.report.plots.mesh import Point, rms_error
 
 
-@dataclass(frozen=True)
-class LearnReport:
-    """All that goes into the page.
-
-    panels: title and RMS error in percent by (torque_Nm, speed_Hz), of one torque, in the order in
-    which they came about, such as without compensation, calibrated, learned. passes: RMS error of
-    every pass by point, the first with the calibration alone. correction_Nm: by point, its
-    harmonics as (order, amplitude) each. torque_meaning: which torque the errors are of.
-    """
-
-    title: str
-    lead: str
-    panels: tuple[tuple[str, dict[Point, float]], ...]
-    passes: dict[Point, tuple[float, ...]]
-    correction_Nm: dict[Point, tuple[tuple[int, float], ...]]
-    torque_meaning: str = "measured torque, freed of noise and of what sampling folds into it,"
-
-
-def page(data: LearnReport) -> Page:
+def page(done: LearnPass) -> Page:
     """Return a page of its own."""
-    made = Page(data.title, data.lead)
-    fill(made, data)
+    calibration = done.calibration
+    lead = f"{calibration.motor.name}, calibration {calibration.id}"
+    made = Page("Learning of torque ripple", lead)
+    fill(made, done)
     return made
 
 
-def fill(page: Page, data: LearnReport) -> None:
-    """Add headings and pictures to a page."""
+def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[Point, float]] = ()) -> None:
+    """Add headings and pictures to a page.
+
+    truth: RMS error of the true torque in percent in every pass, the first with the calibration
+    alone; by default the errors are those that the passes measured.
+    """
+    measured = "measured torque, freed of noise and of what sampling folds into it,"
+    meaning = "true torque" if truth else measured
+    learned = {
+        place: point for place, point in done.learned.by_place.items() if point.history_percent
+    }
+    if truth:
+        passes = {place: tuple(errors[place] for errors in truth) for place in truth[0]}
+    else:
+        passes = {place: point.history_percent for place, point in learned.items()}
+    panels = _panels(done, passes, measured=not truth)
     page.heading("Learning what the calibration leaves")
     page.picture(
-        rms_error(data.panels),
-        f"RMS error of the {data.torque_meaning}, Poels 2008, eq. (4.16), in percent of rated "
+        rms_error(panels),
+        f"RMS error of the {meaning}, Poels 2008, eq. (4.16), in percent of rated "
         "torque at each operating point. One scale for all; the line in it marks 1 %.",
     )
     page.picture(
-        convergence(data.passes),
-        f"RMS error of the {data.torque_meaning} in each pass, one line an operating point. The "
+        convergence(passes),
+        f"RMS error of the {meaning} in each pass, one line an operating point. The "
         "first pass has the calibration alone; each of the others has what those before it "
         "taught. A point that gains no more keeps its best correction. Lines at 1 and at 0.2 %.",
     )
     page.picture(
-        corrections(data.correction_Nm),
+        corrections(done.learned.orders, learned),
         "Amplitude of the corrections at each order of the turn: dots are operating points, "
         "coloured by torque. Errors of the current sensors make torque at multiples of the pole "
         "pairs.",
     )
-    page.table(["", *_headings(data)], _rows(data), numbers=True)
+    page.table(
+        ["", *(f"{title} (%)" for title, _ in panels)],
+        [
+            ["mean", *(f"{sum(errors.values()) / len(errors):.3f}" for _, errors in panels)],
+            ["worst", *(f"{max(errors.values()):.3f}" for _, errors in panels)],
+        ],
+        numbers=True,
+    )
 
 
-def _headings(data: LearnReport) -> list[str]:
-    return [f"{title} (%)" for title, _ in data.panels]
-
-
-def _rows(data: LearnReport) -> list[list[str]]:
-    """Return mean and worst of each panel."""
-    rows = [["mean"], ["worst"]]
-    for _, values in data.panels:
-        errors = list(values.values())
-        rows[0].append(f"{sum(errors) / len(errors):.3f}")
-        rows[1].append(f"{max(errors):.3f}")
-    return rows
+def _panels(
+    done: LearnPass, passes: Mapping[Point, Sequence[float]], *, measured: bool
+) -> list[tuple[str, dict[Point, float]]]:
+    """Return title and RMS errors of what came about one after the other, as far as it is known."""
+    panels = [
+        ("Calibrated", {place: errors[0] for place, errors in passes.items()}),
+        ("Learned", {place: errors[-1] for place, errors in passes.items()}),
+    ]
+    points = done.calibration.rms_error_percent.points
+    before = {(p.torque_Nm, p.speed_Hz): p.before for p in points if p.before is not None}
+    return [("Without compensation", before), *panels] if measured and before else panels

@@ -1,7 +1,7 @@
 """`motord analyse inertia`: the moment of inertia, by oscillation or by acceleration."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,14 +9,7 @@ import numpy as np
 import typer
 
 from motord.calibration import load as load_calibration
-from motord.config import (
-    AccelerationConfig,
-    MotorFile,
-    OscillationConfig,
-    PlansConfig,
-    load,
-    read_toml,
-)
+from motord.config import AccelerationConfig, OscillationConfig
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.inertia.oscillation import (
     Oscillation,
@@ -28,12 +21,15 @@ from motord.experiments.inertia.oscillation import (
 )
 from motord.experiments.inertia.report import report
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import Acceleration, StepData, accelerate
+from motord.experiments.inertia.torque_step import REQUIRED, Acceleration, accelerate
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,
     Subject,
     captured_ticks,
+    check_plan,
+    plan_name,
+    plan_settings,
     recorded_settings,
 )
 from motord.identification import IdentifyError
@@ -43,41 +39,25 @@ from motord.report.text import TextTable
 OSCILLATION = "inertia-oscillation"
 ACCELERATION = "inertia-acceleration"
 
+RELEASE = ("t_ns", "encoder_count")
+"""Columns of the ticks of a release."""
+
 
 def experiment_of(runs: Sequence[Run], named: str | None = None) -> str:
     """Return which experiment the runs are of; `named` is that of runs that do not say.
 
     Raises AnalysisError if they are of another, or of both.
     """
-    unnamed = all(not run.metadata.get("plan", {}).get("name") for run in runs)
-    if named is not None and unnamed and runs:
+    names = {plan_name(run) for run in runs}
+    if named is not None and names == {""}:
         return named
-    names = {str(run.metadata.get("plan", {}).get("name", "")) for run in runs}
-    for known in (OSCILLATION, ACCELERATION):
-        if names == {known}:
-            return known
-    if names == {OSCILLATION, ACCELERATION}:
-        raise AnalysisError("recordings of both experiments for the inertia; analyse them apart")
     for run in runs:
-        name = str(run.metadata.get("plan", {}).get("name", ""))
-        if name not in (OSCILLATION, ACCELERATION):
-            if name:
-                said, hint = f"is of the plan {name}", ""
-            else:
-                said, hint = "names no plan", ", or --experiment to say which it is"
-            needed = f"{OSCILLATION} or {ACCELERATION}"
-            raise AnalysisError(f"{run.path}: {said}; needed: {needed}{hint}")
-    raise AnalysisError("no recording")
-
-
-def plans_of(path: Path | None) -> PlansConfig | None:
-    """Return `[plans.*]` of a bench file; None for a motor file, which has none, or no file.
-
-    Raises ConfigError.
-    """
-    if path is None or set(read_toml(path)[1]) <= set(MotorFile.model_fields):
-        return None
-    return load(path).plans
+        check_plan(run, OSCILLATION, ACCELERATION, hint=", or --experiment to say which it is")
+    if len(names) > 1:
+        raise AnalysisError("recordings of both experiments for the inertia; analyse them apart")
+    if not names:
+        raise AnalysisError("no recording")
+    return names.pop()
 
 
 def oscillation(
@@ -102,26 +82,20 @@ def oscillation(
     waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
     releases: list[Release] = []
     for run in runs:
-        if run.operating_points():
-            for ticks in captured_ticks(run, ("t_ns", "encoder_count")):
+        marked = bool(run.operating_points())
+        for ticks in captured_ticks(run, RELEASE) if marked else _searched(run, counts):
+            # what is no swing in a recording that marks none is passed over
+            with nullcontext() if marked else suppress(IdentifyError):
                 place = len(releases), ticks["t_ns"], ticks["encoder_count"]
                 releases.append(read_release(*place, counts, setup, waves))
-        else:
-            releases += _searched(run, counts, setup, waves, len(releases))
     return combine(releases, setup, waves)
 
 
-def _searched(
-    run: Run, counts: int, setup: SpringSetup, waves: np.ndarray | None, first: int
-) -> list[Release]:
-    """Return the releases of a recording that marks none; what is no swing is passed over."""
-    ticks = run.ticks(("t_ns", "encoder_count"))
-    found: list[Release] = []
+def _searched(run: Run, counts: int) -> Iterator[np.ndarray]:
+    """Yield the ticks of what may be releases in a recording that marks none."""
+    ticks = run.ticks(RELEASE)
     for part in find_releases(ticks["t_ns"], ticks["encoder_count"], counts):
-        place = first + len(found), ticks["t_ns"][part], ticks["encoder_count"][part]
-        with suppress(IdentifyError):
-            found.append(read_release(*place, counts, setup, waves))
-    return found
+        yield ticks[part]
 
 
 def acceleration(
@@ -129,11 +103,7 @@ def acceleration(
 ) -> Acceleration:
     """Return the inertia from steps of torque. Raises IdentifyError, AnalysisError."""
     settings = settings or recorded_settings(runs[0], AccelerationConfig)
-    columns = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
-    steps = [
-        StepData(number, *(ticks[name] for name in columns))
-        for number, ticks in enumerate(t for run in runs for t in captured_ticks(run, columns))
-    ]
+    steps = [ticks for run in runs for ticks in captured_ticks(run, REQUIRED)]
     return accelerate(steps, subject.motor.counts, subject.sensor, settings)
 
 
@@ -153,15 +123,16 @@ def estimate(
 ) -> Oscillation | Acceleration:
     """Return the moment of inertia. Raises AnalysisError, CalibrationError, IdentifyError."""
     runs, subject = recordings.runs, recordings.subject
-    plans = plans_of(recordings.config)
     named = None if command == "inertia" else command
     found = experiment_of(runs, experiment or named)
     if named not in (None, found):
         raise AnalysisError(f"these are recordings of {found}: motord analyse {found} RUN...")
     if found == ACCELERATION:
-        return acceleration(runs, subject, plans.inertia_acceleration if plans else None)
+        pushed = plan_settings(recordings, ACCELERATION, AccelerationConfig)
+        return acceleration(runs, subject, pushed)
+    swung = plan_settings(recordings, OSCILLATION, OscillationConfig)
     cogging_Nm = np.array(load_calibration(calibration).tau_cog_Nm) if calibration else None
-    return oscillation(runs, subject, plans.inertia_oscillation if plans else None, cogging_Nm)
+    return oscillation(runs, subject, swung, cogging_Nm)
 
 
 def _json(found: Oscillation | Acceleration, recordings: Recordings) -> dict[str, Any]:
@@ -189,7 +160,7 @@ def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Te
         sources = [(one.source, one.uncertainty) for one in found.budget.shares]
         readings = [(one.label, one.inertia_kg_m2) for one in found.readings]
     else:
-        sources = [(one.source, one.uncertainty) for one in found.sources]
+        sources = [(one.source, one.uncertainty) for one in found.budget]
         readings = [
             ("torque as commanded", found.commanded_kg_m2),
             ("as commanded, friction neglected, eq. (2.1)", found.plain_kg_m2),

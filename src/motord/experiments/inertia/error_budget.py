@@ -108,23 +108,6 @@ def budget(
     )
 
 
-def deviated_kg_m2(
-    setup: SpringSetup,
-    frequency_rad_s: float,
-    *,
-    springs: np.ndarray | float = 0.0,
-    levers: np.ndarray | float = 0.0,
-    mass: float = 0.0,
-) -> float:
-    """Return the inertia if the bench file is off by these parts; springs (n,), levers (m,)."""
-    return replace(
-        setup,
-        stiffness_N_per_m=setup.stiffness_N_per_m * (1 + np.asarray(springs)),
-        levers_m=setup.levers_m * (1 + np.asarray(levers)),
-        mass_kg=setup.mass_kg * (1 + mass),
-    ).inertia_kg_m2(frequency_rad_s)
-
-
 class _Inputs:
     """Deviations of all inputs from the bench file: (draws, inputs), in the order of SOURCES.
 
@@ -205,39 +188,34 @@ class Curves:
     wave_factor: float
 
 
-def curves(
-    setup: SpringSetup,
-    frequency_rad_s: float,
-    *,
-    stiffness: float = 0.03,
-    lever: float = 0.005,
-    mass: float = 0.03,
-    places: int = 21,
-) -> Curves:
-    """Return the changes over errors up to those given, in parts."""
+def curves(setup: SpringSetup, frequency_rad_s: float) -> Curves:
+    """Return the changes over errors up to those of Poels 2008, in parts."""
     nominal_kg_m2 = setup.inertia_kg_m2(frequency_rad_s)
-    across = np.linspace(-1, 1, places)
-    springs = np.tri(setup.stiffness_N_per_m.size)
-    levers = np.tri(setup.levers_m.size)
 
-    def change(**errors: np.ndarray | float) -> float:
-        return deviated_kg_m2(setup, frequency_rad_s, **errors) / nominal_kg_m2 - 1  # type: ignore[arg-type]
+    def change(name: str, error: np.ndarray) -> float:
+        changed = replace(setup, **{name: getattr(setup, name) * (1 + error)})
+        return changed.inertia_kg_m2(frequency_rad_s) / nominal_kg_m2 - 1
 
-    heavy = setup.counting("heavy").inertia_kg_m2(frequency_rad_s)
-    factor = np.linspace(HEAVY, UNLOADED, places)
+    def fan(name: str, errors: np.ndarray) -> np.ndarray:
+        rows = np.tri(getattr(setup, name).size)
+        return np.array([[change(name, error * row) for error in errors] for row in rows])
+
+    across = np.linspace(-1, 1, 21)
+    stiffness, lever, mass = 0.03 * across, 0.005 * across, 0.03 * across
+    heavy = replace(setup, effective_mass="heavy").inertia_kg_m2(frequency_rad_s)
+    factor = np.linspace(HEAVY, UNLOADED, 21)
     swinging = (setup.mass_kg * setup.levers_m[setup.lever] ** 2).sum()
+    waves = replace(setup, effective_mass="wave").factors(frequency_rad_s)
     return Curves(
-        stiffness=stiffness * across,
-        stiffness_change=np.array(
-            [[change(springs=x * row) for x in stiffness * across] for row in springs]
-        ),
-        lever=lever * across,
-        lever_change=np.array([[change(levers=x * row) for x in lever * across] for row in levers]),
-        mass=mass * across,
-        mass_change=np.array([change(mass=x) for x in mass * across]),
+        stiffness=stiffness,
+        stiffness_change=fan("stiffness_N_per_m", stiffness),
+        lever=lever,
+        lever_change=fan("levers_m", lever),
+        mass=mass,
+        mass_change=np.array([change("mass_kg", error) for error in mass]),
         factor=factor,
         factor_change=-(factor - HEAVY) * swinging / heavy,
-        wave_factor=float(np.mean(setup.counting("wave").factors(frequency_rad_s))),
+        wave_factor=float(np.mean(waves)),
     )
 
 
@@ -248,7 +226,6 @@ class Improvement:
     JSON = ("label", "period_s", "uncertainty")
 
     label: str
-    setup: SpringSetup
     period_s: float
     budget: Budget
 
@@ -285,7 +262,6 @@ def improvements(
         found.append(
             Improvement(
                 label,
-                changed,
                 2 * np.pi / frequency_rad_s,
                 budget(changed, frequency_rad_s, stderr_rad_s, draws=20_000),
             )

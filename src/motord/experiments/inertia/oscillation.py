@@ -1,11 +1,13 @@
 """Releases together: the inertia by several readings of the same swings, and its budget."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 from math import hypot
 from typing import ClassVar
 
 import numpy as np
+from scipy import ndimage
 
 from motord.experiments.inertia.error_budget import (
     Budget,
@@ -19,6 +21,7 @@ from motord.experiments.inertia.springs import SpringSetup
 from motord.identification import IdentifyError
 from motord.identification.free_decay import Decay, fit_decay, mean_frequency
 from motord.identification.log_decrement import FivePeriods, Swing, find_swing, five_periods
+from motord.identification.turning import unwrap_counts
 
 EFFECTIVE_MASS_LABELS = {
     "wave": "waves in the springs",
@@ -206,13 +209,12 @@ def combine(
 def _apart(releases: Sequence[Release]) -> tuple[list[Release], list[Release]]:
     """Return those that fit as well as the best, and the others."""
     misfit_rad = np.array([np.std(release.decay.residual_rad) for release in releases])
-    worst_rad = DISTURBED * float(np.percentile(misfit_rad, 25))
-    good = [r for r, misfit in zip(releases, misfit_rad, strict=True) if misfit <= worst_rad]
-    return good, [r for r, misfit in zip(releases, misfit_rad, strict=True) if misfit > worst_rad]
+    disturbed = misfit_rad > DISTURBED * np.percentile(misfit_rad, 25)
+    return list(compress(releases, ~disturbed)), list(compress(releases, disturbed))
 
 
 def _readings(releases: Sequence[Release], setup: SpringSetup) -> tuple[InertiaReading, ...]:
-    heavy = setup.counting("heavy")
+    heavy = replace(setup, effective_mass="heavy")
     five = [release.five for release in releases]
     cubic = [release.decay.cubic_per_rad2 for release in releases]
     model = EFFECTIVE_MASS_LABELS[setup.effective_mass]
@@ -255,32 +257,26 @@ def find_releases(t_ns: np.ndarray, count: np.ndarray, counts: int) -> list[slic
     been pulled. Without any stillness, all samples are one stretch.
     """
     t_s = (np.asarray(t_ns, np.int64) - int(t_ns[0])) * 1e-9
-    still = _still(t_s, np.asarray(count, np.int64), counts)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    begins, ends = edges[::2], edges[1::2]
-    if begins.size == 0:
+    stretches, _ = ndimage.label(_still(t_s, unwrap_counts(count, counts)))
+    still = [part for (part,) in ndimage.find_objects(stretches)]
+    if not still:
         return [slice(0, t_s.size)]
-    begins = np.maximum(begins, np.searchsorted(t_s, t_s[ends - 1] - STILL_S))
+    begins = [
+        max(part.start, int(np.searchsorted(t_s, t_s[part.stop - 1] - STILL_S))) for part in still
+    ]
     stops = [*begins[1:], t_s.size]
     return [
-        slice(int(begin), int(stop))
-        for begin, end, stop in zip(begins, ends, stops, strict=True)
-        if stop > end
+        slice(begin, stop)
+        for begin, part, stop in zip(begins, still, stops, strict=True)
+        if stop > part.stop
     ]
 
 
-def _still(t_s: np.ndarray, count: np.ndarray, counts: int) -> np.ndarray:
-    """Return (n,) whether a sample belongs to STILL_S during which the angle hardly changes."""
-    steps = np.diff(count)
-    steps -= counts * np.rint(steps / counts).astype(np.int64)
-    angle = np.concatenate([[0], np.cumsum(steps)])
-    still = np.zeros(count.size, bool)
+def _still(t_s: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Return (n,) whether a sample belongs to STILL_S during which the position hardly changes."""
     size = max(int(np.searchsorted(t_s, STILL_S)), 2)
-    if count.size < size:
-        return still
-    windows = np.lib.stride_tricks.sliding_window_view(angle, size)
-    calm = np.flatnonzero(windows.max(axis=1) - windows.min(axis=1) <= STILL_COUNTS)
-    marks = np.zeros(count.size + 1, np.int64)
-    np.add.at(marks, calm, 1)
-    np.add.at(marks, calm + size, -1)
-    return np.asarray(np.cumsum(marks)[:-1] > 0)
+    if position.size < size:
+        return np.zeros(position.size, bool)
+    windows = np.lib.stride_tricks.sliding_window_view(position, size)
+    calm = np.ptp(windows, axis=1) <= STILL_COUNTS
+    return np.asarray(np.convolve(calm, np.ones(size)) > 0.5)

@@ -15,13 +15,12 @@ from motord.config import AccelerationConfig, BrakeConfig, Config, OscillationCo
 from motord.schema import State
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan
 from motord.sequencing.brake_servo import release_s
-from motord.sequencing.capture import account, retaken_if_poor
+from motord.sequencing.capture import account, retaken_if_poor, take_points
 from motord.sequencing.limits import check_speed, check_torque
 from motord.sequencing.motions import (
     Capture,
     Motion,
     Restarted,
-    enable,
     guarded,
     hold,
     ramp_down,
@@ -79,7 +78,11 @@ def make_acceleration(config: Config, settings: Mapping[str, Any]) -> Plan:
             OperatingPoint(index, torque_Nm, 0.0, 0, aim=f"a torque step of {torque_Nm:g} Nm")
             for index, torque_Nm in enumerate(torques_Nm)
         ),
-        motion=partial(torque_steps, own, config.brake, int(flags)),
+        motion=partial(
+            take_points,
+            partial(torque_step, own=own, brake=config.brake),
+            compensate=int(flags),
+        ),
         point_s=partial(torque_step_s, own, config.brake),
         settings={**own.model_dump(mode="json"), "compensate": applied},
     )
@@ -89,16 +92,6 @@ def releases(own: OscillationConfig, points: tuple[OperatingPoint, ...]) -> Moti
     """Wait for one release after the other."""
     for point in points:
         yield from retaken_if_poor(release, point, own)
-
-
-def torque_steps(
-    own: AccelerationConfig, brake: BrakeConfig, compensate: int, points: tuple[OperatingPoint, ...]
-) -> Motion[None]:
-    """Enable, take every step of torque, ramp down."""
-    yield from enable(compensate)
-    for point in points:
-        yield from retaken_if_poor(torque_step, point, own, brake)
-    yield from ramp_down()
 
 
 def torque_step_s(own: AccelerationConfig, brake: BrakeConfig, _: OperatingPoint) -> float:
@@ -115,13 +108,8 @@ def torque_step(
     The capture begins with the rest and ends with the coasting.
     """
     began = yield None
-    free = replace(
-        began.demand,
-        enabled=True,
-        torque_Nm=0.0,
-        brake=0.0,
-        plan_point=-1,
-        label=f"step {point.index + 1}, {point.torque_Nm:g} Nm",
+    free = began.demand.at_rest(
+        enabled=True, brake=0.0, label=f"step {point.index + 1}, {point.torque_Nm:g} Nm"
     )
     captured = replace(free, plan_point=point.index)
     limit_s = own.timeout_s + own.rest_s

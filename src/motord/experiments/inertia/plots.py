@@ -1,84 +1,74 @@
 """Pictures: releases of a bar between springs, steps of torque, sources of uncertainty."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.inertia.error_budget import Curves
+from motord.experiments.inertia.oscillation import Release
+from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import TorqueStep
 from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure
 
+SAMPLES = 350
+"""Samples of a release that are drawn, at most."""
 
-@dataclass(frozen=True)
-class DecayCurves:
-    """Releases: (t_s, angle_rad) from the first crossing on, angle from rest, each of any length.
-
-    late_s, late_rad: samples of the last used oscillation of one of them; late_fit_rad: its fit at
-    these times.
-    """
-
-    releases: tuple[tuple[np.ndarray, np.ndarray], ...]
-    resolution_rad: float
-    late_s: np.ndarray
-    late_rad: np.ndarray
-    late_fit_rad: np.ndarray
+PERIODS_FROM, PERIODS_TO = 0.2, 1.6
+"""Spring constants over which the period is drawn, in parts of the set-up's own."""
 
 
-@dataclass(frozen=True)
-class Periods:
-    """Period (s) over the spring constant of each side (N/m), and where the set-up is."""
-
-    stiffness_N_per_m: np.ndarray
-    period_s: np.ndarray
-    own_N_per_m: float
-    own_s: float
-
-
-def decays(data: DecayCurves) -> Figure:
+def decays(releases: Sequence[Release]) -> Figure:
     """Return all releases over time, and the last oscillation of one with its fit."""
+    count_rad, decay = releases[0].swing.resolution_rad, releases[0].decay
+    crossings_s = releases[0].swing.crossings_s
+    late = decay.t_s >= crossings_s[-3] - crossings_s[0]
+    fitted_rad = decay.angle_rad + decay.residual_rad
+    since = "time since the first crossing (s)"
     with drawing():
         picture = figure(3.5)
         left, right = picture.subplots(1, 2, width_ratios=[1.5, 1.0])
-        for t_s, angle_rad in data.releases:
-            left.plot(t_s, angle_rad / data.resolution_rad, color=AFTER, linewidth=0.7, alpha=0.5)
-        left.axhline(0, color=INK, linewidth=0.8)
-        left.set_xlim(0, max(t_s[-1] for t_s, _ in data.releases))
-        left.set_xlabel("time since the first crossing (s)")
-        left.set_ylabel("angle from rest (encoder counts)")
-        left.set_title(f"{len(data.releases)} releases")
-        right.plot(
-            data.late_s, data.late_rad / data.resolution_rad, ".", color=AFTER, markersize=4,
-            label="encoder",
-        )  # fmt: skip
-        right.plot(
-            data.late_s, data.late_fit_rad / data.resolution_rad, color=REFERENCE, linewidth=1.4,
-            label="fit of the whole decay",
-        )  # fmt: skip
-        right.axhline(0, color=INK, linewidth=0.8)
-        right.set_xlabel("time since the first crossing (s)")
-        right.set_title("The last oscillation of one of them")
+        end_s = 0.0
+        for one in (release.decay for release in releases):
+            some = slice(None, None, -(-one.t_s.size // SAMPLES))
+            t_s, angle = one.t_s[some], (one.angle_rad[some] - one.rest_rad) / count_rad
+            left.plot(t_s, angle, color=AFTER, linewidth=0.7, alpha=0.5)
+            end_s = max(end_s, t_s[-1])
+        left.set(xlim=(0, end_s), xlabel=since, ylabel="angle from rest (encoder counts)")
+        left.set_title(f"{len(releases)} releases")
+        t_s, angle = decay.t_s[late], (decay.angle_rad[late] - decay.rest_rad) / count_rad
+        right.plot(t_s, angle, ".", color=AFTER, markersize=4, label="encoder")
+        fit = (fitted_rad[late] - decay.rest_rad) / count_rad
+        right.plot(t_s, fit, color=REFERENCE, linewidth=1.4, label="fit of the whole decay")
+        right.set(xlabel=since, title="The last oscillation of one of them")
         right.legend(loc="upper right", markerscale=1.6)
         right.margins(y=0.25)
+        for axes in (left, right):
+            axes.axhline(0, color=INK, linewidth=0.8)
         return picture
 
 
-def periods(data: Periods) -> Figure:
-    """Return the period over the spring constant."""
+def periods(setup: SpringSetup, inertia_kg_m2: float) -> Figure:
+    """Return the period over the spring constant of each side, all springs alike."""
+
+    def period_s(part: float) -> float:
+        other = replace(setup, stiffness_N_per_m=part * setup.stiffness_N_per_m)
+        return 2 * np.pi / other.frequency_rad_s(inertia_kg_m2)
+
+    own_N_per_m, own_s = float(setup.stiffness_N_per_m.sum()) / 2, period_s(1.0)
+    parts = np.linspace(PERIODS_FROM, PERIODS_TO, 57)
     with drawing():
         picture = figure(2.6)
         axes = picture.subplots()
-        axes.plot(data.stiffness_N_per_m, data.period_s, color=AFTER)
-        axes.plot([data.own_N_per_m], [data.own_s], "o", color=BEFORE, markersize=6)
+        axes.plot(parts * own_N_per_m, [period_s(part) for part in parts], color=AFTER)
+        axes.plot([own_N_per_m], [own_s], "o", color=BEFORE, markersize=6)
         axes.annotate(
-            f"this set-up: {1e3 * data.own_s:.0f} ms", (data.own_N_per_m, data.own_s),
+            f"this set-up: {1e3 * own_s:.0f} ms", (own_N_per_m, own_s),
             xytext=(8, 8), textcoords="offset points", color=INK,
         )  # fmt: skip
-        axes.set_xlabel("spring constant of each side (N/m)")
-        axes.set_ylabel("period (s)")
-        axes.set_ylim(bottom=0)
+        axes.set(xlabel="spring constant of each side (N/m)", ylabel="period (s)", ylim=(0, None))
         return picture
 
 
@@ -99,25 +89,13 @@ def torque_steps(steps: Sequence[TorqueStep]) -> Figure:
             )  # fmt: skip
             right.plot(1e3 * one.t_s, sign * one.torque_Nm, color=OTHER, linewidth=0.6, alpha=0.6)
         right.axhline(0, color=SOFT, linewidth=0.8)
-        for axes in (left, right):
-            axes.set_xlabel("time since the step (ms)")
-        left.set_ylabel("angle turned (rad)")
-        left.set_title("Angle")
+        since = "time since the step (ms)"
+        left.set(xlabel=since, ylabel="angle turned (rad)", title="Angle")
         left.legend(loc="upper left")
-        right.set_ylabel("torque (Nm)")
-        right.set_title("Torque by the sensor, high-pass undone")
+        right.set(
+            xlabel=since, ylabel="torque (Nm)", title="Torque by the sensor, high-pass undone"
+        )
         return picture
-
-
-def thinned(
-    releases: Sequence[tuple[np.ndarray, np.ndarray]], most: int = 350
-) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-    """Return releases with at most `most` samples each, for drawing."""
-    steps = [-(-t_s.size // most) for t_s, _ in releases]
-    return tuple(
-        (t_s[::step], angle_rad[::step])
-        for (t_s, angle_rad), step in zip(releases, steps, strict=True)
-    )
 
 
 def sensitivity(curves: Curves) -> Figure:
@@ -126,18 +104,16 @@ def sensitivity(curves: Curves) -> Figure:
         picture = figure(6.2)
         ((springs, levers), (mass, factor)) = picture.subplots(2, 2)
         _fan(springs, curves.stiffness, curves.stiffness_change, "K")
-        springs.set_title("Spring constants")
-        springs.set_xlabel("error of the spring constants (%)")
+        springs.set(title="Spring constants", xlabel="error of the spring constants (%)")
         _fan(levers, curves.lever, curves.lever_change, "L")
-        levers.set_title("Levers")
-        levers.set_xlabel("error of the levers (%)")
+        levers.set(title="Levers", xlabel="error of the levers (%)")
         mass.plot(100 * curves.mass, 100 * curves.mass_change, color=AFTER)
-        mass.set_title("Weighed mass of the springs")
-        mass.set_xlabel("error of the springs' mass (%)")
+        mass.set(title="Weighed mass of the springs", xlabel="error of the springs' mass (%)")
         factor.plot(curves.factor, 100 * curves.factor_change, color=AFTER)
         _mark_waves(factor, curves)
-        factor.set_title("Effective mass of the springs")
-        factor.set_xlabel("effective mass, in parts of the mass")
+        factor.set(
+            title="Effective mass of the springs", xlabel="effective mass, in parts of the mass"
+        )
         for axes in (springs, mass):
             axes.set_ylabel("error of the inertia (%)")
         return picture
@@ -165,24 +141,14 @@ def _mark_waves(axes: Axes, curves: Curves) -> None:
     )  # fmt: skip
 
 
-def shares(sources: Sequence[tuple[str, float]], changes: Sequence[tuple[str, float]]) -> Figure:
-    """Return the ranked sources, (label, uncertainty in parts), and what changes would leave."""
+def uncertainties(*panels: tuple[str, Sequence[tuple[str, float]]]) -> Figure:
+    """Return bars of uncertainties, (label, uncertainty in parts), under the title of a panel."""
     with drawing():
-        picture = figure(0.9 + 0.34 * max(len(sources), len(changes)))
-        left, right = picture.subplots(1, 2)
-        _bars(left, sources, AFTER)
-        left.set_title("Where it comes from")
-        _bars(right, changes, OTHER)
-        right.set_title("What changes of the set-up leave")
-        return picture
-
-
-def ranked(sources: Sequence[tuple[str, float]]) -> Figure:
-    """Return the ranked sources of an uncertainty, (label, uncertainty in parts)."""
-    with drawing():
-        picture = figure(0.9 + 0.34 * len(sources))
-        axes = picture.subplots()
-        _bars(axes, sources, AFTER)
+        picture = figure(0.9 + 0.34 * max(len(bars) for _, bars in panels))
+        places = picture.subplots(1, len(panels), squeeze=False)[0]
+        for axes, (title, bars), colour in zip(places, panels, (AFTER, OTHER), strict=False):
+            _bars(axes, bars, colour)
+            axes.set_title(title)
         return picture
 
 
@@ -196,8 +162,10 @@ def _bars(axes: Axes, bars: Sequence[tuple[str, float]], colour: str) -> None:
             va="center", fontsize=9, color=INK,
         )  # fmt: skip
     axes.set_yticks(places, [label for label, _ in bars])
-    axes.set_ylim(len(bars) - 0.4, -0.6)
-    axes.set_xlim(0, 1.15 * max(float(values.max()), 1e-9))
+    axes.set(
+        ylim=(len(bars) - 0.4, -0.6),
+        xlim=(0, 1.15 * max(float(values.max()), 1e-9)),
+        xlabel="standard uncertainty (% of the inertia)",
+    )
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
-    axes.set_xlabel("standard uncertainty (% of the inertia)")

@@ -1,23 +1,15 @@
 """The page on a moment of inertia: by oscillation, by acceleration, or both."""
 
-from collections.abc import Sequence
-from dataclasses import replace
-from math import pi
-
 import numpy as np
 
 from motord.experiments.inertia.error_budget import Share
-from motord.experiments.inertia.oscillation import POELS2008_METHOD, Oscillation, Release
+from motord.experiments.inertia.oscillation import POELS2008_METHOD, Oscillation
 from motord.experiments.inertia.plots import (
-    DecayCurves,
-    Periods,
     decays,
     periods,
-    ranked,
     sensitivity,
-    shares,
-    thinned,
     torque_steps,
+    uncertainties,
 )
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import Acceleration
@@ -26,15 +18,19 @@ from motord.report.html import Page
 
 UNIT = "10\u207b\u00b3 kg m\u00b2"
 
-PERIODS_FROM, PERIODS_TO = 0.2, 1.6
-"""Spring constants over which the period is drawn, in parts of the set-up's own."""
-
 
 def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     """Return a page of its own."""
     subject = recordings.subject
     page = Page("Moment of inertia", f"{subject.motor.name} on bench {subject.bench}")
-    _cards(page, found)
+    name = "oscillation" if isinstance(found, Oscillation) else "acceleration"
+    percent = 196 * found.uncertainty_kg_m2 / found.inertia_kg_m2
+    page.cards(
+        [
+            (f"{grams(found.inertia_kg_m2)} {UNIT}", f"by {name}"),
+            (f"\u00b1 {percent:.2g} %", f"95 %, by {name}"),
+        ]
+    )
     fill(page, found)
     page.heading("About these figures")
     rows = list(facts(subject, recordings.names))
@@ -58,17 +54,6 @@ def grams(inertia_kg_m2: float) -> str:
     return f"{1e3 * inertia_kg_m2:.3f}"
 
 
-def _cards(page: Page, found: Oscillation | Acceleration) -> None:
-    name = "oscillation" if isinstance(found, Oscillation) else "acceleration"
-    percent = 196 * found.uncertainty_kg_m2 / found.inertia_kg_m2
-    page.cards(
-        [
-            (f"{grams(found.inertia_kg_m2)} {UNIT}", f"by {name}"),
-            (f"\u00b1 {percent:.2g} %", f"95 %, by {name}"),
-        ]
-    )
-
-
 def _against(value_kg_m2: float, truth_kg_m2: float | None) -> list[str]:
     if truth_kg_m2 is None:
         return []
@@ -89,7 +74,7 @@ def _oscillation(page: Page, found: Oscillation, truth_kg_m2: float | None) -> N
         f"frequency of one release repeats within {100 * scatter:.4f} %."
     )
     page.picture(
-        decays(_decay_curves(releases)),
+        decays(releases),
         "Angle from rest after each release (Poels 2008, Figure 2.4) and the encoder's samples of "
         "the last oscillation that is used of one release (Figure 2.5), with the fit.",
     )
@@ -112,7 +97,7 @@ def _oscillation(page: Page, found: Oscillation, truth_kg_m2: float | None) -> N
         "swings than the third that belongs to a heavy load."
     )
     page.picture(
-        periods(_periods(found.setup, found.inertia_kg_m2)),
+        periods(found.setup, found.inertia_kg_m2),
         "Period over the spring constant of each side (Poels 2008, Figure 2.2), for this bar and "
         "this motor.",
     )
@@ -128,9 +113,12 @@ def _budget(page: Page, found: Oscillation) -> None:
         f"of {budget.draws:,} draws lie between {grams(low)} and {grams(high)}."
     )
     page.picture(
-        shares(
-            [(one.source, one.uncertainty) for one in budget.shares],
-            [(one.label, one.uncertainty) for one in found.improvements],
+        uncertainties(
+            ("Where it comes from", [(one.source, one.uncertainty) for one in budget.shares]),
+            (
+                "What changes of the set-up leave",
+                [(one.label, one.uncertainty) for one in found.improvements],
+            ),
         ),
         "Standard uncertainty that each source alone would give, and what is left of the whole "
         "after the changes that Poels 2008, section 2.3.2, proposes, with the same ruler and "
@@ -186,44 +174,8 @@ def _acceleration(page: Page, found: Acceleration, truth_kg_m2: float | None) ->
         numbers=True,
     )
     page.picture(
-        ranked([(one.source, one.uncertainty) for one in found.sources]),
+        uncertainties(("", [(one.source, one.uncertainty) for one in found.budget])),
         "Standard uncertainty that each source alone would give.",
-    )
-
-
-def _decay_curves(releases: Sequence[Release]) -> DecayCurves:
-    """Return what is drawn of the releases, from each one's first crossing on."""
-    drawn = [(r.decay.t_s, r.decay.angle_rad - r.decay.rest_rad) for r in releases]
-    first = releases[0]
-    t_s = first.decay.t_s
-    late = t_s >= first.swing.crossings_s[-3] - first.swing.crossings_s[0]
-    fitted_rad = first.decay.angle_rad + first.decay.residual_rad
-    return DecayCurves(
-        releases=thinned(drawn),
-        resolution_rad=first.swing.resolution_rad,
-        late_s=t_s[late],
-        late_rad=drawn[0][1][late],
-        late_fit_rad=fitted_rad[late] - first.decay.rest_rad,
-    )
-
-
-def _periods(setup: SpringSetup, inertia_kg_m2: float) -> Periods:
-    """Return the period over the spring constant, all springs alike."""
-    own_N_per_m = float(setup.stiffness_N_per_m.sum()) / 2
-    parts = np.linspace(PERIODS_FROM, PERIODS_TO, 57)
-    periods_s = [
-        2
-        * pi
-        / replace(setup, stiffness_N_per_m=part * setup.stiffness_N_per_m).frequency_rad_s(
-            inertia_kg_m2
-        )
-        for part in parts
-    ]
-    return Periods(
-        stiffness_N_per_m=parts * own_N_per_m,
-        period_s=np.array(periods_s),
-        own_N_per_m=own_N_per_m,
-        own_s=2 * pi / setup.frequency_rad_s(inertia_kg_m2),
     )
 
 

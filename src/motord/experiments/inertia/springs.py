@@ -71,10 +71,6 @@ class SpringSetup:
             ),
         )
 
-    def counting(self, effective_mass: EffectiveMass) -> "SpringSetup":
-        """Return the same with another model of the springs' effective mass."""
-        return replace(self, effective_mass=effective_mass)
-
     @property
     def stiffness_Nm(self) -> float:
         """Stiffness against rotation (Nm/rad), Poels 2008, eq. (2.4)."""

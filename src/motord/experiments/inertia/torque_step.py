@@ -9,13 +9,17 @@ Coulomb, theta(t) is linear in what is asked for:
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import pi, sqrt
-from typing import ClassVar
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
+
+REQUIRED = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
+"""Columns of the ticks of a step."""
 
 LEAST_REST_S = 0.3
 """Rest before a step that the sensor's drift is taken from."""
@@ -27,15 +31,8 @@ LEAST_WAY_RAD = 0.3
 """Shortest angle that an inertia is taken from."""
 
 
-@dataclass(frozen=True)
-class StepData:
-    """One step as it was recorded: samples (n,) from the rest before it on."""
-
-    index: int
-    t_ns: np.ndarray
-    count: np.ndarray
-    torque_Nm: np.ndarray
-    torque_set_Nm: np.ndarray
+_integral = partial(cumulative_trapezoid, initial=0)
+"""Integral from the first sample on."""
 
 
 @dataclass(frozen=True)
@@ -76,39 +73,31 @@ class TorqueSource:
 
 @dataclass(frozen=True)
 class Acceleration:
-    """The motor's inertia by acceleration; sources: of its uncertainty, largest first."""
+    """The motor's inertia by acceleration; budget: sources of its uncertainty, largest first."""
 
-    JSON: ClassVar[dict[str, str]] = {
-        **{
-            name: name
-            for name in ("inertia_kg_m2", "uncertainty_kg_m2", "commanded_kg_m2", "plain_kg_m2")
-        },
-        "budget": "sources",
-        "steps": "steps",
-    }
-
-    steps: tuple[TorqueStep, ...]
     inertia_kg_m2: float
     uncertainty_kg_m2: float
     commanded_kg_m2: float
     plain_kg_m2: float
-    sources: tuple[TorqueSource, ...]
+    budget: tuple[TorqueSource, ...]
+    steps: tuple[TorqueStep, ...]
 
 
 def accelerate(
-    data: Sequence[StepData],
+    data: Sequence[np.ndarray],
     counts: int,
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
 ) -> Acceleration:
     """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
+    data: ticks of each step from the rest before it on, with the columns REQUIRED.
     Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
     half of it is what they differ by.
     """
     if not data:
         raise IdentifyError("no good step in there")
-    steps = tuple(read_step(step, counts, sensor) for step in data)
+    steps = tuple(read_step(n, ticks, counts, sensor) for n, ticks in enumerate(data))
     value = _both_ways(steps)
     values = np.array([p.inertia_kg_m2 for p in steps])
     scatter = float(values.std(ddof=1)) if values.size > 1 else steps[0].stderr_kg_m2
@@ -121,7 +110,7 @@ def accelerate(
         longer = sensor.model_copy(
             update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
         )
-        changed = _both_ways([read_step(step, counts, longer) for step in data])
+        changed = _both_ways([read_step(n, ticks, counts, longer) for n, ticks in enumerate(data)])
         sources.append(TorqueSource("its time constant", abs(changed / value - 1) / sqrt(3)))
     return Acceleration(
         steps=steps,
@@ -129,7 +118,7 @@ def accelerate(
         uncertainty_kg_m2=value * sqrt(sum(s.uncertainty**2 for s in sources)),
         commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
         plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
-        sources=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
+        budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
     )
 
 
@@ -142,14 +131,14 @@ def _both_ways(steps: Sequence[TorqueStep]) -> float:
     return float(np.mean([np.mean(one) for one in directions if one]))
 
 
-def read_step(data: StepData, counts: int, sensor: TorqueSensorConfig) -> TorqueStep:
+def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig) -> TorqueStep:
     """Return what one step tells. Raises IdentifyError naming it."""
-    name = f"step {data.index + 1}"
-    t_s, begin = _since_step(data, name)
-    angle_rad = np.unwrap(data.count * (2 * pi / counts))[begin:]
+    name = f"step {index + 1}"
+    t_s, begin = _since_step(ticks, name)
+    angle_rad = np.unwrap(ticks["encoder_count"] * (2 * pi / counts))[begin:]
     angle_rad -= angle_rad[0]
-    measured_Nm = _torque_since(t_s, data.torque_Nm.astype(float), begin, sensor)
-    commanded_Nm = data.torque_set_Nm[begin:].astype(float)
+    measured_Nm = _torque_since(t_s, ticks["torque_Nm"].astype(float), begin, sensor)
+    commanded_Nm = ticks["torque_set_Nm"][begin:].astype(float)
     t_s = t_s[begin:]
     sliding = slice(int(np.argmax(np.abs(angle_rad) > MOVED_RAD)), None)
     way_rad = np.diff(angle_rad[sliding]) * np.sign(angle_rad[-1])
@@ -161,11 +150,11 @@ def read_step(data: StepData, counts: int, sensor: TorqueSensorConfig) -> Torque
     q, _, _ = _fit(t_s, angle_rad, commanded_Nm, sliding)
     stop = int(np.flatnonzero(commanded_Nm)[-1])
     return TorqueStep(
-        index=data.index,
+        index=index,
         inertia_kg_m2=float(1 / p[2]),
         stderr_kg_m2=float(errors[2] / p[2] ** 2),
         commanded_kg_m2=float(1 / q[2]),
-        plain_kg_m2=float(_twice(t_s, commanded_Nm)[stop] / angle_rad[stop]),
+        plain_kg_m2=float(_integral(_integral(commanded_Nm, t_s), t_s)[stop] / angle_rad[stop]),
         viscous_Nm_s_per_rad=float(-p[3] / p[2]),
         friction_Nm=float(-p[4] / p[2] * np.sign(angle_rad[-1])),
         t_s=t_s,
@@ -176,13 +165,13 @@ def read_step(data: StepData, counts: int, sensor: TorqueSensorConfig) -> Torque
     )
 
 
-def _since_step(data: StepData, name: str) -> tuple[np.ndarray, int]:
+def _since_step(ticks: np.ndarray, name: str) -> tuple[np.ndarray, int]:
     """Return times (s) from the step on, and the sample at which it begins."""
-    pushed = np.flatnonzero(data.torque_set_Nm)
+    pushed = np.flatnonzero(ticks["torque_set_Nm"])
     begin = int(pushed[0]) - 1 if pushed.size else 0
     if begin < 1:
         raise IdentifyError(f"{name}: no step of torque from rest")
-    t_s = (data.t_ns.astype(np.int64) - int(data.t_ns[begin])) * 1e-9
+    t_s = (ticks["t_ns"].astype(np.int64) - int(ticks["t_ns"][begin])) * 1e-9
     if (np.diff(t_s) <= 0).any():
         raise IdentifyError(f"{name}: times do not rise")
     if -t_s[0] < LEAST_REST_S:
@@ -201,24 +190,12 @@ def _torque_since(
     tau_s = sensor.highpass_time_constant_s
     rest_s = t_s[:begin]
     if tau_s <= 0:
-        above_Nm: np.ndarray = measured_Nm[begin:] - measured_Nm[:begin].mean()
-        return above_Nm
+        return np.asarray(measured_Nm[begin:] - measured_Nm[:begin].mean())
     dying = np.exp(-rest_s / tau_s)
     columns = np.column_stack([np.ones_like(rest_s), dying])
     (steady_Nm, left_Nm), *_ = np.linalg.lstsq(columns, measured_Nm[:begin], rcond=None)
     seen_Nm = measured_Nm[begin:] - steady_Nm
-    torque_Nm: np.ndarray = seen_Nm - left_Nm + _once(t_s[begin:], seen_Nm) / tau_s
-    return torque_Nm
-
-
-def _once(t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return the integral from the first sample on (trapezia)."""
-    steps = np.diff(t_s) * (values[1:] + values[:-1]) / 2
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _twice(t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return _once(t_s, _once(t_s, values))
+    return np.asarray(seen_Nm - left_Nm + _integral(seen_Nm, t_s[begin:]) / tau_s)
 
 
 def _fit(
@@ -229,8 +206,8 @@ def _fit(
         [
             np.ones_like(t_s),
             t_s,
-            _twice(t_s, torque_Nm),
-            _once(t_s, angle_rad),
+            _integral(_integral(torque_Nm, t_s), t_s),
+            _integral(angle_rad, t_s),
             t_s**2 / 2,
         ]
     )[sliding]

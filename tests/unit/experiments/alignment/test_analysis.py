@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from motord.cli import app
 from motord.config import Config, MotorConfig, load, packaged
 from motord.control.types import SETPOINT
-from motord.experiments.alignment.result import AlignmentResult, found_alignment
+from motord.experiments.alignment.command import found_alignment
 from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
@@ -112,7 +112,7 @@ def test_a_bench_file_that_is_right_or_nearly(bench: Path, off_points: float, wo
     run = open_run(bench / "run.mcap")
     found = found_alignment([run], Subject.of_runs([run]))
     motor = load(bench / "bench.toml").motor.model_dump() | found.fields
-    offset_rad = found.alignment.offset_rad + off_points * 2 * np.pi / 4096
+    offset_rad = found.offset_rad + off_points * 2 * np.pi / 4096
     motor["encoder_offset_rad"] = offset_rad
     [note] = replace(found, motor=MotorConfig.model_validate(motor)).notes
     assert words in note
@@ -125,17 +125,15 @@ def test_the_result_is_json(bench: Path) -> None:
 
 def test_notes_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> None:
     run = open_run(bench / "run.mcap")
-    subject = Subject.of_runs([run])
-    result = found_alignment([run], subject)
-    found = result.alignment
+    found = found_alignment([run], Subject.of_runs([run]))
     odd = replace(
         found,
         answer=replace(found.answer, way=0),
         gains=(1.0, 1.3, 1.0),
         offset_stderr_rad=0.002,
-        left_out=found.rests.still.size // 2,
+        left_out=found.rests.size // 2,
     )
-    words = " ".join(AlignmentResult(odd, subject.motor).notes)
+    words = " ".join(odd.notes)
     assert "does not show the rotor's swings" in words
     assert "phase b: sensed current is 1.30 times the commanded one" in words
     assert "stops are left out" in words

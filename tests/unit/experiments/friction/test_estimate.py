@@ -39,7 +39,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(
     for seed in range(seeds):
         coasts = coast_downs(np.random.default_rng(seed), rotor, 8, longest_step=5)
         (one,) = friction(coasts).directions
-        errors.append((one.coulomb_Nm - rotor.coulomb_Nm) / one.fit_coulomb_Nm)
+        errors.append((one.coulomb_Nm - rotor.coulomb_Nm) / one.coulomb_fit_Nm)
         viscous = one.viscous_low_Nm_s_per_rad, one.viscous_high_Nm_s_per_rad
         inside.append(
             (
@@ -128,7 +128,7 @@ def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
     doubled = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test")).directions[0]
     assert doubled.coulomb_Nm == pytest.approx(2 * exact.coulomb_Nm)
     half = doubled.coulomb_high_Nm - doubled.coulomb_Nm
-    expected = np.hypot(2 * exact.fit_coulomb_Nm, 1.96 * 0.02 * doubled.coulomb_Nm)
+    expected = np.hypot(2 * exact.coulomb_fit_Nm, 1.96 * 0.02 * doubled.coulomb_Nm)
     assert half == pytest.approx(expected)
 
 

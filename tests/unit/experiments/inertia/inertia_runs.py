@@ -7,7 +7,6 @@ import numpy as np
 from motord.config import Config, load, packaged
 from motord.experiments.inertia.oscillation import Release, read_release
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import StepData
 from motord.experiments.plans import build
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
@@ -54,10 +53,6 @@ def read(number: int, ticks: np.ndarray, cogging_Nm: np.ndarray | None = None) -
 
 
 @cache
-def pushes(seed: int, repeats: int) -> tuple[StepData, ...]:
-    """Return steps of torque of the packaged bench."""
-    runs = taken(load(), "inertia-acceleration", seed, repeats=repeats)
-    return tuple(
-        StepData(n, t["t_ns"], t["encoder_count"], t["torque_Nm"], t["torque_set_Nm"])
-        for n, t in enumerate(runs)
-    )
+def pushes(seed: int, repeats: int) -> tuple[np.ndarray, ...]:
+    """Return the ticks of steps of torque of the packaged bench."""
+    return tuple(taken(load(), "inertia-acceleration", seed, repeats=repeats))

@@ -1,12 +1,10 @@
 """Steps of torque: made-up ones whose inertia is known, and those of the simulated rig."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from motord.config import AccelerationConfig, TorqueSensorConfig, load
-from motord.experiments.inertia.torque_step import StepData, accelerate, read_step
+from motord.experiments.inertia.torque_step import REQUIRED, accelerate, read_step
 from motord.identification import IdentifyError
 from tests.unit.experiments.inertia.inertia_runs import pushes
 
@@ -15,7 +13,7 @@ DIRECT = TorqueSensorConfig()
 PIEZO = TorqueSensorConfig(highpass_time_constant_s=2.0)
 
 
-def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> StepData:
+def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> np.ndarray:
     """1 s at rest, 1 Nm ramped up and down within 0.3 s, coasting; exact but for the encoder."""
     h = 1e-4
     t_s = np.arange(0, 1.6, h)
@@ -35,13 +33,21 @@ def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0
     every = slice(None, None, 10)
     count = np.rint(sign * angles[every] * 4096 / (2 * np.pi)).astype(int) % 4096
     t_ns = np.rint(t_s[every] * 1e9).astype(np.int64)
-    return StepData(0, t_ns, count, sign * sensed[every], sign * torque_Nm[every])
+    columns = (t_ns, count, sign * sensed[every], sign * torque_Nm[every])
+    return np.rec.fromarrays(columns, names=REQUIRED)
+
+
+def changed(ticks: np.ndarray, **columns: np.ndarray | float) -> np.ndarray:
+    other = ticks.copy()
+    for name, values in columns.items():
+        other[name] = values
+    return other
 
 
 @pytest.mark.parametrize("sensor", [DIRECT, PIEZO])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign: int) -> None:
-    found = read_step(made_up(sensor, sign), 4096, sensor)
+    found = read_step(0, made_up(sensor, sign), 4096, sensor)
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.commanded_kg_m2 == pytest.approx(J, rel=2e-3)
     assert found.viscous_Nm_s_per_rad == pytest.approx(VISCOUS, abs=1.5e-3)
@@ -51,7 +57,7 @@ def test_inertia_and_friction_of_a_known_rotor(sensor: TorqueSensorConfig, sign:
 
 
 def test_what_drifts_before_the_step_is_taken_off() -> None:
-    settled = read_step(made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
+    settled = read_step(0, made_up(PIEZO, drift_Nm_per_s=0.02), 4096, PIEZO)
     assert settled.inertia_kg_m2 == pytest.approx(J, rel=5e-3)
 
 
@@ -60,14 +66,14 @@ def test_the_simulated_rig_within_what_is_stated() -> None:
     found = accelerate(pushes(4, 6), 4096, config.torque_sensor, config.plans.inertia_acceleration)
     assert found.inertia_kg_m2 == pytest.approx(0.0105, abs=2.5 * found.uncertainty_kg_m2)
     assert 0.003 < found.uncertainty_kg_m2 / 0.0105 < 0.02
-    assert found.sources[0].source == "gain of the torque sensor"
+    assert found.budget[0].source == "gain of the torque sensor"
     assert abs(found.plain_kg_m2 / 0.0105 - 1) > 0.03
     assert len(found.steps) == 6
 
 
 def test_one_step_alone_has_its_own_error() -> None:
     found = accelerate([made_up(DIRECT)], 4096, DIRECT, AccelerationConfig())
-    assert {s.source for s in found.sources} == {"gain of the torque sensor", "repetition"}
+    assert {s.source for s in found.budget} == {"gain of the torque sensor", "repetition"}
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
 
 
@@ -76,12 +82,12 @@ def test_what_tells_no_inertia_is_refused() -> None:
     with pytest.raises(IdentifyError, match="no good step"):
         accelerate([], 4096, PIEZO, AccelerationConfig())
     cases = (
-        (replace(good, torque_set_Nm=0 * good.torque_set_Nm), "no step of torque from rest"),
-        (replace(good, count=0 * good.count), "did not turn on in one direction"),
-        (replace(good, torque_Nm=-good.torque_Nm), "its sign"),
-        (replace(good, t_ns=good.t_ns // 10), r"at rest for 0.1 s only"),
-        (replace(good, t_ns=good.t_ns[::-1]), "times do not rise"),
+        (changed(good, torque_set_Nm=0.0), "no step of torque from rest"),
+        (changed(good, encoder_count=0), "did not turn on in one direction"),
+        (changed(good, torque_Nm=-good["torque_Nm"]), "its sign"),
+        (changed(good, t_ns=good["t_ns"] // 10), r"at rest for 0.1 s only"),
+        (changed(good, t_ns=good["t_ns"][::-1]), "times do not rise"),
     )
     for data, message in cases:
         with pytest.raises(IdentifyError, match=f"step 1: .*{message}"):
-            read_step(data, 4096, PIEZO)
+            read_step(0, data, 4096, PIEZO)

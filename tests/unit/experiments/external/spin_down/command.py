@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from motord.experiments.analysis import Analysis, encode, header
+from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.html import Page
 from motord.report.text import TextTable
@@ -41,7 +41,7 @@ def _rows(found: SpinDown) -> list[list[str]]:
 
 ANALYSIS = Analysis(
     estimate,
-    json=lambda found, recordings: {**header(recordings, "spin-down/1", "name"), **encode(found)},
+    json=json_of("spin-down/1", "name"),
     report=report,
     text=lambda found, _: [TextTable("spin-down", ("time (s)", "turns"), _rows(found))],
 )

@@ -9,18 +9,9 @@ from spin_down import SpinDownConfig
 
 from motord.config import Config
 from motord.sequencing import Demand, OperatingPoint, Plan
-from motord.sequencing.capture import account, retaken_if_poor
+from motord.sequencing.capture import account, take_points
 from motord.sequencing.limits import check_torque
-from motord.sequencing.motions import (
-    Capture,
-    Motion,
-    enable,
-    hold,
-    ramp_down,
-    restartable,
-    wait,
-    within,
-)
+from motord.sequencing.motions import Capture, Motion, hold, restartable, wait, within
 from motord.sequencing.quality import quality
 from motord.sequencing.settings import chosen
 
@@ -32,7 +23,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     return Plan(
         name="spin-down",
         points=(OperatingPoint(0, own.torque_Nm, 0.0, 0, aim="a spin-down"),),
-        motion=partial(spin_downs, own),
+        motion=partial(take_points, partial(spin_down, own=own)),
         point_s=spin_down_s,
         settings=own.model_dump(mode="json"),
         needs="",
@@ -42,14 +33,6 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
 def spin_down_s(_: OperatingPoint) -> float:
     """Return an estimate of the time that a point takes (s); no lambda: plans are pickled."""
     return 10.0
-
-
-def spin_downs(own: SpinDownConfig, points: tuple[OperatingPoint, ...]) -> Motion[None]:
-    """Enable, take every point, ramp down."""
-    yield from enable()
-    for point in points:
-        yield from retaken_if_poor(spin_down, point, own)
-    yield from ramp_down()
 
 
 @restartable
