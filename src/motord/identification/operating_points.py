@@ -1,7 +1,7 @@
 """Operating points as samples: whole turns, currents at the instants of the torque samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from motord.identification import IdentifyError
 from motord.identification.harmonics import lines_at, over_one_turn
 from motord.identification.orders import resolved_order
-from motord.identification.resample import interpolate, uncrowded
+from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.turning import continuous_turns
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -30,14 +30,15 @@ class PointData:
 
     ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
     where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
-    whether errors were put on the currents on purpose, so that its ripple is not the motor's.
+    errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
+    the motor's; empty without.
     """
 
     torque_Nm: float
     speed_Hz: float
     ticks: np.ndarray
     compensate: int = 0
-    induced: bool = False
+    induced: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> I
             speed_Hz=float(point["speed_Hz"]),
             ticks=chosen[chosen["plan_point"] == int(point["index"])],
             compensate=int(point.get("compensate", 0)),
-            induced="induced" in point,
+            induced=point.get("induced", {}),
         )
 
 
@@ -110,6 +111,11 @@ def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[s
         if point.get("quality", GOOD) == GOOD:
             latest[key] = point
     return sorted(latest.values(), key=lambda point: int(point["tick_start"]))
+
+
+def time_span(point: Mapping[str, Any]) -> dict[str, int]:
+    """Return the bounds of a recorded operating point, as the reader of a recording takes them."""
+    return {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
 
 
 def prepare(point: PointData, counts: int) -> Samples:
@@ -124,7 +130,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     t_s = (t_ns - t_ns[:1]) * 1e-9
     i_A = _currents(ticks, t_s)
     torque_Nm = ticks["torque_Nm"].astype(float)
-    good, sensed = _rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
+    good, sensed = rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
     if sensed.any():
         good &= sensed
     else:
@@ -181,13 +187,6 @@ def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) 
     return np.column_stack(columns)
 
 
-def _rising(t: np.ndarray) -> np.ndarray:
-    """Return which samples are newer than all before them; the others repeat one (n,)."""
-    rising = np.ones(t.size, bool)
-    rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
-    return rising
-
-
 def _finite(*columns: np.ndarray) -> np.ndarray:
     """Return in which rows all columns (n,) are finite (n,)."""
     finite: np.ndarray = np.isfinite(columns[0])
@@ -214,7 +213,7 @@ def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
 def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
     """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
     source_s = t_s - age_s
-    fresh = _rising(source_s) & _finite(*i_A.T)
+    fresh = rising(source_s) & _finite(*i_A.T)
     fresh[fresh] = uncrowded(source_s[fresh])
     moved = np.full_like(i_A, np.nan)
     interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)

@@ -14,7 +14,7 @@ import numpy as np
 from motord.calibration import RmsErrors, RmsPoint
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
-from motord.identification.encoder_points import EncoderSums, without_drift
+from motord.identification.encoder_points import without_drift
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
@@ -114,7 +114,7 @@ def ripple_of(
     noise_Nm = _smooth(np.abs(even_odd[0] - even_odd[1]) / 2)
     rms_Nm, stderr_Nm = repeating_rms(even_odd, noise_Nm)
     count = samples.count[samples.whole]
-    means = EncoderSums.of(count, steady_Nm[:, None], motor.counts).means()[:, 0]
+    sums, hits = np.bincount(count, steady_Nm), np.bincount(count)
     percent = 100 / motor.rated_torque_Nm
     return PointRipple(
         torque_Nm=samples.torque_set_Nm,
@@ -123,7 +123,7 @@ def ripple_of(
         turns=len(samples.turns),
         rms_percent=percent * rms_Nm,
         stderr_percent=percent * stderr_Nm,
-        raw_percent=rms_error_percent(means[np.isfinite(means)], motor.rated_torque_Nm),
+        raw_percent=rms_error_percent(sums[hits > 0] / hits[hits > 0], motor.rated_torque_Nm),
         order=order,
         line_Nm=even_odd.mean(axis=0),
         noise_Nm=noise_Nm,

@@ -12,6 +12,13 @@ CROWD = 0.3
 would make a slope of their noise."""
 
 
+def rising(t: np.ndarray) -> np.ndarray:
+    """Return which samples are newer than all before them; the others repeat one (n,)."""
+    newer = np.ones(t.size, bool)
+    newer[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
+    return newer
+
+
 def uncrowded(source_s: np.ndarray) -> np.ndarray:
     """Return which of the rising times `source_s` (n,) to use, (n,): not those in a crowd."""
     keep = np.ones(source_s.size, bool)

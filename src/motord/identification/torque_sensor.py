@@ -67,30 +67,16 @@ class MountInverse:
         return cls(taps, period_s)
 
     def apply(self, t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return samples (n,) or (n, m) with the mount's resonance taken out, at the same times.
+        """Return samples (n,) with the mount's resonance taken out, at the same times.
 
         Samples that are missing are filled straight from their neighbours.
         """
-        index = np.empty(t_s.size, np.int64)
-        in_step = _place(t_s, self.period_s, index)
-        whole = index[-1] + 1 == index.size
-        result = np.empty(values.shape)
-        filtered = np.empty(index[-1] + 1)
-        for target, source in zip(np.atleast_2d(result.T), np.atleast_2d(values.T), strict=True):
-            grid = source if whole else np.interp(np.arange(filtered.size), index, source)
-            _convolve(np.pad(grid, HALF_LENGTH, mode="edge"), self.taps[::-1].copy(), filtered)
-            target[:] = filtered if in_step else filtered[index]
-        return result
-
-
-@jit
-def _place(t_s: np.ndarray, period_s: float, index: np.ndarray) -> bool:
-    """Fill `index` (n,) with the periods since the first of t_s (n,); tell if it counts up."""
-    in_step = True
-    for n in range(t_s.size):
-        index[n] = int(np.rint((t_s[n] - t_s[0]) / period_s))
-        in_step = in_step and index[n] == n
-    return in_step
+        place = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
+        filtered = np.empty(place[-1] + 1)
+        whole = filtered.size == values.size
+        grid = values if whole else np.interp(np.arange(filtered.size), place, values)
+        _convolve(np.pad(grid, HALF_LENGTH, mode="edge"), self.taps[::-1].copy(), filtered)
+        return np.asarray(filtered[place])
 
 
 @jit

@@ -17,21 +17,13 @@ HAND_ON_S = 1.0
 """Virtual time that is handed on at once: large blocks are written and read fastest."""
 
 BlockSink = Callable[[np.ndarray, np.ndarray], None]
-PointSink = Callable[[dict[str, Any]], None]
-ProgressSink = Callable[[dict[str, Any]], None]
 
 
 class PlanFailed(Exception):
     """A plan that did not end as it should; the message says why."""
 
 
-def run_plan(
-    bench: VirtualBench,
-    plan: Plan,
-    on_block: BlockSink,
-    on_point: PointSink = lambda point: None,
-    on_progress: ProgressSink = lambda progress: None,
-) -> list[dict[str, Any]]:
+def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[str, Any]]:
     """Run `plan` to its end, handing on blocks (ticks, truth). Returns the points taken.
 
     Raises PlanFailed if the bench trips or the plan fails.
@@ -39,18 +31,12 @@ def run_plan(
     executor, watcher = Executor(plan), TickWatcher()
     setpoint = np.zeros(1, SETPOINT)
     setpoint["plan_point"] = -1
-    demand, reported = Demand(), 0
+    demand = Demand()
     blocks = _Blocks(on_block, bench.config.loop.rate_Hz)
     while not executor.finished:
         seen = watcher.take(blocks.run(bench, setpoint))
         before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
-        if len(executor.points) > reported:
-            blocks.hand_on()
-            for point in executor.points[reported:]:
-                on_point(point)
-            reported = len(executor.points)
-            on_progress(executor.progress())
     blocks.hand_on()
     if executor.message:
         raise PlanFailed(f"{plan.name}: {executor.message}")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.identification.encoder_points import EncoderSums, fill_gaps, without_drift
+from motord.identification.encoder_points import fill_gaps, without_drift
 from motord.identification.harmonics import (
     harmonics_table,
     lines_at,
@@ -71,10 +71,6 @@ def test_harmonics_of_unevenly_visited_points(counts: int) -> None:
 def test_gaps_are_filled_round_the_zero_point() -> None:
     table = np.array([np.nan, 1.0, 2.0, np.nan, 4.0, np.nan])
     assert np.allclose(fill_gaps(table), [2.0, 1.0, 2.0, 3.0, 4.0, 3.0])
-    sums = EncoderSums.of(np.array([0, 0, 2]), np.array([[1.0], [3.0], [5.0]]), 3)
-    means = sums.means()[:, 0]
-    assert means[0] == 2.0
-    assert np.isnan(means[1])
 
 
 def test_drift_is_taken_out_and_orders_are_kept() -> None:

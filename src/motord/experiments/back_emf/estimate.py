@@ -24,7 +24,7 @@ from motord.experiments.back_emf.fit import (
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit
-from motord.identification.driven_rotor import Driven, prepare, require
+from motord.identification.driven_rotor import Driven, prepare
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
@@ -61,7 +61,7 @@ LEAST_VARIANCE = 1e-300
 
 def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     """Return the back-EMF from driven points. Raises IdentifyError."""
-    driven = [_ready(point, motor) for point in points]
+    driven = [prepare(point, motor, VOLTAGES, "no phase voltages") for point in points]
     if not driven:
         raise IdentifyError("there is no good operating point in the recording")
     speeds = [one.speed_Hz for one in driven]
@@ -76,11 +76,6 @@ def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
         order = np.array(sorted({*order.tolist(), *others}))
         fits = [fit_phases(one, order) for one in samples]
     return _result(fits, order, delay, driven, motor)
-
-
-def _ready(point: PointData, motor: MotorConfig) -> Driven:
-    require(point.ticks, VOLTAGES, f"driven at {point.speed_Hz:.3g} Hz", "no phase voltages")
-    return prepare(point, motor, VOLTAGES)
 
 
 def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
 from motord.identification.driven_rotor import Driven
+from motord.identification.resample import rising
 
 VOLTAGES = ("u_a_V", "u_b_V", "u_c_V")
 
@@ -26,8 +27,7 @@ def voltage_samples(driven: Driven, delay_s: float) -> VoltageSamples:
     at_s = driven.t_s
     if "i_age_ns" in (driven.ticks.dtype.names or ()):
         at_s = at_s - driven.ticks["i_age_ns"] * 1e-9
-    newest_s = np.maximum.accumulate(np.concatenate([[-np.inf], at_s[:-1]]))
-    fresh = at_s > newest_s
+    fresh = rising(at_s)
     at_s = at_s - delay_s
     fresh &= (at_s >= driven.t_s[0]) & (at_s <= driven.t_s[-1])
     rows = [first + np.flatnonzero(fresh[first:end]) for first, end in driven.turns]

@@ -17,9 +17,8 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.basis import cell_gain, highpass
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
-from motord.identification.driven_rotor import Driven, prepare, require
+from motord.identification.driven_rotor import Driven
 from motord.identification.harmonics import lines_at
-from motord.identification.operating_points import PointData
 from motord.identification.orders import (
     SAMPLES_PER_COGGING_ORDER,
     allowed_orders,
@@ -28,8 +27,8 @@ from motord.identification.orders import (
 )
 from motord.identification.torque_sensor import response
 
-REQUIRED = ("t_ns", "torque_Nm")
-"""Columns that are needed, besides one of the angle."""
+REQUIRED = ("torque_Nm",)
+"""Columns that are needed, besides time and angle."""
 
 COUNTS_PER_ORDER = 3
 """Encoder counts that a period of the highest order needs."""
@@ -77,12 +76,6 @@ def highest_order(driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig
     if sensor.resonance_Hz > 0:
         highest = min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / driven.speed_Hz))
     return highest
-
-
-def ready(point: PointData, motor: MotorConfig) -> Driven:
-    """Return a driven point with a torque, made ready. Raises IdentifyError."""
-    require(point.ticks, REQUIRED[1:], f"driven at {point.speed_Hz:.3g} Hz", "no measured torque")
-    return prepare(point, motor, REQUIRED[1:])
 
 
 def at_speed(

@@ -6,10 +6,11 @@ from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColor
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
+from motord.experiments.sensitivity.plots import SYMBOL
 from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.report.style import AFTER, INK, SOFT, drawing, figure
 
-NAMES = ("\u03b1a", "\u03b2a (A)", "cogging factor")
+NAMES = tuple(SYMBOL[what] for what in ("alpha_a", "beta_a_A", "cogging"))
 """What the axes are called, in the order of the volume."""
 
 _SMOOTH = LinearSegmentedColormap.from_list("smooth", ["#0d4f7c", "#3f8fbe", "#d5e7f0"])

@@ -11,9 +11,9 @@ import numpy as np
 
 from motord.config import MotorConfig
 from motord.identification import IdentifyError
-from motord.identification.encoder_points import EncoderSums, fill_gaps
+from motord.identification.basis import add_products, both_triangles
+from motord.identification.encoder_points import fill_gaps
 from motord.identification.operating_points import Samples
-from motord.jit import jit_sums
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,12 @@ class Trial:
     def of(cls, samples: Samples, counts: int) -> "Trial":
         """Average over the whole turns: 24 recorded are 23 from the zero point."""
         whole = samples.whole
-        values = np.concatenate([samples.i_A[whole], samples.torque_Nm[whole, None]], axis=1)
-        sums = EncoderSums.of(samples.count[whole], values, counts)
-        hit = sums.hits > 0
+        count, values = samples.count[whole], (*samples.i_A[whole].T, samples.torque_Nm[whole])
+        sums = [np.bincount(count, value, counts) for value in values]
+        hits = np.bincount(count, minlength=counts)
+        hit = hits > 0
         table = np.zeros((5, counts))
-        np.divide(sums.sums.T, sums.hits, out=table[:4], where=hit)
+        np.divide(sums, hits, out=table[:4], where=hit)
         table[3, hit] -= table[3, hit].mean()
         table[4] = hit
         return cls(table)
@@ -75,7 +76,7 @@ class ResidualEstimator:
     def __init__(self, motor: MotorConfig, orders: tuple[int, ...]) -> None:
         self._k = np.ascontiguousarray(motor.back_emf_table().T)
         self._orders = np.array(orders, int)
-        self._products = np.zeros((7, 7))  # of the columns of X and the torque
+        self._products = np.zeros((8, 8))  # of the columns of X, the torque and 0
         self._sums = np.zeros((5, motor.counts))
         self._trials: list[Trial] = []
 
@@ -85,7 +86,10 @@ class ResidualEstimator:
 
     def take(self, trial: Trial) -> None:
         """Take the averages of an operating point."""
-        add_products(trial.table, self._k, self._products)
+        i_A, torque_Nm, hit = trial.table[:3], trial.table[3], trial.table[4]
+        lanes = np.zeros((8, torque_Nm.size))
+        lanes[:3], lanes[3:6], lanes[6] = i_A * self._k, hit * self._k, torque_Nm
+        add_products(lanes, torque_Nm.size, self._products)
         self._sums += trial.table
         self._trials.append(trial)
 
@@ -96,8 +100,9 @@ class ResidualEstimator:
         """
         if not self._trials:
             raise IdentifyError("no operating points to identify from")
-        y = np.linalg.pinv(self._products[:6, :6], rcond=1e-12, hermitian=True)
-        y = y @ self._products[:6, 6]
+        products = both_triangles(self._products)
+        inverse = np.linalg.pinv(products[:6, :6], rcond=1e-12, hermitian=True)
+        y = inverse @ products[:6, 6]
         with np.errstate(invalid="ignore"):
             means = self._sums[:4] / self._sums[4]
         left_Nm = means[3] - y[:3] @ (means[:3] * self._k) - y[3:] @ self._k
@@ -106,9 +111,10 @@ class ResidualEstimator:
     def solve(self) -> ResidualFit:
         """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14)."""
         y, z_Nm = self.least_squares()
-        xx, xt = self._products[:6, :6], self._products[:6, 6]
+        products = both_triangles(self._products)
+        xx, xt, tt = products[:6, :6], products[:6, 6], products[6, 6]
         rows = int(self._sums[4].sum())
-        variance = (self._products[6, 6] - xt @ y) / max(rows - 6, 1)
+        variance = (tt - xt @ y) / max(rows - 6, 1)
         inverse = np.linalg.pinv(xx, rcond=1e-12, hermitian=True)
         stderr = np.sqrt(np.maximum(np.diag(inverse) * variance, 0))
         parts = [trial.lines(self._k, self._orders) for trial in self._trials]
@@ -125,38 +131,3 @@ class ResidualEstimator:
             line_stderr_Nm=lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1)),
             condition_number=float(np.sqrt(values[-1] / kept[0])),
         )
-
-
-@jit_sums
-def add_products(table: np.ndarray, k: np.ndarray, products: np.ndarray) -> None:
-    """Add the products of all pairs of columns of X and the torque to `products` (7, 7).
-
-    table (5, counts) as in `Trial`; k (3, counts). The columns a, b, c = I* o K, d, e, f = K and
-    t, the torque, are never made: one pass over the encoder points, all sums at once.
-    """
-    aa = ab = ac = ad = ae = af = at = bb = bc = bd = be = bf = bt = cc = 0.0
-    cd = ce = cf = ct = dd = de = df = dt = ee = ef = et = ff = ft = tt = 0.0
-    i_a, i_b, i_c, torque, hit = table[0], table[1], table[2], table[3], table[4]
-    k_a, k_b, k_c = k[0], k[1], k[2]
-    for n in range(torque.size):
-        a, b, c, t = i_a[n] * k_a[n], i_b[n] * k_b[n], i_c[n] * k_c[n], torque[n]
-        d, e, f = hit[n] * k_a[n], hit[n] * k_b[n], hit[n] * k_c[n]
-        aa, ab, ac, ad = aa + a * a, ab + a * b, ac + a * c, ad + a * d
-        ae, af, at, bb = ae + a * e, af + a * f, at + a * t, bb + b * b
-        bc, bd, be, bf = bc + b * c, bd + b * d, be + b * e, bf + b * f
-        bt, cc, cd, ce = bt + b * t, cc + c * c, cd + c * d, ce + c * e
-        cf, ct, dd, de = cf + c * f, ct + c * t, dd + d * d, de + d * e
-        df, dt, ee, ef = df + d * f, dt + d * t, ee + e * e, ef + e * f
-        et, ff, ft, tt = et + e * t, ff + f * f, ft + f * t, tt + t * t
-    rows = (
-        (aa, ab, ac, ad, ae, af, at),
-        (ab, bb, bc, bd, be, bf, bt),
-        (ac, bc, cc, cd, ce, cf, ct),
-        (ad, bd, cd, dd, de, df, dt),
-        (ae, be, ce, de, ee, ef, et),
-        (af, bf, cf, df, ef, ff, ft),
-        (at, bt, ct, dt, et, ft, tt),
-    )
-    for p in range(7):
-        for q in range(7):
-            products[p, q] += rows[p][q]

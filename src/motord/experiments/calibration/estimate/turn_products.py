@@ -16,7 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.identification.basis import CURRENT, Basis, add_products, fill_columns, highpass
+from motord.identification.basis import (
+    CURRENT,
+    Basis,
+    add_products,
+    both_triangles,
+    fill_columns,
+    highpass,
+)
 from motord.identification.harmonics import lines_at, over_one_turn
 from motord.identification.operating_points import MAX_CURRENT_ORDER, Samples
 from motord.identification.orders import resolved_order
@@ -82,8 +89,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         label=samples.label,
         torque_set_Nm=samples.torque_set_Nm,
         period_s=samples.period_s,
-        torque=_without_trend(_both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
-        currents=_both_triangles(currents)[:, :7, :7],
+        torque=_without_trend(both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
+        currents=both_triangles(currents)[:, :7, :7],
         samples=turns[:, 1] - turns[:, 0],
     )
 
@@ -192,12 +199,6 @@ def settled(samples: Samples, basis: Basis) -> np.ndarray:
 def _padded(width: int) -> int:
     """Return the next multiple of 4, as `add_products` wants it."""
     return -(-width // 4) * 4
-
-
-def _both_triangles(products: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (b, w, w) of which only the upper triangles are known, whole."""
-    whole: np.ndarray = np.triu(products) + np.swapaxes(np.triu(products, 1), 1, 2)
-    return whole
 
 
 def _without_trend(products: np.ndarray) -> np.ndarray:
