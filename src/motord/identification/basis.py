@@ -67,8 +67,7 @@ class Basis:
 
 def cell_gain(orders: np.ndarray, counts: int) -> np.ndarray:
     """Return how much of each order is left in means over encoder cells."""
-    gain: np.ndarray = np.sinc(orders / counts)
-    return gain
+    return np.asarray(np.sinc(orders / counts))
 
 
 def cell_means(table: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ import numpy as np
 from motord.calibration import RmsErrors, RmsPoint
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
-from motord.identification.encoder_points import without_drift
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
@@ -54,8 +53,7 @@ class PointRipple:
     def torque_over(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return the repeating torque without its mean at the angles (Nm)."""
         waves = np.exp(1j * np.outer(angle_rad, self.order))
-        torque: np.ndarray = (waves @ self.line_Nm).real
-        return torque
+        return np.asarray((waves @ self.line_Nm).real)
 
 
 def rms_error_percent(
@@ -131,6 +129,20 @@ def ripple_of(
     )
 
 
+def without_drift(samples: Samples, torque_Nm: np.ndarray) -> np.ndarray:
+    """Return the torque of all whole turns less its drift, which follows the means of the turns.
+
+    The drift goes straight from the middle of one turn to that of the next, so all orders of the
+    turn stay as they are.
+    """
+    whole = samples.whole
+    t_s = samples.t_s
+    means = np.array([torque_Nm[first:end].mean() for first, end in samples.turns])
+    middles_s = np.array([t_s[first:end].mean() for first, end in samples.turns])
+    drift = np.interp(t_s[whole], middles_s, means)
+    return np.asarray(torque_Nm[whole] - drift)
+
+
 def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: int) -> np.ndarray:
     """Return the lines of orders 1 to `highest` of even and of odd turns, complex (2, highest).
 
@@ -174,5 +186,4 @@ def _smooth(noise: np.ndarray, width: int = 15) -> np.ndarray:
     half = min(width, noise.size) // 2
     padded = np.pad(noise**2, half, mode="edge")
     mean = np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
-    root: np.ndarray = np.sqrt(mean)
-    return root
+    return np.asarray(np.sqrt(mean))

@@ -28,8 +28,7 @@ def response(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray
     h = np.ones_like(s)
     if sensor.highpass_time_constant_s > 0:
         h = s * sensor.highpass_time_constant_s / (1 + s * sensor.highpass_time_constant_s)
-    gain: np.ndarray = h / _mount_inverse(sensor, np.asarray(frequency_Hz, float))
-    return gain
+    return np.asarray(h / _mount_inverse(sensor, np.asarray(frequency_Hz, float)))
 
 
 def _mount_inverse(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray:
@@ -96,5 +95,4 @@ def _convolve(padded: np.ndarray, weights: np.ndarray, result: np.ndarray) -> No
 
 def _weighted_least_squares(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
     root = np.sqrt(weight)
-    solution: np.ndarray = np.linalg.lstsq(a * root[:, None], b * root, rcond=None)[0]
-    return solution
+    return np.asarray(np.linalg.lstsq(a * root[:, None], b * root, rcond=None)[0])

@@ -4,7 +4,6 @@ import numpy as np
 
 from motord.experiments.calibration import report as calibration
 from motord.experiments.ripple import report as ripple
-from motord.identification.harmonics import spectrum
 from motord.report.html import Page
 from motord.report.plots.torque import TorqueCurve
 from motord.reproduce.bench import true_estimate
@@ -56,10 +55,9 @@ def _facts(demo: Demo) -> tuple[tuple[str, str], ...]:
 
 
 def _curve(found: Ripple) -> TorqueCurve:
-    amplitude_Nm, _ = spectrum(found.turn_Nm, HIGHEST_ORDER)
     return TorqueCurve(
         angle_rad=2 * np.pi * (np.arange(CELLS) + 0.5) / CELLS,
         torque_Nm=found.turn_Nm,
         order=np.arange(1, HIGHEST_ORDER + 1),
-        amplitude_Nm=amplitude_Nm,
+        amplitude_Nm=np.abs(np.fft.rfft(found.turn_Nm)[1 : HIGHEST_ORDER + 1] * 2 / CELLS),
     )

@@ -13,7 +13,6 @@ from motord.config import BackEmfTable, Config, MotorConfig, load, packaged
 from motord.control import parameters
 from motord.experiments.analysis import encode
 from motord.experiments.back_emf import estimate as back_emf
-from motord.experiments.back_emf.fit import VOLTAGES
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.cogging import estimate as cogging
 from motord.experiments.cogging.at_speed import REQUIRED
@@ -234,7 +233,7 @@ def measured_cogging(run: object, subject: Subject) -> MeasuredCogging:
 
 
 def measured_back_emf(run: object, subject: Subject) -> MeasuredBackEmf:
-    return back_emf.measure(driven_points([run], subject, VOLTAGES), subject.motor)  # type: ignore[list-item]
+    return back_emf.measure(driven_points([run], subject, back_emf.VOLTAGES), subject.motor)  # type: ignore[list-item]
 
 
 def test_columns_that_are_not_there(runs: Path) -> None:

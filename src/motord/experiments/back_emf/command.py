@@ -3,8 +3,7 @@
 from collections.abc import Iterator
 
 from motord.experiments.analysis import Analysis, encode, header
-from motord.experiments.back_emf.estimate import measure
-from motord.experiments.back_emf.fit import VOLTAGES
+from motord.experiments.back_emf.estimate import VOLTAGES, measure
 from motord.experiments.back_emf.report import report
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_recordings import driven_points

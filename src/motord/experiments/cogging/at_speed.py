@@ -99,7 +99,7 @@ def at_speed(
     rows, turn = _by_turn(driven.turns)
     steady = _without_trend(np.column_stack([columns, torque_Nm])[rows], driven.t_s[rows], turn)
     fit = Regressors.of(steady[:, :-1], turn).fit(steady[:, -1])
-    line_Nm, stderr_Nm = _lines(fit)
+    variance, line_Nm = np.diag(fit.covariance), fit.solution[0::2] - 1j * fit.solution[1::2]
     spectrum_Nm = _spectrum(angle_rad[rows], fit, driven, motor, sensor, highest)
     noise_Nm = _noise(spectrum_Nm, order)
     spectrum_Nm[order - 1] += line_Nm
@@ -112,7 +112,7 @@ def at_speed(
         speed_ripple=float(np.ptp(speeds) / (2 * speeds.mean())),
         order=order,
         line_Nm=line_Nm,
-        stderr_Nm=stderr_Nm,
+        stderr_Nm=np.sqrt((variance[0::2] + variance[1::2]) / 2),
         spectrum_Nm=spectrum_Nm,
         noise_Nm=noise_Nm,
     )
@@ -171,14 +171,6 @@ def _without_trend(columns: np.ndarray, t_s: np.ndarray, turn: np.ndarray) -> np
     return free
 
 
-def _lines(fit: ClusterFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines (n,) and their standard error per component (n,)."""
-    variance = np.diag(fit.covariance)
-    stderr: np.ndarray = np.sqrt((variance[0::2] + variance[1::2]) / 2)
-    line: np.ndarray = fit.solution[0::2] - 1j * fit.solution[1::2]
-    return line, stderr
-
-
 def _spectrum(
     angle_rad: np.ndarray,
     fit: ClusterFit,
@@ -193,8 +185,7 @@ def _spectrum(
     seen = response(sensor, order * driven.speed_Hz) * cell_gain(order, motor.counts)
     if driven.turns and angle_rad[-1] < angle_rad[0]:
         seen = seen.conj()
-    lines: np.ndarray = lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen
-    return lines
+    return np.asarray(lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen)
 
 
 def _noise(spectrum_Nm: np.ndarray, fitted: np.ndarray, width: int = 41) -> np.ndarray:

@@ -14,8 +14,8 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.experiments.sensitivity.curves import currents_per_Nm
 from motord.identification import IdentifyError
-from motord.identification.encoder_points import fill_gaps
 from motord.identification.operating_points import COMMANDS, CURRENTS
+from motord.identification.resample import fill_gaps
 from motord.schema import Flag
 
 NEEDED = ("angle_predicted_rad", "torque_set_Nm", "cogging_comp_Nm", "flags", *COMMANDS)

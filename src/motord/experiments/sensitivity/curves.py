@@ -100,8 +100,7 @@ class RippleModel:
         parts = (b, torque_Nm * flow, np.ones(1), -f * flow)
         v = np.concatenate([np.broadcast_to(x, (*shape, x.shape[-1])) for x in parts], axis=-1)
         square = np.einsum("...i,...i->...", v @ self.products, v)
-        percent: np.ndarray = 100 * np.sqrt(np.maximum(square, 0.0)) / self.rated_torque_Nm
-        return percent
+        return np.asarray(100 * np.sqrt(np.maximum(square, 0.0)) / self.rated_torque_Nm)
 
 
 ERRORS: dict[str, tuple[float, float]] = {

@@ -11,7 +11,7 @@ from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompe
 from motord.experiments.sensitivity.curves import ERRORS, RippleModel, limits, single
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory
 from motord.experiments.sensitivity.slope_fit import series
-from motord.experiments.sensitivity.volume import Intervals, limit_surface, volume
+from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volume
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.operating_points import PointData, prepare
 from motord.identification.point_ripple import point_ripple
@@ -28,19 +28,17 @@ IDEALS = {"alpha_a": 1.0, "beta_a_A": 0.0, "cogging": 1.0, "delta_epsilon": 1.0}
 
 def theory(motor: MotorConfig, tau_cog_Nm: np.ndarray, torque_Nm: float) -> Theory:
     """Return the theory for a motor with its cogging torque (counts,). Raises IdentifyError."""
-    model, intervals = RippleModel.of(motor, tau_cog_Nm), Intervals()
+    model = RippleModel.of(motor, tau_cog_Nm)
     ends = {
-        what: tuple(
-            (end, float(single(model, torque_Nm, what, end))) for end in getattr(intervals, what)
-        )
-        for what in ERRORS
+        what: tuple((end, float(single(model, torque_Nm, what, end))) for end in interval)
+        for what, interval in INTERVALS.items()
     }
     return Theory(
         torque_Nm=torque_Nm,
         within={what: limits(model, torque_Nm, what, LIMIT_PERCENT) for what in ERRORS},
         ends=ends,
-        volume=volume(model, torque_Nm, intervals),
-        surface=limit_surface(model, torque_Nm, LIMIT_PERCENT, intervals),
+        volume=volume(model, torque_Nm),
+        surface=limit_surface(model, torque_Nm, LIMIT_PERCENT),
     )
 
 

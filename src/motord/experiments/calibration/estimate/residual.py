@@ -5,33 +5,19 @@ is left, averaged over the trials, is called cogging. It is biased: alpha's torq
 at the same orders, and the least squares gives some of the cogging to alpha. Kept to compare with.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from motord.calibration import Harmonic
 from motord.config import MotorConfig
+from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.identification import IdentifyError
 from motord.identification.basis import add_products, both_triangles
-from motord.identification.encoder_points import fill_gaps
 from motord.identification.operating_points import Samples
-
-
-@dataclass(frozen=True)
-class ResidualFit:
-    """alpha, beta_A (3,) with least-squares standard errors, which do not know of the bias.
-
-    z_Nm (counts,): cogging torque; line (n,): its complex amplitude at each order asked for, with
-    the standard error of each over the trials; condition_number of X.
-    """
-
-    alpha: np.ndarray
-    beta_A: np.ndarray
-    alpha_stderr: np.ndarray
-    beta_stderr_A: np.ndarray
-    z_Nm: np.ndarray
-    line: np.ndarray
-    line_stderr_Nm: np.ndarray
-    condition_number: float
+from motord.identification.point_ripple import PointRipple
+from motord.identification.resample import fill_gaps
 
 
 @dataclass(frozen=True)
@@ -63,8 +49,7 @@ class Trial:
         seen = np.where(self.table[4] > 0, self.table[:4], np.nan)
         currents = np.array([fill_gaps(row) for row in seen[:3] * k])
         rows = np.concatenate([currents, k, fill_gaps(seen[3])[None]])
-        lines: np.ndarray = np.fft.rfft(rows, axis=1)[:, orders].T * 2 / k.shape[1]
-        return lines
+        return np.asarray(np.fft.rfft(rows, axis=1)[:, orders].T * 2 / k.shape[1])
 
 
 class ResidualEstimator:
@@ -108,8 +93,12 @@ class ResidualEstimator:
         left_Nm = means[3] - y[:3] @ (means[:3] * self._k) - y[3:] @ self._k
         return y, fill_gaps(left_Nm)
 
-    def solve(self) -> ResidualFit:
-        """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14)."""
+    def solve(self, ripples: Sequence[PointRipple] = ()) -> CalibrationResult:
+        """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14).
+
+        The standard errors, of least squares, do not know of the bias; those of the cogging torque
+        are over the trials. ripples: of the operating points. Raises IdentifyError.
+        """
         y, z_Nm = self.least_squares()
         products = both_triangles(self._products)
         xx, xt, tt = products[:6, :6], products[:6, 6], products[6, 6]
@@ -117,17 +106,38 @@ class ResidualEstimator:
         variance = (tt - xt @ y) / max(rows - 6, 1)
         inverse = np.linalg.pinv(xx, rcond=1e-12, hermitian=True)
         stderr = np.sqrt(np.maximum(np.diag(inverse) * variance, 0))
-        parts = [trial.lines(self._k, self._orders) for trial in self._trials]
-        lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
         values = np.linalg.eigvalsh(xx)
         kept = values[values > 1e-12 * values[-1]]
-        return ResidualFit(
+        return CalibrationResult(
+            method="residual",
             alpha=1 + y[:3],
-            beta_A=y[3:],
             alpha_stderr=stderr[:3],
+            beta_A=y[3:],
             beta_stderr_A=stderr[3:],
-            z_Nm=z_Nm - z_Nm.mean(),
-            line=lines.mean(axis=0),
-            line_stderr_Nm=lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1)),
+            delta_epsilon=1.0,
+            delta_epsilon_stderr=None,
+            tau_cog_Nm=z_Nm - z_Nm.mean(),
+            harmonics=self._harmonics(y),
+            observable=(
+                "alpha and cogging torque have the same orders: this estimator gives some of the "
+                "one to the other, and its standard errors do not know of it",
+                "common gain delta epsilon: assumed to be 1",
+            ),
             condition_number=float(np.sqrt(values[-1] / kept[0])),
+            ripples=tuple(ripples),
+        )
+
+    def _harmonics(self, y: np.ndarray) -> tuple[Harmonic, ...]:
+        """Return what `y` (6,) leaves of the torque, at the orders of the cogging torque."""
+        parts = [trial.lines(self._k, self._orders) for trial in self._trials]
+        lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
+        stderr_Nm = lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1))
+        return tuple(
+            Harmonic(
+                order=int(order),
+                amplitude_Nm=float(np.abs(line)),
+                phase_rad=float(np.angle(line * 1j)),
+                stderr_Nm=float(stderr),
+            )
+            for order, line, stderr in zip(self._orders, lines.mean(axis=0), stderr_Nm, strict=True)
         )

@@ -122,16 +122,6 @@ def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.nd
 
 
 @jit
-def _middle_and_span(t_s: np.ndarray, first: int, end: int) -> tuple[float, float]:
-    """Return the mean of the times from `first` to `end`, and the time between these two."""
-    total_s = 0.0
-    for n in range(first, end):
-        total_s += t_s[n]
-    span_s = t_s[end - 1] - t_s[first] if end > first else 0.0
-    return total_s / max(end - first, 1), max(span_s, 1e-300)
-
-
-@jit
 def _fill_lane(lane: np.ndarray, values: np.ndarray) -> None:
     for n in range(values.size):
         lane[n] = values[n]
@@ -165,7 +155,7 @@ def sum_up_turns(
     lanes[width + 1] = current_lanes[3] = 1.0
     for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
         first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
-        middle_s, span_s = _middle_and_span(t_s, first, end)
+        middle_s, span_s = t_s[first:end].mean(), max(t_s[end - 1] - t_s[first], 1e-300)
         for start in range(first, end, STRIP):
             rows = min(STRIP, end - start)
             fill_columns(count, t_s, currents_A, start, back_emf, cogging, rates, columns[:rows])
@@ -205,5 +195,4 @@ def _without_trend(products: np.ndarray) -> np.ndarray:
     """Return the products (b, w, w) of all columns but the last two, freed of these: 1 and time."""
     cross = products[:, :-2, -2:]
     inverse = np.linalg.pinv(products[:, -2:, -2:], hermitian=True)
-    free: np.ndarray = products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2)
-    return free
+    return np.asarray(products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2))
