@@ -11,7 +11,7 @@ from motord.identification.motion import Motion
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
 from motord.identification.resample import rising
-from motord.identification.turning import Turn, steadiest, steady_segments, unwrapped, whole_turns
+from motord.identification.turning import steadiest, steady_segments, unwrapped, whole_turns
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -77,8 +77,15 @@ def prepare(point: PointData, motor: MotorConfig, names: Sequence[str], what: st
     require(point.ticks, names, label, what)
     ticks, t_s = _usable(point.ticks, names)
     position_rad, grid = unwrapped(ticks, motor.counts, label)
-    turns = steadiest(t_s, whole_turns(position_rad))
-    return _driven(label, point.speed_Hz, ticks, t_s, position_rad, grid, turns, motor)
+    turns = tuple((t.first, t.end) for t in steadiest(t_s, whole_turns(position_rad)))
+    if not turns:
+        raise IdentifyError(f"{label}: no whole turn; record at least 2 turns")
+    if min(end - first for first, end in turns) < 8:
+        raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
+    motion = Motion.of(t_s, position_rad, turns, grid, _ripple_orders(motor))
+    driven = Driven(label, point.speed_Hz, ticks, t_s, turns, motion)
+    _check_no_current(driven, motor)
+    return driven
 
 
 def steady_segments_of(
@@ -111,27 +118,6 @@ def _usable(ticks: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.nda
         good &= np.isfinite(ticks[name])
     usable = ticks[good]
     return usable, (usable["t_ns"] - usable["t_ns"][:1]) * 1e-9
-
-
-def _driven(
-    label: str,
-    speed_set_Hz: float,
-    ticks: np.ndarray,
-    t_s: np.ndarray,
-    position_rad: np.ndarray,
-    grid: int,
-    turns: list[Turn],
-    motor: MotorConfig,
-) -> Driven:
-    if not turns:
-        raise IdentifyError(f"{label}: no whole turn; record at least 2 turns")
-    places = tuple((turn.first, turn.end) for turn in turns)
-    if min(end - first for first, end in places) < 8:
-        raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
-    motion = Motion.of(t_s, position_rad, places, grid, _ripple_orders(motor))
-    driven = Driven(label, speed_set_Hz, ticks, t_s, places, motion)
-    _check_no_current(driven, motor)
-    return driven
 
 
 def _ripple_orders(motor: MotorConfig) -> int:

@@ -160,14 +160,11 @@ def _rough_crossings(t_s: np.ndarray, x_rad: np.ndarray, resolution_rad: float) 
     ]
     crossings = []
     for number, (first, last) in enumerate(zip(before, after, strict=True)):
-        crossings.append(float(np.interp(0.0, *_rising(x_rad[[first, last]], t_s[[first, last]]))))
+        ends = [first, last] if x_rad[first] < x_rad[last] else [last, first]
+        crossings.append(float(np.interp(0.0, x_rad[ends], t_s[ends])))
         if sizes[number] < max(FEWEST_COUNTS * resolution_rad, FADED_PART * sizes[0]):
             break
     return np.array(crossings)
-
-
-def _rising(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return (x, y) if x[0] < x[1] else (x[::-1], y[::-1])
 
 
 def _near(t_s: np.ndarray, at_s: float, reach_s: float) -> slice:

@@ -175,16 +175,17 @@ def _commands(
         commands = _columns(ticks, COMMANDS)[good]
         if np.isfinite(commands).all():
             return commands
-    return _over_angle(count, i_A, counts, min(end - first for first, end in turns))
+    lines = current_lines(count, i_A, turns, counts)
+    return np.column_stack([over_one_turn(line, counts)[count] for line in lines.T])
 
 
-def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) -> np.ndarray:
-    """Return currents averaged over the turns at each angle: nearly free of their noise."""
-    highest = max(resolved_order(per_turn, counts, MAX_CURRENT_ORDER), 1)
-    columns = [
-        over_one_turn(lines_at(count, column, counts, highest), counts)[count] for column in i_A.T
-    ]
-    return np.column_stack(columns)
+def current_lines(
+    count: np.ndarray, i_A: np.ndarray, turns: tuple[tuple[int, int], ...], counts: int
+) -> np.ndarray:
+    """Return the lines (h + 1, 3) of currents (n, 3) over the turn, complex: freed of noise."""
+    fewest = min(end - first for first, end in turns)
+    highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
+    return np.column_stack([lines_at(count, column, counts, highest) for column in i_A.T])
 
 
 def _finite(*columns: np.ndarray) -> np.ndarray:
@@ -207,12 +208,7 @@ def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     i_A = _columns(ticks, CURRENTS)
     if "i_age_ns" not in (ticks.dtype.names or ()) or not ticks["i_age_ns"].any():
         return i_A
-    return _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
-
-
-def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
-    """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
-    source_s = t_s - age_s
+    source_s = t_s - ticks["i_age_ns"] * 1e-9
     fresh = rising(source_s) & _finite(*i_A.T)
     fresh[fresh] = uncrowded(source_s[fresh])
     moved = np.full_like(i_A, np.nan)

@@ -17,10 +17,7 @@ from motord.identification.basis import cell_gain
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
-from motord.identification.torque_sensor import response
-
-RESONANCE_SHARE = 0.7
-"""Part of the mount's resonance frequency up to which its response is divided out."""
+from motord.identification.torque_sensor import order_below_resonance, response
 
 
 @dataclass(frozen=True)
@@ -162,9 +159,7 @@ def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConf
     fewest = min(end - first for first, end in samples.turns)
     limit = order_limit(motor.slots, 2 * motor.pole_pairs)
     highest = resolved_order(fewest, motor.counts, limit)
-    if sensor.resonance_Hz > 0:
-        highest = min(highest, int(RESONANCE_SHARE * sensor.resonance_Hz / samples.speed_Hz))
-    return max(highest, 1)
+    return max(order_below_resonance(sensor, highest, samples.speed_Hz), 1)
 
 
 def repeating_rms(lines: np.ndarray, noise: np.ndarray) -> tuple[float, float]:

@@ -18,8 +18,18 @@ HALF_LENGTH = 8
 PIECE = 1024
 """Samples that are filtered at once."""
 
+MOUNT_SHARE = 0.7
+"""Part of the mount's resonance frequency up to which its response is undone."""
+
 OUT_OF_BAND_WEIGHT = 1e-9
 """How much gain above the band counts against accuracy in the band."""
+
+
+def order_below_resonance(sensor: TorqueSensorConfig, highest: int, speed_Hz: float) -> int:
+    """Return the highest order, up to `highest`, at which the mount's response is undone."""
+    if sensor.resonance_Hz == 0:
+        return highest
+    return min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / speed_Hz))
 
 
 def response(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray:

@@ -24,8 +24,7 @@ def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
             left.plot(
                 degrees, configured[:shown, phase], color=INK, linewidth=0.8, linestyle=(0, (4, 3))
             )
-        left.set_xlim(0, 360)
-        left.set_xticks(range(0, 361, 60))
+        left.set(xlim=(0, 360), xticks=range(0, 361, 60))
         left.set_xlabel("electrical angle from the zero point (degrees)")
         left.set_ylabel("back-EMF over speed (V s/rad)")
         handles, labels = left.get_legend_handles_labels()
@@ -37,9 +36,7 @@ def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
         noise = 100 * 1.96 * np.array([h.stderr_V_s_per_rad for h in harmonics]) / fundamental
         right.bar(order, percent, 0.7, color=AFTER)
         right.plot(order, noise, color=SOFT, linewidth=1.2, label="noise, 95 %")
-        right.set_yscale("log")
-        right.set_xlabel("electrical order")
-        right.set_ylabel("amplitude (% of fundamental)")
+        right.set(yscale="log", xlabel="electrical order", ylabel="amplitude (% of fundamental)")
         right.grid(visible=False, axis="x")
         right.legend(loc="upper right")
         return picture

@@ -25,16 +25,13 @@ from motord.identification.orders import (
     order_limit,
     resolved_order,
 )
-from motord.identification.torque_sensor import response
+from motord.identification.torque_sensor import order_below_resonance, response
 
 REQUIRED = ("torque_Nm",)
 """Columns that are needed, besides time and angle."""
 
 COUNTS_PER_ORDER = 3
 """Encoder counts that a period of the highest order needs."""
-
-MOUNT_SHARE = 0.7
-"""Part of the mount's resonance frequency up to which its response is undone."""
 
 STANDS_OUT = 6.0
 """Amplitude, in standard errors, from which an order that is not allowed is stated."""
@@ -73,9 +70,7 @@ def highest_order(driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig
         samples_per_order=SAMPLES_PER_COGGING_ORDER,
         counts_per_order=COUNTS_PER_ORDER,
     )
-    if sensor.resonance_Hz > 0:
-        highest = min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / driven.speed_Hz))
-    return highest
+    return order_below_resonance(sensor, highest, driven.speed_Hz)
 
 
 def at_speed(

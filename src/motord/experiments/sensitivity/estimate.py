@@ -106,6 +106,7 @@ def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:
             given: dict[str, Any] = {
                 name: tuple(value) if isinstance(value, list) else value
                 for name, value in point.induced.items()
+                if hasattr(NOTHING_INDUCED, name)
             }
             yield point, Induced(**given)
 

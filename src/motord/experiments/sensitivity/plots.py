@@ -55,6 +55,4 @@ def _draw(axes: Axes, item: Series) -> None:
         item.value, item.measured_percent, yerr=1.96 * item.stderr_percent, fmt="o", color=AFTER,
         markersize=4.5, elinewidth=1.2, label="measured",
     )  # fmt: skip
-    axes.set_ylim(bottom=0.0)
-    axes.set_title(TITLE[item.what])
-    axes.set_xlabel(SYMBOL[item.what])
+    axes.set(ylim=(0.0, None), title=TITLE[item.what], xlabel=SYMBOL[item.what])

@@ -24,9 +24,8 @@ from motord.identification.basis import (
     fill_columns,
     highpass,
 )
-from motord.identification.harmonics import lines_at, over_one_turn
-from motord.identification.operating_points import MAX_CURRENT_ORDER, Samples
-from motord.identification.orders import resolved_order
+from motord.identification.harmonics import over_one_turn
+from motord.identification.operating_points import Samples, current_lines
 from motord.identification.torque_sensor import MountInverse
 from motord.jit import jit
 
@@ -65,7 +64,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-    lines = commands_over_angle(samples, basis.back_emf.shape[0])
+    counts = basis.back_emf.shape[0]
+    lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
     commands_A, rates = instruments(lines, basis, samples.speed_Hz)
     currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
     turns = np.array(samples.turns)
@@ -95,20 +95,12 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     )
 
 
-def commands_over_angle(samples: Samples, counts: int) -> np.ndarray:
-    """Return the lines (h + 1, 3) of the commanded currents over the turn, complex."""
-    fewest = min(end - first for first, end in samples.turns)
-    highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
-    columns = [lines_at(samples.count, column, counts, highest) for column in samples.command_A.T]
-    return np.column_stack(columns)
-
-
 def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
 
-    lines (h + 1, 3): see `commands_over_angle`. The rates are di_p/dt k_p at the mean speed; the
-    zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2), with primes for
-    derivatives over time.
+    lines (h + 1, 3): of the commanded currents, see `current_lines`. The rates are di_p/dt k_p at
+    the mean speed; the zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2),
+    with primes for derivatives over time.
     """
     counts = basis.back_emf.shape[0]
     turning = 2j * np.pi * speed_Hz * np.arange(len(lines))[:, None]
