@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.driven_rotor import steady_segments_of
-from motord.identification.operating_points import CURRENTS, PointData, good_points, time_span
+from motord.identification.operating_points import CURRENTS, PointData, good_points
 from motord.recording.reader import Run
 
 ANGLE = ("encoder_count", "angle_rad")
@@ -49,7 +49,10 @@ def _columns(run: Run, names: Sequence[str]) -> list[str]:
 
 def _ticks(run: Run, columns: list[str], point: Mapping[str, Any] | None) -> np.ndarray:
     """Return the ticks of a point, of all the run for None. Raises AnalysisError for no ticks."""
-    ticks: np.ndarray = run.ticks(columns, **(time_span(point) if point is not None else {}))
+    bounds = {}
+    if point is not None:
+        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+    ticks: np.ndarray = run.ticks(columns, **bounds)
     if not ticks.size:
         raise AnalysisError(f"{run.path}: there are no ticks in an operating point")
     return ticks

@@ -19,7 +19,7 @@ from motord.config import (
     load_motor,
     read_toml,
 )
-from motord.identification.operating_points import good_points, time_span
+from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, open_run
 
 Settings = TypeVar("Settings", bound=Section)
@@ -101,7 +101,8 @@ def recorded_settings(run: Run, section: type[Settings]) -> Settings:
 def captured_ticks(run: Run, columns: Sequence[str]) -> Iterator[np.ndarray]:
     """Yield the ticks of each good operating point of a run, in time order."""
     for point in good_points(run.operating_points()):
-        ticks = run.ticks(("plan_point", *columns), **time_span(point))
+        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+        ticks = run.ticks(("plan_point", *columns), **bounds)
         yield ticks[ticks["plan_point"] == int(point["index"])]
 
 

@@ -113,11 +113,6 @@ def good_points(operating_points: Sequence[Mapping[str, Any]]) -> list[Mapping[s
     return sorted(latest.values(), key=lambda point: int(point["tick_start"]))
 
 
-def time_span(point: Mapping[str, Any]) -> dict[str, int]:
-    """Return the bounds of a recorded operating point, as the reader of a recording takes them."""
-    return {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-
-
 def prepare(point: PointData, counts: int) -> Samples:
     """Return the samples of a point. Raises IdentifyError where there is no whole turn."""
     label = f"{point.torque_Nm:g} Nm, {point.speed_Hz:g} Hz"

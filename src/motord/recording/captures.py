@@ -10,14 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.identification.operating_points import (
-    COMMANDS,
-    REQUIRED,
-    PointData,
-    good_points,
-    split,
-    time_span,
-)
+from motord.identification.operating_points import COMMANDS, REQUIRED, PointData, good_points, split
 from motord.recording.reader import Run
 
 COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")
@@ -38,7 +31,8 @@ def captures(run: Run, columns: Sequence[str] = COLUMNS) -> Iterator[PointData]:
 
 def _read(run: Run, columns: Sequence[str], point: Mapping[str, Any]) -> list[PointData]:
     """Return a point with its ticks; none if the recording has no ticks of it."""
-    return list(split(run.ticks(columns, **time_span(point)), [point]))
+    bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+    return list(split(run.ticks(columns, **bounds), [point]))
 
 
 @dataclass(frozen=True)
@@ -60,7 +54,8 @@ def true_torque(run: Run) -> Iterator[TrueTorque]:
     """Yield the true torque of each operating point of good quality, in time order."""
     columns = ("angle_rad", "speed_rad_s", "torque_Nm")
     for point in good_points(run.operating_points()):
-        yield true_torque_of(point, run.truth(columns, **time_span(point)))
+        truth = run.truth(columns, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
+        yield true_torque_of(point, truth)
 
 
 def true_torque_of(point: Mapping[str, Any], truth: np.ndarray) -> TrueTorque:
