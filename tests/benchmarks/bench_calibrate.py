@@ -28,13 +28,12 @@ from motord.experiments.calibration.estimate.residual import ResidualEstimator, 
 from motord.experiments.calibration.estimate.turn_products import (
     BAND_MARGIN,
     accumulate,
-    commands_over_angle,
     instruments,
     settled,
 )
 from motord.experiments.subject import Subject
 from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass
-from motord.identification.operating_points import Samples, prepare
+from motord.identification.operating_points import Samples, current_lines, prepare
 from motord.identification.orders import allowed_orders
 from motord.identification.torque_sensor import MountInverse
 from motord.recording.captures import captures
@@ -199,7 +198,8 @@ class Matrices:
         band_Hz = BAND_MARGIN * max(self.orders) * samples.speed_Hz
         mount = MountInverse.of(self.sensor, samples.period_s, band_Hz)
         y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-        lines = commands_over_angle(samples, self.motor.counts)
+        counts = self.motor.counts
+        lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
         commands_A, rates = instruments(lines, self.basis, samples.speed_Hz)
         currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
         columns = np.empty((samples.t_s.size, self.basis.width - 1))

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.cogging.estimate import compare, measure
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.plans import build
@@ -17,6 +16,7 @@ from motord.rig.truth import RigTruth
 from motord.virtual.mesh import run_points
 from tests.campaigns import seeds
 from tests.campaigns.driven import MOTORS, REPORT, Motor, bench_of, ticks_of
+from tests.support.virtual_calibration import calibrate
 
 MAGNITUDE_PERCENT = 0.5
 PHASE_POINTS = 0.25

@@ -110,7 +110,8 @@ def record_plan(bench: VirtualBench, plan: Plan, path: Path) -> int:
             writer.truth(truth)
             ticks[0] += len(block)
 
-        run_plan(bench, plan, write, lambda p: writer.operating_point(int(p["t_end_ns"]), p))
+        for point in run_plan(bench, plan, write):
+            writer.operating_point(int(point["t_end_ns"]), point)
     return ticks[0]
 
 

@@ -1,19 +1,33 @@
-"""Calibration and verification of the simulated rig without recordings."""
+"""Calibration and verification without recordings, of given points and of the simulated rig."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
 
 from motord.calibration import Calibration
-from motord.config import Config
+from motord.config import Config, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.plans import build
-from motord.identification.operating_points import split
+from motord.identification.operating_points import PointData, split
 from motord.reproduce.evaluate import Errors
 from motord.reproduce.learning import place_of, true_error_percent
 from motord.sequencing import Plan
 from motord.virtual.mesh import run_points
+
+
+def calibrate(
+    points: Iterable[PointData],
+    motor: MotorConfig,
+    sensor: TorqueSensorConfig,
+    method: Method = "joint",
+) -> CalibrationResult:
+    """Identify alpha, beta and cogging torque. Raises IdentifyError where the data do not."""
+    calibrator = Calibrator(motor, sensor)
+    for point in points:
+        calibrator.add(point)
+    return calibrator.result(method)
 
 
 def calibrate_virtual(

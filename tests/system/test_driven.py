@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from motord.config import load
-from motord.experiments.back_emf.command import measured_back_emf
-from motord.experiments.cogging.command import measured_cogging
-from motord.experiments.subject import Subject
-from motord.recording.reader import open_run
+from motord.experiments.back_emf.command import estimate as measured_back_emf
+from motord.experiments.cogging.command import estimate as measured_cogging
+from motord.experiments.subject import Recordings
 from tests.support import stalls
 from tests.system.daemons import daemon, emulator, forgive, patient, wait_until
 from tests.unit.emulate.benches import write_bench
@@ -44,12 +43,10 @@ def test_a_driven_rotor_on_the_wire(tmp_path):
             emf = run_plan(client, "back-emf", speeds_Hz=[0.8, 1.2], turns=5, settle_s=0.5)
             cogging = run_plan(client, "cogging", speeds_Hz=[0.8], turns=5, settle_s=0.5)
         assert running.end() == 0, running.said()
-    run = open_run(Path(emf))
-    found = measured_back_emf([run], Subject.of_runs([run]))
+    found = measured_back_emf(Recordings.open([Path(emf)]))
     told = load(bench).motor.back_emf_table()
     assert np.abs(found.table() - told).max() < 0.06 * 0.206
-    run = open_run(Path(cogging))
-    measured = measured_cogging([run], Subject.of_runs([run]))
+    measured = measured_cogging(Recordings.open([Path(cogging)]))
     place = int(np.flatnonzero(measured.order == 48)[0])
     assert measured.amplitude_Nm[place] == pytest.approx(0.33, rel=0.1)
     assert measured.phase_rad[place] == pytest.approx(0.3, abs=0.2)

@@ -39,12 +39,12 @@ def test_the_reference_reader_finds_the_same(tmp_path: Path, compression: str) -
         "torques_Nm": [2.0], "speeds_Hz": [0.9], "turns": 2, "settle_s": 0.2, "gain_steps": [],
     }  # fmt: skip
     with RunWriter(path, {"bench": "sim"}, compression=compression) as writer:
-        run_plan(
+        for point in run_plan(
             VirtualBench(config),
             build("calibrate", config, mesh),
             lambda ticks, truth: (writer.ticks(ticks), writer.truth(truth)),
-            lambda point: writer.operating_point(point["t_end_ns"], point),
-        )
+        ):
+            writer.operating_point(point["t_end_ns"], point)
     done = subprocess.run(
         ["node", str(NODE / "read.mjs"), str(path)], capture_output=True, text=True, check=False
     )

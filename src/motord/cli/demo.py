@@ -35,8 +35,7 @@ def demo(
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
-    from motord.reproduce.demo import STAGES, run_demo
-    from motord.reproduce.demo_report import write_report
+    from motord.reproduce.demo import STAGES, run_demo, write_report
 
     with stage_progress(STAGES, silent) as progress:
         found = run_demo(out, seed, quick, progress)

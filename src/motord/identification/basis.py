@@ -67,8 +67,7 @@ class Basis:
 
 def cell_gain(orders: np.ndarray, counts: int) -> np.ndarray:
     """Return how much of each order is left in means over encoder cells."""
-    gain: np.ndarray = np.sinc(orders / counts)
-    return gain
+    return np.asarray(np.sinc(orders / counts))
 
 
 def cell_means(table: np.ndarray) -> np.ndarray:
@@ -149,6 +148,11 @@ def _add_row(row: np.ndarray, first: int, a: float, b: float, c: float, d: float
     row[first + 3] += d
 
 
+def both_triangles(products: np.ndarray) -> np.ndarray:
+    """Return symmetric matrices (..., w, w) of which only the upper triangles are known, whole."""
+    return np.asarray(np.triu(products) + np.swapaxes(np.triu(products, 1), -1, -2))
+
+
 @jit_sums
 def add_products(lanes: np.ndarray, samples: int, products: np.ndarray) -> None:
     """Add the products of all pairs of lanes, over the first `samples`, to `products` (w, w).
@@ -164,30 +168,12 @@ def add_products(lanes: np.ndarray, samples: int, products: np.ndarray) -> None:
             ae = af = ag = ah = be = bf = bg = bh = 0.0
             ce = cf = cg = ch = de = df = dg = dh = 0.0
             for n in range(samples):
-                ae, af, ag, ah = (
-                    ae + a[n] * e[n],
-                    af + a[n] * f[n],
-                    ag + a[n] * g[n],
-                    ah + a[n] * h[n],
-                )
-                be, bf, bg, bh = (
-                    be + b[n] * e[n],
-                    bf + b[n] * f[n],
-                    bg + b[n] * g[n],
-                    bh + b[n] * h[n],
-                )
-                ce, cf, cg, ch = (
-                    ce + c[n] * e[n],
-                    cf + c[n] * f[n],
-                    cg + c[n] * g[n],
-                    ch + c[n] * h[n],
-                )
-                de, df, dg, dh = (
-                    de + d[n] * e[n],
-                    df + d[n] * f[n],
-                    dg + d[n] * g[n],
-                    dh + d[n] * h[n],
-                )
+                p, q, r, s = e[n], f[n], g[n], h[n]
+                v, w, x, y = a[n], b[n], c[n], d[n]
+                ae, af, ag, ah = ae + v * p, af + v * q, ag + v * r, ah + v * s
+                be, bf, bg, bh = be + w * p, bf + w * q, bg + w * r, bh + w * s
+                ce, cf, cg, ch = ce + x * p, cf + x * q, cg + x * r, ch + x * s
+                de, df, dg, dh = de + y * p, df + y * q, dg + y * r, dh + y * s
             _add_row(products[i], j, ae, af, ag, ah)
             _add_row(products[i + 1], j, be, bf, bg, bh)
             _add_row(products[i + 2], j, ce, cf, cg, ch)

@@ -80,5 +80,4 @@ def _inflation(influence: np.ndarray, white: np.ndarray) -> np.ndarray:
     if turns < LEAST_TURNS:
         return np.ones(influence.shape[0])
     between = (influence**2).sum(axis=1) * turns / (turns - 1)
-    more: np.ndarray = np.sqrt(np.maximum(between / np.maximum(white, 1e-300), 1.0))
-    return more
+    return np.asarray(np.sqrt(np.maximum(between / np.maximum(white, 1e-300), 1.0)))

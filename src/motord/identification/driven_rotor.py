@@ -10,7 +10,8 @@ from motord.identification import IdentifyError
 from motord.identification.motion import Motion
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
-from motord.identification.turning import Turn, steadiest, steady_segments, unwrapped, whole_turns
+from motord.identification.resample import rising
+from motord.identification.turning import steadiest, steady_segments, unwrapped, whole_turns
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -27,7 +28,7 @@ LEAST_TURNS = 3
 class Driven:
     """Samples of a driven rotor, n of them, time rising strictly.
 
-    rows (n,): their places in the ticks; t_s (n,); turns: (first, end) of each whole turn at a
+    t_s (n,); turns: (first, end) of each whole turn at a
     steady speed, as places in these n; motion: of all n.
     """
 
@@ -55,11 +56,6 @@ class Driven:
         return len(self.turns) / duration_s
 
 
-def speed_label(speed_Hz: float) -> str:
-    """Return a driven speed as text."""
-    return f"driven at {speed_Hz:.3g} Hz"
-
-
 def require(ticks: np.ndarray, names: Sequence[str], label: str, what: str) -> None:
     """Raise IdentifyError for columns that are not there, or hold nothing."""
     have = ticks.dtype.names or ()
@@ -71,16 +67,25 @@ def require(ticks: np.ndarray, names: Sequence[str], label: str, what: str) -> N
         raise IdentifyError(f"{label}: nothing was recorded in {', '.join(empty)}: {what}")
 
 
-def prepare(point: PointData, motor: MotorConfig, names: Sequence[str]) -> Driven:
+def prepare(point: PointData, motor: MotorConfig, names: Sequence[str], what: str) -> Driven:
     """Return the steadiest turns of a driven point; `names` must be finite. Raises IdentifyError.
 
-    The motor must carry no current that turns with the rotor.
+    what: what is missing without `names`. The motor must carry no current that turns with the
+    rotor.
     """
-    label = speed_label(point.speed_Hz)
+    label = f"driven at {point.speed_Hz:.3g} Hz"
+    require(point.ticks, names, label, what)
     ticks, t_s = _usable(point.ticks, names)
     position_rad, grid = unwrapped(ticks, motor.counts, label)
-    turns = steadiest(t_s, whole_turns(position_rad))
-    return _driven(label, point.speed_Hz, ticks, t_s, position_rad, grid, turns, motor)
+    turns = tuple((t.first, t.end) for t in steadiest(t_s, whole_turns(position_rad)))
+    if not turns:
+        raise IdentifyError(f"{label}: no whole turn; record at least 2 turns")
+    if min(end - first for first, end in turns) < 8:
+        raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
+    motion = Motion.of(t_s, position_rad, turns, grid, _ripple_orders(motor))
+    driven = Driven(label, point.speed_Hz, ticks, t_s, turns, motion)
+    _check_no_current(driven, motor)
+    return driven
 
 
 def steady_segments_of(
@@ -108,34 +113,11 @@ def steady_segments_of(
 
 def _usable(ticks: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return the ticks that rise in time and hold numbers, and their times (s)."""
-    t_ns = ticks["t_ns"]
-    good = np.ones(t_ns.size, bool)
-    good[1:] = t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]
+    good = rising(ticks["t_ns"])
     for name in names:
         good &= np.isfinite(ticks[name])
     usable = ticks[good]
     return usable, (usable["t_ns"] - usable["t_ns"][:1]) * 1e-9
-
-
-def _driven(
-    label: str,
-    speed_set_Hz: float,
-    ticks: np.ndarray,
-    t_s: np.ndarray,
-    position_rad: np.ndarray,
-    grid: int,
-    turns: list[Turn],
-    motor: MotorConfig,
-) -> Driven:
-    if not turns:
-        raise IdentifyError(f"{label}: no whole turn; record at least 2 turns")
-    places = tuple((turn.first, turn.end) for turn in turns)
-    if min(end - first for first, end in places) < 8:
-        raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
-    motion = Motion.of(t_s, position_rad, places, grid, _ripple_orders(motor))
-    driven = Driven(label, speed_set_Hz, ticks, t_s, places, motion)
-    _check_no_current(driven, motor)
-    return driven
 
 
 def _ripple_orders(motor: MotorConfig) -> int:

@@ -27,8 +27,7 @@ def over_one_turn(lines: np.ndarray, points: int) -> np.ndarray:
     spectrum = np.zeros(points // 2 + 1, complex)
     spectrum[: lines.size] = lines * points / 2
     spectrum[0] *= 2
-    values: np.ndarray = np.fft.irfft(spectrum, points)
-    return values
+    return np.asarray(np.fft.irfft(spectrum, points))
 
 
 def synthesis(order: np.ndarray, lines: np.ndarray, counts: int) -> np.ndarray:
@@ -50,12 +49,3 @@ def harmonics_table(
     for order, a, phase in zip(orders, amplitude, phase_rad, strict=True):
         table += a * np.sin(order * angle_rad + phase)
     return table
-
-
-def spectrum(table: np.ndarray, highest: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (amplitude, phase) of orders 1 to `highest` of values over one turn (counts,).
-
-    Order h is amplitude sin(h theta + phase).
-    """
-    lines = np.fft.rfft(table)[1 : highest + 1] * 2 / table.size
-    return np.abs(lines), np.angle(lines * 1j)

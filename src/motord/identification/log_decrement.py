@@ -7,6 +7,7 @@ from math import pi, sqrt
 import numpy as np
 
 from motord.identification import IdentifyError
+from motord.identification.resample import rising
 from motord.identification.turning import unwrap_counts
 
 PERIODS = 5
@@ -125,11 +126,11 @@ def five_periods(swing: Swing) -> FivePeriods:
 def _unwrapped(t_ns: np.ndarray, count: np.ndarray, counts: int) -> tuple[np.ndarray, np.ndarray]:
     """Return times (s) that rise and the angles (rad) at them, not wrapped."""
     t_ns = np.asarray(t_ns, np.int64)
-    rising = np.concatenate([[True], t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]])
-    if int(rising.sum()) < 10 * PERIODS:
-        raise IdentifyError(f"a release has {int(rising.sum())} samples only")
-    t_s = (t_ns[rising] - t_ns[0]) * 1e-9
-    return t_s, unwrap_counts(np.asarray(count)[rising], counts) * (2 * pi / counts)
+    newer = rising(t_ns)
+    if int(newer.sum()) < 10 * PERIODS:
+        raise IdentifyError(f"a release has {int(newer.sum())} samples only")
+    t_s = (t_ns[newer] - t_ns[0]) * 1e-9
+    return t_s, unwrap_counts(np.asarray(count)[newer], counts) * (2 * pi / counts)
 
 
 def _from_release(
@@ -159,14 +160,11 @@ def _rough_crossings(t_s: np.ndarray, x_rad: np.ndarray, resolution_rad: float) 
     ]
     crossings = []
     for number, (first, last) in enumerate(zip(before, after, strict=True)):
-        crossings.append(float(np.interp(0.0, *_rising(x_rad[[first, last]], t_s[[first, last]]))))
+        ends = [first, last] if x_rad[first] < x_rad[last] else [last, first]
+        crossings.append(float(np.interp(0.0, x_rad[ends], t_s[ends])))
         if sizes[number] < max(FEWEST_COUNTS * resolution_rad, FADED_PART * sizes[0]):
             break
     return np.array(crossings)
-
-
-def _rising(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return (x, y) if x[0] < x[1] else (x[::-1], y[::-1])
 
 
 def _near(t_s: np.ndarray, at_s: float, reach_s: float) -> slice:

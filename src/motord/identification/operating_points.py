@@ -1,7 +1,7 @@
 """Operating points as samples: whole turns, currents at the instants of the torque samples."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from motord.identification import IdentifyError
 from motord.identification.harmonics import lines_at, over_one_turn
 from motord.identification.orders import resolved_order
-from motord.identification.resample import interpolate, uncrowded
+from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.turning import continuous_turns
 
 CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
@@ -30,14 +30,15 @@ class PointData:
 
     ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
     where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
-    whether errors were put on the currents on purpose, so that its ripple is not the motor's.
+    errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
+    the motor's; empty without.
     """
 
     torque_Nm: float
     speed_Hz: float
     ticks: np.ndarray
     compensate: int = 0
-    induced: bool = False
+    induced: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> I
             speed_Hz=float(point["speed_Hz"]),
             ticks=chosen[chosen["plan_point"] == int(point["index"])],
             compensate=int(point.get("compensate", 0)),
-            induced="induced" in point,
+            induced=point.get("induced", {}),
         )
 
 
@@ -124,7 +125,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     t_s = (t_ns - t_ns[:1]) * 1e-9
     i_A = _currents(ticks, t_s)
     torque_Nm = ticks["torque_Nm"].astype(float)
-    good, sensed = _rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
+    good, sensed = rising(t_ns) & _finite(torque_Nm), _finite(*i_A.T)
     if sensed.any():
         good &= sensed
     else:
@@ -169,23 +170,17 @@ def _commands(
         commands = _columns(ticks, COMMANDS)[good]
         if np.isfinite(commands).all():
             return commands
-    return _over_angle(count, i_A, counts, min(end - first for first, end in turns))
+    lines = current_lines(count, i_A, turns, counts)
+    return np.column_stack([over_one_turn(line, counts)[count] for line in lines.T])
 
 
-def _over_angle(count: np.ndarray, i_A: np.ndarray, counts: int, per_turn: int) -> np.ndarray:
-    """Return currents averaged over the turns at each angle: nearly free of their noise."""
-    highest = max(resolved_order(per_turn, counts, MAX_CURRENT_ORDER), 1)
-    columns = [
-        over_one_turn(lines_at(count, column, counts, highest), counts)[count] for column in i_A.T
-    ]
-    return np.column_stack(columns)
-
-
-def _rising(t: np.ndarray) -> np.ndarray:
-    """Return which samples are newer than all before them; the others repeat one (n,)."""
-    rising = np.ones(t.size, bool)
-    rising[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
-    return rising
+def current_lines(
+    count: np.ndarray, i_A: np.ndarray, turns: tuple[tuple[int, int], ...], counts: int
+) -> np.ndarray:
+    """Return the lines (h + 1, 3) of currents (n, 3) over the turn, complex: freed of noise."""
+    fewest = min(end - first for first, end in turns)
+    highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
+    return np.column_stack([lines_at(count, column, counts, highest) for column in i_A.T])
 
 
 def _finite(*columns: np.ndarray) -> np.ndarray:
@@ -208,13 +203,8 @@ def _currents(ticks: np.ndarray, t_s: np.ndarray) -> np.ndarray:
     i_A = _columns(ticks, CURRENTS)
     if "i_age_ns" not in (ticks.dtype.names or ()) or not ticks["i_age_ns"].any():
         return i_A
-    return _at_torque_samples(t_s, ticks["i_age_ns"] * 1e-9, i_A)
-
-
-def _at_torque_samples(t_s: np.ndarray, age_s: np.ndarray, i_A: np.ndarray) -> np.ndarray:
-    """Move currents that were sampled `age_s` before `t_s` to `t_s`."""
-    source_s = t_s - age_s
-    fresh = _rising(source_s) & _finite(*i_A.T)
+    source_s = t_s - ticks["i_age_ns"] * 1e-9
+    fresh = rising(source_s) & _finite(*i_A.T)
     fresh[fresh] = uncrowded(source_s[fresh])
     moved = np.full_like(i_A, np.nan)
     interpolate(source_s[fresh], np.ascontiguousarray(i_A[fresh]), t_s, moved)

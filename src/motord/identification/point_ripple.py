@@ -14,14 +14,10 @@ import numpy as np
 from motord.calibration import RmsErrors, RmsPoint
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
-from motord.identification.encoder_points import EncoderSums, without_drift
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
-from motord.identification.torque_sensor import response
-
-RESONANCE_SHARE = 0.7
-"""Part of the mount's resonance frequency up to which its response is divided out."""
+from motord.identification.torque_sensor import order_below_resonance, response
 
 
 @dataclass(frozen=True)
@@ -54,8 +50,7 @@ class PointRipple:
     def torque_over(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return the repeating torque without its mean at the angles (Nm)."""
         waves = np.exp(1j * np.outer(angle_rad, self.order))
-        torque: np.ndarray = (waves @ self.line_Nm).real
-        return torque
+        return np.asarray((waves @ self.line_Nm).real)
 
 
 def rms_error_percent(
@@ -114,7 +109,7 @@ def ripple_of(
     noise_Nm = _smooth(np.abs(even_odd[0] - even_odd[1]) / 2)
     rms_Nm, stderr_Nm = repeating_rms(even_odd, noise_Nm)
     count = samples.count[samples.whole]
-    means = EncoderSums.of(count, steady_Nm[:, None], motor.counts).means()[:, 0]
+    sums, hits = np.bincount(count, steady_Nm), np.bincount(count)
     percent = 100 / motor.rated_torque_Nm
     return PointRipple(
         torque_Nm=samples.torque_set_Nm,
@@ -123,12 +118,26 @@ def ripple_of(
         turns=len(samples.turns),
         rms_percent=percent * rms_Nm,
         stderr_percent=percent * stderr_Nm,
-        raw_percent=rms_error_percent(means[np.isfinite(means)], motor.rated_torque_Nm),
+        raw_percent=rms_error_percent(sums[hits > 0] / hits[hits > 0], motor.rated_torque_Nm),
         order=order,
         line_Nm=even_odd.mean(axis=0),
         noise_Nm=noise_Nm,
         even_odd_Nm=even_odd,
     )
+
+
+def without_drift(samples: Samples, torque_Nm: np.ndarray) -> np.ndarray:
+    """Return the torque of all whole turns less its drift, which follows the means of the turns.
+
+    The drift goes straight from the middle of one turn to that of the next, so all orders of the
+    turn stay as they are.
+    """
+    whole = samples.whole
+    t_s = samples.t_s
+    means = np.array([torque_Nm[first:end].mean() for first, end in samples.turns])
+    middles_s = np.array([t_s[first:end].mean() for first, end in samples.turns])
+    drift = np.interp(t_s[whole], middles_s, means)
+    return np.asarray(torque_Nm[whole] - drift)
 
 
 def even_and_odd(samples: Samples, steady_Nm: np.ndarray, counts: int, highest: int) -> np.ndarray:
@@ -150,9 +159,7 @@ def highest_order(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConf
     fewest = min(end - first for first, end in samples.turns)
     limit = order_limit(motor.slots, 2 * motor.pole_pairs)
     highest = resolved_order(fewest, motor.counts, limit)
-    if sensor.resonance_Hz > 0:
-        highest = min(highest, int(RESONANCE_SHARE * sensor.resonance_Hz / samples.speed_Hz))
-    return max(highest, 1)
+    return max(order_below_resonance(sensor, highest, samples.speed_Hz), 1)
 
 
 def repeating_rms(lines: np.ndarray, noise: np.ndarray) -> tuple[float, float]:
@@ -174,5 +181,4 @@ def _smooth(noise: np.ndarray, width: int = 15) -> np.ndarray:
     half = min(width, noise.size) // 2
     padded = np.pad(noise**2, half, mode="edge")
     mean = np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
-    root: np.ndarray = np.sqrt(mean)
-    return root
+    return np.asarray(np.sqrt(mean))

@@ -1,4 +1,4 @@
-"""Values sampled at one set of times, wanted at another."""
+"""Values known at some times, or angles, wanted at others."""
 
 import numpy as np
 
@@ -10,6 +10,21 @@ GAP = 5.5
 CROWD = 0.3
 """Spacing of samples, in usual spacings, below which one of them is left out: jitter of the clock
 would make a slope of their noise."""
+
+
+def fill_gaps(table: np.ndarray) -> np.ndarray:
+    """Return values over one turn (counts,) with nan replaced, straight between neighbours."""
+    known = np.flatnonzero(np.isfinite(table))
+    if known.size == table.size:
+        return table
+    return np.asarray(np.interp(np.arange(table.size), known, table[known], period=table.size))
+
+
+def rising(t: np.ndarray) -> np.ndarray:
+    """Return which samples are newer than all before them; the others repeat one (n,)."""
+    newer = np.ones(t.size, bool)
+    newer[1:] = t[1:] > np.maximum.accumulate(t)[:-1]
+    return newer
 
 
 def uncrowded(source_s: np.ndarray) -> np.ndarray:

@@ -18,8 +18,18 @@ HALF_LENGTH = 8
 PIECE = 1024
 """Samples that are filtered at once."""
 
+MOUNT_SHARE = 0.7
+"""Part of the mount's resonance frequency up to which its response is undone."""
+
 OUT_OF_BAND_WEIGHT = 1e-9
 """How much gain above the band counts against accuracy in the band."""
+
+
+def order_below_resonance(sensor: TorqueSensorConfig, highest: int, speed_Hz: float) -> int:
+    """Return the highest order, up to `highest`, at which the mount's response is undone."""
+    if sensor.resonance_Hz == 0:
+        return highest
+    return min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / speed_Hz))
 
 
 def response(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray:
@@ -28,8 +38,7 @@ def response(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray
     h = np.ones_like(s)
     if sensor.highpass_time_constant_s > 0:
         h = s * sensor.highpass_time_constant_s / (1 + s * sensor.highpass_time_constant_s)
-    gain: np.ndarray = h / _mount_inverse(sensor, np.asarray(frequency_Hz, float))
-    return gain
+    return np.asarray(h / _mount_inverse(sensor, np.asarray(frequency_Hz, float)))
 
 
 def _mount_inverse(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.ndarray:
@@ -67,30 +76,16 @@ class MountInverse:
         return cls(taps, period_s)
 
     def apply(self, t_s: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return samples (n,) or (n, m) with the mount's resonance taken out, at the same times.
+        """Return samples (n,) with the mount's resonance taken out, at the same times.
 
         Samples that are missing are filled straight from their neighbours.
         """
-        index = np.empty(t_s.size, np.int64)
-        in_step = _place(t_s, self.period_s, index)
-        whole = index[-1] + 1 == index.size
-        result = np.empty(values.shape)
-        filtered = np.empty(index[-1] + 1)
-        for target, source in zip(np.atleast_2d(result.T), np.atleast_2d(values.T), strict=True):
-            grid = source if whole else np.interp(np.arange(filtered.size), index, source)
-            _convolve(np.pad(grid, HALF_LENGTH, mode="edge"), self.taps[::-1].copy(), filtered)
-            target[:] = filtered if in_step else filtered[index]
-        return result
-
-
-@jit
-def _place(t_s: np.ndarray, period_s: float, index: np.ndarray) -> bool:
-    """Fill `index` (n,) with the periods since the first of t_s (n,); tell if it counts up."""
-    in_step = True
-    for n in range(t_s.size):
-        index[n] = int(np.rint((t_s[n] - t_s[0]) / period_s))
-        in_step = in_step and index[n] == n
-    return in_step
+        place = np.rint((t_s - t_s[0]) / self.period_s).astype(np.int64)
+        filtered = np.empty(place[-1] + 1)
+        whole = filtered.size == values.size
+        grid = values if whole else np.interp(np.arange(filtered.size), place, values)
+        _convolve(np.pad(grid, HALF_LENGTH, mode="edge"), self.taps[::-1].copy(), filtered)
+        return np.asarray(filtered[place])
 
 
 @jit
@@ -110,5 +105,4 @@ def _convolve(padded: np.ndarray, weights: np.ndarray, result: np.ndarray) -> No
 
 def _weighted_least_squares(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
     root = np.sqrt(weight)
-    solution: np.ndarray = np.linalg.lstsq(a * root[:, None], b * root, rcond=None)[0]
-    return solution
+    return np.asarray(np.linalg.lstsq(a * root[:, None], b * root, rcond=None)[0])

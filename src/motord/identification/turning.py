@@ -31,11 +31,7 @@ def unwrap_counts(count: np.ndarray, counts: int) -> np.ndarray:
 
     The shorter way round counts: less than half a turn from sample to sample.
     """
-    count = np.asarray(count, np.int64)
-    steps = np.diff(count, prepend=count[:1])
-    steps = (steps + counts // 2) % counts - counts // 2
-    steps[:1] = count[:1]
-    return np.cumsum(steps)
+    return np.unwrap(np.asarray(count, np.int64), period=counts)
 
 
 def _check_range(count: np.ndarray, counts: int, label: str) -> None:

@@ -3,7 +3,7 @@
 No more than these two are held in memory.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -17,21 +17,22 @@ COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")
 """Columns of the tick that identification reads."""
 
 
-def captures(run: Run) -> Iterator[PointData]:
+def captures(run: Run, columns: Sequence[str] = COLUMNS) -> Iterator[PointData]:
     """Yield the operating points of good quality with their ticks, in time order."""
     points = good_points(run.operating_points())
     with ThreadPoolExecutor(1, thread_name_prefix="captures") as reader:
-        following = [reader.submit(_read, run, point) for point in points[:1]]
+        following = [reader.submit(_read, run, columns, point) for point in points[:1]]
         for number in range(len(points)):
             found = following.pop().result()
-            following += [reader.submit(_read, run, point) for point in points[number + 1 :][:1]]
+            ahead = points[number + 1 :][:1]
+            following += [reader.submit(_read, run, columns, point) for point in ahead]
             yield from found
 
 
-def _read(run: Run, point: Mapping[str, Any]) -> list[PointData]:
+def _read(run: Run, columns: Sequence[str], point: Mapping[str, Any]) -> list[PointData]:
     """Return a point with its ticks; none if the recording has no ticks of it."""
     bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-    return list(split(run.ticks(COLUMNS, **bounds), [point]))
+    return list(split(run.ticks(columns, **bounds), [point]))
 
 
 @dataclass(frozen=True)

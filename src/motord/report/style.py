@@ -4,9 +4,8 @@ Pictures are drawn in the light colours; `svg.inline` turns each into a CSS vari
 page shows them light, dark or on paper. Every light colour is used for one meaning only.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import matplotlib as mpl
@@ -82,11 +81,8 @@ SETTINGS: dict[Any, Any] = {
 }
 
 
-@contextmanager
-def drawing() -> Iterator[None]:
-    """Apply the settings while a picture is drawn, and afterwards those that were before."""
-    with mpl.rc_context(SETTINGS):
-        yield
+drawing = partial(mpl.rc_context, SETTINGS)
+"""Context in which pictures are drawn; afterwards the settings are those that were before."""
 
 
 def figure(height_in: float) -> Figure:

@@ -15,8 +15,7 @@ from motord.config.editing import with_values
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Estimate
 from motord.experiments.plans import build
-from motord.experiments.subject import Subject
-from motord.recording.reader import Run, open_run
+from motord.experiments.subject import Recordings, Subject
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.simulate import PlanSource, record_plan
@@ -59,7 +58,7 @@ class SimulatedBench:
         path: Path,
         progress: Callable[[float], None],
         calibration: Calibration | None = None,
-    ) -> Run:
+    ) -> Recordings:
         """Record plan `name` with `settings` to `path` and return the opened recording.
 
         Raises PlanError, PlanFailed, RecordError, OSError.
@@ -69,14 +68,14 @@ class SimulatedBench:
             self.source, plan, path, self.seed(), calibration, self._pool, progress
         )
         self.runs.append(path)
-        return open_run(path)
+        return Recordings.open([path])
 
-    def calibrate(self, run: Run, progress: Callable[[float], None]) -> Calibrated:
+    def calibrate(self, run: Recordings, progress: Callable[[float], None]) -> Calibrated:
         """Identify the bench from a run of `calibrate`. Raises IdentifyError."""
-        taken = Calibrator.of_runs([run], self.subject, lambda part: progress(0.9 * part))
+        taken = Calibrator.of_runs(run.runs, self.subject, lambda part: progress(0.9 * part))
         joint, residual = taken.joint(), taken.residual()
         progress(1.0)
-        made = joint.to_calibration(self.subject.motor, datetime.now(UTC), [run.path.name])
+        made = joint.to_calibration(self.subject.motor, datetime.now(UTC), run.names)
         return Calibrated(joint, residual, made)
 
 

@@ -22,9 +22,6 @@ MEASURED_KG_M2 = 0.009902
 DIFFERENCE = CAD_KG_M2 / MEASURED_KG_M2 - 1
 """What the report found: 6.6 % more from CAD drawings than measured."""
 
-REPEATABILITY = 0.000038
-"""Standard deviation of its 30 moments of inertia, in parts."""
-
 SPRING_N_PER_M, LEVER_M, SPRING_KG, BAR_KG_M2 = 100 / 3, 0.5, 0.0065, 0.00866
 
 STIFFNESS_ERROR_N_PER_M, LEVER_ERROR_M, WEIGHING_ERROR_KG = 1.0, 0.0025, 0.001

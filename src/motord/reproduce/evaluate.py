@@ -9,6 +9,7 @@ from motord.config import Config
 from motord.experiments.ripple.estimate import middle_point, ripples
 from motord.experiments.subject import Subject
 from motord.identification.point_ripple import PointRipple, rms_error_percent
+from motord.identification.resample import fill_gaps
 from motord.recording.captures import TrueTorque, true_torque
 from motord.recording.reader import open_run
 
@@ -51,8 +52,6 @@ def _over_turn(true: TrueTorque) -> np.ndarray:
     cell = np.floor(true.angle_rad / (2 * np.pi) * CELLS).astype(int) % CELLS
     sums = np.bincount(cell, true.weights * true.torque_Nm, CELLS)
     weights = np.bincount(cell, true.weights, CELLS)
-    known = weights > 0
-    centres = np.arange(CELLS)
-    mean = np.interp(centres, centres[known], sums[known] / weights[known], period=CELLS)
-    turn: np.ndarray = mean - mean.mean()
-    return turn
+    with np.errstate(invalid="ignore"):
+        mean = fill_gaps(sums / weights)
+    return np.asarray(mean - mean.mean())

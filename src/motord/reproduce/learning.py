@@ -1,6 +1,6 @@
 """Iterative learning in virtual time: passes over the mesh, each with what was learned before."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,7 +17,6 @@ from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData, split
 from motord.identification.point_ripple import rms_error_percent
 from motord.recording.captures import true_torque_of
-from motord.reproduce.bench import StageProgress
 from motord.reproduce.evaluate import Errors
 from motord.virtual.mesh import MeshPiece, run_points
 
@@ -59,7 +58,7 @@ def learn_virtual(
     passes: int = PASSES,
     mesh: Mapping[str, Any] | None = None,
     pool: ProcessPoolExecutor | None = None,
-    progress: StageProgress = lambda stage, fraction: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Learned:
     """Learn on the simulated rig of `config` on top of `calibration`, as `motord learn` does.
 
@@ -79,7 +78,7 @@ def learn_virtual(
             points += _captured(piece)
             errors[place_of(piece)] = true_error_percent(piece, config.motor.rated_torque_Nm)
             ticks += piece.ticks.size
-            progress(name, len(errors) / len(plan.points))
+            progress((number - 1 + len(errors) / len(plan.points)) / passes)
         now = datetime.now(UTC)
         taken = learn(points, subject, calibration, [name], now, learning)
         done.append(finish(taken, now) if number == passes else taken)

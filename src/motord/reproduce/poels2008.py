@@ -29,7 +29,7 @@ class Row:
     what: str
     report: str
     here: str
-    why: str
+    why: str = ""
 
 
 def chapters(found: Results) -> dict[str, list[Row]]:
@@ -114,7 +114,6 @@ def _cogging(found: Results) -> Iterator[Row]:
         "main order",
         "48, and multiples of 16",
         f"{one.main_order} by slots and poles; strongest found {strongest}",
-        "",
     )
     worst = [float(np.abs(one.error_percent(s)).max()) for s in one.speeds]
     yield Row(
@@ -142,14 +141,12 @@ def _cogging_of_calibration(found: Results) -> Iterator[Row]:
         "the same, magnitude of the harmonics",
         "0.5 %",
         f"{np.abs(c.magnitude_percent).max():.2f} % at most",
-        "",
     )
     yield Row(
         "4.3",
         "the same, phase",
         "0.5 encoder points at most",
         f"{np.abs(c.phase_points).max():.2f} encoder points at most",
-        "",
     )
 
 
@@ -203,7 +200,6 @@ def _sensitivity(found: Results) -> Iterator[Row]:
             f"{name} alone stays below 1 %",
             "a surface, no numbers",
             f"from {within[0]:.3f} to {within[1]:.3f}",
-            "",
         )
 
 
@@ -232,7 +228,6 @@ def _induced(found: Results) -> Iterator[Row]:
             "\u03b1 within 3.5 %, \u03b2 within 24 %",
             f"\u03b1 within {worst:.2f} %, \u03b2 within "
             f"{np.abs(again.found.beta_A - again.beta_A).max():.4f} A",
-            "",
         )
 
 
@@ -275,7 +270,6 @@ def _beyond(found: Results) -> Iterator[Row]:
         "back-EMF, measured by driving the rotor",
         "used, not shown",
         f"fundamental {strength:.5f} V s/rad, true {true:g}: {_percent(strength / true - 1, 3)}",
-        "",
     )
 
 

@@ -14,9 +14,9 @@ from typing import Any
 from motord.atomic_write import write_whole
 from motord.calibration import Calibration
 from motord.config import packaged
-from motord.experiments.back_emf.command import measured_back_emf
+from motord.experiments.back_emf import command as back_emf
 from motord.experiments.back_emf.result import MeasuredBackEmf
-from motord.experiments.cogging.command import measured_cogging
+from motord.experiments.cogging import command as cogging
 from motord.experiments.cogging.estimate import compare
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
 from motord.experiments.inertia import command as inertia
@@ -25,8 +25,7 @@ from motord.experiments.inertia.torque_step import Acceleration
 from motord.experiments.ripple.estimate import Explained, explained
 from motord.experiments.sensitivity.estimate import sensitivity
 from motord.experiments.sensitivity.result import Sensitivity
-from motord.experiments.subject import Subject
-from motord.recording.reader import Run
+from motord.experiments.subject import Recordings, Subject
 from motord.reproduce.bench import Calibrated, SimulatedBench, StageProgress, with_rig
 from motord.reproduce.demo import SMALL_MESH
 from motord.reproduce.learning import PASSES, Learned, learn_virtual
@@ -34,7 +33,7 @@ from motord.rig.truth import RigTruth
 from motord.simulate import PlanSource
 from motord.virtual.mesh import processors
 
-STAGES = (
+INERTIA, DRIVEN, CALIBRATION, VERIFICATION, SENSITIVITY, LEARNING = STAGES = (
     "moment of inertia",
     "driven rotor",
     "calibration",
@@ -69,7 +68,6 @@ class Results:
 
     oscillation: Oscillation
     acceleration: Acceleration
-    inertia_subject: Subject
     inertia_truth: RigTruth
     subject: Subject
     truth: RigTruth
@@ -88,8 +86,8 @@ class Results:
 class _Recorder:
     """Records the plans of all benches into one folder, numbered in the order of recording."""
 
-    def __init__(self, folder: Path, quick: bool) -> None:
-        self._folder, self.quick = folder, quick
+    def __init__(self, folder: Path, quick: bool, progress: StageProgress) -> None:
+        self._folder, self.quick, self.progress = folder, quick, progress
         self.runs: list[Path] = []
 
     def take(
@@ -98,12 +96,16 @@ class _Recorder:
         name: str,
         progress: Callable[[float], None],
         calibration: Calibration | None = None,
-    ) -> Run:
+    ) -> Recordings:
         """Record plan `name` and return the opened recording."""
         settings = QUICK.get(name, {}) if self.quick else {}
         path = self._folder / f"{len(self.runs) + 1:02d}-{name}.mcap"
         self.runs.append(path)
         return bench.record(name, settings, path, progress, calibration)
+
+    def part(self, stage: str, first: float, last: float) -> Callable[[float], None]:
+        """Return the progress of a part of a stage, between two fractions of it."""
+        return lambda fraction: self.progress(stage, first + (last - first) * fraction)
 
 
 def reproduce(
@@ -118,124 +120,88 @@ def reproduce(
     folder.mkdir(parents=True, exist_ok=True)
     removed = partial(TemporaryDirectory, prefix="recordings-", dir=folder)
     with nullcontext(str(folder)) if keep_recordings else removed() as name, processors() as pool:
-        return _all_experiments(_Recorder(Path(name), quick), folder, seed, pool, progress)
+        return _all_experiments(_Recorder(Path(name), quick, progress), folder, seed, pool)
 
 
 def _all_experiments(
-    recorder: _Recorder,
-    folder: Path,
-    seed: int,
-    pool: ProcessPoolExecutor,
-    progress: StageProgress,
+    recorder: _Recorder, folder: Path, seed: int, pool: ProcessPoolExecutor
 ) -> Results:
     began_s = time.monotonic()
     plain = PlanSource.of()
     swing = SimulatedBench(PlanSource.of(packaged("inertia.toml")), pool, seed + 1)
     main = SimulatedBench(plain, pool, seed + 2)
     nonlinear = SimulatedBench(with_rig(plain, NONLINEAR_RIG), pool, seed + 3)
-    oscillation, acceleration = _inertia(recorder, swing, main, progress)
-    cogging, back_emf = _driven(recorder, main, progress)
-    calibrated = _calibrate(recorder, main, progress, 0.0, 0.5)
-    nonlinear_calibration = _calibrate(recorder, nonlinear, progress, 0.5, 1.0).calibration
+    oscillation, acceleration = _inertia(recorder, swing, main)
+    cogging_torque, voltages = _driven(recorder, main)
+    calibrated = _calibrate(recorder, main, 0.0)
+    nonlinear_calibration = _calibrate(recorder, nonlinear, 0.5).calibration
     calibration = calibrated.calibration
     calibration.save(folder / "calibration.json")
     both = (
-        _verify(recorder, main, calibration, progress, 0.0),
-        _verify(recorder, nonlinear, nonlinear_calibration, progress, 0.5),
+        _verify(recorder, main, calibration, 0.0),
+        _verify(recorder, nonlinear, nonlinear_calibration, 0.5),
     )
-    induced = _sensitivity(recorder, main, calibration, progress)
-    learned = _learn(nonlinear, nonlinear_calibration, recorder.quick, pool, progress)
+    run = recorder.take(main, "sensitivity", recorder.part(SENSITIVITY, 0.0, 0.5), calibration)
+    induced = sensitivity(run.runs, main.subject)
+    recorder.progress(SENSITIVITY, 1.0)
+    learned = _learn(recorder, nonlinear, nonlinear_calibration, pool)
     return Results(
-        oscillation, acceleration, swing.subject, swing.truth, main.subject, main.truth,
-        cogging, compare(cogging, calibration), back_emf, calibrated, both, induced, learned,
+        oscillation, acceleration, swing.truth, main.subject, main.truth,
+        cogging_torque, compare(cogging_torque, calibration), voltages,
+        calibrated, both, induced, learned,
         runs=tuple(recorder.runs),
         wall_s=time.monotonic() - began_s,
         bench_s=swing.bench_s + main.bench_s + nonlinear.bench_s + learned.bench_s,
     )  # fmt: skip
 
 
-def _part(progress: StageProgress, stage: str, first: float, last: float, fraction: float) -> None:
-    progress(stage, first + (last - first) * fraction)
-
-
 def _inertia(
-    recorder: _Recorder, swing: SimulatedBench, main: SimulatedBench, progress: StageProgress
+    recorder: _Recorder, swing: SimulatedBench, main: SimulatedBench
 ) -> tuple[Oscillation, Acceleration]:
-    stage = partial(_part, progress, STAGES[0])
-    run = recorder.take(swing, "inertia-oscillation", partial(stage, 0.0, 0.4))
-    oscillation = inertia.oscillation([run], swing.subject)
-    stage(0.0, 0.6, 1.0)
-    run = recorder.take(main, "inertia-acceleration", partial(stage, 0.6, 0.9))
-    acceleration = inertia.acceleration([run], main.subject)
-    stage(0.0, 1.0, 1.0)
+    run = recorder.take(swing, "inertia-oscillation", recorder.part(INERTIA, 0.0, 0.4))
+    oscillation = inertia.oscillation(run.runs, swing.subject)
+    run = recorder.take(main, "inertia-acceleration", recorder.part(INERTIA, 0.6, 0.9))
+    acceleration = inertia.acceleration(run.runs, main.subject)
+    recorder.progress(INERTIA, 1.0)
     return oscillation, acceleration
 
 
-def _driven(
-    recorder: _Recorder, main: SimulatedBench, progress: StageProgress
-) -> tuple[MeasuredCogging, MeasuredBackEmf]:
-    stage = partial(_part, progress, STAGES[1])
-    run = recorder.take(main, "cogging", partial(stage, 0.0, 0.3))
-    cogging = measured_cogging([run], main.subject)
-    stage(0.0, 0.5, 1.0)
-    run = recorder.take(main, "back-emf", partial(stage, 0.5, 0.8))
-    back_emf = measured_back_emf([run], main.subject)
-    stage(0.0, 1.0, 1.0)
-    return cogging, back_emf
+def _driven(recorder: _Recorder, main: SimulatedBench) -> tuple[MeasuredCogging, MeasuredBackEmf]:
+    found = cogging.estimate(recorder.take(main, "cogging", recorder.part(DRIVEN, 0.0, 0.3)))
+    run = recorder.take(main, "back-emf", recorder.part(DRIVEN, 0.5, 0.8))
+    voltages = back_emf.estimate(run)
+    recorder.progress(DRIVEN, 1.0)
+    return found, voltages
 
 
-def _calibrate(
-    recorder: _Recorder, bench: SimulatedBench, progress: StageProgress, first: float, last: float
-) -> Calibrated:
-    middle = 0.5 * (first + last)
-    stage = partial(_part, progress, STAGES[2])
-    run = recorder.take(bench, "calibrate", partial(stage, first, middle))
-    return bench.calibrate(run, partial(stage, middle, last))
+def _calibrate(recorder: _Recorder, bench: SimulatedBench, first: float) -> Calibrated:
+    """Take one half of the stage, from `first` on."""
+    part = partial(recorder.part, CALIBRATION)
+    run = recorder.take(bench, "calibrate", part(first, first + 0.25))
+    return bench.calibrate(run, part(first + 0.25, first + 0.5))
 
 
 def _verify(
-    recorder: _Recorder,
-    bench: SimulatedBench,
-    calibration: Calibration,
-    progress: StageProgress,
-    first: float,
+    recorder: _Recorder, bench: SimulatedBench, calibration: Calibration, first: float
 ) -> tuple[Explained, ...]:
-    stage = partial(_part, progress, STAGES[3])
-    run = recorder.take(bench, "verify", partial(stage, first, first + 0.25), calibration)
-    found = tuple(explained([run], bench.subject, calibration))
-    stage(0.0, first + 0.5, 1.0)
-    return found
-
-
-def _sensitivity(
-    recorder: _Recorder, main: SimulatedBench, calibration: Calibration, progress: StageProgress
-) -> Sensitivity:
-    stage = partial(_part, progress, STAGES[4])
-    run = recorder.take(main, "sensitivity", partial(stage, 0.0, 0.5), calibration)
-    found = sensitivity([run], main.subject)
-    stage(0.0, 1.0, 1.0)
+    """Take one half of the stage, from `first` on."""
+    part = recorder.part(VERIFICATION, first, first + 0.25)
+    run = recorder.take(bench, "verify", part, calibration)
+    found = tuple(explained(run.runs, bench.subject, calibration))
+    recorder.progress(VERIFICATION, first + 0.5)
     return found
 
 
 def _learn(
+    recorder: _Recorder,
     nonlinear: SimulatedBench,
     calibration: Calibration,
-    quick: bool,
     pool: ProcessPoolExecutor,
-    progress: StageProgress,
 ) -> Learned:
-    passes = 2 if quick else PASSES
-    begun: list[str] = []
-
-    def in_pass(name: str, fraction: float) -> None:
-        if name not in begun:
-            begun.append(name)
-        progress(STAGES[5], (len(begun) - 1 + fraction) / passes)
-
-    mesh = QUICK["learn"] if quick else None
-    config = nonlinear.source.config
-    learned = learn_virtual(config, calibration, nonlinear.seed(), passes, mesh, pool, in_pass)
-    progress(STAGES[5], 1.0)
+    passes, mesh = (2, QUICK["learn"]) if recorder.quick else (PASSES, None)
+    config, part = nonlinear.source.config, recorder.part(LEARNING, 0.0, 1.0)
+    learned = learn_virtual(config, calibration, nonlinear.seed(), passes, mesh, pool, part)
+    part(1.0)
     return learned
 
 

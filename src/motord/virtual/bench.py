@@ -20,12 +20,12 @@ from motord.rig.types import RIG_INPUT, RIG_OUTPUT
 from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Flag
 from motord.virtual.drive import command_to_drive, feedback_from_drive
 from motord.virtual.faults import (
+    LATE_TICKS_MAX,
     Player,
     deliver,
     deliver_command,
     expire,
     new_link,
-    new_ring,
 )
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class VirtualBench:
             config.bridge.heartbeat_timeout_s,
             config.loop.rate_Hz,
         )
-        self._ring, self._fresh = new_ring(), np.zeros(1, FEEDBACK)
+        self._ring, self._fresh = np.zeros(LATE_TICKS_MAX, FEEDBACK), np.zeros(1, FEEDBACK)
         if faults is None and config.simulated and config.bench.faults is not None:
             faults = load_timeline(config.bench.faults)
         self._player = None
@@ -215,22 +215,20 @@ def _run(
     s, lk, period_s = setpoint[0], link[0], 1.0 / rate_Hz
     disturbed, turning = lk.active != 0, axes[0].turning != 0
     receives_dq = turning and not axes[0].sends_phases
+    sensed, received = fresh if disturbed else feedback, sent if turning else command
     for row in range(tick_block.size):
         number = first_tick + row
         t_ns = EPOCH_NS + number * 1_000_000_000 // rate_Hz
         sense(rig_parameters, rig_state, rig_output)
+        fill_feedback(rig_output, t_ns, torque_Nm_per_count, sensed)
+        if receives_dq:
+            feedback_from_drive(axes, command, rig_output, sensed)
         if disturbed:
-            fill_feedback(rig_output, t_ns, torque_Nm_per_count, fresh)
-            if receives_dq:
-                feedback_from_drive(axes, command, rig_output, fresh)
             deliver(link, ring, fresh, feedback)
             if not lk.supervisor_silent:
                 lk.heartbeat_ns = t_ns
             s.heartbeat_ns = lk.heartbeat_ns
         else:
-            fill_feedback(rig_output, t_ns, torque_Nm_per_count, feedback)
-            if receives_dq:
-                feedback_from_drive(axes, command, rig_output, feedback)
             s.heartbeat_ns = t_ns
         s.brake_temperature_C = rig_output[0].brake_temperature_C
         tick_block[row].tick = number
@@ -246,10 +244,8 @@ def _run(
             tick_block[row : row + 1],
         )
         fill_truth(rig_state, t_ns, truth_block[row])
-        received = command
         if turning:
             command_to_drive(axes, command, sent, rig_parameters, rig_state)
-            received = sent
         if disturbed:
             deliver_command(link, received, rig_input)
         else:

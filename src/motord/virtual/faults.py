@@ -7,13 +7,13 @@ disturbed as records: a lost frame is a sample that does not arrive, a corrupt o
 import numpy as np
 
 from motord.config.faults import Fault, Timeline
-from motord.control.types import FEEDBACK
 from motord.jit import constants, jit
 from motord.rig import faults as rig_faults
 from motord.rig.noise import random_state, uniform
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus, record_dtype
 
 LATE_TICKS_MAX = 4096
+"""Samples for which there is room on their way."""
 
 LINK = record_dtype(
     [
@@ -144,11 +144,6 @@ def new_link(
     lk.command_timeout = round(command_timeout_s * rate_Hz)
     lk.beat_timeout = round(beat_timeout_s * rate_Hz)
     return link
-
-
-def new_ring() -> np.ndarray:
-    """Return the room for samples on their way."""
-    return np.zeros(LATE_TICKS_MAX, FEEDBACK)
 
 
 class Player:

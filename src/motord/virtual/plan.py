@@ -6,32 +6,24 @@ from typing import Any
 import numpy as np
 
 from motord.control.types import SETPOINT
-from motord.schema import TICK_DTYPE, TRUTH_DTYPE, Request
+from motord.schema import Request
 from motord.sequencing import Demand, Executor, Plan, TickWatcher
 from motord.virtual.bench import VirtualBench
 
 LOOK_S = 0.05
 """Virtual time between two looks of the executor."""
 
-HAND_ON_S = 1.0
-"""Virtual time that is handed on at once: large blocks are written and read fastest."""
+LOOKS_HANDED_ON = 20
+"""Looks whose ticks are handed on at once: large blocks are written and read fastest."""
 
 BlockSink = Callable[[np.ndarray, np.ndarray], None]
-PointSink = Callable[[dict[str, Any]], None]
-ProgressSink = Callable[[dict[str, Any]], None]
 
 
 class PlanFailed(Exception):
     """A plan that did not end as it should; the message says why."""
 
 
-def run_plan(
-    bench: VirtualBench,
-    plan: Plan,
-    on_block: BlockSink,
-    on_point: PointSink = lambda point: None,
-    on_progress: ProgressSink = lambda progress: None,
-) -> list[dict[str, Any]]:
+def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[str, Any]]:
     """Run `plan` to its end, handing on blocks (ticks, truth). Returns the points taken.
 
     Raises PlanFailed if the bench trips or the plan fails.
@@ -39,52 +31,20 @@ def run_plan(
     executor, watcher = Executor(plan), TickWatcher()
     setpoint = np.zeros(1, SETPOINT)
     setpoint["plan_point"] = -1
-    demand, reported = Demand(), 0
-    blocks = _Blocks(on_block, bench.config.loop.rate_Hz)
+    demand = Demand()
+    look = max(round(LOOK_S * bench.config.loop.rate_Hz), 1)
+    blocks: list[tuple[np.ndarray, np.ndarray]] = []
     while not executor.finished:
-        seen = watcher.take(blocks.run(bench, setpoint))
+        blocks.append(bench.run(setpoint, look))
+        seen = watcher.take(blocks[-1][0])
         before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
-        if len(executor.points) > reported:
-            blocks.hand_on()
-            for point in executor.points[reported:]:
-                on_point(point)
-            reported = len(executor.points)
-            on_progress(executor.progress())
-    blocks.hand_on()
+        if len(blocks) == LOOKS_HANDED_ON or executor.finished:
+            on_block(*map(np.concatenate, zip(*blocks, strict=True)))
+            blocks.clear()
     if executor.message:
         raise PlanFailed(f"{plan.name}: {executor.message}")
     return executor.points
-
-
-class _Blocks:
-    """Blocks of HAND_ON_S, filled look by look and handed on when full."""
-
-    def __init__(self, sink: BlockSink, rate_Hz: int) -> None:
-        self._sink = sink
-        self._look = max(round(LOOK_S * rate_Hz), 1)
-        self._size = max(round(HAND_ON_S / LOOK_S), 1) * self._look
-        self._start()
-
-    def run(self, bench: VirtualBench, setpoint: np.ndarray) -> np.ndarray:
-        """Run the bench for one look and return its ticks."""
-        if self._filled == self._size:
-            self.hand_on()
-        rows = slice(self._filled, self._filled + self._look)
-        bench.fill(setpoint, self._ticks[rows], self._truth[rows])
-        self._filled += self._look
-        return self._ticks[rows]
-
-    def hand_on(self) -> None:
-        """Give what there is to the sink."""
-        if self._filled:
-            self._sink(self._ticks[: self._filled], self._truth[: self._filled])
-            self._start()
-
-    def _start(self) -> None:
-        self._filled = 0
-        self._ticks = np.zeros(self._size, TICK_DTYPE)
-        self._truth = np.zeros(self._size, TRUTH_DTYPE)
 
 
 def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:

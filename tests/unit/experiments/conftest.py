@@ -33,10 +33,8 @@ def record(bench: VirtualBench, path: Path, compensate: str, **mesh: object) -> 
             writer.ticks(ticks)
             writer.truth(truth)
 
-        def on_point(point: dict) -> None:
+        for point in run_plan(bench, plan, on_block):
             writer.operating_point(int(point["t_end_ns"]), point)
-
-        run_plan(bench, plan, on_block, on_point)
 
 
 @pytest.fixture(scope="session")

@@ -12,8 +12,11 @@ from motord.cli import app
 from motord.config import BackEmfTable, Config, MotorConfig, load, packaged
 from motord.control import parameters
 from motord.experiments.analysis import encode
-from motord.experiments.back_emf import command as back_emf_command
-from motord.experiments.cogging import command as cogging_command
+from motord.experiments.back_emf import estimate as back_emf
+from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.cogging import estimate as cogging
+from motord.experiments.cogging.at_speed import REQUIRED
+from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
@@ -34,12 +37,12 @@ def record(path: Path, name: str, config: Config, **settings: object) -> None:
     bench = VirtualBench(config, seed=4)
     text = packaged("sim.toml").read_text()
     with RunWriter(path, describe(config, text)) as writer:
-        run_plan(
+        for point in run_plan(
             bench,
             build(name, config, settings),
             lambda ticks, truth: (writer.ticks(ticks), writer.truth(truth)),
-            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
-        )
+        ):
+            writer.operating_point(int(point["t_end_ns"]), point)
 
 
 @pytest.fixture(scope="module")
@@ -224,18 +227,27 @@ class Narrow:
         return self._run.ticks(columns, **bounds)
 
 
+def measured_cogging(run: object, subject: Subject) -> MeasuredCogging:
+    points = driven_points([run], subject, REQUIRED)  # type: ignore[list-item]
+    return cogging.measure(points, subject.motor, subject.sensor)
+
+
+def measured_back_emf(run: object, subject: Subject) -> MeasuredBackEmf:
+    return back_emf.measure(driven_points([run], subject, back_emf.VOLTAGES), subject.motor)  # type: ignore[list-item]
+
+
 def test_columns_that_are_not_there(runs: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     subject = Subject.of_runs([run])
     currents = ("i_a_A", "i_b_A", "i_c_A", "i_age_ns")
-    measured = cogging_command.measured_cogging([Narrow(run, "encoder_count", *currents)], subject)  # type: ignore[list-item]
+    measured = measured_cogging(Narrow(run, "encoder_count", *currents), subject)
     assert measured.amplitude_Nm[measured.order == 48] == pytest.approx(0.33, abs=5e-3)
     for missing, words in (
         (("torque_Nm",), "the recording has no torque_Nm"),
         (("encoder_count", "angle_rad"), "has neither encoder_count nor angle_rad"),
     ):
         with pytest.raises(AnalysisError, match=words):
-            cogging_command.measured_cogging([Narrow(run, *missing)], subject)  # type: ignore[list-item]
+            measured_cogging(Narrow(run, *missing), subject)
 
 
 def test_a_mesh_is_no_driven_run(tmp_path: Path) -> None:
@@ -244,13 +256,13 @@ def test_a_mesh_is_no_driven_run(tmp_path: Path) -> None:
     record(path, "calibrate", load(), **mesh)
     run = open_run(path)
     with pytest.raises(IdentifyError, match="needs a run without current"):
-        back_emf_command.measured_back_emf([run], Subject.of_runs([run]))
+        measured_back_emf(run, Subject.of_runs([run]))
 
 
 def test_phases_in_the_other_order_and_unlike_phases_are_noted(runs: Path) -> None:
     run = open_run(runs / "emf.mcap")
     subject = Subject.of_runs([run])
-    found = back_emf_command.measured_back_emf([run], subject)
+    found = measured_back_emf(run, subject)
     assert found.notes == []
     swapped = found.__class__(**{**vars(found), "line": found.line[:, [0, 2, 1]]})
     assert "phases b and c follow in the other order" in swapped.notes[0]
@@ -271,7 +283,7 @@ def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) 
     turned = Subject(plain.bench, MotorConfig.model_validate(content), plain.sensor)
     results = []
     for subject in (plain, turned):
-        found = back_emf_command.measured_back_emf([run], subject)
+        found = measured_back_emf(run, subject)
         results.append(encode(found))
     assert results[0]["k_V_s_per_rad"] == results[1]["k_V_s_per_rad"]
     kept = [
@@ -286,7 +298,7 @@ def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) 
 def test_notes_of_a_cogging_run(runs: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     subject = Subject.of_runs([run])
-    measured = cogging_command.measured_cogging([run], subject)
+    measured = measured_cogging(run, subject)
     assert measured.notes == []
     changed = measured.__class__(
         **{

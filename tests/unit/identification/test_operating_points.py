@@ -3,7 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.identification import IdentifyError
 from motord.identification.operating_points import (
     PointData,
@@ -13,6 +12,7 @@ from motord.identification.operating_points import (
     split,
 )
 from motord.identification.resample import CROWD, interpolate, uncrowded
+from tests.support.virtual_calibration import calibrate
 from tests.unit.identification.synthetic_bench import TICKS, Bench
 
 

@@ -5,12 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.identification.encoder_points import EncoderSums, fill_gaps, without_drift
 from motord.identification.harmonics import (
     harmonics_table,
     lines_at,
     over_one_turn,
-    spectrum,
     synthesis,
 )
 from motord.identification.operating_points import prepare
@@ -19,7 +17,9 @@ from motord.identification.point_ripple import (
     point_ripple,
     rms_error_percent,
     rms_errors,
+    without_drift,
 )
+from motord.identification.resample import fill_gaps
 from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
 
@@ -45,17 +45,14 @@ def test_ticks_weigh_by_the_angle_they_cover() -> None:
     assert rms_error_percent(np.sin(at_ticks), 1.0, speed) == pytest.approx(over_angle, rel=1e-3)
 
 
-def test_spectrum_and_table_are_inverse() -> None:
+def test_lines_and_table_are_inverse() -> None:
     order, amplitude, phase = np.array([3, 16]), np.array([0.2, 0.05]), np.array([0.4, -1.2])
     table = harmonics_table(order, amplitude, phase, 257)
     lines = -1j * amplitude * np.exp(1j * phase)
     assert np.allclose(synthesis(order, lines, 257), table)
     both = synthesis(order, np.column_stack([lines, 2 * lines]), 257)
     assert np.allclose(both, np.column_stack([table, 2 * table]))
-    found, angle = spectrum(table, 20)
-    assert np.allclose(found[order - 1], amplitude)
-    assert np.allclose(angle[order - 1], phase)
-    assert np.delete(found, order - 1).max() < 1e-12
+    assert np.allclose(over_one_turn(lines_at(np.arange(257), table, 257, 20), 257), table)
 
 
 @pytest.mark.parametrize("counts", [100, 101])
@@ -71,10 +68,6 @@ def test_harmonics_of_unevenly_visited_points(counts: int) -> None:
 def test_gaps_are_filled_round_the_zero_point() -> None:
     table = np.array([np.nan, 1.0, 2.0, np.nan, 4.0, np.nan])
     assert np.allclose(fill_gaps(table), [2.0, 1.0, 2.0, 3.0, 4.0, 3.0])
-    sums = EncoderSums.of(np.array([0, 0, 2]), np.array([[1.0], [3.0], [5.0]]), 3)
-    means = sums.means()[:, 0]
-    assert means[0] == 2.0
-    assert np.isnan(means[1])
 
 
 def test_drift_is_taken_out_and_orders_are_kept() -> None:

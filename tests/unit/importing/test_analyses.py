@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.config import MotorConfig, TorqueSensorConfig, load
-from motord.experiments.calibration.estimate.calibrator import Calibrator, calibrate
+from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.plans import build
 from motord.experiments.ripple.estimate import ripples
 from motord.experiments.subject import Subject
@@ -20,6 +20,7 @@ from motord.identification.operating_points import PointData, split
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.support.virtual_calibration import calibrate
 from tests.unit.identification.synthetic_bench import SENSOR, Bench, Truth, motor
 from tests.unit.importing.tables import imported, write_csv, write_motor
 

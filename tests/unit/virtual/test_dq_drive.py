@@ -11,7 +11,6 @@ from motord import config
 from motord.config import Config, ConfigError
 from motord.config.faults import Fault
 from motord.control.types import SETPOINT
-from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
 from motord.experiments.ripple.estimate import explain
@@ -22,6 +21,7 @@ from motord.identification.zero_sequence import is_missing, restored
 from motord.schema import Request, State, Trip
 from motord.sequencing import PlanError
 from motord.virtual import VirtualBench, run_plan
+from tests.support.virtual_calibration import calibrate
 
 DQ = Path(__file__).parents[3] / "config" / "dq.toml"
 MESH = {"torques_Nm": [1.5, 4.0], "speeds_Hz": [0.7, 1.0], "turns": 8, "settle_s": 1.0}

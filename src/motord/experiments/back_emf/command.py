@@ -1,26 +1,20 @@
 """`motord analyse back-emf`: back-EMF of a rotor driven from outside without current."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from motord.experiments.analysis import Analysis, json_of
-from motord.experiments.back_emf.estimate import measure
-from motord.experiments.back_emf.fit import VOLTAGES
+from motord.experiments.back_emf.estimate import VOLTAGES, measure
 from motord.experiments.back_emf.report import report
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_recordings import driven_points
-from motord.experiments.subject import Recordings, Subject
-from motord.recording.reader import Run
+from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
-
-
-def measured_back_emf(runs: Iterable[Run], subject: Subject) -> MeasuredBackEmf:
-    """Return the back-EMF over all driven points. Raises AnalysisError, IdentifyError."""
-    return measure(driven_points(runs, subject, VOLTAGES), subject.motor)
 
 
 def estimate(recordings: Recordings) -> MeasuredBackEmf:
     """Return the back-EMF over all driven points. Raises AnalysisError, IdentifyError."""
-    return measured_back_emf(recordings.runs, recordings.subject)
+    subject = recordings.subject
+    return measure(driven_points(recordings.runs, subject, VOLTAGES), subject.motor)
 
 
 def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:

@@ -1,22 +1,17 @@
 """Back-EMF: the phases over an electrical period, and their harmonics."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.figure import Figure
 
+from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.report.style import AFTER, INK, OTHER, REFERENCE, SOFT, drawing, figure
 
 PHASES = ((AFTER, "a"), (OTHER, "b"), (REFERENCE, "c"))
 
 
-def waves(
-    measured: np.ndarray,
-    configured: np.ndarray,
-    pole_pairs: int,
-    harmonics: Sequence[tuple[int, float, float]],
-) -> Figure:
-    """Return k (counts, 3) over a period, and its harmonics, (order, amplitude, error), as bars."""
+def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
+    """Return the table k (counts, 3) over a period, and the harmonics as bars."""
+    configured, pole_pairs = found.motor.back_emf_table(), found.motor.pole_pairs
     with drawing():
         picture = figure(3.2)
         left, right = picture.subplots(1, 2, width_ratios=[1.2, 1.0])
@@ -29,20 +24,19 @@ def waves(
             left.plot(
                 degrees, configured[:shown, phase], color=INK, linewidth=0.8, linestyle=(0, (4, 3))
             )
-        left.set_xlim(0, 360)
-        left.set_xticks(range(0, 361, 60))
+        left.set(xlim=(0, 360), xticks=range(0, 361, 60))
         left.set_xlabel("electrical angle from the zero point (degrees)")
         left.set_ylabel("back-EMF over speed (V s/rad)")
         handles, labels = left.get_legend_handles_labels()
         picture.legend(handles, labels, loc="outside upper left", ncols=3)
-        order = np.array([h[0] for h in harmonics])
-        percent = 100 * np.array([h[1] for h in harmonics]) / harmonics[0][1]
-        noise = 100 * 1.96 * np.array([h[2] for h in harmonics]) / harmonics[0][1]
+        harmonics = found.harmonics
+        fundamental = harmonics[0].amplitude_V_s_per_rad
+        order = [h.order for h in harmonics]
+        percent = 100 * np.array([h.amplitude_V_s_per_rad for h in harmonics]) / fundamental
+        noise = 100 * 1.96 * np.array([h.stderr_V_s_per_rad for h in harmonics]) / fundamental
         right.bar(order, percent, 0.7, color=AFTER)
         right.plot(order, noise, color=SOFT, linewidth=1.2, label="noise, 95 %")
-        right.set_yscale("log")
-        right.set_xlabel("electrical order")
-        right.set_ylabel("amplitude (% of fundamental)")
+        right.set(yscale="log", xlabel="electrical order", ylabel="amplitude (% of fundamental)")
         right.grid(visible=False, axis="x")
         right.legend(loc="upper right")
         return picture

@@ -24,12 +24,7 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
     configured = found.motor.back_emf_table()
     fundamental = harmonics[0].amplitude_V_s_per_rad
     page.picture(
-        waves(
-            measured,
-            configured,
-            found.motor.pole_pairs,
-            [(h.order, h.amplitude_V_s_per_rad, h.stderr_V_s_per_rad) for h in harmonics],
-        ),
+        waves(measured, found),
         "Back-EMF over speed (V s/rad) of the three phases over the first electrical period, and "
         "the amplitude of each electrical order in percent of the fundamental, with 95 % limits "
         "of noise. Dashed: what the bench file says.",

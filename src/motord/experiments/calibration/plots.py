@@ -25,10 +25,8 @@ def cogging(estimates: Sequence[Labelled], reference: Labelled | None) -> Figure
             _curve(left, estimate, span_deg, COLOURS[row % 2], 2.0 if row == 0 else 0.8, "-")
         if reference is not None:
             _curve(left, reference, span_deg, REFERENCE, 1.6, (0, (3, 2)))
-        left.set_xlim(0, span_deg)
-        left.set_xlabel("mechanical angle (degrees)")
-        left.set_ylabel("cogging torque (Nm)")
-        left.set_title("Cogging torque")
+        left.set(xlim=(0, span_deg), xlabel="mechanical angle (degrees)")
+        left.set(ylabel="cogging torque (Nm)", title="Cogging torque")
         _harmonics(right, [each for _, each in estimates], reference[1] if reference else None)
         handles, labels = left.get_legend_handles_labels()
         picture.legend(handles[::-1], labels[::-1], loc="outside upper right", ncols=3)
@@ -71,6 +69,4 @@ def _harmonics(axes: Axes, estimates: Sequence[Estimate], reference: Estimate | 
     if len(orders) > 10:
         axes.tick_params(axis="x", rotation=60)
     axes.grid(visible=False, axis="x")
-    axes.set_xlabel("order (per turn)")
-    axes.set_ylabel("amplitude (Nm)")
-    axes.set_title("Harmonics")
+    axes.set(xlabel="order (per turn)", ylabel="amplitude (Nm)", title="Harmonics")

@@ -17,25 +17,21 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.basis import cell_gain, highpass
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
-from motord.identification.driven_rotor import Driven, prepare, require
+from motord.identification.driven_rotor import Driven
 from motord.identification.harmonics import lines_at
-from motord.identification.operating_points import PointData
 from motord.identification.orders import (
     SAMPLES_PER_COGGING_ORDER,
     allowed_orders,
     order_limit,
     resolved_order,
 )
-from motord.identification.torque_sensor import response
+from motord.identification.torque_sensor import order_below_resonance, response
 
-REQUIRED = ("t_ns", "torque_Nm")
-"""Columns that are needed, besides one of the angle."""
+REQUIRED = ("torque_Nm",)
+"""Columns that are needed, besides time and angle."""
 
 COUNTS_PER_ORDER = 3
 """Encoder counts that a period of the highest order needs."""
-
-MOUNT_SHARE = 0.7
-"""Part of the mount's resonance frequency up to which its response is undone."""
 
 STANDS_OUT = 6.0
 """Amplitude, in standard errors, from which an order that is not allowed is stated."""
@@ -74,15 +70,7 @@ def highest_order(driven: Driven, motor: MotorConfig, sensor: TorqueSensorConfig
         samples_per_order=SAMPLES_PER_COGGING_ORDER,
         counts_per_order=COUNTS_PER_ORDER,
     )
-    if sensor.resonance_Hz > 0:
-        highest = min(highest, int(MOUNT_SHARE * sensor.resonance_Hz / driven.speed_Hz))
-    return highest
-
-
-def ready(point: PointData, motor: MotorConfig) -> Driven:
-    """Return a driven point with a torque, made ready. Raises IdentifyError."""
-    require(point.ticks, REQUIRED[1:], f"driven at {point.speed_Hz:.3g} Hz", "no measured torque")
-    return prepare(point, motor, REQUIRED[1:])
+    return order_below_resonance(sensor, highest, driven.speed_Hz)
 
 
 def at_speed(
@@ -106,7 +94,7 @@ def at_speed(
     rows, turn = _by_turn(driven.turns)
     steady = _without_trend(np.column_stack([columns, torque_Nm])[rows], driven.t_s[rows], turn)
     fit = Regressors.of(steady[:, :-1], turn).fit(steady[:, -1])
-    line_Nm, stderr_Nm = _lines(fit)
+    variance, line_Nm = np.diag(fit.covariance), fit.solution[0::2] - 1j * fit.solution[1::2]
     spectrum_Nm = _spectrum(angle_rad[rows], fit, driven, motor, sensor, highest)
     noise_Nm = _noise(spectrum_Nm, order)
     spectrum_Nm[order - 1] += line_Nm
@@ -119,7 +107,7 @@ def at_speed(
         speed_ripple=float(np.ptp(speeds) / (2 * speeds.mean())),
         order=order,
         line_Nm=line_Nm,
-        stderr_Nm=stderr_Nm,
+        stderr_Nm=np.sqrt((variance[0::2] + variance[1::2]) / 2),
         spectrum_Nm=spectrum_Nm,
         noise_Nm=noise_Nm,
     )
@@ -178,14 +166,6 @@ def _without_trend(columns: np.ndarray, t_s: np.ndarray, turn: np.ndarray) -> np
     return free
 
 
-def _lines(fit: ClusterFit) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines (n,) and their standard error per component (n,)."""
-    variance = np.diag(fit.covariance)
-    stderr: np.ndarray = np.sqrt((variance[0::2] + variance[1::2]) / 2)
-    line: np.ndarray = fit.solution[0::2] - 1j * fit.solution[1::2]
-    return line, stderr
-
-
 def _spectrum(
     angle_rad: np.ndarray,
     fit: ClusterFit,
@@ -200,8 +180,7 @@ def _spectrum(
     seen = response(sensor, order * driven.speed_Hz) * cell_gain(order, motor.counts)
     if driven.turns and angle_rad[-1] < angle_rad[0]:
         seen = seen.conj()
-    lines: np.ndarray = lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen
-    return lines
+    return np.asarray(lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen)
 
 
 def _noise(spectrum_Nm: np.ndarray, fitted: np.ndarray, width: int = 41) -> np.ndarray:

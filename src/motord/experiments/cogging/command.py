@@ -1,6 +1,6 @@
 """`motord analyse cogging`: cogging torque of a rotor driven from outside without current."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -14,15 +14,8 @@ from motord.experiments.cogging.estimate import compare, measure
 from motord.experiments.cogging.report import report
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_recordings import driven_points
-from motord.experiments.subject import Recordings, Subject
-from motord.recording.reader import Run
+from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
-
-
-def measured_cogging(runs: Iterable[Run], subject: Subject) -> MeasuredCogging:
-    """Return the cogging torque over all driven points. Raises AnalysisError, IdentifyError."""
-    points = driven_points(runs, subject, REQUIRED[1:])
-    return measure(points, subject.motor, subject.sensor)
 
 
 def estimate(
@@ -34,7 +27,9 @@ def estimate(
 ) -> MeasuredCogging:
     """Return the cogging torque. Raises AnalysisError, CalibrationError, IdentifyError."""
     other = load(calibration) if calibration else None
-    measured = measured_cogging(recordings.runs, recordings.subject)
+    subject = recordings.subject
+    points = driven_points(recordings.runs, subject, REQUIRED)
+    measured = measure(points, subject.motor, subject.sensor)
     return measured if other is None else replace(measured, comparison=compare(measured, other))
 
 

@@ -7,14 +7,15 @@ import numpy as np
 from motord.calibration import Calibration
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.cogging.at_speed import (
+    REQUIRED,
     STANDS_OUT,
     SpeedCogging,
     at_speed,
-    ready,
     standing_out,
 )
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
 from motord.identification import IdentifyError
+from motord.identification.driven_rotor import prepare
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
 
@@ -26,7 +27,7 @@ def measure(
     points: Iterable[PointData], motor: MotorConfig, sensor: TorqueSensorConfig
 ) -> MeasuredCogging:
     """Return the cogging torque over all driven points. Raises IdentifyError."""
-    driven = [ready(point, motor) for point in points]
+    driven = [prepare(point, motor, REQUIRED, "no measured torque") for point in points]
     if not driven:
         raise IdentifyError("there is no good operating point in the recording")
     found = [at_speed(one, motor, sensor) for one in driven]

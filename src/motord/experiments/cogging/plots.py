@@ -27,11 +27,9 @@ def spectra(speeds: Sequence[tuple[str, np.ndarray]], allowed: Sequence[int]) ->
         for (label, amplitude), colour in zip(speeds, _shades(len(speeds)), strict=True):
             order = np.arange(1, amplitude.size + 1)
             axes.plot(order, amplitude, color=colour, linewidth=0.9, label=label)
-        axes.set_yscale("log")
-        axes.set_xlim(0, highest)
+        axes.set(yscale="log", xlim=(0, highest))
         axes.grid(visible=False, axis="x")
-        axes.set_xlabel("order (per turn)")
-        axes.set_ylabel("amplitude (Nm)")
+        axes.set(xlabel="order (per turn)", ylabel="amplitude (Nm)")
         _speeds_legend(picture, axes)
         return picture
 
@@ -45,8 +43,7 @@ def averaged(tau_cog_Nm: np.ndarray, main_order: int) -> Figure:
         for axes in (left, right):
             axes.plot(degrees, torque_Nm, color=AFTER, linewidth=1.1)
             axes.set_xlabel("mechanical angle (degrees)")
-        left.set_xlim(0, 360)
-        left.set_xticks(range(0, 361, 60))
+        left.set(xlim=(0, 360), xticks=range(0, 361, 60))
         right.set_xlim(0, 360 * min(PERIODS_SHOWN / main_order, 1.0))
         left.set_ylabel("cogging torque (Nm)")
         return picture
@@ -92,9 +89,7 @@ def with_calibration(
 
 
 def _over_span(axes: Axes, span_deg: float, label: str) -> None:
-    axes.set_xlim(0, span_deg)
-    axes.set_xlabel("mechanical angle (degrees)")
-    axes.set_ylabel(label)
+    axes.set(xlim=(0, span_deg), xlabel="mechanical angle (degrees)", ylabel=label)
 
 
 def _closed(turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -187,8 +187,7 @@ class MeasuredCogging:
         """
         kept = np.isin(speed.order, self.order[self.allowed])
         own_Nm = synthesis(speed.order[kept], speed.line_Nm[kept], self.motor.counts)
-        error: np.ndarray = 100 * (own_Nm - self.tau_cog_Nm) / self.peak_Nm
-        return error
+        return np.asarray(100 * (own_Nm - self.tau_cog_Nm) / self.peak_Nm)
 
 
 @dataclass(frozen=True)

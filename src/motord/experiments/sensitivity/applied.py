@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import MotorConfig
+from motord.experiments.sensitivity.curves import currents_per_Nm
 from motord.identification import IdentifyError
-from motord.identification.encoder_points import fill_gaps
 from motord.identification.operating_points import COMMANDS, CURRENTS
+from motord.identification.resample import fill_gaps
 from motord.schema import Flag
 
 NEEDED = ("angle_predicted_rad", "torque_set_Nm", "cogging_comp_Nm", "flags", *COMMANDS)
@@ -53,10 +54,7 @@ class AppliedCompensation:
     """Takes ticks point by point; then tells what was applied."""
 
     def __init__(self, motor: MotorConfig) -> None:
-        k = motor.back_emf_table()
-        wanted = k - k.mean(axis=1, keepdims=True) if motor.connection == "star" else k
-        power = (k * wanted).sum(axis=1, keepdims=True)
-        self._per_Nm = np.divide(wanted, power, out=np.zeros_like(k), where=power > 1e-12)
+        self._per_Nm = currents_per_Nm(motor)
         self._counts = motor.counts
         self._sums = np.zeros((3, 2, 3))  # phase; command, 1; command, 1, what was to flow
         self._cogging = np.zeros((2, motor.counts))

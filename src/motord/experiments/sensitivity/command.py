@@ -10,7 +10,7 @@ import typer
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.sensitivity.estimate import DEFAULT_TORQUE_Nm, sensitivity, theory_alone
-from motord.experiments.sensitivity.report import report
+from motord.experiments.sensitivity.report import report, slope_rows
 from motord.experiments.sensitivity.result import Again, Sensitivity
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.text import TextTable
@@ -65,17 +65,7 @@ def _text(result: Sensitivity, _: Recordings) -> Iterator[str | TextTable]:
 
 
 def _practice(result: Sensitivity) -> Iterator[str | TextTable]:
-    rows = [
-        (
-            f"{one.what} {side}",
-            str(branch.points),
-            f"{branch.slope:.2f} +- {1.96 * branch.slope_stderr:.2f}",
-            f"{branch.theory_slope:.2f}",
-        )
-        for one in result.series
-        for side, branch in zip(("below", "above"), one.branches, strict=True)
-        if branch is not None
-    ]
+    rows = slope_rows(result, {one.what: one.what for one in result.series}, "", "+-")
     if result.series and not rows:
         yield "fewer than two points a side are clear of the ripple without any error"
     if rows:

@@ -20,6 +20,14 @@ from motord.identification import IdentifyError
 TINY_V2_S2 = 1e-12
 
 
+def currents_per_Nm(motor: MotorConfig) -> np.ndarray:
+    """Return w = n / sum_q k_q n_q at the encoder's points (counts, 3), A/Nm."""
+    k = motor.back_emf_table()
+    wanted = k - k.mean(axis=1, keepdims=True) if motor.connection == "star" else k
+    power = (k * wanted).sum(axis=1, keepdims=True)
+    return np.asarray(np.divide(wanted, power, out=np.zeros_like(k), where=power > TINY_V2_S2))
+
+
 def gains_of(alpha_a: ArrayLike) -> np.ndarray:
     """Return the three gains (..., 3) of product 1 with alpha_b = alpha_c, eq. (4.17)."""
     a = np.asarray(alpha_a, float)
@@ -59,14 +67,12 @@ class RippleModel:
             raise IdentifyError(
                 f"the cogging torque has {tau_cog_Nm.size} values, the motor {motor.counts} counts"
             )
-        k, star = motor.back_emf_table(), motor.connection == "star"
-        wanted = k - k.mean(axis=1, keepdims=True) if star else k
-        power = (k * wanted).sum(axis=1, keepdims=True)
-        w = np.divide(wanted, power, out=np.zeros_like(k), where=power > TINY_V2_S2)
+        k, w = motor.back_emf_table(), currents_per_Nm(motor)
         per_Nm = (k[:, :, None] * w[:, None, :]).reshape(-1, 9)
         cog = tau_cog_Nm[:, None]
         torques = np.column_stack([k, per_Nm, cog, per_Nm * cog])
         torques -= torques.mean(axis=0)
+        star = motor.connection == "star"
         return cls(torques.T @ torques / len(torques), motor.rated_torque_Nm, star, share)
 
     def rms_percent(
@@ -94,8 +100,7 @@ class RippleModel:
         parts = (b, torque_Nm * flow, np.ones(1), -f * flow)
         v = np.concatenate([np.broadcast_to(x, (*shape, x.shape[-1])) for x in parts], axis=-1)
         square = np.einsum("...i,...i->...", v @ self.products, v)
-        percent: np.ndarray = 100 * np.sqrt(np.maximum(square, 0.0)) / self.rated_torque_Nm
-        return percent
+        return np.asarray(100 * np.sqrt(np.maximum(square, 0.0)) / self.rated_torque_Nm)
 
 
 ERRORS: dict[str, tuple[float, float]] = {

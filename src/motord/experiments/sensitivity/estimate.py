@@ -1,7 +1,6 @@
 """What errors of a calibration cost in ripple: theory, and the `sensitivity` plan's recordings."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,14 @@ from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.sensitivity.applied import NEEDED, Applied, AppliedCompensation
 from motord.experiments.sensitivity.curves import ERRORS, RippleModel, limits, single
 from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitivity, Theory
-from motord.experiments.sensitivity.slope_fit import Series, series
-from motord.experiments.sensitivity.volume import Intervals, limit_surface, volume
+from motord.experiments.sensitivity.slope_fit import series
+from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volume
 from motord.experiments.subject import AnalysisError, Subject
-from motord.identification.operating_points import PointData, good_points, prepare, split
+from motord.identification.operating_points import PointData, prepare
 from motord.identification.point_ripple import point_ripple
-from motord.recording.captures import COLUMNS
+from motord.recording.captures import COLUMNS, captures
 from motord.recording.reader import Run
+from motord.sequencing import NOTHING_INDUCED, Induced
 
 DEFAULT_TORQUE_Nm = 3.0
 """Set-point of the theory where no recording says which, Poels 2008, Figure 4.3."""
@@ -28,19 +28,17 @@ IDEALS = {"alpha_a": 1.0, "beta_a_A": 0.0, "cogging": 1.0, "delta_epsilon": 1.0}
 
 def theory(motor: MotorConfig, tau_cog_Nm: np.ndarray, torque_Nm: float) -> Theory:
     """Return the theory for a motor with its cogging torque (counts,). Raises IdentifyError."""
-    model, intervals = RippleModel.of(motor, tau_cog_Nm), Intervals()
+    model = RippleModel.of(motor, tau_cog_Nm)
     ends = {
-        what: tuple(
-            (end, float(single(model, torque_Nm, what, end))) for end in getattr(intervals, what)
-        )
-        for what in ERRORS
+        what: tuple((end, float(single(model, torque_Nm, what, end))) for end in interval)
+        for what, interval in INTERVALS.items()
     }
     return Theory(
         torque_Nm=torque_Nm,
         within={what: limits(model, torque_Nm, what, LIMIT_PERCENT) for what in ERRORS},
         ends=ends,
-        volume=volume(model, torque_Nm, intervals),
-        surface=limit_surface(model, torque_Nm, LIMIT_PERCENT, intervals),
+        volume=volume(model, torque_Nm),
+        surface=limit_surface(model, torque_Nm, LIMIT_PERCENT),
     )
 
 
@@ -49,47 +47,20 @@ def theory_alone(subject: Subject, tau_cog_Nm: np.ndarray, torque_Nm: float) -> 
     return Sensitivity(subject, (), 0.0, theory(subject.motor, tau_cog_Nm, torque_Nm), (), None)
 
 
-@dataclass(frozen=True)
-class _Induced:
-    gain: tuple[float, ...] = (1.0, 1.0, 1.0)
-    offset_A: tuple[float, ...] = (0.0, 0.0, 0.0)
-    cogging: float = 1.0
-
-    @classmethod
-    def of(cls, point: Mapping[str, Any]) -> "_Induced":
-        given = point.get("induced", {})
-        return cls(
-            tuple(given.get("gain", cls.gain)),
-            tuple(given.get("offset_A", cls.offset_A)),
-            float(given.get("cogging", cls.cogging)),
-        )
-
-    @property
-    def values(self) -> dict[str, float]:
-        """To which kinds of error this belongs, with its value; none if it mixes them."""
-        gains, offsets = self.gain != (1.0, 1.0, 1.0), any(self.offset_A)
-        wrong = (gains, offsets, self.cogging != 1.0)
-        if sum(wrong) > 1:
-            return {}
-        if not any(wrong):
-            return IDEALS
-        if offsets:
-            return {"beta_a_A": self.offset_A[0]}
-        if self.cogging != 1.0:
-            return {"cogging": self.cogging}
-        common = max(self.gain) == min(self.gain)
-        return {"delta_epsilon": 1 / self.gain[0]} if common else {"alpha_a": self.gain[0]}
-
-
-@dataclass
-class _Measured:
-    """Values, RMS errors, standard errors and theory of one kind of error, as they come."""
-
-    rows: list[tuple[float, float, float, float]] = field(default_factory=list)
-
-    def series(self, what: str) -> Series:
-        columns = np.array(self.rows).T
-        return series(what, IDEALS[what], *columns)
+def _single(induced: Induced) -> dict[str, float]:
+    """Return to which kinds of error these belong, with the value; none if they are mixed."""
+    offsets = any(induced.offset_A)
+    wrong = (induced.gain != NOTHING_INDUCED.gain, offsets, induced.cogging != 1.0)
+    if sum(wrong) > 1:
+        return {}
+    if not any(wrong):
+        return IDEALS
+    if offsets:
+        return {"beta_a_A": induced.offset_A[0]}
+    if induced.cogging != 1.0:
+        return {"cogging": induced.cogging}
+    common = max(induced.gain) == min(induced.gain)
+    return {"delta_epsilon": 1 / induced.gain[0]} if common else {"alpha_a": induced.gain[0]}
 
 
 def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
@@ -100,36 +71,44 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
     applied, places = _what_was_applied(runs, subject)
     share = tuple(applied.gain.tolist()) if subject.motor.connection == "star" else None
     model = RippleModel.of(subject.motor, applied.tau_cog_Nm, share)
-    measured = {what: _Measured() for what in IDEALS}
+    rows: dict[str, list[tuple[float, ...]]] = {what: [] for what in IDEALS}
     for point, induced in _points(runs):
-        if not induced.values:
+        values = _single(induced)
+        if not values:
             continue
         ripple = point_ripple(prepare(point, subject.motor.counts), subject.motor, subject.sensor)
         expected = model.rms_percent(
             point.torque_Nm, induced.gain, induced.offset_A, induced.cogging
         )
-        for what, value in induced.values.items():
+        for what, value in values.items():
             row = (value, ripple.rms_percent, ripple.stderr_percent, float(expected))
-            measured[what].rows.append(row)
+            rows[what].append(row)
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)
     return Sensitivity(
         subject=subject,
         runs=tuple(run.path.name for run in runs),
         speed_Hz=speed_Hz,
         theory=theory(subject.motor, applied.tau_cog_Nm, torque_Nm),
-        series=tuple(m.series(what) for what, m in measured.items() if len(m.rows) > 1),
+        series=tuple(
+            series(what, IDEALS[what], *np.array(some).T)
+            for what, some in rows.items()
+            if len(some) > 1
+        ),
         again=_again(runs, subject, applied, model, torque_Nm),
     )
 
 
-def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, _Induced]]:
+def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, Induced]]:
     """Yield the good points with their ticks and what was induced there."""
     columns = tuple(dict.fromkeys((*COLUMNS, *NEEDED)))
     for run in runs:
-        for point in good_points(run.operating_points()):
-            bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-            for data in split(run.ticks(columns, **bounds), [point]):
-                yield data, _Induced.of(point)
+        for point in captures(run, columns):
+            given: dict[str, Any] = {
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in point.induced.items()
+                if hasattr(NOTHING_INDUCED, name)
+            }
+            yield point, Induced(**given)
 
 
 def _what_was_applied(
@@ -139,8 +118,8 @@ def _what_was_applied(
     compensation, places, wrong = AppliedCompensation(subject.motor), [], 0
     for point, induced in _points(runs):
         compensation.add(point.ticks, induced.gain, induced.offset_A, induced.cogging)
-        wrong += induced.values is not IDEALS
-        if induced.values:
+        wrong += induced != NOTHING_INDUCED
+        if _single(induced):
             places.append((point.torque_Nm, point.speed_Hz))
     if not wrong:
         names = ", ".join(str(run.path) for run in runs)
@@ -165,7 +144,7 @@ def _again(
     """
     calibrator, induced = Calibrator(subject.motor, subject.sensor), None
     for point, mixed in _points(runs):
-        if mixed.values:
+        if _single(mixed):
             continue
         if induced not in (None, mixed):
             raise AnalysisError("errors induced in several mixtures: analyse them one by one")

@@ -1,32 +1,31 @@
 """RMS error over induced errors: measured, a line fitted to each branch, and theory."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from motord.experiments.sensitivity.slope_fit import Series
 from motord.report.style import AFTER, OTHER, REFERENCE, drawing, figure
 
+SYMBOL = {
+    "alpha_a": "\u03b1a",
+    "beta_a_A": "\u03b2a (A)",
+    "cogging": "cogging factor",
+    "delta_epsilon": "\u03b4\u03b5",
+}
+"""What the axes are called."""
 
-@dataclass(frozen=True)
-class Trace:
-    """One kind of error. value, measured, stderr, theory (n,): RMS errors in percent.
-
-    lines: (value, RMS error) at both ends of each fitted line.
-    """
-
-    title: str
-    axis: str
-    value: np.ndarray
-    measured_percent: np.ndarray
-    stderr_percent: np.ndarray
-    theory_percent: np.ndarray
-    lines: tuple[tuple[tuple[float, float], tuple[float, float]], ...]
+TITLE = {
+    "alpha_a": "Gain of phase a",
+    "beta_a_A": "Offset of phase a",
+    "cogging": "Factor of the cogging torque",
+    "delta_epsilon": "Common gain",
+}
 
 
-def traces(items: Sequence[Trace]) -> Figure:
+def traces(items: Sequence[Series]) -> Figure:
     """Return one picture for each kind of error, two beside each other."""
     rows = (len(items) + 1) // 2
     with drawing():
@@ -43,15 +42,17 @@ def traces(items: Sequence[Trace]) -> Figure:
         return picture
 
 
-def _draw(axes: Axes, item: Trace) -> None:
+def _draw(axes: Axes, item: Series) -> None:
     axes.plot(item.value, item.theory_percent, color=REFERENCE, lw=1.6, label="theory")
-    for row, ((x0, y0), (x1, y1)) in enumerate(item.lines):
-        label = "line fitted to a branch" if row == 0 else None
-        axes.plot([x0, x1], [y0, y1], color=OTHER, lw=1.2, ls=(0, (4, 3)), label=label)
+    label: str | None = "line fitted to a branch"
+    for branch, outer in zip(item.branches, (item.value[0], item.value[-1]), strict=True):
+        if branch is not None:
+            x = np.array([outer, item.ideal])
+            y = branch.at_ideal + branch.slope * (x - item.ideal)
+            axes.plot(x, y, color=OTHER, lw=1.2, ls=(0, (4, 3)), label=label)
+            label = None
     axes.errorbar(
         item.value, item.measured_percent, yerr=1.96 * item.stderr_percent, fmt="o", color=AFTER,
         markersize=4.5, elinewidth=1.2, label="measured",
     )  # fmt: skip
-    axes.set_ylim(bottom=0.0)
-    axes.set_title(item.title)
-    axes.set_xlabel(item.axis)
+    axes.set(ylim=(0.0, None), title=TITLE[item.what], xlabel=SYMBOL[item.what])

@@ -1,15 +1,14 @@
 """RMS error over gain, offset and cogging factor together: slices, and the surface of a limit."""
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap, ListedColormap
-from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 
+from motord.experiments.sensitivity.plots import SYMBOL
 from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.report.style import AFTER, INK, SOFT, drawing, figure
 
-NAMES = ("\u03b1a", "\u03b2a (A)", "cogging factor")
+NAMES = tuple(SYMBOL[what] for what in ("alpha_a", "beta_a_A", "cogging"))
 """What the axes are called, in the order of the volume."""
 
 _SMOOTH = LinearSegmentedColormap.from_list("smooth", ["#0d4f7c", "#3f8fbe", "#d5e7f0"])
@@ -23,6 +22,7 @@ def slices(volume: Volume, limit_percent: float) -> Figure:
         picture = figure(7.6)
         grid = picture.subplots(3, 3)
         levels, colours = _scale(float(volume.rms_percent.max()), limit_percent)
+        norm = BoundaryNorm(levels, colours.N)
         for fixed in range(3):
             across, up = (n for n in range(3) if n != fixed)
             places = (0, values[fixed].size // 2, values[fixed].size - 1)
@@ -30,28 +30,16 @@ def slices(volume: Volume, limit_percent: float) -> Figure:
                 axes = grid[fixed, column]
                 rms = np.take(volume.rms_percent, place, axis=fixed).T
                 x, y = values[across], values[up]
-                filled = _fill(axes, x, y, rms, levels, colours)
+                filled = axes.contourf(x, y, rms, levels, cmap=colours, norm=norm)
                 if rms.min() < limit_percent < rms.max():
                     axes.contour(x, y, rms, [limit_percent], colors=[INK], linewidths=1.6)
-                axes.set_title(_at(fixed, float(values[fixed][place])))
-                axes.set_xlabel(NAMES[across])
+                axes.set(title=_at(fixed, float(values[fixed][place])), xlabel=NAMES[across])
                 axes.grid(visible=False)
             grid[fixed, 0].set_ylabel(NAMES[up])
         bar = picture.colorbar(filled, ax=list(grid.flat), pad=0.02, aspect=40)
         bar.set_label("RMS error (% of rated)")
         bar.outline.set_visible(False)
         return picture
-
-
-def _fill(
-    axes: Axes,
-    x: np.ndarray,
-    y: np.ndarray,
-    rms: np.ndarray,
-    levels: np.ndarray,
-    colours: ListedColormap,
-) -> QuadContourSet:
-    return axes.contourf(x, y, rms, levels, cmap=colours, norm=BoundaryNorm(levels, colours.N))
 
 
 def _scale(highest_percent: float, limit_percent: float) -> tuple[np.ndarray, ListedColormap]:
@@ -80,8 +68,7 @@ def limit(surface: Surface) -> Figure:
                 linewidth=0.25, rstride=1, cstride=1, alpha=0.9, shade=True,
             )  # fmt: skip
             axes.view_init(elev=22, azim=azimuth_deg)
-            axes.set_xlabel(NAMES[0])
-            axes.set_ylabel(NAMES[1])
+            axes.set(xlabel=NAMES[0], ylabel=NAMES[1])
             axes.set_zlabel(NAMES[2])
             axes.locator_params(nbins=5)
             axes.set_box_aspect((1, 1, 0.9), zoom=0.86)

@@ -1,30 +1,15 @@
 """The report of a sensitivity analysis: theory, practice, and a calibration from known errors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from motord.experiments.sensitivity.plots import Trace, traces
+from motord.experiments.sensitivity.plots import SYMBOL, traces
 from motord.experiments.sensitivity.plots_volume import limit, slices
 from motord.experiments.sensitivity.result import Again, Sensitivity, Theory
-from motord.experiments.sensitivity.slope_fit import Series
 from motord.experiments.subject import Recordings
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
-
-SYMBOL = {
-    "alpha_a": "\u03b1a",
-    "beta_a_A": "\u03b2a (A)",
-    "cogging": "cogging factor",
-    "delta_epsilon": "\u03b4\u03b5",
-}
-
-TITLE = {
-    "alpha_a": "Gain of phase a",
-    "beta_a_A": "Offset of phase a",
-    "cogging": "Factor of the cogging torque",
-    "delta_epsilon": "Common gain",
-}
 
 POELS2008_INDUCED = np.array([0.8, 1.118, 1.118, 1.0, -0.5, -0.5])
 POELS2008_FOUND = np.array([0.7717, 1.1035, 1.0884, 0.9994, -0.5078, -0.6205])
@@ -90,7 +75,7 @@ def _practice(page: Page, result: Sensitivity) -> None:
     page.heading("What errors of a calibration cost: practice")
     place = f"{result.theory.torque_Nm:g} Nm and {result.speed_Hz:g} turns/s"
     page.picture(
-        traces([_trace(one) for one in result.series]),
+        traces(result.series),
         f"RMS error measured at {place} after a calibration, with one error induced at a time; "
         "bars are 95 % intervals. Poels 2008, Figures 4.6 to 4.9. \u03b4\u03b5 is what the "
         "compensation takes it for, in parts of what it is: the currents, and with them the "
@@ -102,23 +87,16 @@ def _practice(page: Page, result: Sensitivity) -> None:
         "theory knows nothing; added in quadrature to the theory they leave no measured point more "
         f"than {worst_percent:.2f} % off."
     )
-    rows = [
-        [
-            f"{SYMBOL[one.what]}, {side}",
-            str(branch.points),
-            f"{branch.slope:.2f} \u00b1 {1.96 * branch.slope_stderr:.2f}",
-            f"{branch.theory_slope:.2f}",
-        ]
-        for one in result.series
-        for side, branch in zip(("below", "above"), one.branches, strict=True)
-        if branch is not None
-    ]
     meetings = [
         f"{SYMBOL[one.what]} = {one.meeting[0]:.3f}"
         for one in result.series
         if one.meeting is not None and one.what != "delta_epsilon"  # its branches are curved
     ]
-    page.table(["branch", "points", "slope (% per unit)", "theory"], rows, numbers=True)
+    page.table(
+        ["branch", "points", "slope (% per unit)", "theory"],
+        slope_rows(result, SYMBOL, ",", "\u00b1"),
+        numbers=True,
+    )
     if meetings:
         page.paragraph(
             f"The lines of the two branches meet at {', '.join(meetings)}. "
@@ -126,6 +104,23 @@ def _practice(page: Page, result: Sensitivity) -> None:
             "one torque and speed: a cogging torque of many periods a turn is passed on a "
             "little weaker by currents that change in steps."
         )
+
+
+def slope_rows(
+    result: Sensitivity, names: Mapping[str, str], after: str, pm: str
+) -> list[list[str]]:
+    """Return a row for each line that was fitted; after: a name; pm: plus-minus sign."""
+    return [
+        [
+            f"{names[one.what]}{after} {side}",
+            str(branch.points),
+            f"{branch.slope:.2f} {pm} {1.96 * branch.slope_stderr:.2f}",
+            f"{branch.theory_slope:.2f}",
+        ]
+        for one in result.series
+        for side, branch in zip(("below", "above"), one.branches, strict=True)
+        if branch is not None
+    ]
 
 
 def _again(page: Page, again: Again) -> None:
@@ -168,21 +163,3 @@ def _rows(again: Again) -> Sequence[Sequence[str]]:
             row += [f"{POELS2008_FOUND[n]:.4f}", POELS2008_ERRORS[n]]
         rows.append(row)
     return rows
-
-
-def _trace(one: Series) -> Trace:
-    lines = []
-    for branch, outer in zip(one.branches, (one.value[0], one.value[-1]), strict=True):
-        if branch is not None:
-            ends = (float(outer), one.ideal)
-            a, b = ((x, branch.at_ideal + branch.slope * (x - one.ideal)) for x in ends)
-            lines.append((a, b))
-    return Trace(
-        title=TITLE[one.what],
-        axis=SYMBOL[one.what],
-        value=one.value,
-        measured_percent=one.measured_percent,
-        stderr_percent=one.stderr_percent,
-        theory_percent=one.theory_percent,
-        lines=tuple(lines),
-    )

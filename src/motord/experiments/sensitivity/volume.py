@@ -9,26 +9,8 @@ import numpy as np
 
 from motord.experiments.sensitivity.curves import RippleModel, gains_of, offsets_of
 
-
-@dataclass(frozen=True)
-class Intervals:
-    """The intervals of Table 4.1, and the steps in them.
-
-    alpha_a: gain of phase a; beta_a_A: offset of phase a; cogging: factor of the cogging torque.
-    """
-
-    alpha_a: tuple[float, float] = (0.8, 1.2)
-    beta_a_A: tuple[float, float] = (-1.0, 1.0)
-    cogging: tuple[float, float] = (0.65, 1.35)
-    steps: int = 41
-
-    @property
-    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the values of each of the three."""
-        a, b, f = (
-            np.linspace(*ends, self.steps) for ends in (self.alpha_a, self.beta_a_A, self.cogging)
-        )
-        return a, b, f
+INTERVALS = {"alpha_a": (0.8, 1.2), "beta_a_A": (-1.0, 1.0), "cogging": (0.65, 1.35)}
+"""The intervals of Table 4.1: gain and offset of phase a, factor of the cogging torque."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +23,9 @@ class Volume:
     rms_percent: np.ndarray
 
 
-def volume(model: RippleModel, torque_Nm: float, intervals: Intervals = Intervals()) -> Volume:
+def volume(model: RippleModel, torque_Nm: float, steps: int = 41) -> Volume:
     """Return the RMS error over the intervals (Poels 2008, Figure 4.3)."""
-    alpha_a, beta_a_A, cogging = intervals.axes
+    alpha_a, beta_a_A, cogging = (np.linspace(*ends, steps) for ends in INTERVALS.values())
     a, b, f = np.meshgrid(alpha_a, beta_a_A, cogging, indexing="ij")
     rms = model.rms_percent(torque_Nm, gains_of(a), offsets_of(b), f)
     return Volume(alpha_a, beta_a_A, cogging, rms)
@@ -66,7 +48,6 @@ def limit_surface(
     model: RippleModel,
     torque_Nm: float,
     limit_percent: float = 1.0,
-    intervals: Intervals = Intervals(),
     rows: int = 25,
     columns: int = 48,
 ) -> Surface:
@@ -78,12 +59,13 @@ def limit_surface(
     polar, azimuth = np.meshgrid(
         np.linspace(0, np.pi, rows), np.linspace(0, 2 * np.pi, columns + 1), indexing="ij"
     )
+    a, b, f = (high - low for low, high in INTERVALS.values())
     way = (
-        np.cos(azimuth) * np.sin(polar) * (intervals.alpha_a[1] - intervals.alpha_a[0]) / 2,
-        np.sin(azimuth) * np.sin(polar) * (intervals.beta_a_A[1] - intervals.beta_a_A[0]) / 2,
-        np.cos(polar) * (intervals.cogging[1] - intervals.cogging[0]) / 2,
+        np.cos(azimuth) * np.sin(polar) * a / 2,
+        np.sin(azimuth) * np.sin(polar) * b / 2,
+        np.cos(polar) * f / 2,
     )
-    low, high = np.zeros_like(polar), _to_the_edges(way, intervals)
+    low, high = np.zeros_like(polar), _to_the_edges(way)
     inside = _along(model, torque_Nm, way, high) < limit_percent
     edge = high.copy()
     for _ in range(24):
@@ -94,12 +76,10 @@ def limit_surface(
     return Surface(1 + far * way[0], far * way[1], 1 + far * way[2], inside)
 
 
-def _to_the_edges(way: tuple[np.ndarray, ...], intervals: Intervals) -> np.ndarray:
+def _to_the_edges(way: tuple[np.ndarray, ...]) -> np.ndarray:
     """Return how far the edges of the intervals are along each direction."""
-    ideal = (1.0, 0.0, 1.0)
-    ends = (intervals.alpha_a, intervals.beta_a_A, intervals.cogging)
     far = np.full(way[0].shape, np.inf)
-    for w, centre, (low, high) in zip(way, ideal, ends, strict=True):
+    for w, centre, (low, high) in zip(way, (1.0, 0.0, 1.0), INTERVALS.values(), strict=True):
         with np.errstate(divide="ignore", invalid="ignore"):
             edge = np.where(w > 0, (high - centre) / w, (low - centre) / w)
         far = np.minimum(far, np.where(np.abs(w) > 1e-12, edge, np.inf))

@@ -36,8 +36,7 @@ def latency(wake_late: Sequence[Times], work: Sequence[Times], limit_us: float) 
         _histograms(above, wake_late, limit_us)
         above.set_title("Wake-up after the deadline")
         _histograms(below, work, limit_us)
-        below.set_title("Work in a tick, from wake-up to its end")
-        below.set_xlabel("time (us)")
+        below.set(title="Work in a tick, from wake-up to its end", xlabel="time (us)")
         return picture
 
 
@@ -62,8 +61,6 @@ def _histograms(axes: Axes, all_times: Sequence[Times], limit_us: float) -> None
     axes.axvline(limit_us, color="0.4", linewidth=1.0, linestyle=":")
     axes.annotate("period", (limit_us, 1.0), xycoords=("data", "axes fraction"),
                   xytext=(3, -10), textcoords="offset points", fontsize=8.5)  # fmt: skip
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylabel("share of ticks")
+    axes.set(xscale="log", yscale="log", ylabel="share of ticks")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="upper right")

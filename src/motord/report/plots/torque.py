@@ -43,11 +43,8 @@ def over_angle_and_order(
             degrees = np.rad2deg(ripple.angle_rad)
             width = 1.6 if name == "after" else 0.9
             upper.plot(degrees, ripple.torque_Nm, color=COLOURS[name], lw=width, label=name)
-        upper.set_xlim(0, 360)
-        upper.set_xticks(range(0, 361, 45))
-        upper.set_xlabel("mechanical angle (degrees)")
-        upper.set_ylabel("torque less mean (Nm)")
-        upper.set_title("Torque over one turn")
+        upper.set(xlim=(0, 360), xticks=range(0, 361, 45), xlabel="mechanical angle (degrees)")
+        upper.set(ylabel="torque less mean (Nm)", title="Torque over one turn")
         upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
         _spectrum(lower, present, marked_orders)
         return picture
@@ -66,13 +63,10 @@ def _spectrum(axes: Axes, ripples: dict[str, TorqueCurve], marked_orders: Sequen
                 label="noise",
             )  # fmt: skip
             axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
-    axes.set_yscale("log")
-    axes.set_xlim(0, highest + 1)
-    axes.set_ylim(bottom=FLOOR_Nm)
+    axes.set(yscale="log", xlim=(0, highest + 1), ylim=(FLOOR_Nm, None))
     axes.set_xticks([order for order in marked_orders if order <= highest])
     axes.grid(visible=False, axis="x")
-    axes.set_xlabel("order (per turn)")
-    axes.set_ylabel("amplitude (Nm)")
+    axes.set(xlabel="order (per turn)", ylabel="amplitude (Nm)")
     axes.set_title("Spectrum over the orders of a turn")
 
 

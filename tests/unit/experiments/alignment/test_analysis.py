@@ -13,7 +13,6 @@ from motord.cli import app
 from motord.config import Config, MotorConfig, load, packaged
 from motord.control.types import SETPOINT
 from motord.experiments.alignment.command import found_alignment
-from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import PointData
@@ -22,6 +21,7 @@ from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.support.virtual_calibration import calibrate
 
 TRUTH = """
 [encoder]

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from motord.config import BackEmfHarmonic, Config, load
-from motord.experiments.calibration.estimate.calibrator import calibrate
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
 from motord.identification import orders
@@ -16,6 +15,7 @@ from motord.rig.truth import CoggingHarmonic, RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
+from tests.support.virtual_calibration import calibrate
 
 MESH = {"torques_Nm": [1.5, 4.0], "speeds_Hz": [0.7, 1.0], "turns": 8, "settle_s": 1.0}
 

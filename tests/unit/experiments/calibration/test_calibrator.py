@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from motord.config import TorqueSensorConfig
 from motord.experiments.calibration.estimate.calibrator import (
     Calibrator,
-    calibrate,
 )
 from motord.experiments.calibration.estimate.residual import ResidualEstimator, Trial
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.identification import IdentifyError
 from tests.support.properties import examples
+from tests.support.virtual_calibration import calibrate
 from tests.unit.identification.synthetic_bench import Bench, Truth, motor
 
 

@@ -30,12 +30,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     inverter = truth.inverter.model_copy(update={"epsilon": EPSILON})
     truth = truth.model_copy(update={"torque_sensor": sensor, "inverter": inverter})
     with RunWriter(path, describe(config, packaged("sim.toml").read_text())) as writer:
-        run_plan(
+        for point in run_plan(
             VirtualBench(config, truth, seed=6),
             build("calibrate", config, MESH),
             lambda ticks, _: writer.ticks(ticks),
-            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
-        )
+        ):
+            writer.operating_point(int(point["t_end_ns"]), point)
     return path
 
 

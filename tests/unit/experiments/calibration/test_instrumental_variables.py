@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.turn_products import (
-    commands_over_angle,
-    instruments,
-)
+from motord.experiments.calibration.estimate.turn_products import instruments
 from motord.identification.basis import Basis
-from motord.identification.operating_points import Samples
+from motord.identification.operating_points import Samples, current_lines
 from tests.unit.identification.synthetic_bench import motor
 
 COUNTS, SPEED_HZ = 256, 0.8
@@ -36,7 +33,8 @@ def samples(noise_A: float = 0.0) -> Samples:
 
 @pytest.mark.parametrize("noise_A", [0.0, 0.1])
 def test_lines_are_those_of_the_commands(noise_A: float) -> None:
-    lines = commands_over_angle(samples(noise_A), COUNTS)
+    one = samples(noise_A)
+    lines = current_lines(one.count, one.command_A, one.turns, COUNTS)
     cell = np.sinc(ORDERS / COUNTS)[:, None]
     assert lines.shape == ((COUNTS - 1) // 2 + 1, 3)
     assert np.allclose(lines[ORDERS], LINES_A * cell, atol=0.01)

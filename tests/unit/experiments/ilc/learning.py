@@ -28,12 +28,12 @@ def record_pass(
     metadata = describe(config, packaged("sim.toml").read_text(), calibration_id=calibration.id)
     bench = VirtualBench(config, seed=seed, calibration=calibration)
     with RunWriter(path, metadata) as writer:
-        run_plan(
+        for point in run_plan(
             bench,
             build(plan, config, {**MESH, **mesh}),
             lambda ticks, truth: (writer.ticks(ticks), writer.truth(truth))[0],
-            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
-        )
+        ):
+            writer.operating_point(int(point["t_end_ns"]), point)
 
 
 def true_calibration() -> Calibration:

@@ -30,12 +30,12 @@ def record(bench_file: str, name: str, path: Path, **settings: object) -> Path:
     told = {"name": plan.name, "settings": plan.settings}
     metadata = describe(config, packaged(bench_file).read_text(), plan=told)
     with RunWriter(path, metadata) as writer:
-        run_plan(
+        for point in run_plan(
             VirtualBench(config, seed=7),
             plan,
             lambda ticks, truth: writer.ticks(ticks),
-            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
-        )
+        ):
+            writer.operating_point(int(point["t_end_ns"]), point)
     return path
 
 

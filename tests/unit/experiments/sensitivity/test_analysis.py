@@ -35,12 +35,12 @@ def recording(recorded: Recorded, tmp_path_factory: pytest.TempPathFactory) -> P
     config = load_bench()
     bench = VirtualBench(config, seed=8, calibration=load(recorded.calibration))
     with RunWriter(path, describe(config, packaged("sim.toml").read_text())) as writer:
-        run_plan(
+        for point in run_plan(
             bench,
             build("sensitivity", config, SETTINGS),
             lambda ticks, truth: writer.ticks(ticks),
-            lambda point: writer.operating_point(int(point["t_end_ns"]), point),
-        )
+        ):
+            writer.operating_point(int(point["t_end_ns"]), point)
     return path
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from motord.config import BackEmfHarmonic, MotorConfig
 from motord.experiments.sensitivity.curves import RippleModel, gains_of, limits, offsets_of, single
-from motord.experiments.sensitivity.volume import Intervals, limit_surface, volume
+from motord.experiments.sensitivity.volume import limit_surface, volume
 from motord.identification import IdentifyError
 from motord.identification.harmonics import harmonics_table
 from motord.identification.point_ripple import rms_error_percent
@@ -102,7 +102,7 @@ def test_the_gauge_leaves_product_and_sum_alone() -> None:
 
 
 def test_the_volume_holds_the_single_errors() -> None:
-    found = volume(model(), TORQUE_NM, Intervals(steps=9))
+    found = volume(model(), TORQUE_NM, steps=9)
     assert found.rms_percent.shape == (9, 9, 9)
     assert found.rms_percent[4, 4, 4] == pytest.approx(0.0, abs=1e-9)
     alone = single(model(), TORQUE_NM, "beta_a_A", found.beta_a_A)

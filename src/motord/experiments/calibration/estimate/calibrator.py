@@ -162,36 +162,7 @@ class Calibrator:
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""
-        fitted = self._residual.solve()
-        harmonics = tuple(
-            Harmonic(
-                order=order,
-                amplitude_Nm=float(np.abs(line)),
-                phase_rad=float(np.angle(line * 1j)),
-                stderr_Nm=float(stderr),
-            )
-            for order, line, stderr in zip(
-                self._orders, fitted.line, fitted.line_stderr_Nm, strict=True
-            )
-        )
-        return CalibrationResult(
-            method="residual",
-            alpha=fitted.alpha,
-            alpha_stderr=fitted.alpha_stderr,
-            beta_A=fitted.beta_A,
-            beta_stderr_A=fitted.beta_stderr_A,
-            delta_epsilon=1.0,
-            delta_epsilon_stderr=None,
-            tau_cog_Nm=fitted.z_Nm,
-            harmonics=harmonics,
-            observable=(
-                "alpha and cogging torque have the same orders: this estimator gives some of the "
-                "one to the other, and its standard errors do not know of it",
-                "common gain delta epsilon: assumed to be 1",
-            ),
-            condition_number=fitted.condition_number,
-            ripples=tuple(self._ripples),
-        )
+        return self._residual.solve(self._ripples)
 
     def _sampled_orders(self) -> tuple[int, ...]:
         """Return the cogging orders that every operating point samples."""
@@ -219,19 +190,6 @@ class CalibratedRuns:
         return self.result, self.calibrator.result(
             "residual" if self.result.method == "joint" else "joint"
         )
-
-
-def calibrate(
-    points: Iterable[PointData],
-    motor: MotorConfig,
-    sensor: TorqueSensorConfig,
-    method: Method = "joint",
-) -> CalibrationResult:
-    """Identify alpha, beta and cogging torque. Raises IdentifyError where the data do not."""
-    calibrator = Calibrator(motor, sensor)
-    for point in points:
-        calibrator.add(point)
-    return calibrator.result(method)
 
 
 def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:

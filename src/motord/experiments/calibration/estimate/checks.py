@@ -61,8 +61,7 @@ def check_points(points: Sequence[TurnProducts]) -> None:
 
 def _phase_currents_A(point: TurnProducts) -> np.ndarray:
     squares = np.diagonal(point.currents, axis1=1, axis2=2)[:, :3].sum(axis=0)
-    rms: np.ndarray = np.sqrt(squares / point.samples.sum())
-    return rms
+    return np.asarray(np.sqrt(squares / point.samples.sum()))
 
 
 def _current_A(point: TurnProducts) -> float:

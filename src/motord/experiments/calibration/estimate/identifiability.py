@@ -104,8 +104,7 @@ def _after_elimination(information: np.ndarray, block: slice) -> np.ndarray:
     cross = information[block][:, rest]
     inner = information[np.ix_(rest, rest)]
     explained = cross @ np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ cross.T
-    reduced: np.ndarray = information[block, block] - (explained + explained.T) / 2
-    return reduced
+    return np.asarray(information[block, block] - (explained + explained.T) / 2)
 
 
 def unit_product(base: np.ndarray, direction: np.ndarray) -> float:

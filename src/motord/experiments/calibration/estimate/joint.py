@@ -74,8 +74,7 @@ class JointFit:
     @property
     def stderr(self) -> np.ndarray:
         """Standard errors of solution.vector."""
-        errors: np.ndarray = np.sqrt(np.diag(self.covariance))
-        return errors
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> JointFit:
@@ -147,8 +146,7 @@ def _covariance(
     points = _jackknife(normals, point, identifiable)
     ratio = np.diag(points) / np.maximum(np.diag(turns), 1e-300)
     growth = np.sqrt(np.maximum(ratio, 1.0))
-    covariance: np.ndarray = turns * np.outer(growth, growth)
-    return covariance
+    return np.asarray(turns * np.outer(growth, growth))
 
 
 def _jackknife(
@@ -163,8 +161,7 @@ def _jackknife(
         part = left - lefts[out].sum(axis=0), right - rights[out].sum(axis=0)
         without.append(solve(*part, identifiable).vector)
     spread = np.array(without) - np.mean(without, axis=0)
-    covariance: np.ndarray = (len(without) - 1) / len(without) * spread.T @ spread
-    return covariance
+    return np.asarray((len(without) - 1) / len(without) * spread.T @ spread)
 
 
 def _condition_number(information: np.ndarray, identifiable: Identifiability) -> float:
@@ -186,8 +183,7 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
     offset = law[ALPHA, BETA.start]
     gains = law[ALPHA, ALPHA] - np.outer(offset, offset) / law[BETA.start, BETA.start]
     direction = np.linalg.eigh(gains)[1][:, 0]
-    alpha: np.ndarray = direction / np.cbrt(direction.prod())
-    return alpha
+    return np.asarray(direction / np.cbrt(direction.prod()))
 
 
 def kirchhoff_agreement(regression: Regression, rated_A: float) -> str:

@@ -54,14 +54,12 @@ class TurnSums:
         """Return, for each turn, the mean over its operating point's samples (b,)."""
         mean = np.bincount(self.point, sums) / np.bincount(self.point, self.samples)
         floor = 1e-12 * self.yy.sum() / self.samples.sum() + 1e-30
-        by_turn: np.ndarray = np.maximum(mean, floor)[self.point]
-        return by_turn
+        return np.asarray(np.maximum(mean, floor)[self.point])
 
     def unexplained(self, theta: np.ndarray) -> np.ndarray:
         """Return the sum of squares of each turn's torque that parameters `theta` leave (b,)."""
         squares = np.einsum("i,bij,j->b", theta, self.xx, theta)
-        left: np.ndarray = self.yy - 2 * self.xy @ theta + squares
-        return left
+        return np.asarray(self.yy - 2 * self.xy @ theta + squares)
 
     def law_weight(self, theta: np.ndarray) -> float:
         """Return 1 / mean square that Kirchhoff's law leaves; 0 for independent phases."""
@@ -144,8 +142,7 @@ def _first_stage(weight: np.ndarray, zz: np.ndarray, zx: np.ndarray) -> np.ndarr
     scale = 1 / np.sqrt(np.maximum(np.diag(instruments), 1e-300))
     inverse = np.linalg.pinv(instruments * np.outer(scale, scale), rcond=1e-9, hermitian=True)
     products = np.einsum("b,bij->ij", weight, zx)
-    first: np.ndarray = (scale[:, None] * inverse * scale) @ products
-    return first
+    return np.asarray((scale[:, None] * inverse * scale) @ products)
 
 
 @dataclass(frozen=True)
@@ -170,8 +167,7 @@ class NormalEquations:
     @property
     def left(self) -> np.ndarray:
         """Left-hand side over all turns (p, p)."""
-        left: np.ndarray = self.torque.sum(axis=0) + self.law.sum(axis=0) + self.prior
-        return left
+        return np.asarray(self.torque.sum(axis=0) + self.law.sum(axis=0) + self.prior)
 
     @property
     def torque_information(self) -> np.ndarray:
@@ -185,5 +181,4 @@ class NormalEquations:
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:
-    half: np.ndarray = (matrix + matrix.T) / 2
-    return half
+    return np.asarray((matrix + matrix.T) / 2)

@@ -5,33 +5,19 @@ is left, averaged over the trials, is called cogging. It is biased: alpha's torq
 at the same orders, and the least squares gives some of the cogging to alpha. Kept to compare with.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from motord.calibration import Harmonic
 from motord.config import MotorConfig
+from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.identification import IdentifyError
-from motord.identification.encoder_points import EncoderSums, fill_gaps
+from motord.identification.basis import add_products, both_triangles
 from motord.identification.operating_points import Samples
-from motord.jit import jit_sums
-
-
-@dataclass(frozen=True)
-class ResidualFit:
-    """alpha, beta_A (3,) with least-squares standard errors, which do not know of the bias.
-
-    z_Nm (counts,): cogging torque; line (n,): its complex amplitude at each order asked for, with
-    the standard error of each over the trials; condition_number of X.
-    """
-
-    alpha: np.ndarray
-    beta_A: np.ndarray
-    alpha_stderr: np.ndarray
-    beta_stderr_A: np.ndarray
-    z_Nm: np.ndarray
-    line: np.ndarray
-    line_stderr_Nm: np.ndarray
-    condition_number: float
+from motord.identification.point_ripple import PointRipple
+from motord.identification.resample import fill_gaps
 
 
 @dataclass(frozen=True)
@@ -48,11 +34,12 @@ class Trial:
     def of(cls, samples: Samples, counts: int) -> "Trial":
         """Average over the whole turns: 24 recorded are 23 from the zero point."""
         whole = samples.whole
-        values = np.concatenate([samples.i_A[whole], samples.torque_Nm[whole, None]], axis=1)
-        sums = EncoderSums.of(samples.count[whole], values, counts)
-        hit = sums.hits > 0
+        count, values = samples.count[whole], (*samples.i_A[whole].T, samples.torque_Nm[whole])
+        sums = [np.bincount(count, value, counts) for value in values]
+        hits = np.bincount(count, minlength=counts)
+        hit = hits > 0
         table = np.zeros((5, counts))
-        np.divide(sums.sums.T, sums.hits, out=table[:4], where=hit)
+        np.divide(sums, hits, out=table[:4], where=hit)
         table[3, hit] -= table[3, hit].mean()
         table[4] = hit
         return cls(table)
@@ -62,8 +49,7 @@ class Trial:
         seen = np.where(self.table[4] > 0, self.table[:4], np.nan)
         currents = np.array([fill_gaps(row) for row in seen[:3] * k])
         rows = np.concatenate([currents, k, fill_gaps(seen[3])[None]])
-        lines: np.ndarray = np.fft.rfft(rows, axis=1)[:, orders].T * 2 / k.shape[1]
-        return lines
+        return np.asarray(np.fft.rfft(rows, axis=1)[:, orders].T * 2 / k.shape[1])
 
 
 class ResidualEstimator:
@@ -75,7 +61,7 @@ class ResidualEstimator:
     def __init__(self, motor: MotorConfig, orders: tuple[int, ...]) -> None:
         self._k = np.ascontiguousarray(motor.back_emf_table().T)
         self._orders = np.array(orders, int)
-        self._products = np.zeros((7, 7))  # of the columns of X and the torque
+        self._products = np.zeros((8, 8))  # of the columns of X, the torque and 0
         self._sums = np.zeros((5, motor.counts))
         self._trials: list[Trial] = []
 
@@ -85,7 +71,10 @@ class ResidualEstimator:
 
     def take(self, trial: Trial) -> None:
         """Take the averages of an operating point."""
-        add_products(trial.table, self._k, self._products)
+        i_A, torque_Nm, hit = trial.table[:3], trial.table[3], trial.table[4]
+        lanes = np.zeros((8, torque_Nm.size))
+        lanes[:3], lanes[3:6], lanes[6] = i_A * self._k, hit * self._k, torque_Nm
+        add_products(lanes, torque_Nm.size, self._products)
         self._sums += trial.table
         self._trials.append(trial)
 
@@ -96,67 +85,59 @@ class ResidualEstimator:
         """
         if not self._trials:
             raise IdentifyError("no operating points to identify from")
-        y = np.linalg.pinv(self._products[:6, :6], rcond=1e-12, hermitian=True)
-        y = y @ self._products[:6, 6]
+        products = both_triangles(self._products)
+        inverse = np.linalg.pinv(products[:6, :6], rcond=1e-12, hermitian=True)
+        y = inverse @ products[:6, 6]
         with np.errstate(invalid="ignore"):
             means = self._sums[:4] / self._sums[4]
         left_Nm = means[3] - y[:3] @ (means[:3] * self._k) - y[3:] @ self._k
         return y, fill_gaps(left_Nm)
 
-    def solve(self) -> ResidualFit:
-        """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14)."""
+    def solve(self, ripples: Sequence[PointRipple] = ()) -> CalibrationResult:
+        """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14).
+
+        The standard errors, of least squares, do not know of the bias; those of the cogging torque
+        are over the trials. ripples: of the operating points. Raises IdentifyError.
+        """
         y, z_Nm = self.least_squares()
-        xx, xt = self._products[:6, :6], self._products[:6, 6]
+        products = both_triangles(self._products)
+        xx, xt, tt = products[:6, :6], products[:6, 6], products[6, 6]
         rows = int(self._sums[4].sum())
-        variance = (self._products[6, 6] - xt @ y) / max(rows - 6, 1)
+        variance = (tt - xt @ y) / max(rows - 6, 1)
         inverse = np.linalg.pinv(xx, rcond=1e-12, hermitian=True)
         stderr = np.sqrt(np.maximum(np.diag(inverse) * variance, 0))
-        parts = [trial.lines(self._k, self._orders) for trial in self._trials]
-        lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
         values = np.linalg.eigvalsh(xx)
         kept = values[values > 1e-12 * values[-1]]
-        return ResidualFit(
+        return CalibrationResult(
+            method="residual",
             alpha=1 + y[:3],
-            beta_A=y[3:],
             alpha_stderr=stderr[:3],
+            beta_A=y[3:],
             beta_stderr_A=stderr[3:],
-            z_Nm=z_Nm - z_Nm.mean(),
-            line=lines.mean(axis=0),
-            line_stderr_Nm=lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1)),
+            delta_epsilon=1.0,
+            delta_epsilon_stderr=None,
+            tau_cog_Nm=z_Nm - z_Nm.mean(),
+            harmonics=self._harmonics(y),
+            observable=(
+                "alpha and cogging torque have the same orders: this estimator gives some of the "
+                "one to the other, and its standard errors do not know of it",
+                "common gain delta epsilon: assumed to be 1",
+            ),
             condition_number=float(np.sqrt(values[-1] / kept[0])),
+            ripples=tuple(ripples),
         )
 
-
-@jit_sums
-def add_products(table: np.ndarray, k: np.ndarray, products: np.ndarray) -> None:
-    """Add the products of all pairs of columns of X and the torque to `products` (7, 7).
-
-    table (5, counts) as in `Trial`; k (3, counts). The columns a, b, c = I* o K, d, e, f = K and
-    t, the torque, are never made: one pass over the encoder points, all sums at once.
-    """
-    aa = ab = ac = ad = ae = af = at = bb = bc = bd = be = bf = bt = cc = 0.0
-    cd = ce = cf = ct = dd = de = df = dt = ee = ef = et = ff = ft = tt = 0.0
-    i_a, i_b, i_c, torque, hit = table[0], table[1], table[2], table[3], table[4]
-    k_a, k_b, k_c = k[0], k[1], k[2]
-    for n in range(torque.size):
-        a, b, c, t = i_a[n] * k_a[n], i_b[n] * k_b[n], i_c[n] * k_c[n], torque[n]
-        d, e, f = hit[n] * k_a[n], hit[n] * k_b[n], hit[n] * k_c[n]
-        aa, ab, ac, ad = aa + a * a, ab + a * b, ac + a * c, ad + a * d
-        ae, af, at, bb = ae + a * e, af + a * f, at + a * t, bb + b * b
-        bc, bd, be, bf = bc + b * c, bd + b * d, be + b * e, bf + b * f
-        bt, cc, cd, ce = bt + b * t, cc + c * c, cd + c * d, ce + c * e
-        cf, ct, dd, de = cf + c * f, ct + c * t, dd + d * d, de + d * e
-        df, dt, ee, ef = df + d * f, dt + d * t, ee + e * e, ef + e * f
-        et, ff, ft, tt = et + e * t, ff + f * f, ft + f * t, tt + t * t
-    rows = (
-        (aa, ab, ac, ad, ae, af, at),
-        (ab, bb, bc, bd, be, bf, bt),
-        (ac, bc, cc, cd, ce, cf, ct),
-        (ad, bd, cd, dd, de, df, dt),
-        (ae, be, ce, de, ee, ef, et),
-        (af, bf, cf, df, ef, ff, ft),
-        (at, bt, ct, dt, et, ft, tt),
-    )
-    for p in range(7):
-        for q in range(7):
-            products[p, q] += rows[p][q]
+    def _harmonics(self, y: np.ndarray) -> tuple[Harmonic, ...]:
+        """Return what `y` (6,) leaves of the torque, at the orders of the cogging torque."""
+        parts = [trial.lines(self._k, self._orders) for trial in self._trials]
+        lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
+        stderr_Nm = lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1))
+        return tuple(
+            Harmonic(
+                order=int(order),
+                amplitude_Nm=float(np.abs(line)),
+                phase_rad=float(np.angle(line * 1j)),
+                stderr_Nm=float(stderr),
+            )
+            for order, line, stderr in zip(self._orders, lines.mean(axis=0), stderr_Nm, strict=True)
+        )

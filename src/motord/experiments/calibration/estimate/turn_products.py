@@ -16,10 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.identification.basis import CURRENT, Basis, add_products, fill_columns, highpass
-from motord.identification.harmonics import lines_at, over_one_turn
-from motord.identification.operating_points import MAX_CURRENT_ORDER, Samples
-from motord.identification.orders import resolved_order
+from motord.identification.basis import (
+    CURRENT,
+    Basis,
+    add_products,
+    both_triangles,
+    fill_columns,
+    highpass,
+)
+from motord.identification.harmonics import over_one_turn
+from motord.identification.operating_points import Samples, current_lines
 from motord.identification.torque_sensor import MountInverse
 from motord.jit import jit
 
@@ -58,7 +64,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
-    lines = commands_over_angle(samples, basis.back_emf.shape[0])
+    counts = basis.back_emf.shape[0]
+    lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
     commands_A, rates = instruments(lines, basis, samples.speed_Hz)
     currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
     turns = np.array(samples.turns)
@@ -82,26 +89,18 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         label=samples.label,
         torque_set_Nm=samples.torque_set_Nm,
         period_s=samples.period_s,
-        torque=_without_trend(_both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
-        currents=_both_triangles(currents)[:, :7, :7],
+        torque=_without_trend(both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
+        currents=both_triangles(currents)[:, :7, :7],
         samples=turns[:, 1] - turns[:, 0],
     )
-
-
-def commands_over_angle(samples: Samples, counts: int) -> np.ndarray:
-    """Return the lines (h + 1, 3) of the commanded currents over the turn, complex."""
-    fewest = min(end - first for first, end in samples.turns)
-    highest = max(resolved_order(fewest, counts, MAX_CURRENT_ORDER), 1)
-    columns = [lines_at(samples.count, column, counts, highest) for column in samples.command_A.T]
-    return np.column_stack(columns)
 
 
 def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
 
-    lines (h + 1, 3): see `commands_over_angle`. The rates are di_p/dt k_p at the mean speed; the
-    zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2), with primes for
-    derivatives over time.
+    lines (h + 1, 3): of the commanded currents, see `current_lines`. The rates are di_p/dt k_p at
+    the mean speed; the zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2),
+    with primes for derivatives over time.
     """
     counts = basis.back_emf.shape[0]
     turning = 2j * np.pi * speed_Hz * np.arange(len(lines))[:, None]
@@ -112,16 +111,6 @@ def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.nd
     )
     zoh = (second * basis.back_emf + 0.5 * rate * k_rate).sum(axis=1)
     return i_A, np.column_stack([rate * basis.back_emf, zoh])
-
-
-@jit
-def _middle_and_span(t_s: np.ndarray, first: int, end: int) -> tuple[float, float]:
-    """Return the mean of the times from `first` to `end`, and the time between these two."""
-    total_s = 0.0
-    for n in range(first, end):
-        total_s += t_s[n]
-    span_s = t_s[end - 1] - t_s[first] if end > first else 0.0
-    return total_s / max(end - first, 1), max(span_s, 1e-300)
 
 
 @jit
@@ -158,7 +147,7 @@ def sum_up_turns(
     lanes[width + 1] = current_lanes[3] = 1.0
     for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
         first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
-        middle_s, span_s = _middle_and_span(t_s, first, end)
+        middle_s, span_s = t_s[first:end].mean(), max(t_s[end - 1] - t_s[first], 1e-300)
         for start in range(first, end, STRIP):
             rows = min(STRIP, end - start)
             fill_columns(count, t_s, currents_A, start, back_emf, cogging, rates, columns[:rows])
@@ -194,15 +183,8 @@ def _padded(width: int) -> int:
     return -(-width // 4) * 4
 
 
-def _both_triangles(products: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (b, w, w) of which only the upper triangles are known, whole."""
-    whole: np.ndarray = np.triu(products) + np.swapaxes(np.triu(products, 1), 1, 2)
-    return whole
-
-
 def _without_trend(products: np.ndarray) -> np.ndarray:
     """Return the products (b, w, w) of all columns but the last two, freed of these: 1 and time."""
     cross = products[:, :-2, -2:]
     inverse = np.linalg.pinv(products[:, -2:, -2:], hermitian=True)
-    free: np.ndarray = products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2)
-    return free
+    return np.asarray(products[:, :-2, :-2] - cross @ inverse @ np.swapaxes(cross, 1, 2))
