@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence, Set
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -77,8 +77,10 @@ def import_run(
     motor_text, motor_file = load_mapped_motor(map_path, mapping)
     part = part_of(output)
     require_free(output, part)
+    make_folder(output.parent)
     try:
-        with _opened(path, mapping, output.parent) as source:
+        with ExitStack() as opened:
+            source = _source(path, mapping, output.parent, opened)
             column_map = ColumnMap(source, mapping, motor_file.motor.counts)
             seen = survey(source, column_map, mapping, lambda done: progress(SURVEY_SHARE * done))
             anchor_ns, anchor_notes = _anchor(source.path, mapping, seen)
@@ -90,15 +92,10 @@ def import_run(
         part.unlink(missing_ok=True)
 
 
-@contextmanager
-def _opened(path: Path, mapping: ImportMap, scratch: Path) -> Iterator[RowSource]:
-    make_folder(scratch)
+def _source(path: Path, mapping: ImportMap, scratch: Path, opened: ExitStack) -> RowSource:
     if path.suffix.lower() == ".tdms" or begins_as_tdms(path):
-        with TdmsSource(path, mapping.tdms, scratch) as source:
-            yield source
-    else:
-        names = [c.column for c in mapping.columns.values() if c.column]
-        yield CsvSource(path, mapping.csv, names)
+        return TdmsSource(path, mapping.tdms, scratch, opened)
+    return CsvSource(path, mapping.csv, [c.column for c in mapping.columns.values() if c.column])
 
 
 def _anchor(path: Path, mapping: ImportMap, seen: Survey) -> tuple[int, list[str]]:
