@@ -66,10 +66,6 @@ class BlackBoxRequest:
             events=[checked_event(event) for event in command["events"]],
         )
 
-    def command(self) -> dict[str, Any]:
-        """Return what `from_command` reads."""
-        return {**vars(self), "path": str(self.path)}
-
 
 def checked_event(event: Mapping[str, Any]) -> dict[str, Any]:
     """Return an event with what a recording needs of it. Raises KeyError, TypeError, ValueError."""

@@ -95,7 +95,7 @@ class RecorderLink:
 
     def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, beside any recording."""
-        self._send({"do": "blackbox", **request.command()})
+        self._send({"do": "blackbox", **vars(request)})
 
     def blackbox_event(self, event: Mapping[str, Any]) -> None:
         """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""

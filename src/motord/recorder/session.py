@@ -177,12 +177,10 @@ class Session:
         """Note which ticks have been given to a recording."""
         if not len(piece.block):
             return
-        first, last = piece.block[0], piece.block[-1]
         if self._before is None:
-            self._before = Mark(
-                int(first["tick"]) - 1, int(first["t_ns"]) - 1, int(first["missed"])
-            )
-        self._newest = Mark(int(last["tick"]), int(last["t_ns"]), int(last["missed"]))
+            first = Mark.of(piece.block[0])
+            self._before = Mark(first.tick - 1, first.t_ns - 1, first.missed)
+        self._newest = Mark.of(piece.block[-1])
 
     def _look_at_storage(self, now_s: float) -> None:
         if now_s < self._probe_at_s or not self._disk.idle:
