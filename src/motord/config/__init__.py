@@ -5,93 +5,30 @@ Whatever is wrong comes as one `ConfigError` naming file, line, key, what is wro
 be right; unknown keys are errors.
 """
 
-from motord.config.back_emf import BackEmfHarmonic, BackEmfTable
-from motord.config.base import (
-    ConfigError,
-    Finite,
-    Fraction,
-    NonNegative,
-    Positive,
-    Section,
-)
+from motord.config.back_emf import BackEmfHarmonic
+from motord.config.base import ConfigError, Finite, NonNegative, Positive, Section
 from motord.config.bench import Config
 from motord.config.can_signals import CanSignalMap, DqConfig
-from motord.config.devices import (
-    BrakeConfig,
-    BridgeCanConfig,
-    BridgeConfig,
-    CanBusConfig,
-    CanConfig,
-    DriveConfig,
-    InverterConfig,
-    ModbusConfig,
-    RegisterKind,
-)
-from motord.config.experiments import PlansConfig
-from motord.config.inertia import (
-    AccelerationConfig,
-    EffectiveMass,
-    OscillationConfig,
-    SpringConfig,
-)
-from motord.config.motor import (
-    SEQUENCE,
-    MotorConfig,
-    MotorFile,
-    PhaseOrder,
-    TorqueSensorConfig,
-    back_emf_waves,
-)
-from motord.config.plans import (
-    AlignConfig,
-    CalibrateConfig,
-    DrivenConfig,
-    LearnConfig,
-    MeshConfig,
-    SensitivityConfig,
-)
-from motord.config.reading import (
-    load,
-    load_motor,
-    packaged,
-    read_toml,
-    resolve,
-    validate,
-)
-from motord.config.sections import (
-    BenchConfig,
-    LimitsConfig,
-    LoopConfig,
-    RecordingConfig,
-    TlsConfig,
-    ZenohConfig,
-)
+from motord.config.devices import BrakeConfig, CanBusConfig, CanConfig, ModbusConfig
+from motord.config.inertia import AccelerationConfig, OscillationConfig
+from motord.config.motor import SEQUENCE, MotorConfig, MotorFile, PhaseOrder, TorqueSensorConfig
+from motord.config.plans import DrivenConfig, MeshConfig
+from motord.config.reading import load, packaged, read_toml
+from motord.config.sections import LoopConfig, RecordingConfig
 
 __all__ = [
     "SEQUENCE",
     "AccelerationConfig",
-    "AlignConfig",
     "BackEmfHarmonic",
-    "BackEmfTable",
-    "BenchConfig",
     "BrakeConfig",
-    "BridgeCanConfig",
-    "BridgeConfig",
-    "CalibrateConfig",
     "CanBusConfig",
     "CanConfig",
     "CanSignalMap",
     "Config",
     "ConfigError",
     "DqConfig",
-    "DriveConfig",
     "DrivenConfig",
-    "EffectiveMass",
     "Finite",
-    "Fraction",
-    "InverterConfig",
-    "LearnConfig",
-    "LimitsConfig",
     "LoopConfig",
     "MeshConfig",
     "ModbusConfig",
@@ -100,21 +37,11 @@ __all__ = [
     "NonNegative",
     "OscillationConfig",
     "PhaseOrder",
-    "PlansConfig",
     "Positive",
     "RecordingConfig",
-    "RegisterKind",
     "Section",
-    "SensitivityConfig",
-    "SpringConfig",
-    "TlsConfig",
     "TorqueSensorConfig",
-    "ZenohConfig",
-    "back_emf_waves",
     "load",
-    "load_motor",
     "packaged",
     "read_toml",
-    "resolve",
-    "validate",
 ]

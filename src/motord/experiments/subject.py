@@ -16,9 +16,9 @@ from motord.config import (
     Section,
     TorqueSensorConfig,
     load,
-    load_motor,
     read_toml,
 )
+from motord.config.reading import load_motor
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, open_run
 

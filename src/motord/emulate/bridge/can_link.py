@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import can
 
-from motord.config import BridgeCanConfig
+from motord.config.devices import BridgeCanConfig
 from motord.emulate.bridge.link import BoardEnd
 from motord.emulate.can import FRAMES_AT_ONCE, open_bus
 from motord.emulate.clock import HostClock

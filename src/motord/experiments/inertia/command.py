@@ -9,14 +9,8 @@ import numpy as np
 import typer
 
 from motord.calibration import load as load_calibration
-from motord.config import (
-    AccelerationConfig,
-    MotorFile,
-    OscillationConfig,
-    PlansConfig,
-    load,
-    read_toml,
-)
+from motord.config import AccelerationConfig, MotorFile, OscillationConfig, load, read_toml
+from motord.config.experiments import PlansConfig
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.inertia.oscillation import (
     Oscillation,

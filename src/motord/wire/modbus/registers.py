@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 
-from motord.config import ModbusConfig, RegisterKind
+from motord.config import ModbusConfig
+from motord.config.devices import RegisterKind
 
 _BITS = {"u16": 16, "i16": 16, "u32": 32, "i32": 32}
 
