@@ -39,18 +39,14 @@ class Topic:
 
     def channel(self) -> Channel:
         """Return the MCAP record of its channel."""
+        size = {MESSAGE_BYTES: str(BlockCodec(self.record).size)} if self.record else {}
         return Channel(
             id=self.number,
             topic=self.name,
             message_encoding=self.message_encoding,
-            metadata=self._channel_metadata(),
+            metadata=size,
             schema_id=self.number,
         )
-
-    def _channel_metadata(self) -> dict[str, str]:
-        if self.record is None:
-            return {}
-        return {MESSAGE_BYTES: str(BlockCodec(self.record).size)}
 
 
 def _block_topic(number: int, record: Record) -> Topic:
