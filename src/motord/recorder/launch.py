@@ -67,8 +67,8 @@ class RecorderLink:
         With `first_tick`, begin with that tick, if nothing is going on and the ring still has it.
         With `resume`, go on where the newest file of `stem` ends, as far as the ring reaches.
         """
-        command = {"do": "start", "out": str(stem), "metadata": metadata, "resume": resume}
-        self._send(command if first_tick is None else {**command, "first_tick": first_tick})
+        where = {"out": str(stem), "resume": resume, "first_tick": first_tick}
+        self._send({"do": "start", "metadata": metadata, **where})
 
     def stop(self, reason: str) -> None:
         """End the recording."""

@@ -148,7 +148,7 @@ class RunWriter:
 
     def _declare(self, topic: Topic) -> None:
         if topic.number not in self._counts:
-            self._file.channel(topic.schema(), topic.channel())
+            self._file.channel(topic.schema, topic.channel)
             self._counts[topic.number] = 0
 
     def _message(self, topic: Topic, t_ns: int, content: Mapping[str, object]) -> None:
