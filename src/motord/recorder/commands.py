@@ -15,14 +15,7 @@ Command = Mapping[str, Any]
 
 
 def handle(session: Session, line: bytes, now_s: float) -> None:
-    """Carry out a command, a JSON object with `do` and what belongs to it:
-
-    - start: `out` (path without number and suffix), `metadata`, `resume`, `first_tick`
-    - stop: `reason`
-    - event, plan, operating_point: `t_ns`, `content`
-    - metadata: `name`, `content`
-    - blackbox: `path`, `tick`, `ticks_before`, `ticks_after`, `metadata`, `account`, `events`
-    - blackbox_event: `t_ns`, `content`
+    """Carry out a command, a JSON object (docs/recording.md, "Commands to the recorder").
 
     What cannot be carried out is the session's `error`.
     """

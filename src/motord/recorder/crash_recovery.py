@@ -6,7 +6,6 @@ and what another process still writes, is left alone.
 
 import os
 import re
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -35,7 +34,7 @@ from motord.recording.file_names import (
 from motord.recording.mcap.mcap_file import try_lock
 from motord.recording.reader import open_run
 from motord.recording.recovery import METADATA_RECOVERED, recover
-from motord.recording.storage import MB
+from motord.recording.storage import MB, free_bytes
 from motord.recording.writer import RunWriter
 from motord.schema import State
 from motord.shm.ring import RingReader
@@ -148,7 +147,7 @@ class CrashRecovery:
                 part.unlink()  # it was closed, and the recovery was killed
                 return ""
             needed = part.stat().st_size + self._config.recording.free_min_MB * MB
-            if shutil.disk_usage(part.parent).free < needed:
+            if free_bytes(part.parent) < needed:
                 return "left as it is: too little space to close it"
             part_of(closing).unlink(missing_ok=True)
             closing.unlink(missing_ok=True)

@@ -62,11 +62,7 @@ class RecorderLink:
         resume: bool = False,
         first_tick: int | None = None,
     ) -> None:
-        """Begin the recording `stem`-000.mcap and so on; end the one that is going on.
-
-        With `first_tick`, begin with that tick, if nothing is going on and the ring still has it.
-        With `resume`, go on where the newest file of `stem` ends, as far as the ring reaches.
-        """
+        """Begin the recording `stem`-000.mcap and so on, as `Session.start` does."""
         where = {"out": str(stem), "resume": resume, "first_tick": first_tick}
         self._send({"do": "start", "metadata": metadata, **where})
 

@@ -47,8 +47,8 @@ def _noted_span(run: Run) -> dict[str, Any] | None:
     if run.end.get("ticks") == 0:
         return {"ticks": 0}
     keys = ("ticks", "tick_first", "t_start_ns", "tick_last", "t_end_ns")
-    noted = [run.end.get(key) for key in keys]
-    return _span(*noted) if all(isinstance(value, int) for value in noted) else None
+    noted = [value for key in keys if isinstance(value := run.end.get(key), int)]
+    return _span(*noted) if len(noted) == len(keys) else None
 
 
 def _counted_span(run: Run) -> dict[str, Any]:

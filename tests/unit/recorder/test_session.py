@@ -17,6 +17,7 @@ from motord.recorder.commands import handle
 from motord.recorder.ring_source import Mark, last_mark
 from motord.recorder.rolling_file import RollingFile
 from motord.recorder.session import Session
+from motord.recording import storage
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, next_file, numbers, part_of
 from motord.recording.reader import open_run
@@ -30,6 +31,18 @@ CAPACITY = 256
 PLENTY = 10**12
 
 
+class FreeSpace:
+    """Bytes that are free on the disk."""
+
+    bytes = PLENTY
+
+
+@pytest.fixture(autouse=True)
+def _free_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    FreeSpace.bytes = PLENTY
+    monkeypatch.setattr(storage, "free_bytes", lambda folder: FreeSpace.bytes)
+
+
 class Bench:
     """A ring that a loop fills, a session that empties it, a clock and a disk."""
 
@@ -39,13 +52,12 @@ class Bench:
         self.ring_path = folder / "ring"
         self.ring = RingWriter(self.ring_path, CAPACITY)
         self.settings = RecordingConfig(sync_s=1.0, free_min_MB=1.0, **settings)
-        self.free = PLENTY
         self.now_s = 1000.0
         self.published = 0
         self.session = self.new_session()
 
     def new_session(self) -> Session:
-        return Session(self.ring_path, self.settings, lambda folder: self.free)
+        return Session(self.ring_path, self.settings)
 
     def loop(self, count: int, first: int | None = None) -> None:
         """Publish `count` ticks, as the loop does."""
@@ -446,7 +458,7 @@ def test_too_little_space_ends_the_recording_cleanly(bench):
     bench.start()
     bench.loop(100)
     bench.step(1.1)
-    bench.free = 999_999
+    FreeSpace.bytes = 999_999
     bench.loop(50)
     bench.step(0.05)
     assert bench.report()["recording"]
@@ -465,7 +477,7 @@ def test_too_little_space_ends_the_recording_cleanly(bench):
     assert bench.recorded() == list(range(150))
     bench.start()
     assert "nothing is recorded" in bench.report()["error"]
-    bench.free = PLENTY
+    FreeSpace.bytes = PLENTY
     bench.start()
     assert bench.report()["error"] == ""
     bench.stop()
@@ -491,11 +503,12 @@ def test_a_disk_that_fails_ends_the_recording(bench, monkeypatch):
     assert bench.files()[0].suffix == ".part"
 
 
-def test_unknown_free_space_is_no_reason_to_stop(tmp_path):
+def test_unknown_free_space_is_no_reason_to_stop(tmp_path, monkeypatch):
     def fail(folder: Path) -> int:
         raise OSError
 
-    recording = RollingFile(tmp_path / "day", {}, RecordingConfig(), 0.0, fail)
+    monkeypatch.setattr(storage, "free_bytes", fail)
+    recording = RollingFile(tmp_path / "day", {}, RecordingConfig(), 0.0)
     recording.step(5.0)
     assert recording.open
     recording.close("done")
@@ -754,14 +767,14 @@ def test_a_disk_that_was_full_takes_the_rest_in_a_new_file(bench):
     for _ in range(4):
         bench.loop(30)
         bench.step(1.1)
-    bench.free = 0
+    FreeSpace.bytes = 0
     bench.loop(10)
     bench.step(1.1)
     bench.step(1.1)
     assert "free_min_MB" in bench.report()["error"]
     bench.loop(50)
     bench.step(1.1)
-    bench.free = PLENTY
+    FreeSpace.bytes = PLENTY
     bench.step(30.0)
     bench.loop(5)
     bench.step()
@@ -811,10 +824,10 @@ def test_whether_it_could_record_is_looked_at_while_it_does_not(bench):
     bench.step()
     assert "obstacle" not in bench.report()
     assert bench.files() == []
-    bench.free = 0
+    FreeSpace.bytes = 0
     bench.step(2.1)
     assert "free_min_MB" in bench.report()["obstacle"]
-    bench.free = PLENTY
+    FreeSpace.bytes = PLENTY
     shutil.rmtree(bench.stem.parent)
     bench.stem.parent.write_text("in the way of a folder")
     bench.step(2.1)
