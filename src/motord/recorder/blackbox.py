@@ -134,9 +134,7 @@ class BlackBox:
     def _write(self, path: Path, ticks: Block, settings: RecordingConfig) -> None:
         account = {**self.request.account, **_causes(ticks)}
         about = {**self.request.metadata, "reason": account["reason"], KIND: account}
-        with RunWriter(
-            path, about, compression=settings.compression, chunk_s=settings.chunk_s
-        ) as writer:
+        with RunWriter.of(settings, path, about) as writer:
             for event in self.request.events:
                 writer.event(event["t_ns"], event["kind"], event["message"], event["data"])
             writer.event(int(account["t_ns"]), KIND, str(account["reason"]), account)

@@ -212,13 +212,8 @@ class CrashRecovery:
             stem, about = stem_of(whole_of(last.path)), dict(open_run(last.path).metadata)
         own = folder / f"{name}-{stamp(t_ns)}-recovered"
         path = next_file(stem) if stem is not None else file_name(own, 0)
-        settings = self._config.recording
-        with RunWriter(
-            path,
-            {**about, "recording": (stem or own).name, "recovered": "from the ring"},
-            compression=settings.compression,
-            chunk_s=settings.chunk_s,
-        ) as writer:
+        about |= {"recording": (stem or own).name, "recovered": "from the ring"}
+        with RunWriter.of(self._config.recording, path, about) as writer:
             message = f"{len(missing)} ticks out of the ring of a bench that was killed"
             writer.event(t_ns, "recovered", message, {"lost": lost})
             writer.ticks(missing)

@@ -142,12 +142,8 @@ class RollingFile:
 
     def _next_writer(self) -> RunWriter:
         path = next_file(self.stem)
-        writer = RunWriter(
-            path,
-            {**self._metadata, "recording": self.stem.name, "file": self.tally.files},
-            compression=self._settings.compression,
-            chunk_s=self._settings.chunk_s,
-        )
+        about = {**self._metadata, "recording": self.stem.name, "file": self.tally.files}
+        writer = RunWriter.of(self._settings, path, about)
         self._first_ns = None
         self.tally.file = str(path)
         self.tally.files += 1

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motord.config import RecordingConfig
 from motord.recording import topics
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_json, to_strings
@@ -55,6 +56,13 @@ class RunWriter:
         except RecordError:
             self._file.discard()
             raise
+
+    @classmethod
+    def of(
+        cls, settings: RecordingConfig, path: Path, metadata: Mapping[str, object]
+    ) -> "RunWriter":
+        """Return a writer as `[recording]` of a bench file has it."""
+        return cls(path, metadata, compression=settings.compression, chunk_s=settings.chunk_s)
 
     @property
     def path(self) -> Path:
