@@ -109,7 +109,8 @@ class Fault(Section):
         if not isinstance(data, dict) or data.get("kind") not in KINDS:
             return data
         kind = KINDS[data["kind"]]
-        return {"for_s": kind.for_s, **kind.parameters, **_given(data)}
+        given = {key: value for key, value in data.items() if value is not None}
+        return {"for_s": kind.for_s, **kind.parameters, **given}
 
     @model_validator(mode="after")
     def _is_known(self) -> "Fault":
@@ -144,10 +145,6 @@ class Fault(Section):
     def log_entry(self) -> dict[str, Any]:
         """Return the fault as it goes into a log."""
         return {"kind": self.kind, "at_s": self.at_s, "for_s": self.duration_s, **self.parameters()}
-
-
-def _given(data: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in data.items() if value is not None}
 
 
 class Timeline(Section):

@@ -172,7 +172,9 @@ class RunWriter:
         self._declare(topic)
         times_ns = np.maximum(block["t_ns"], 0)
         for number, part in self._by_chunk(times_ns):
-            self._enter_chunk(number)
+            if self._chunk_number not in (None, number):
+                self.flush()
+            self._chunk_number = number
             self._fill_chunk(layout, block[part], times_ns[part], sequence[part])
         self._counts[topic.number] += len(block)
 
@@ -188,11 +190,6 @@ class RunWriter:
         edges = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
         for start, end in zip([0, *edges], [*edges, len(times_ns)], strict=True):
             yield int(numbers[start]), slice(int(start), int(end))
-
-    def _enter_chunk(self, number: int) -> None:
-        if self._chunk_number not in (None, number):
-            self.flush()
-        self._chunk_number = number
 
     def _fill_chunk(
         self, layout: MessageArray, block: Block, times_ns: Block, sequence: Block
