@@ -54,9 +54,6 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
             point = _timed(command)
             session.step(now_s)  # its ticks first: a file that holds the point holds them, too
             session.write(lambda writer: writer.operating_point(point["t_ns"], point))
-        case "metadata":
-            name, content = str(command["name"]), _mapping(command["content"])
-            session.write(lambda writer: writer.metadata(name, content))
         case "blackbox":
             session.boxes.request(BlackBoxRequest.from_command(command), now_s)
         case "blackbox_event":
@@ -67,13 +64,9 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
 
 def _timed(command: Command) -> dict[str, Any]:
     """Return the content of a command with its time."""
-    t_ns = int(command["t_ns"])
+    t_ns, content = int(command["t_ns"]), command["content"]
     if abs(t_ns) > TIME_MAX_NS:
         raise ValueError("t_ns is no time")
-    return {**_mapping(command["content"]), "t_ns": t_ns}
-
-
-def _mapping(content: object) -> Mapping[str, Any]:
     if not isinstance(content, Mapping):
         raise TypeError("a JSON object is wanted")
-    return content
+    return {**content, "t_ns": t_ns}

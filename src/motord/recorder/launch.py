@@ -85,10 +85,6 @@ class RecorderLink:
         """Record an operating point that was captured."""
         self._send({"do": "operating_point", "t_ns": t_ns, "content": point})
 
-    def metadata(self, name: str, values: Mapping[str, object]) -> None:
-        """Record a metadata record, as in `motord.latency`."""
-        self._send({"do": "metadata", "name": name, "content": values})
-
     def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, beside any recording."""
         self._send({"do": "blackbox", **vars(request)})

@@ -202,14 +202,12 @@ def test_messages_are_recorded_and_forgotten_without_a_recording(bench):
     bench.do(do="event", t_ns=1, content={"kind": "early", "message": "not recorded"})
     bench.do(do="plan", t_ns=1, content={})
     bench.do(do="operating_point", t_ns=1, content={})
-    bench.do(do="metadata", name="motord.latency", content={})
     bench.start()
     bench.loop(5)
     bench.do(do="event", t_ns=2, content={"kind": "state", "message": "READY"})
     bench.do(do="event", t_ns=3, content={"kind": "state", "message": "X", "data": {"a": 1}})
     bench.do(do="plan", t_ns=4, content={"plan": "verify"})
     bench.do(do="operating_point", t_ns=5, content={"index": 7})
-    bench.do(do="metadata", name="motord.latency", content={"p50_us": 1.5})
     bench.stop()
     run = open_run(bench.files()[0])
     assert [(e["t_ns"], e["kind"], e["data"]) for e in run.events()] == [
@@ -217,7 +215,6 @@ def test_messages_are_recorded_and_forgotten_without_a_recording(bench):
     ]  # fmt: skip
     assert run.plan() == [{"t_ns": 4, "plan": "verify"}]
     assert run.operating_points() == [{"t_ns": 5, "index": 7}]
-    assert run.source.structure.metadata["motord.latency"]["p50_us"] == "1.5"
 
 
 @pytest.mark.parametrize(
