@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Section
 from motord.config.reading import read_toml, validate
@@ -147,16 +147,14 @@ class Fault(Section):
         return {"kind": self.kind, "at_s": self.at_s, "for_s": self.duration_s, **self.parameters()}
 
 
+def _in_order(faults: tuple[Fault, ...]) -> tuple[Fault, ...]:
+    return tuple(sorted(faults, key=lambda fault: fault.at_s))
+
+
 class Timeline(Section):
     """Faults in the order of their beginnings."""
 
-    fault: tuple[Fault, ...] = ()
-
-    @model_validator(mode="after")
-    def _in_order(self) -> "Timeline":
-        ordered = tuple(sorted(self.fault, key=lambda fault: fault.at_s))
-        object.__setattr__(self, "fault", ordered)
-        return self
+    fault: Annotated[tuple[Fault, ...], AfterValidator(_in_order)] = ()
 
     def check_place(self, place: str) -> None:
         """Raise ValueError for a fault that a bench of this kind cannot have."""
