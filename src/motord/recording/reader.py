@@ -1,7 +1,7 @@
 """Recordings read straight into arrays, in constant memory, whole or damaged."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -46,6 +46,11 @@ class Bounds(TypedDict, total=False):
 
     from_ns: int
     to_ns: int
+
+
+def bounds_of(point: Mapping[str, Any]) -> Bounds:
+    """Return the span of time in which an operating point was captured."""
+    return {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
 
 
 class Run:

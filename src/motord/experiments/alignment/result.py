@@ -11,7 +11,7 @@ from motord.experiments.alignment.estimate import Alignment, align
 from motord.experiments.alignment.rests import REQUIRED
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.operating_points import good_points
-from motord.recording.reader import Run
+from motord.recording.reader import Run, bounds_of
 
 PLAN = "align"
 
@@ -148,7 +148,4 @@ def _sweeps(run: Run) -> list[np.ndarray]:
         said = f"is of the plan {name}" if name else "names no plan"
         raise AnalysisError(f"{run.path}: {said}; needed: {PLAN}")
     points = good_points(run.operating_points())
-    return [
-        run.ticks(REQUIRED, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
-        for point in points
-    ]
+    return [run.ticks(REQUIRED, **bounds_of(point)) for point in points]

@@ -13,7 +13,7 @@ from motord.experiments.friction.result import Inertia
 from motord.experiments.friction.settings import FrictionConfig
 from motord.experiments.subject import AnalysisError, recorded_settings
 from motord.identification.operating_points import good_points
-from motord.recording.reader import Run
+from motord.recording.reader import Run, bounds_of
 
 NAME = "friction"
 
@@ -72,8 +72,7 @@ def coast_downs(runs: Sequence[Run], motor: MotorConfig) -> Iterator[CoastDown]:
         if missing:
             raise AnalysisError(f"{run.path}: the recording has no {', '.join(missing)}")
         for point in good_points(run.operating_points()):
-            bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-            ticks = run.ticks(COLUMNS, **bounds)
+            ticks = run.ticks(COLUMNS, **bounds_of(point))
             ticks = ticks[ticks["plan_point"] == int(point["index"])]
             if np.any(ticks["torque_set_Nm"] != 0.0):
                 raise AnalysisError(

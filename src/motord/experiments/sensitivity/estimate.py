@@ -17,7 +17,7 @@ from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.operating_points import PointData, good_points, prepare, split
 from motord.identification.point_ripple import point_ripple
 from motord.recording.captures import COLUMNS
-from motord.recording.reader import Run
+from motord.recording.reader import Run, bounds_of
 
 DEFAULT_TORQUE_Nm = 3.0
 """Set-point of the theory where no recording says which, Poels 2008, Figure 4.3."""
@@ -127,8 +127,7 @@ def _points(runs: Sequence[Run]) -> Iterator[tuple[PointData, _Induced]]:
     columns = tuple(dict.fromkeys((*COLUMNS, *NEEDED)))
     for run in runs:
         for point in good_points(run.operating_points()):
-            bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-            for data in split(run.ticks(columns, **bounds), [point]):
+            for data in split(run.ticks(columns, **bounds_of(point)), [point]):
                 yield data, _Induced.of(point)
 
 
