@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from motord.atomic_write import write_whole
 from motord.config import Finite, MotorConfig, NonNegative, Positive
+from motord.config.base import what_is_wrong
 from motord.learned import LearnedTorque
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
@@ -226,10 +227,7 @@ def from_json(content: object, where: str) -> Calibration:
     try:
         return Calibration.model_validate_json(json.dumps(content))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        what = first["msg"].removeprefix("Value error, ")
-        raise CalibrationError(f"{where}: {key + ': ' if key else ''}{what}") from None
+        raise CalibrationError(f"{where}: {next(what_is_wrong(error))}") from None
 
 
 def load(path: Path) -> Calibration:

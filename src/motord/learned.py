@@ -54,8 +54,7 @@ class LearnedPoint(_Part):
     @property
     def line_Nm(self) -> np.ndarray:
         """Complex amplitudes (n,): the correction is Re(sum of line exp(j h theta))."""
-        line: np.ndarray = np.array(self.cos_Nm) - 1j * np.array(self.sin_Nm)
-        return line
+        return np.array(self.cos_Nm) - 1j * np.array(self.sin_Nm)
 
     @property
     def amplitude_Nm(self) -> float:

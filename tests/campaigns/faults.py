@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.config.faults import KINDS, Timeline, random_timeline
+from motord.config.faults import KINDS, Timeline
 from motord.control.interlock_table import INTERLOCKS, EvidenceSource
 from motord.control.observer import POSITION_AGE_MAX_S
 from motord.schema import Request, State, Trip
@@ -29,6 +29,7 @@ from tests.campaigns.fault_bench import (
     outcome,
 )
 from tests.campaigns.fault_table import TABLE, Cell, Row
+from tests.support.random_faults import random_timeline
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "faults.md"
 MARK = "<!-- measured: below this line by python -m tests.campaigns.faults --write -->"

@@ -9,7 +9,8 @@ import can
 import numpy as np
 
 from motord import config
-from motord.config import BridgeCanConfig, CanConfig, packaged
+from motord.config import CanConfig, packaged
+from motord.config.devices import BridgeCanConfig
 from motord.control.park import DqFrame
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.bridge.can import CanBridge

@@ -11,7 +11,8 @@ from typing import Any
 
 import can
 
-from motord.config import BridgeCanConfig, CanConfig, Config, MotorConfig, packaged
+from motord.config import CanConfig, Config, MotorConfig, packaged
+from motord.config.devices import BridgeCanConfig
 from motord.schema import BridgeStatus, InverterStatus
 from motord.wire.bridge import frames
 from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split

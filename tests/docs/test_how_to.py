@@ -81,7 +81,7 @@ def acme(tmp_path: Path) -> Path:
 
 FIND = """
 from motord import config
-from motord.config import BridgeConfig, InverterConfig
+from motord.config.devices import BridgeConfig, InverterConfig
 from motord.hal.registry import known, make_rig
 bench = config.load().model_copy(update={
     "inverter": InverterConfig(driver="acme", settings={"host": "drive"}),

@@ -16,6 +16,7 @@ from motord.api.messages import BenchState, Event, PlanView
 from motord.api.replies import ErrorReply, RpcReply
 from motord.api.requests import RPCS
 from motord.client.error import ClientError
+from motord.config.base import what_is_wrong
 from motord.schema import TICK
 from motord.wire.ticks.blocks import BlockCodec
 
@@ -34,9 +35,7 @@ def _decoder(validate: Callable[[bytes], _Item], what: str) -> Callable[[bytes],
         try:
             return validate(content)
         except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            where = ".".join(str(part) for part in first["loc"][:4])
-            raise _wrong(f"{what}: {where + ': ' if where else ''}{first['msg']}") from None
+            raise _wrong(f"{what}: {next(what_is_wrong(error))}") from None
         except (ValueError, RecursionError) as error:
             raise _wrong(f"{what}: {error}") from None
 

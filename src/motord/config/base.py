@@ -1,9 +1,10 @@
 """What every part of a bench file shares: strict sections, bounded numbers, one kind of error."""
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, GetCoreSchemaHandler
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, ValidationError
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -28,6 +29,14 @@ PositiveValues = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=
 
 class ConfigError(Exception):
     """A bench file that cannot be used; the message says where, what and what to do."""
+
+
+def what_is_wrong(error: ValidationError) -> Iterator[str]:
+    """Yield each thing that is wrong as `place: message`, or as a message if it is of the whole."""
+    for item in error.errors(include_url=False, include_input=False):
+        place = ".".join(map(str, item["loc"]))
+        message = item["msg"].removeprefix("Value error, ")
+        yield f"{place}: {message}" if place else message
 
 
 _SCALARS = ("bool", "float", "int", "str")

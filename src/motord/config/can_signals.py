@@ -76,10 +76,8 @@ class CanSignalMap(Section):
     @model_validator(mode="after")
     def _values_are_of_the_masks(self) -> "CanSignalMap":
         for name in ("ready", "fault", "timeout", "enable_line"):
-            mask, value = (
-                getattr(self, f"status_{name}_mask"),
-                getattr(self, f"status_{name}_value"),
-            )
+            mask = getattr(self, f"status_{name}_mask")
+            value = getattr(self, f"status_{name}_value")
             if value is not None and value & ~mask:
                 raise ValueError(
                     f"status_{name}_value = {value} has bits that status_{name}_mask = {mask} lacks"

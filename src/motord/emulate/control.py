@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from motord.config import Config
+from motord.config.base import what_is_wrong
 from motord.config.faults import Fault
 from motord.emulate import EmulatorError
 from motord.private_folder import PrivateFolderError, base_directory, make_private
@@ -66,7 +67,7 @@ class ControlSocket:
         try:
             return Fault.model_validate(json.loads(data)), sender
         except ValidationError as error:
-            return "; ".join(_message(item) for item in error.errors()), sender
+            return "; ".join(what_is_wrong(error)), sender
         except (ValueError, RecursionError):
             return "not JSON", sender
 
@@ -79,12 +80,6 @@ class ControlSocket:
         """Stop listening and remove the socket."""
         self._socket.close()
         self._path.unlink(missing_ok=True)
-
-
-def _message(item: Any) -> str:
-    where = ".".join(str(key) for key in item["loc"])
-    what = str(item["msg"]).removeprefix("Value error, ")
-    return f"{where}: {what}" if where else what
 
 
 def inject(config: Config, fault: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification.driven_rotor import steady_segments_of
 from motord.identification.operating_points import CURRENTS, PointData, good_points
-from motord.recording.reader import Run
+from motord.recording.reader import Run, bounds_of
 
 ANGLE = ("encoder_count", "angle_rad")
 """Either tells where the rotor is."""
@@ -49,10 +49,7 @@ def _columns(run: Run, names: Sequence[str]) -> list[str]:
 
 def _ticks(run: Run, columns: list[str], point: Mapping[str, Any] | None) -> np.ndarray:
     """Return the ticks of a point, of all the run for None. Raises AnalysisError for no ticks."""
-    bounds = {}
-    if point is not None:
-        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-    ticks: np.ndarray = run.ticks(columns, **bounds)
+    ticks = run.ticks(columns, **(bounds_of(point) if point else {}))
     if not ticks.size:
         raise AnalysisError(f"{run.path}: there are no ticks in an operating point")
     return ticks

@@ -16,11 +16,11 @@ from motord.config import (
     Section,
     TorqueSensorConfig,
     load,
-    load_motor,
     read_toml,
 )
+from motord.config.reading import load_motor
 from motord.identification.operating_points import good_points
-from motord.recording.reader import Run, open_run
+from motord.recording.reader import Run, bounds_of, open_run
 
 Settings = TypeVar("Settings", bound=Section)
 
@@ -131,8 +131,7 @@ def recorded_settings(run: Run, section: type[Settings]) -> Settings:
 def captured_ticks(run: Run, columns: Sequence[str]) -> Iterator[np.ndarray]:
     """Yield the ticks of each good operating point of a run, in time order."""
     for point in good_points(run.operating_points()):
-        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-        ticks = run.ticks(("plan_point", *columns), **bounds)
+        ticks = run.ticks(("plan_point", *columns), **bounds_of(point))
         yield ticks[ticks["plan_point"] == int(point["index"])]
 
 

@@ -27,7 +27,7 @@ class ColumnMap:
     """
 
     def __init__(self, source: RowSource, mapping: ImportMap, counts: int) -> None:
-        self._source = source
+        self.source = source
         self.constants = dict(mapping.constants)
         self.notes: list[str] = []
         self._columns: dict[str, tuple[int, Column]] = {
@@ -91,10 +91,10 @@ class ColumnMap:
             return None
         if mapping.period_s is not None:
             return RowClock(None, mapping.period_s)
-        clock = self._source.row_clock([index for index, _ in self._columns.values()])
+        clock = self.source.row_clock([index for index, _ in self._columns.values()])
         if clock is None:
             raise RecordError(
-                f"{self._source.path}: no column has the time of its rows; name t_s or t_ns in "
+                f"{self.source.path}: no column has the time of its rows; name t_s or t_ns in "
                 "[columns], or give period_s, in the map"
             )
         return clock
@@ -103,16 +103,16 @@ class ColumnMap:
         if not self.timed:
             return False
         index, column = self._columns[self.time_field]
-        if self._source.holds_dates(index):
+        if self.source.holds_dates(index):
             if not column.as_it_is:
                 raise RecordError(
-                    f"{self._source.path}: {self.time_field}: the column holds dates, which take "
+                    f"{self.source.path}: {self.time_field}: the column holds dates, which take "
                     "no scale or offset"
                 )
             return True
         return (
             self.time_field == "t_ns" and column.as_it_is
-            and self._source.holds_whole_numbers(index)
+            and self.source.holds_whole_numbers(index)
         )  # fmt: skip
 
     def _split_names(self, split: SplitMap) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ class ColumnMap:
             if IN_OTHER_UNITS.get(name, name) in known:
                 names.append(known[IN_OTHER_UNITS.get(name, name)])
                 continue
-            index = locate(self._source, name)
+            index = locate(self.source, name)
             if index is not None:
                 names.append(name if name in SET_POINTS else f"column {name}")
                 self._columns[names[-1]] = (index, Column(column=name))
@@ -133,7 +133,7 @@ class ColumnMap:
                 self.notes.append(f"no column has {name}: it does not split the recording")
             else:
                 raise RecordError(
-                    f"{self._source.path}: [split] by: {name!r} is neither mapped nor a column"
-                    + suggestion(name, self._source.names)
+                    f"{self.source.path}: [split] by: {name!r} is neither mapped nor a column"
+                    + suggestion(name, self.source.names)
                 )
         return tuple(dict.fromkeys(names))

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence, Set
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -77,28 +77,25 @@ def import_run(
     motor_text, motor_file = load_mapped_motor(map_path, mapping)
     part = part_of(output)
     require_free(output, part)
+    make_folder(output.parent)
     try:
-        with _opened(path, mapping, output.parent) as source:
+        with ExitStack() as opened:
+            source = _source(path, mapping, output.parent, opened)
             column_map = ColumnMap(source, mapping, motor_file.motor.counts)
-            seen = survey(source, column_map, mapping, lambda done: progress(SURVEY_SHARE * done))
+            seen = survey(column_map, mapping, lambda done: progress(SURVEY_SHARE * done))
             anchor_ns, anchor_notes = _anchor(source.path, mapping, seen)
             metadata = _metadata(path, map_text, mapping, motor_text, motor_file)
             with RunWriter(output, metadata, chunk_s=CHUNK_S) as writer:
-                job = _Job(source, column_map, mapping, motor_file, seen, anchor_ns)
+                job = _Job(column_map, mapping, motor_file, seen, anchor_ns)
                 return job.write(writer, strict, anchor_notes, progress)
     finally:
         part.unlink(missing_ok=True)
 
 
-@contextmanager
-def _opened(path: Path, mapping: ImportMap, scratch: Path) -> Iterator[RowSource]:
-    make_folder(scratch)
+def _source(path: Path, mapping: ImportMap, scratch: Path, opened: ExitStack) -> RowSource:
     if path.suffix.lower() == ".tdms" or begins_as_tdms(path):
-        with TdmsSource(path, mapping.tdms, scratch) as source:
-            yield source
-    else:
-        names = [c.column for c in mapping.columns.values() if c.column]
-        yield CsvSource(path, mapping.csv, names)
+        return TdmsSource(path, mapping.tdms, scratch, opened)
+    return CsvSource(path, mapping.csv, [c.column for c in mapping.columns.values() if c.column])
 
 
 def _anchor(path: Path, mapping: ImportMap, seen: Survey) -> tuple[int, list[str]]:
@@ -136,7 +133,6 @@ def _metadata(
 class _Job:
     """The second pass."""
 
-    source: RowSource
     column_map: ColumnMap
     mapping: ImportMap
     motor_file: MotorFile
@@ -147,8 +143,9 @@ class _Job:
         self, writer: RunWriter, strict: bool, notes: list[str], progress: Progress
     ) -> Imported:
         """Write all ticks and operating points; return what was written. Raises RecordError."""
-        problems, points, missed = Problems(self.source.unit), [], 0
-        maker = TickMaker(self.source, self.column_map, self.survey, self.anchor_ns)
+        source = self.column_map.source
+        problems, points, missed = Problems(source.unit), [], 0
+        maker = TickMaker(self.column_map, self.survey, self.anchor_ns)
         split, motor = self.mapping.split, self.motor_file.motor
         builder = PointBuilder(
             self.survey.segments,
@@ -156,7 +153,7 @@ class _Job:
             self.motor_file.torque_sensor.highpass_time_constant_s == 0,
             motor.rated_torque_Nm,
         )
-        for rows in usable_rows(self.source, self.column_map, self.column_map.fields, problems):
+        for rows in usable_rows(self.column_map, self.column_map.fields, problems):
             ticks = maker.take(rows, problems)
             writer.ticks(ticks)
             missed = int(ticks["missed"][-1])
@@ -165,7 +162,7 @@ class _Job:
                 points.append(point)
             progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * rows.done)
         if strict and problems:
-            raise RecordError(f"{self.source.path}: {'; '.join(problems.messages())}")
+            raise RecordError(f"{source.path}: {'; '.join(problems.messages())}")
         seen, given = self.survey, {*self.column_map.fields, *self.column_map.constants}
         remarks = [
             *_on_rows(problems, seen),
@@ -180,11 +177,11 @@ class _Job:
             missed=missed,
             points=tuple(points),
             problems=tuple(problems.messages()),
-            notes=(*self.source.notes, *self.column_map.notes, *notes, *remarks),
+            notes=(*source.notes, *self.column_map.notes, *notes, *remarks),
         )
         account = {"problems": problems.to_json(), "notes": result.notes}
         end_ns = seen.last_ns + self.anchor_ns
-        writer.event(end_ns, "import", f"imported {self.source.path.name}", account)
+        writer.event(end_ns, "import", f"imported {source.path.name}", account)
         writer.close({"reason": "imported"})
         return result
 

@@ -16,11 +16,9 @@ from motord.config import (
     Positive,
     Section,
     load,
-    load_motor,
     read_toml,
-    resolve,
-    validate,
 )
+from motord.config.reading import load_motor, resolve, validate
 from motord.schema import TICK_DTYPE
 
 TICK_FIELDS = TICK_DTYPE.names or ()

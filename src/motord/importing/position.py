@@ -3,7 +3,6 @@
 import numpy as np
 
 from motord.importing.column_map import ColumnMap
-from motord.importing.source import RowSource
 from motord.recording.errors import RecordError
 
 JUMPS = 4
@@ -19,8 +18,8 @@ RANGE = (0.75, 1.02)
 class PositionReader:
     """Unwraps positions block by block, whatever range they are wrapped to, if any."""
 
-    def __init__(self, source: RowSource, column_map: ColumnMap) -> None:
-        self._source = source
+    def __init__(self, column_map: ColumnMap) -> None:
+        self._path = column_map.source.path
         self._field = column_map.position_field
         self._span = float(column_map.position_span)
         self._counts = column_map.counts
@@ -60,7 +59,7 @@ class PositionReader:
             else "a turn has 6.2832 rad (from degrees: scale = 0.017453292519943295)"
         )
         raise RecordError(
-            f"{self._source.path}: {self._field} goes from {self._lowest:g} to {self._highest:g} "
+            f"{self._path}: {self._field} goes from {self._lowest:g} to {self._highest:g} "
             f"and starts again, but {of_what}; correct its scale or the motor file"
         )
 

@@ -12,7 +12,7 @@ import numpy as np
 from motord.importing.column_map import ColumnMap
 from motord.importing.position import PositionReader
 from motord.importing.problems import Problems
-from motord.importing.source import RawBlock, RowSource
+from motord.importing.source import RawBlock
 from motord.importing.times import TimeReader
 
 
@@ -34,16 +34,15 @@ class Rows:
 
 
 def usable_rows(
-    source: RowSource, column_map: ColumnMap, names: tuple[str, ...], problems: Problems
+    column_map: ColumnMap, names: tuple[str, ...], problems: Problems
 ) -> Iterator[Rows]:
     """Yield the usable rows with the columns `names` of `column_map`; the others are noted.
 
     Raises RecordError for positions that cannot be of this motor.
     """
-    times, positions = TimeReader(column_map), PositionReader(source, column_map)
+    times, positions = TimeReader(column_map), PositionReader(column_map)
     carried: RawBlock | None = None
-    blocks = source.blocks(column_map.wanted(names), problems)
-    for block in blocks:
+    for block in column_map.source.blocks(column_map.wanted(names), problems):
         joined = block if carried is None else _join(carried, block)
         use, carried = _cut_last(joined)
         if use.line.size:

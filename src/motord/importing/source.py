@@ -1,11 +1,11 @@
 """A source of rows as the import sees it: columns by name, blocks of values."""
 
 import difflib
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -49,40 +49,38 @@ class RowClock:
     period_s: float
 
 
-class RowSource(Protocol):
-    """A file with columns of values."""
+class RowSource(ABC):
+    """A file with columns of values.
 
-    @property
-    def path(self) -> Path:
-        """The file."""
+    unit: what `RawBlock.line` counts, line or row; names: of the columns, "" for one without;
+    notes: what was found out about the file, as text.
+    """
 
-    @property
-    def unit(self) -> str:
-        """What `RawBlock.line` counts: line or row."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns; "" for one without."""
-
-    @property
-    def notes(self) -> list[str]:
-        """What was found out about the file, as text."""
+    unit = "row"
+    path: Path
+    names: tuple[str, ...]
+    notes: list[str]
 
     def places(self, name: str) -> list[int]:
         """Return the index of each column that `name` may mean."""
+        return [index for index, known in enumerate(self.names) if known == name]
 
     def row_clock(self, columns: Sequence[int]) -> RowClock | None:
         """Return the clock that the file gives for these columns, None if it gives none."""
+        return None
 
+    def fix_rows(self, columns: Sequence[int]) -> None:  # noqa: B027
+        """Let a row be what all these columns have."""
+
+    @abstractmethod
     def holds_dates(self, index: int) -> bool:
         """Return whether a column holds dates rather than numbers."""
 
+    @abstractmethod
     def holds_whole_numbers(self, index: int) -> bool:
         """Return whether a column holds whole numbers, too long perhaps for a float."""
 
-    def fix_rows(self, columns: Sequence[int]) -> None:
-        """Let a row be what all these columns have."""
-
+    @abstractmethod
     def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows, at most about BLOCK_ROWS at once; rows without cells are noted."""
 

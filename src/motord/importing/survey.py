@@ -11,7 +11,6 @@ from motord.importing.mapping import ImportMap
 from motord.importing.problems import Problems
 from motord.importing.rows import usable_rows
 from motord.importing.segments import GAP_ROWS, GAP_S, ConstantSegment, SegmentFinder
-from motord.importing.source import RowSource
 from motord.recording.errors import RecordError
 
 REGULAR_SHARE = 0.9
@@ -34,15 +33,14 @@ class Survey:
     segments: tuple[ConstantSegment, ...]
 
 
-def survey(
-    source: RowSource, column_map: ColumnMap, mapping: ImportMap, progress: Progress
-) -> Survey:
+def survey(column_map: ColumnMap, mapping: ImportMap, progress: Progress) -> Survey:
     """Read what must be known before the first row is written. Raises RecordError."""
+    source = column_map.source
     segments, fill = SegmentFinder(mapping.split, column_map.counts), ForwardFill()
     medians_ns: list[float] = []
     spacings = usual = rows = travelled = 0
     first_ns = last_ns = last_position = None
-    for block in usable_rows(source, column_map, column_map.by, Problems(source.unit)):
+    for block in usable_rows(column_map, column_map.by, Problems(source.unit)):
         t_ns, position = block.t_ns, block.position
         spacing_ns = np.diff(t_ns, prepend=t_ns[:1] if last_ns is None else [last_ns])
         spacing_ns = spacing_ns[spacing_ns > 0]

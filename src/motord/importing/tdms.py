@@ -15,7 +15,14 @@ import numpy as np
 
 from motord.importing.mapping import TdmsMap
 from motord.importing.problems import Problems
-from motord.importing.source import BLOCK_ROWS, RawBlock, RowClock, WantedColumn, readable
+from motord.importing.source import (
+    BLOCK_ROWS,
+    RawBlock,
+    RowClock,
+    RowSource,
+    WantedColumn,
+    readable,
+)
 from motord.recording.errors import RecordError
 
 MAGIC = b"TDSm"
@@ -30,16 +37,15 @@ WARNING_LENGTH = 120
 INCREMENT, START = "wf_increment", "wf_start_time"
 
 
-class TdmsSource:
-    """A TDMS file; scratch files go into the folder `scratch`. Use it as a context manager.
+class TdmsSource(RowSource):
+    """A TDMS file, open with its scratch files, in the folder `scratch`, as long as `opened`.
 
     Raises RecordError for a file that is not TDMS, and where npTDMS is not installed.
     """
 
-    unit = "row"
-
-    def __init__(self, path: Path, options: TdmsMap, scratch: Path) -> None:
+    def __init__(self, path: Path, options: TdmsMap, scratch: Path, opened: ExitStack) -> None:
         self.path = path
+        self._opened = opened
         self._group = options.group
         self._scratch = scratch
         self._spools: dict[int, BinaryIO] = {}
@@ -47,32 +53,19 @@ class TdmsSource:
         if not begins_as_tdms(path):
             raise RecordError(f"{path}: does not begin as a TDMS file does")
         opener, console = _tdms()
-        with ExitStack() as stack:
-            warnings = _Warnings(self.notes)
-            console.addFilter(warnings)
-            stack.callback(console.removeFilter, warnings)
-            with _readable(path):
-                file = stack.enter_context(opener.open(stack.enter_context(path.open("rb"))))
-                self._channels = [c for group in file.groups() for c in group.channels()]
-                self._lengths = [len(channel) for channel in self._channels]
-            self._open = stack.pop_all()
+        warnings = _Warnings(self.notes)
+        console.addFilter(warnings)
+        opened.callback(console.removeFilter, warnings)
+        with _readable(path):
+            file = opened.enter_context(opener.open(opened.enter_context(path.open("rb"))))
+            self._channels = [c for group in file.groups() for c in group.channels()]
+            self._lengths = [len(channel) for channel in self._channels]
         self._rows = min(self._lengths, default=0)
         self.names = tuple(f"{c.group_name}/{c.name}" for c in self._channels)
 
-    def close(self) -> None:
-        """Let go of the file and of the scratch files. May be called twice."""
-        self._open.close()
-
-    def __enter__(self) -> "TdmsSource":
-        return self
-
-    def __exit__(self, *unused: object) -> None:
-        self.close()
-
     def places(self, name: str) -> list[int]:
         """Return the index of each channel that is Group/Channel, or has that name in its group."""
-        full = [index for index, known in enumerate(self.names) if known == name]
-        return full or [
+        return super().places(name) or [
             index
             for index, channel in enumerate(self._channels)
             if channel.name == name and self._group in (None, channel.group_name)
@@ -139,8 +132,8 @@ class TdmsSource:
             return
         dtype, channel = self._dtype(wanted.index), self._channels[wanted.index]
         as_ns = dtype.kind == "M" or (wanted.as_time and dtype.kind in "iu")
-        scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - see close()
-        spool = self._open.enter_context(scratch)
+        scratch = tempfile.TemporaryFile(dir=self._scratch)  # noqa: SIM115 - closed by `opened`
+        spool = self._opened.enter_context(scratch)
         self._spools[wanted.index] = spool
         length = self._lengths[wanted.index]
         piece = max(PIECE, -(-length // PIECES))

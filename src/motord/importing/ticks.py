@@ -7,7 +7,6 @@ from motord.importing.forward_fill import ForwardFill
 from motord.importing.mapping import IN_OTHER_UNITS, SET_POINTS
 from motord.importing.problems import Problems
 from motord.importing.rows import Rows
-from motord.importing.source import RowSource
 from motord.importing.speed import SpeedReader, span_s
 from motord.importing.survey import Survey
 from motord.recording.errors import RecordError
@@ -19,10 +18,9 @@ FLOATS = tuple(n for n in TICK_DTYPE.names or () if TICK_DTYPE[n].kind == "f")
 class TickMaker:
     """Makes ticks of rows, block by block. anchor_ns: Unix time of the zero of the rows' times."""
 
-    def __init__(
-        self, source: RowSource, column_map: ColumnMap, survey: Survey, anchor_ns: int
-    ) -> None:
-        self._source, self._column_map, self._anchor_ns = source, column_map, anchor_ns
+    def __init__(self, column_map: ColumnMap, survey: Survey, anchor_ns: int) -> None:
+        self._source, self._column_map = column_map.source, column_map
+        self._anchor_ns = anchor_ns
         self._period_ns = survey.period_s * 1e9 if survey.regular else None
         self._fill = ForwardFill()
         self._starts = np.array([s.first for s in survey.segments], np.int64)

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from motord.atomic_write import write_whole
+from motord.config.base import what_is_wrong
 from motord.loop.rt_setup import RealtimeStatus
 from motord.shm.histogram import TimeSummary
 
@@ -59,6 +60,5 @@ class LoopStatus(BaseModel):
         try:
             return cls.model_validate_json(content)
         except ValidationError as error:
-            [first, *_] = error.errors(include_url=False, include_input=False)
-            where = ".".join(map(str, first["loc"]))
-            raise OSError(f"{path}: is no status of a loop: {where} {first['msg']}") from None
+            wrong = next(what_is_wrong(error))
+            raise OSError(f"{path}: is no status of a loop: {wrong}") from None

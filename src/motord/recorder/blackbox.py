@@ -66,10 +66,6 @@ class BlackBoxRequest:
             events=[checked_event(event) for event in command["events"]],
         )
 
-    def command(self) -> dict[str, Any]:
-        """Return what `from_command` reads."""
-        return {**vars(self), "path": str(self.path)}
-
 
 def checked_event(event: Mapping[str, Any]) -> dict[str, Any]:
     """Return an event with what a recording needs of it. Raises KeyError, TypeError, ValueError."""
@@ -138,9 +134,7 @@ class BlackBox:
     def _write(self, path: Path, ticks: Block, settings: RecordingConfig) -> None:
         account = {**self.request.account, **_causes(ticks)}
         about = {**self.request.metadata, "reason": account["reason"], KIND: account}
-        with RunWriter(
-            path, about, compression=settings.compression, chunk_s=settings.chunk_s
-        ) as writer:
+        with RunWriter.of(settings, path, about) as writer:
             for event in self.request.events:
                 writer.event(event["t_ns"], event["kind"], event["message"], event["data"])
             writer.event(int(account["t_ns"]), KIND, str(account["reason"]), account)

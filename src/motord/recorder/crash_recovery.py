@@ -6,7 +6,6 @@ and what another process still writes, is left alone.
 
 import os
 import re
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -35,7 +34,7 @@ from motord.recording.file_names import (
 from motord.recording.mcap.mcap_file import try_lock
 from motord.recording.reader import open_run
 from motord.recording.recovery import METADATA_RECOVERED, recover
-from motord.recording.storage import MB
+from motord.recording.storage import MB, free_bytes
 from motord.recording.writer import RunWriter
 from motord.schema import State
 from motord.shm.ring import RingReader
@@ -148,7 +147,7 @@ class CrashRecovery:
                 part.unlink()  # it was closed, and the recovery was killed
                 return ""
             needed = part.stat().st_size + self._config.recording.free_min_MB * MB
-            if shutil.disk_usage(part.parent).free < needed:
+            if free_bytes(part.parent) < needed:
                 return "left as it is: too little space to close it"
             part_of(closing).unlink(missing_ok=True)
             closing.unlink(missing_ok=True)
@@ -168,11 +167,11 @@ class CrashRecovery:
             ring.unlink(missing_ok=True)
             return f"its ticks are lost: {error}"
         last = self._last_recorded(block)
-        missing = self._missing(block, last)
+        missing, lost = self._missing(block, last)
         outcome = ""
-        if len(missing.block):
-            path = self._write(missing, last)
-            outcome = f"{len(missing.block)} ticks of a bench that was killed: recorded in {path}"
+        if len(missing):
+            path = self._write(missing, lost, last)
+            outcome = f"{len(missing)} ticks of a bench that was killed: recorded in {path}"
         ring.unlink(missing_ok=True)
         return outcome
 
@@ -188,38 +187,36 @@ class CrashRecovery:
                 found.append(_Recorded(path, mark))
         return max(found, key=lambda recorded: recorded.mark.tick, default=None)
 
-    def _missing(self, block: Block, last: "_Recorded | None") -> "_Missing":
-        """Return the ticks after `last` if it was being recorded, else those that were powered."""
+    def _missing(self, block: Block, last: "_Recorded | None") -> tuple[Block, int]:
+        """Return the ticks after `last` if it was being recorded, else those that were powered.
+
+        Besides, how many before them are nowhere.
+        """
         lost = 0
         if last is not None:
             block, lost = after(block, last.mark)
             if last.path.name.endswith(PART):
-                return _Missing(block, lost)
+                return block, lost
         enabled = np.flatnonzero(block["state"] == State.ENABLED)
         if not len(enabled):
-            return _Missing(block[:0])
+            return block[:0], 0
         margin = round(BEFORE_S * self._config.loop.rate_Hz)
-        return _Missing(block[max(0, int(enabled[0]) - margin) : int(enabled[-1]) + margin + 1])
+        return block[max(0, int(enabled[0]) - margin) : int(enabled[-1]) + margin + 1], 0
 
-    def _write(self, missing: "_Missing", last: "_Recorded | None") -> Path:
+    def _write(self, missing: Block, lost: int, last: "_Recorded | None") -> Path:
         """Write the ticks of a ring: the next file of their recording, or one of their own."""
         folder, name = self._config.recording.directory.absolute(), self._config.bench.name
-        stem, t_ns = None, int(missing.block["t_ns"][0])
+        stem, t_ns = None, int(missing["t_ns"][0])
         about: dict[str, object] = self._describe()
         if last is not None and last.path.name.endswith(PART):
             stem, about = stem_of(whole_of(last.path)), dict(open_run(last.path).metadata)
         own = folder / f"{name}-{stamp(t_ns)}-recovered"
         path = next_file(stem) if stem is not None else file_name(own, 0)
-        settings = self._config.recording
-        with RunWriter(
-            path,
-            {**about, "recording": (stem or own).name, "recovered": "from the ring"},
-            compression=settings.compression,
-            chunk_s=settings.chunk_s,
-        ) as writer:
-            message = f"{len(missing.block)} ticks out of the ring of a bench that was killed"
-            writer.event(t_ns, "recovered", message, {"lost": missing.lost})
-            writer.ticks(missing.block)
+        about |= {"recording": (stem or own).name, "recovered": "from the ring"}
+        with RunWriter.of(self._config.recording, path, about) as writer:
+            message = f"{len(missing)} ticks out of the ring of a bench that was killed"
+            writer.event(t_ns, "recovered", message, {"lost": lost})
+            writer.ticks(missing)
         return path
 
 
@@ -229,14 +226,6 @@ class _Recorded:
 
     path: Path
     mark: Mark
-
-
-@dataclass(frozen=True)
-class _Missing:
-    """Ticks that no recording has; before them `lost` are nowhere."""
-
-    block: Block
-    lost: int = 0
 
 
 def _started_ns(run_dir: RunDir) -> int:

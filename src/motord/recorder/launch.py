@@ -62,13 +62,9 @@ class RecorderLink:
         resume: bool = False,
         first_tick: int | None = None,
     ) -> None:
-        """Begin the recording `stem`-000.mcap and so on; end the one that is going on.
-
-        With `first_tick`, begin with that tick, if nothing is going on and the ring still has it.
-        With `resume`, go on where the newest file of `stem` ends, as far as the ring reaches.
-        """
-        command = {"do": "start", "out": str(stem), "metadata": metadata, "resume": resume}
-        self._send(command if first_tick is None else {**command, "first_tick": first_tick})
+        """Begin the recording `stem`-000.mcap and so on, as `Session.start` does."""
+        where = {"out": str(stem), "resume": resume, "first_tick": first_tick}
+        self._send({"do": "start", "metadata": metadata, **where})
 
     def stop(self, reason: str) -> None:
         """End the recording."""
@@ -89,13 +85,9 @@ class RecorderLink:
         """Record an operating point that was captured."""
         self._send({"do": "operating_point", "t_ns": t_ns, "content": point})
 
-    def metadata(self, name: str, values: Mapping[str, object]) -> None:
-        """Record a metadata record, as in `motord.latency`."""
-        self._send({"do": "metadata", "name": name, "content": values})
-
     def blackbox(self, request: BlackBoxRequest) -> None:
         """Write a black box, beside any recording."""
-        self._send({"do": "blackbox", **request.command()})
+        self._send({"do": "blackbox", **vars(request)})
 
     def blackbox_event(self, event: Mapping[str, Any]) -> None:
         """Add an event (`t_ns`, `kind`, `message`, `data`) to the boxes that are being filled."""

@@ -50,11 +50,8 @@ class RingPiece:
 
 def last_mark(stem: Path) -> Mark | None:
     """Return the last tick in the newest file of the recording `stem`, None if there is none."""
-    for number in reversed(numbers(stem)):
-        mark = mark_of(file_name(stem, number))
-        if mark is not None:
-            return mark
-    return None
+    marks = (mark_of(file_name(stem, number)) for number in reversed(numbers(stem)))
+    return next((mark for mark in marks if mark is not None), None)
 
 
 def neighbours(stem: Path) -> tuple[Mark, ...]:
@@ -73,9 +70,7 @@ def mark_of(path: Path) -> Mark | None:
         last = table.last(["tick", "t_ns", "missed"])
     except RecordError:
         return None
-    if not len(last):
-        return None
-    return Mark.of(last[0])
+    return Mark.of(last[0]) if len(last) else None
 
 
 class RingSource:

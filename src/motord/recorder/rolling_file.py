@@ -8,7 +8,7 @@ from motord.config import RecordingConfig
 from motord.recorder.ring_source import RingPiece
 from motord.recording.errors import RecordError
 from motord.recording.file_names import next_file, part_of
-from motord.recording.storage import MB, free_bytes, make_folder, too_little_space
+from motord.recording.storage import MB, make_folder, too_little_space
 from motord.recording.writer import RunWriter
 from motord.wire.ticks.blocks import Block
 
@@ -38,20 +38,18 @@ class RollingFile:
         metadata: Mapping[str, object],
         settings: RecordingConfig,
         now_s: float,
-        free: Callable[[Path], int] = free_bytes,
     ) -> None:
         self.stem = stem
         self.tally = Tally()
         self.error = ""
         self._metadata = metadata
         self._settings = settings
-        self._free = free
         self._synced_s = now_s
         self._first_ns: int | None = None  # of the ticks in the newest file
         self._last_ns = 0
         self._closed_bytes = 0
         make_folder(stem.parent)
-        if short := self._too_little_space():
+        if short := too_little_space(stem.parent, settings):
             raise RecordError(f"{stem.parent}: {short}; nothing is recorded")
         self._writer = self._next_writer()
         self.open = True
@@ -115,7 +113,7 @@ class RollingFile:
         if self.open and now_s - self._synced_s >= self._settings.sync_s:
             self._synced_s = now_s
             self.write(RunWriter.sync)
-            if short := self._too_little_space():
+            if short := too_little_space(self.stem.parent, self._settings):
                 self._end_for_space(short)
         self._count_bytes()
 
@@ -144,12 +142,8 @@ class RollingFile:
 
     def _next_writer(self) -> RunWriter:
         path = next_file(self.stem)
-        writer = RunWriter(
-            path,
-            {**self._metadata, "recording": self.stem.name, "file": self.tally.files},
-            compression=self._settings.compression,
-            chunk_s=self._settings.chunk_s,
-        )
+        about = {**self._metadata, "recording": self.stem.name, "file": self.tally.files}
+        writer = RunWriter.of(self._settings, path, about)
         self._first_ns = None
         self.tally.file = str(path)
         self.tally.files += 1
@@ -168,9 +162,6 @@ class RollingFile:
         if span_s >= settings.file_max_s:
             return f"goes on in the next file after {settings.file_max_s:g} s"
         return ""
-
-    def _too_little_space(self) -> str:
-        return too_little_space(self.stem.parent, self._settings, self._free)
 
     def _end_for_space(self, short: str) -> None:
         reason = f"{self.stem.parent}: {short}; the recording was ended"

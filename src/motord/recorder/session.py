@@ -10,8 +10,8 @@ from motord.recorder.blackbox_writer import BlackBoxWriter
 from motord.recorder.protocol import TEXT_MAX, note_outcome
 from motord.recorder.ring_source import Mark, RingPiece, RingSource, last_mark, neighbours
 from motord.recorder.rolling_file import RollingFile
+from motord.recording import storage
 from motord.recording.errors import RecordError
-from motord.recording.storage import free_bytes, obstacle
 from motord.recording.writer import RunWriter
 
 BACKLOG_BYTES = 64 << 20
@@ -46,15 +46,9 @@ class Session:
     command or recording failed. Nothing here reads a clock.
     """
 
-    def __init__(
-        self,
-        ring: Path,
-        settings: RecordingConfig,
-        free: Callable[[Path], int] = free_bytes,
-    ) -> None:
+    def __init__(self, ring: Path, settings: RecordingConfig) -> None:
         self._ring = ring
         self._settings = settings
-        self._free = free
         self._source: RingSource | None = None
         self._recording: RollingFile | None = None
         self._disk = Background(BACKLOG_BYTES)
@@ -118,9 +112,7 @@ class Session:
         """Make the first file. Raises RecordError."""
         self._begun_s, self._retry_at_s = now_s, now_s + self._retry_s
         self._recording = None
-        self._recording = RollingFile(
-            target.stem, target.metadata, self._settings, now_s, self._free
-        )
+        self._recording = RollingFile(target.stem, target.metadata, self._settings, now_s)
         self.error = ""
 
     def _retry(self, target: _Target, now_s: float) -> None:
@@ -145,7 +137,7 @@ class Session:
 
     def _nearly_full(self, folder: Path) -> bool:
         try:
-            return self._free(folder) < RETRY_MIN_BYTES
+            return storage.free_bytes(folder) < RETRY_MIN_BYTES
         except OSError:  # nobody knows, as when it is gone
             return False
 
@@ -177,12 +169,10 @@ class Session:
         """Note which ticks have been given to a recording."""
         if not len(piece.block):
             return
-        first, last = piece.block[0], piece.block[-1]
         if self._before is None:
-            self._before = Mark(
-                int(first["tick"]) - 1, int(first["t_ns"]) - 1, int(first["missed"])
-            )
-        self._newest = Mark(int(last["tick"]), int(last["t_ns"]), int(last["missed"]))
+            first = Mark.of(piece.block[0])
+            self._before = Mark(first.tick - 1, first.t_ns - 1, first.missed)
+        self._newest = Mark.of(piece.block[-1])
 
     def _look_at_storage(self, now_s: float) -> None:
         if now_s < self._probe_at_s or not self._disk.idle:
@@ -191,7 +181,7 @@ class Session:
         self._disk.do(self._probe)
 
     def _probe(self) -> None:
-        self._obstacle = obstacle(self._settings, self._free)
+        self._obstacle = storage.obstacle(self._settings)
 
     def write(self, action: Callable[[RunWriter], None]) -> None:
         """Have `action` done on the recording's file, after all it has been given before."""

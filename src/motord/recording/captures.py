@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from motord.identification.operating_points import COMMANDS, REQUIRED, PointData, good_points, split
-from motord.recording.reader import Run
+from motord.recording.reader import Run, bounds_of
 
 COLUMNS = (*REQUIRED, *COMMANDS, "i_age_ns", "tick", "plan_point")
 """Columns of the tick that identification reads."""
@@ -31,8 +31,7 @@ def captures(run: Run, columns: Sequence[str] = COLUMNS) -> Iterator[PointData]:
 
 def _read(run: Run, columns: Sequence[str], point: Mapping[str, Any]) -> list[PointData]:
     """Return a point with its ticks; none if the recording has no ticks of it."""
-    bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
-    return list(split(run.ticks(columns, **bounds), [point]))
+    return list(split(run.ticks(columns, **bounds_of(point)), [point]))
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def true_torque(run: Run) -> Iterator[TrueTorque]:
     """Yield the true torque of each operating point of good quality, in time order."""
     columns = ("angle_rad", "speed_rad_s", "torque_Nm")
     for point in good_points(run.operating_points()):
-        truth = run.truth(columns, from_ns=int(point["t_start_ns"]), to_ns=int(point["t_end_ns"]))
+        truth = run.truth(columns, **bounds_of(point))
         yield true_torque_of(point, truth)
 
 

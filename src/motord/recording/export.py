@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,20 +25,6 @@ _PRINTF = {"f4": "%.9g", "f8": "%.17g"} | dict.fromkeys(("i4", "i8", "u4", "u8")
 """Formats by types; with so many digits a number reads back exactly."""
 
 
-@dataclass(frozen=True)
-class _Content:
-    """What is exported: `blocks` of `dtype`, columns as `record` describes them, of which run."""
-
-    dtype: np.dtype[np.void]
-    blocks: Iterator[Block]
-    record: Record
-    metadata: dict[str, Any]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.dtype.names or ()
-
-
 def export(
     run: Run, output: Path, columns: Iterable[str] | None = None, *, truth: bool = False
 ) -> int:
@@ -49,13 +34,14 @@ def export(
     it exists or cannot be written, and for columns that the recording does not have.
     """
     table, record = (run.truth_table, TRUTH) if truth else (run.tick_table, TICK)
-    formats = {".csv": _write_csv, ".parquet": _write_parquet}
-    if output.suffix not in formats:
+    if output.suffix not in (".csv", ".parquet"):
         raise RecordError(f"{output}: its name must end with .csv or .parquet")
     wanted = None if columns is None else tuple(columns)
-    content = _Content(table.dtype(wanted), table.blocks(wanted), record, run.metadata)
+    dtype, blocks = table.dtype(wanted), table.blocks(wanted)
     with _complete_or_absent(output) as part:
-        return formats[output.suffix](part, content)
+        if output.suffix == ".csv":
+            return _write_csv(part, dtype, blocks)
+        return _write_parquet(part, dtype, blocks, record, run.metadata)
 
 
 @contextmanager
@@ -72,12 +58,12 @@ def _complete_or_absent(output: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def _write_csv(path: Path, content: _Content) -> int:
+def _write_csv(path: Path, dtype: np.dtype[np.void], blocks: Iterator[Block]) -> int:
     """Write numbers as text that reads back as the same numbers."""
-    text, count = _csv_text(content.dtype), 0
+    text, count = _csv_text(dtype), 0
     with path.open("wb") as file:
-        file.write((",".join(content.names) + "\n").encode())
-        for block in _gathered(content.blocks, CSV_ROWS):
+        file.write((",".join(dtype.names or ()) + "\n").encode())
+        for block in _gathered(blocks, CSV_ROWS):
             file.write(text(block))
             count += len(block)
     return count
@@ -102,7 +88,13 @@ def _csv_text(dtype: np.dtype[np.void]) -> Callable[[Block], bytes]:
     return text
 
 
-def _write_parquet(path: Path, content: _Content) -> int:
+def _write_parquet(
+    path: Path,
+    dtype: np.dtype[np.void],
+    blocks: Iterator[Block],
+    record: Record,
+    metadata: dict[str, Any],
+) -> int:
     try:
         import pyarrow as pa
         from pyarrow import parquet
@@ -111,16 +103,16 @@ def _write_parquet(path: Path, content: _Content) -> int:
             "Parquet needs the package pyarrow: pip install 'motord[parquet]'; "
             "or choose a name that ends with .csv"
         ) from error
-    known = {f.name: {"unit": f.unit, "meaning": f.meaning} for f in content.record.fields}
+    known = {f.name: {"unit": f.unit, "meaning": f.meaning} for f in record.fields}
     fields = [
-        pa.field(name, pa.from_numpy_dtype(content.dtype[name]), metadata=known.get(name))
-        for name in content.names
+        pa.field(name, pa.from_numpy_dtype(dtype[name]), metadata=known.get(name))
+        for name in dtype.names or ()
     ]
-    schema = pa.schema(fields, metadata={"motord": to_json(content.metadata)})
+    schema = pa.schema(fields, metadata={"motord": to_json(metadata)})
     count = 0
     with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-        for group in _gathered(content.blocks, ROW_GROUP_ROWS):
-            columns = [np.ascontiguousarray(group[name]) for name in content.names]
+        for group in _gathered(blocks, ROW_GROUP_ROWS):
+            columns = [np.ascontiguousarray(group[name]) for name in schema.names]
             writer.write_table(pa.table(columns, schema=schema))
             count += len(group)
     return count

@@ -45,39 +45,33 @@ def _noted_span(run: Run) -> dict[str, Any] | None:
     if not run.source.structure.indexed:
         return None
     if run.end.get("ticks") == 0:
-        return _span(0, None, None)
+        return {"ticks": 0}
     keys = ("ticks", "tick_first", "t_start_ns", "tick_last", "t_end_ns")
     noted = [value for key in keys if isinstance(value := run.end.get(key), int)]
-    if len(noted) != len(keys):
-        return None
-    count, tick_first, start_ns, tick_last, end_ns = noted
-    return _span(count, (tick_first, start_ns), (tick_last, end_ns))
+    return _span(*noted) if len(noted) == len(keys) else None
 
 
 def _counted_span(run: Run) -> dict[str, Any]:
     count, first, last = 0, None, None
     for block in run.blocks(["tick", "t_ns"]):
         count += len(block)
-        first = first or (int(block["tick"][0]), int(block["t_ns"][0]))
-        last = (int(block["tick"][-1]), int(block["t_ns"][-1]))
-    return _span(count, first, last)
+        first, last = first or block[0].item(), block[-1].item()
+    return {"ticks": 0} if first is None or last is None else _span(count, *first, *last)
 
 
 def _span(
-    count: int, first: tuple[int, int] | None, last: tuple[int, int] | None
+    count: int, tick_first: int, start_ns: int, tick_last: int, end_ns: int
 ) -> dict[str, Any]:
-    """Return the facts of `count` ticks from `first` to `last`, each (tick, t_ns)."""
-    if first is None or last is None:
-        return {"ticks": 0}
-    duration_s = (last[1] - first[1]) / 1e9
+    """Return the facts of `count` ticks, the first and the last of them as given."""
+    duration_s = (end_ns - start_ns) / 1e9
     return {
         "ticks": count,
-        "tick_first": first[0],
-        "tick_last": last[0],
-        "ticks_missing": last[0] - first[0] + 1 - count,
-        "start": utc(first[1]),
-        "t_start_ns": first[1],
-        "t_end_ns": last[1],
+        "tick_first": tick_first,
+        "tick_last": tick_last,
+        "ticks_missing": tick_last - tick_first + 1 - count,
+        "start": utc(start_ns),
+        "t_start_ns": start_ns,
+        "t_end_ns": end_ns,
         "duration_s": duration_s,
         "rate_Hz": (count - 1) / duration_s if duration_s > 0 else None,
     }

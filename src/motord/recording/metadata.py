@@ -17,7 +17,6 @@ def describe(
     *,
     plan: dict[str, Any] | None = None,
     calibration_id: str = "",
-    realtime: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return the metadata of a run on the bench of `config`, whose file says `config_text`."""
     return {
@@ -33,6 +32,6 @@ def describe(
             "python": platform.python_version(),
             "cpus": os.cpu_count(),
         },
-        "realtime": realtime or {},
+        "realtime": {},
         "notes": config.bench.notes,
     }

@@ -1,9 +1,9 @@
 """Recordings read straight into arrays, in constant memory, whole or damaged."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from motord.recording import topics
 from motord.recording.damage import Damage
@@ -41,13 +41,24 @@ def open_run_unfinished_or_not(path: Path) -> "Run":
     return Run(path)
 
 
+class Bounds(TypedDict, total=False):
+    """A span of time, Unix ns, both ends included; without bound where one is left out."""
+
+    from_ns: int
+    to_ns: int
+
+
+def bounds_of(point: Mapping[str, Any]) -> Bounds:
+    """Return the span of time in which an operating point was captured."""
+    return {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+
+
 class Run:
     """A recording. Its file is open for as long as the object lives.
 
     `metadata`: what was known at the beginning; `end`: what the writer noted when it closed the
     file, empty if it did not; `tick_table`, `truth_table`: ticks and truth. Columns come in the
-    order asked for; bounds `from_ns`, `to_ns` are Unix ns, both included. All methods raise
-    RecordError for what the file does not have.
+    order asked for. All methods raise RecordError for what the file does not have.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,35 +89,19 @@ class Run:
         self.source.check_outside_chunks()
         return self.damage
 
-    def ticks(
-        self,
-        columns: Iterable[str] | None = None,
-        *,
-        from_ns: int | None = None,
-        to_ns: int | None = None,
-    ) -> Block:
+    def ticks(self, columns: Iterable[str] | None = None, **bounds: Unpack[Bounds]) -> Block:
         """Return the ticks, shape (n,)."""
-        return self.tick_table.whole(columns, Span(from_ns, to_ns))
+        return self.tick_table.whole(columns, Span(**bounds))
 
     def blocks(
-        self,
-        columns: Iterable[str] | None = None,
-        *,
-        from_ns: int | None = None,
-        to_ns: int | None = None,
+        self, columns: Iterable[str] | None = None, **bounds: Unpack[Bounds]
     ) -> Iterator[Block]:
         """Yield the ticks chunk by chunk, shape (n,) with n > 0."""
-        return self.tick_table.blocks(columns, Span(from_ns, to_ns))
+        return self.tick_table.blocks(columns, Span(**bounds))
 
-    def truth(
-        self,
-        columns: Iterable[str] | None = None,
-        *,
-        from_ns: int | None = None,
-        to_ns: int | None = None,
-    ) -> Block:
+    def truth(self, columns: Iterable[str] | None = None, **bounds: Unpack[Bounds]) -> Block:
         """Return what a simulated rig really did, shape (n,); none if the rig was real."""
-        return self.truth_table.whole(columns, Span(from_ns, to_ns))
+        return self.truth_table.whole(columns, Span(**bounds))
 
     def events(self) -> list[dict[str, Any]]:
         """Return the events in the order in which they were written."""

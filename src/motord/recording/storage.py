@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 from motord.config import RecordingConfig
@@ -24,12 +23,10 @@ def make_folder(folder: Path) -> None:
         raise RecordError(f"{folder}: cannot make it: {error.strerror}") from error
 
 
-def too_little_space(
-    folder: Path, settings: RecordingConfig, free: Callable[[Path], int] = free_bytes
-) -> str:
+def too_little_space(folder: Path, settings: RecordingConfig) -> str:
     """Return as text that less than `free_min_MB` is free, "" if more is or it is not known."""
     try:
-        short = free(folder) < settings.free_min_MB * MB
+        short = free_bytes(folder) < settings.free_min_MB * MB
     except OSError:
         return ""  # writing will show it
     if not short:
@@ -37,7 +34,7 @@ def too_little_space(
     return f"less than recording.free_min_MB = {settings.free_min_MB:g} is free"
 
 
-def obstacle(settings: RecordingConfig, free: Callable[[Path], int] = free_bytes) -> str:
+def obstacle(settings: RecordingConfig) -> str:
     """Return why nothing could be recorded now, with the folder, "" if it could.
 
     Makes the folder, and a file in it which it removes; may take as long as the disk does.
@@ -52,5 +49,5 @@ def obstacle(settings: RecordingConfig, free: Callable[[Path], int] = free_bytes
             probe.unlink(missing_ok=True)
     except OSError as error:
         return f"{folder}: cannot write there: {error.strerror or error}"
-    short = too_little_space(folder, settings, free)
+    short = too_little_space(folder, settings)
     return f"{folder}: {short}" if short else ""

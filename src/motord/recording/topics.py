@@ -19,45 +19,33 @@ MESSAGE_BYTES = "message_bytes"
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic: its channel number (also that of its schema), name and schema."""
+    """A topic: its MCAP records, which have one number, and the layout of its messages if fixed."""
 
-    number: int
-    name: str
-    schema_name: str
-    schema_encoding: str
-    schema_data: bytes
-    message_encoding: str
-    record: Record | None = None  # of messages of fixed layout
+    schema: Schema
+    channel: Channel
+    record: Record | None = None
 
-    def schema(self) -> Schema:
-        """Return the MCAP record of its schema."""
-        return Schema(
-            id=self.number,
-            name=self.schema_name,
-            encoding=self.schema_encoding,
-            data=self.schema_data,
-        )
+    @property
+    def number(self) -> int:
+        """The number of its channel, also that of its schema."""
+        return self.channel.id
 
-    def channel(self) -> Channel:
-        """Return the MCAP record of its channel."""
-        return Channel(
-            id=self.number,
-            topic=self.name,
-            message_encoding=self.message_encoding,
-            metadata=self._channel_metadata(),
-            schema_id=self.number,
-        )
-
-    def _channel_metadata(self) -> dict[str, str]:
-        if self.record is None:
-            return {}
-        return {MESSAGE_BYTES: str(BlockCodec(self.record).size)}
+    @property
+    def name(self) -> str:
+        """The name in the file."""
+        return self.channel.topic
 
 
 def _block_topic(number: int, record: Record) -> Topic:
-    descriptor = descriptor_set(record)
-    name = f"motord.{record.name}"
-    return Topic(number, f"/{record.name.lower()}", name, PROTOBUF, descriptor, PROTOBUF, record)
+    size = {MESSAGE_BYTES: str(BlockCodec(record).size)}
+    topic = f"/{record.name.lower()}"
+    return Topic(
+        Schema(
+            data=descriptor_set(record), encoding=PROTOBUF, id=number, name=f"motord.{record.name}"
+        ),
+        Channel(id=number, message_encoding=PROTOBUF, metadata=size, schema_id=number, topic=topic),
+        record,
+    )
 
 
 def _json_topic(number: int, name: str, title: str, properties: dict[str, Any]) -> Topic:
@@ -65,23 +53,18 @@ def _json_topic(number: int, name: str, title: str, properties: dict[str, Any]) 
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": title,
         "type": "object",
-        "properties": {"t_ns": {"type": "integer", "description": "Unix time, ns"}, **properties},
+        "properties": {"t_ns": _property("integer", "Unix time, ns"), **properties},
         "required": ["t_ns"],
     }
     data = json.dumps(schema, indent=1).encode()
-    return Topic(number, name, title, JSON_SCHEMA, data, JSON)
+    return Topic(
+        Schema(data=data, encoding=JSON_SCHEMA, id=number, name=title),
+        Channel(id=number, message_encoding=JSON, metadata={}, schema_id=number, topic=name),
+    )
 
 
-def _number(description: str) -> dict[str, str]:
-    return {"type": "number", "description": description}
-
-
-def _integer(description: str) -> dict[str, str]:
-    return {"type": "integer", "description": description}
-
-
-def _text(description: str) -> dict[str, str]:
-    return {"type": "string", "description": description}
+def _property(kind: str, description: str) -> dict[str, str]:
+    return {"type": kind, "description": description}
 
 
 TICKS = _block_topic(1, TICK)
@@ -91,8 +74,8 @@ EVENTS = _json_topic(
     "/event",
     "motord.Event",
     {
-        "kind": _text("what sort of event, one word"),
-        "message": _text("what happened"),
+        "kind": _property("string", "what sort of event, one word"),
+        "message": _property("string", "what happened"),
         "data": {"type": "object", "description": "its particulars"},
     },
 )
@@ -102,18 +85,20 @@ OPERATING_POINTS = _json_topic(
     "/operating_point",
     "motord.OperatingPoint",
     {
-        "index": _integer("plan_point of its ticks"),
-        "torque_Nm": _number("torque set-point"),
-        "speed_Hz": _number("speed set-point, turns a second"),
-        "tick_start": _integer("first tick"),
-        "tick_end": _integer("last tick, included"),
-        "t_start_ns": _integer("t_ns of the first tick"),
-        "t_end_ns": _integer("t_ns of the last tick"),
-        "turns": _number("turns captured"),
-        "speed_mean_Hz": _number("mean speed, turns a second"),
-        "quality": _text("ok, or what is wrong with it"),
-        "compensate": _integer("what was compensated: 1 currents, 2 cogging"),
-        "take": _integer("which take of the point this is; of several the last good one counts"),
+        "index": _property("integer", "plan_point of its ticks"),
+        "torque_Nm": _property("number", "torque set-point"),
+        "speed_Hz": _property("number", "speed set-point, turns a second"),
+        "tick_start": _property("integer", "first tick"),
+        "tick_end": _property("integer", "last tick, included"),
+        "t_start_ns": _property("integer", "t_ns of the first tick"),
+        "t_end_ns": _property("integer", "t_ns of the last tick"),
+        "turns": _property("number", "turns captured"),
+        "speed_mean_Hz": _property("number", "mean speed, turns a second"),
+        "quality": _property("string", "ok, or what is wrong with it"),
+        "compensate": _property("integer", "what was compensated: 1 currents, 2 cogging"),
+        "take": _property(
+            "integer", "which take of the point this is; of several the last good one counts"
+        ),
     },
 )
 ALL = (TICKS, TRUTHS, EVENTS, PLANS, OPERATING_POINTS)

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
+from motord.config import RecordingConfig
 from motord.recording import topics
 from motord.recording.errors import RecordError
 from motord.recording.json_encoding import to_json, to_strings
@@ -56,6 +56,13 @@ class RunWriter:
         except RecordError:
             self._file.discard()
             raise
+
+    @classmethod
+    def of(
+        cls, settings: RecordingConfig, path: Path, metadata: Mapping[str, object]
+    ) -> "RunWriter":
+        """Return a writer as `[recording]` of a bench file has it."""
+        return cls(path, metadata, compression=settings.compression, chunk_s=settings.chunk_s)
 
     @property
     def path(self) -> Path:
@@ -141,12 +148,7 @@ class RunWriter:
     def __enter__(self) -> "RunWriter":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *unused: object) -> None:
         if kind is None:
             self.close()
         else:
@@ -154,7 +156,7 @@ class RunWriter:
 
     def _declare(self, topic: Topic) -> None:
         if topic.number not in self._counts:
-            self._file.channel(topic.schema(), topic.channel())
+            self._file.channel(topic.schema, topic.channel)
             self._counts[topic.number] = 0
 
     def _message(self, topic: Topic, t_ns: int, content: Mapping[str, object]) -> None:
@@ -170,7 +172,9 @@ class RunWriter:
         self._declare(topic)
         times_ns = np.maximum(block["t_ns"], 0)
         for number, part in self._by_chunk(times_ns):
-            self._enter_chunk(number)
+            if self._chunk_number not in (None, number):
+                self.flush()
+            self._chunk_number = number
             self._fill_chunk(layout, block[part], times_ns[part], sequence[part])
         self._counts[topic.number] += len(block)
 
@@ -186,11 +190,6 @@ class RunWriter:
         edges = np.flatnonzero(numbers[1:] != numbers[:-1]) + 1
         for start, end in zip([0, *edges], [*edges, len(times_ns)], strict=True):
             yield int(numbers[start]), slice(int(start), int(end))
-
-    def _enter_chunk(self, number: int) -> None:
-        if self._chunk_number not in (None, number):
-            self.flush()
-        self._chunk_number = number
 
     def _fill_chunk(
         self, layout: MessageArray, block: Block, times_ns: Block, sequence: Block

@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 from scipy.linalg import expm
 
-from motord.config import SEQUENCE, DqConfig, InverterConfig
+from motord.config import SEQUENCE, DqConfig
+from motord.config.devices import InverterConfig
 from motord.rig.free_decay import add_bar
 from motord.rig.noise import gaussian, random_state
 from motord.rig.park import LATCHED, TURNING

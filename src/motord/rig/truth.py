@@ -20,8 +20,8 @@ from motord.config import (
     Section,
     packaged,
     read_toml,
-    validate,
 )
+from motord.config.reading import validate
 
 MAX_ORDERS = 32
 """Distinct orders per turn that back-EMF and cogging together may have."""

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import ValidationError
 
 from motord.config import Config, Section
+from motord.config.base import what_is_wrong
 from motord.schema import Compensate
 
 Settings = TypeVar("Settings", bound=Section)
@@ -26,10 +27,8 @@ def chosen(
     try:
         return section.model_validate({**own.model_dump(), **given})
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])
-        known = ", ".join([*section.model_fields, *others])
-        raise PlanError(f"{name}: setting {key}: {first['msg']}; settings are: {known}") from None
+        wrong, known = next(what_is_wrong(error)), ", ".join([*section.model_fields, *others])
+        raise PlanError(f"{name}: setting {wrong}; settings are: {known}") from None
 
 
 Compensation = Literal["off", "on", "calibration", "currents", "cogging"]

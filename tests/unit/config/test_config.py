@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord import config
-from motord.config import ConfigError, load, load_motor
+from motord.config import ConfigError, load
+from motord.config.reading import load_motor
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.config import ConfigError, load
-from motord.config.faults import KINDS, Fault, Timeline, random_timeline
+from motord.config.faults import KINDS, Fault, Timeline
 from motord.emulate import EmulatorError
 from motord.emulate.bench import EmulatedBench
 from motord.emulate.board import Board
@@ -21,6 +21,7 @@ from motord.emulate.faults import Injector
 from motord.rig.truth import RigTruth
 from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus
 from motord.wire.bridge import frames
+from tests.support.random_faults import random_timeline
 from tests.unit.emulate.benches import EMULATED
 
 MS = 1_000_000

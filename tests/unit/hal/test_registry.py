@@ -3,7 +3,8 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from motord import config
-from motord.config import BrakeConfig, Config, InverterConfig, ModbusConfig
+from motord.config import BrakeConfig, Config, ModbusConfig
+from motord.config.devices import InverterConfig
 from motord.hal import registry
 from motord.hal.base import DeviceError
 from motord.hal.bridge.serial import SerialBridge

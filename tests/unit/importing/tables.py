@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from motord.importing import Imported, import_run
+from motord.importing.convert import Imported, import_run
 from motord.recording.reader import Run, open_run
 
 MOTOR = """\

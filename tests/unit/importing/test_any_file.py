@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from motord.config import ConfigError
-from motord.importing import import_run
+from motord.importing.convert import import_run
 from motord.recording.errors import RecordError
 from motord.recording.reader import open_run
 from tests.unit.importing.tables import MAP, turning, write_motor

@@ -21,6 +21,7 @@ from motord.recorder.protocol import OUTCOMES_MAX
 from motord.recorder.session import Session
 from motord.recording.file_names import part_of
 from motord.recording.info import describe
+from motord.recording.json_encoding import to_line
 from motord.recording.mcap.mcap_file import McapFile
 from motord.recording.reader import open_run
 from motord.schema import State, Trip
@@ -57,7 +58,7 @@ class Bench:
     def ask(self, tick: int | None, before: int = 100, after: int = 30, number: int = 0) -> Path:
         path = self.path(number)
         wanted = BlackBoxRequest(path, tick, before, after, METADATA, ACCOUNT)
-        line = json.dumps({"do": "blackbox", **wanted.command()}).encode()
+        line = to_line({"do": "blackbox", **vars(wanted)})
         handle(self.session, line, self.now_s)
         return path
 

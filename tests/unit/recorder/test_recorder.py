@@ -320,7 +320,6 @@ def test_the_process_records_reports_and_ends_on_sigterm(supervisor):
     supervisor.link.event(1, "state", "ENABLED", {"a": 1})
     supervisor.link.plan(2, {"plan": "calibrate"})
     supervisor.link.operating_point(3, {"index": 0})
-    supervisor.link.metadata("motord.latency", {"p50_us": 1})
     supervisor.link.stop("plan done")
     supervisor.until(lambda r: not r.recording)
     run = open_run(Path(supervisor.last.file))

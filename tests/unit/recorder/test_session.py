@@ -17,6 +17,7 @@ from motord.recorder.commands import handle
 from motord.recorder.ring_source import Mark, last_mark
 from motord.recorder.rolling_file import RollingFile
 from motord.recorder.session import Session
+from motord.recording import storage
 from motord.recording.errors import RecordError
 from motord.recording.file_names import file_name, next_file, numbers, part_of
 from motord.recording.reader import open_run
@@ -30,6 +31,18 @@ CAPACITY = 256
 PLENTY = 10**12
 
 
+class FreeSpace:
+    """Bytes that are free on the disk."""
+
+    bytes = PLENTY
+
+
+@pytest.fixture(autouse=True)
+def _free_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    FreeSpace.bytes = PLENTY
+    monkeypatch.setattr(storage, "free_bytes", lambda folder: FreeSpace.bytes)
+
+
 class Bench:
     """A ring that a loop fills, a session that empties it, a clock and a disk."""
 
@@ -39,13 +52,12 @@ class Bench:
         self.ring_path = folder / "ring"
         self.ring = RingWriter(self.ring_path, CAPACITY)
         self.settings = RecordingConfig(sync_s=1.0, free_min_MB=1.0, **settings)
-        self.free = PLENTY
         self.now_s = 1000.0
         self.published = 0
         self.session = self.new_session()
 
     def new_session(self) -> Session:
-        return Session(self.ring_path, self.settings, lambda folder: self.free)
+        return Session(self.ring_path, self.settings)
 
     def loop(self, count: int, first: int | None = None) -> None:
         """Publish `count` ticks, as the loop does."""
@@ -190,14 +202,12 @@ def test_messages_are_recorded_and_forgotten_without_a_recording(bench):
     bench.do(do="event", t_ns=1, content={"kind": "early", "message": "not recorded"})
     bench.do(do="plan", t_ns=1, content={})
     bench.do(do="operating_point", t_ns=1, content={})
-    bench.do(do="metadata", name="motord.latency", content={})
     bench.start()
     bench.loop(5)
     bench.do(do="event", t_ns=2, content={"kind": "state", "message": "READY"})
     bench.do(do="event", t_ns=3, content={"kind": "state", "message": "X", "data": {"a": 1}})
     bench.do(do="plan", t_ns=4, content={"plan": "verify"})
     bench.do(do="operating_point", t_ns=5, content={"index": 7})
-    bench.do(do="metadata", name="motord.latency", content={"p50_us": 1.5})
     bench.stop()
     run = open_run(bench.files()[0])
     assert [(e["t_ns"], e["kind"], e["data"]) for e in run.events()] == [
@@ -205,7 +215,6 @@ def test_messages_are_recorded_and_forgotten_without_a_recording(bench):
     ]  # fmt: skip
     assert run.plan() == [{"t_ns": 4, "plan": "verify"}]
     assert run.operating_points() == [{"t_ns": 5, "index": 7}]
-    assert run.source.structure.metadata["motord.latency"]["p50_us"] == "1.5"
 
 
 @pytest.mark.parametrize(
@@ -446,7 +455,7 @@ def test_too_little_space_ends_the_recording_cleanly(bench):
     bench.start()
     bench.loop(100)
     bench.step(1.1)
-    bench.free = 999_999
+    FreeSpace.bytes = 999_999
     bench.loop(50)
     bench.step(0.05)
     assert bench.report()["recording"]
@@ -465,7 +474,7 @@ def test_too_little_space_ends_the_recording_cleanly(bench):
     assert bench.recorded() == list(range(150))
     bench.start()
     assert "nothing is recorded" in bench.report()["error"]
-    bench.free = PLENTY
+    FreeSpace.bytes = PLENTY
     bench.start()
     assert bench.report()["error"] == ""
     bench.stop()
@@ -491,11 +500,12 @@ def test_a_disk_that_fails_ends_the_recording(bench, monkeypatch):
     assert bench.files()[0].suffix == ".part"
 
 
-def test_unknown_free_space_is_no_reason_to_stop(tmp_path):
+def test_unknown_free_space_is_no_reason_to_stop(tmp_path, monkeypatch):
     def fail(folder: Path) -> int:
         raise OSError
 
-    recording = RollingFile(tmp_path / "day", {}, RecordingConfig(), 0.0, fail)
+    monkeypatch.setattr(storage, "free_bytes", fail)
+    recording = RollingFile(tmp_path / "day", {}, RecordingConfig(), 0.0)
     recording.step(5.0)
     assert recording.open
     recording.close("done")
@@ -754,14 +764,14 @@ def test_a_disk_that_was_full_takes_the_rest_in_a_new_file(bench):
     for _ in range(4):
         bench.loop(30)
         bench.step(1.1)
-    bench.free = 0
+    FreeSpace.bytes = 0
     bench.loop(10)
     bench.step(1.1)
     bench.step(1.1)
     assert "free_min_MB" in bench.report()["error"]
     bench.loop(50)
     bench.step(1.1)
-    bench.free = PLENTY
+    FreeSpace.bytes = PLENTY
     bench.step(30.0)
     bench.loop(5)
     bench.step()
@@ -811,10 +821,10 @@ def test_whether_it_could_record_is_looked_at_while_it_does_not(bench):
     bench.step()
     assert "obstacle" not in bench.report()
     assert bench.files() == []
-    bench.free = 0
+    FreeSpace.bytes = 0
     bench.step(2.1)
     assert "free_min_MB" in bench.report()["obstacle"]
-    bench.free = PLENTY
+    FreeSpace.bytes = PLENTY
     shutil.rmtree(bench.stem.parent)
     bench.stem.parent.write_text("in the way of a folder")
     bench.step(2.1)

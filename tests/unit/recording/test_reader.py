@@ -391,9 +391,9 @@ def unfinished_by(path: Path, record: Record, count: int, told: int | None = Non
     block = np.zeros(count, record.dtype)
     block["tick"] = np.arange(count)
     block["t_ns"] = START_NS + block["tick"].astype(np.int64)
-    schema, channel = topics.TICKS.schema(), topics.TICKS.channel()
-    schema.data = descriptor_set(record)
-    channel.metadata = {"message_bytes": str(codec.size if told is None else told)}
+    schema = replace(topics.TICKS.schema, data=descriptor_set(record))
+    size = {"message_bytes": str(codec.size if told is None else told)}
+    channel = replace(topics.TICKS.channel, metadata=size)
     layout, chunk = MessageArray(1, codec), ChunkBuilder()
     chunk.add_block(layout, block, block["t_ns"], block["tick"])
     output_file = McapFile(path)
@@ -475,7 +475,7 @@ def test_an_event_that_is_no_json_is_told(tmp_path):
 def minimal(*records: Any, footer: Footer | None = None) -> bytes:
     topic = topics.TICKS
     end = [DataEnd(0), footer or Footer(0, 0, 0)]
-    head = [Header("", "other"), topic.schema(), topic.channel()]
+    head = [Header("", "other"), topic.schema, topic.channel]
     return MAGIC + serialise([*head, *records, *end]) + MAGIC
 
 
@@ -516,8 +516,8 @@ def chunk_of(*pieces: bytes) -> bytes:
 )
 def test_chunks_with_impossible_records_are_a_loss(tmp_path, piece, reason):
     path = tmp_path / "run.mcap"
-    good = chunk_of(serialise([Schema(5, b"", "", "s")]), serialise([topics.TICKS.channel()]))
-    body = serialise([Header("", "other"), topics.TICKS.schema(), topics.TICKS.channel()])
+    good = chunk_of(serialise([Schema(5, b"", "", "s")]), serialise([topics.TICKS.channel]))
+    body = serialise([Header("", "other"), topics.TICKS.schema, topics.TICKS.channel])
     path.write_bytes(MAGIC + body + good + chunk_of(piece) + serialise([DataEnd(0)]))
     run = open_run(path)
     assert len(run.ticks()) == 0

@@ -114,8 +114,8 @@ def test_nothing_is_overwritten_and_nothing_half_done_remains(whole, tmp_path):
 def test_chunks_without_use_are_left_out(tmp_path):
     path = tmp_path / "run.mcap"
     output_file = McapFile(path)
-    output_file.channel(topics.TICKS.schema(), topics.TICKS.channel())
-    for record in (topics.TICKS.channel(), Message(1, 5, b"not a tick", 5, 0)):
+    output_file.channel(topics.TICKS.schema, topics.TICKS.channel)
+    for record in (topics.TICKS.channel, Message(1, 5, b"not a tick", 5, 0)):
         content = serialise([record])
         output_file.chunk(Chunk("", content, 5, 5, crc32(content), len(content)), {})
     output_file.finish()

@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from motord.config import Config, ConfigError, load
-from motord.config.faults import KINDS, Fault, Timeline, load_timeline, random_timeline
+from motord.config.faults import KINDS, Fault, Timeline, load_timeline
 from motord.control.types import COMMAND, SETPOINT
 from motord.rig.types import RIG_INPUT
 from motord.schema import FAULT_COUNT_SHIFT, Flag, Request, State, Trip
@@ -17,6 +17,7 @@ from motord.virtual.faults import deliver_command, new_link
 from tests.campaigns import faults as campaign
 from tests.campaigns.fault_bench import STATES, Driver, outcome
 from tests.campaigns.fault_table import TABLE, Row
+from tests.support.random_faults import random_timeline
 
 EXAMPLES = Path(__file__).parents[3] / "config" / "faults"
 VIRTUAL = [kind for kind, known in KINDS.items() if "virtual" in known.places]

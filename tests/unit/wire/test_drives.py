@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from motord.config import CanConfig, InverterConfig, packaged
+from motord.config import CanConfig, packaged
+from motord.config.devices import InverterConfig
 from motord.schema import InverterStatus
 from motord.wire.can import dbc
 from motord.wire.can.codec import InverterCodec

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from motord.config import ConfigError, ModbusConfig, validate
+from motord.config import ConfigError, ModbusConfig
+from motord.config.reading import validate
 from motord.wire.modbus.registers import DeviceStatus, Register, layout
 
 KINDS = ("u16", "i16", "u32", "i32")

@@ -12,7 +12,7 @@ from motord.cli.common_options import AsJson
 from motord.cli.console import fail, print_result, progress_bar, text_column
 
 if TYPE_CHECKING:
-    from motord.importing import Imported
+    from motord.importing.convert import Imported
     from motord.importing.survey import Progress
 
 QUIET_S = 2.0
@@ -31,7 +31,7 @@ def import_recording(
     as_json: AsJson = False,
 ) -> None:
     """Make a run of a recording from elsewhere; every `analyse` works on it."""
-    from motord.importing import import_run
+    from motord.importing.convert import import_run
 
     try:
         with _progress(silent=as_json) as progress:

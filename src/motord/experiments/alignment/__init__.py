@@ -1,7 +1,7 @@
 """Alignment of phases and encoder: order and direction of the phases, zero of the encoder."""
 
-from motord.config import AlignConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.plans import AlignConfig
 
 EXPERIMENT = Experiment(
     plans=(

@@ -1,7 +1,7 @@
 """Calibration: current gains alpha, current offsets beta and cogging torque from the mesh."""
 
-from motord.config import CalibrateConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.plans import CalibrateConfig
 
 EXPERIMENT = Experiment(
     plans=(

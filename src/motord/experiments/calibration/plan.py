@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from motord.config import CalibrateConfig, Config
+from motord.config import Config
+from motord.config.plans import CalibrateConfig
 from motord.sequencing import Induced, OperatingPoint, Plan
 from motord.sequencing.mesh import mesh_plan
 

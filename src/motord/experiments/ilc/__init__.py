@@ -1,7 +1,7 @@
 """Iterative learning control: corrections of the torque learned at the points of the mesh."""
 
-from motord.config import LearnConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.plans import LearnConfig
 
 EXPERIMENT = Experiment(
     plans=(

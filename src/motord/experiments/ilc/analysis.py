@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from motord.calibration import Calibration
-from motord.config import InverterConfig
+from motord.config.devices import InverterConfig
 from motord.experiments.ilc.estimate import (
     Learning,
     Left,

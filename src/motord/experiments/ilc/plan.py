@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from motord.config import Config, LearnConfig
+from motord.config import Config
+from motord.config.plans import LearnConfig
 from motord.learned import MAX_NODES
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.mesh import mesh_plan

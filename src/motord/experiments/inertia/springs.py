@@ -5,7 +5,8 @@ from math import pi, sqrt
 
 import numpy as np
 
-from motord.config import EffectiveMass, OscillationConfig
+from motord.config import OscillationConfig
+from motord.config.inertia import EffectiveMass
 from motord.identification import IdentifyError
 
 HEAVY, UNLOADED = 1 / 3, 4 / pi**2

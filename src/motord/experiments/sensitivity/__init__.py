@@ -1,7 +1,7 @@
 """Sensitivity of torque ripple to errors of gains, offsets and cogging torque."""
 
-from motord.config import SensitivityConfig
 from motord.config.experiments import AnalysisKind, Experiment, PlanKind
+from motord.config.plans import SensitivityConfig
 
 EXPERIMENT = Experiment(
     plans=(

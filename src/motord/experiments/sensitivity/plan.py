@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from motord.config import Config, MeshConfig, SensitivityConfig
+from motord.config import Config, MeshConfig
+from motord.config.plans import SensitivityConfig
 from motord.sequencing import NOTHING_INDUCED, Induced, OperatingPoint, Plan, PlanError
 from motord.sequencing.limits import check_operating_points
 from motord.sequencing.mesh import operating_points, serpentine

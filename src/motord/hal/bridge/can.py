@@ -1,6 +1,7 @@
 """The bridge board over CAN: the bodies of its frames in pieces, on a channel others may share."""
 
-from motord.config import BridgeCanConfig, Config
+from motord.config import Config
+from motord.config.devices import BridgeCanConfig
 from motord.hal.base import DeviceError
 from motord.hal.bridge.board import Bridge
 from motord.hal.can.base import CanFrame

@@ -1,6 +1,7 @@
 """The bridge board over a serial port (USB CDC or UART)."""
 
-from motord.config import BridgeConfig, Config
+from motord.config import Config
+from motord.config.devices import BridgeConfig
 from motord.hal.bridge.board import Bridge
 from motord.hal.bridge.serial_port import SerialPort
 from motord.wire.bridge import frames

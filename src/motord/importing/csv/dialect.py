@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import product
 from pathlib import Path
 
 from motord.importing.mapping import CsvMap
@@ -189,15 +190,13 @@ def _header(lines: Sequence[str], options: CsvMap, wanted: Sequence[str]) -> tup
             for n in range(options.skip_lines + 1, min(len(lines), HEADER_LINES) + 1)
             if lines[n - 1].strip()
         ]
-    best, found = 0, (0, delimiters[0])
-    for n in candidates:
-        for delimiter in delimiters:
-            cells = set(split_line(lines[n - 1], delimiter))
-            score = sum(name.strip() in cells for name in wanted)
-            if score > best:
-                best, found = score, (n, delimiter)
-    if best:
-        return found
+    named = {name.strip() for name in wanted}
+    found = {
+        (n, delimiter): len(named.intersection(split_line(lines[n - 1], delimiter)))
+        for n, delimiter in product(candidates, delimiters)
+    }
+    if any(found.values()):
+        return max(found, key=lambda place: found[place])
     delimiter = _delimiter_of_rows(lines, delimiters)
     return _line_above_rows(lines, candidates, delimiter), delimiter
 

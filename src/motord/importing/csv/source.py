@@ -10,7 +10,7 @@ from motord.importing.csv.cells import CellReader
 from motord.importing.csv.dialect import Dialect, detect, is_date, is_row, number
 from motord.importing.mapping import CsvMap
 from motord.importing.problems import Problems
-from motord.importing.source import RawBlock, RowClock, WantedColumn
+from motord.importing.source import RawBlock, RowSource, WantedColumn
 from motord.recording.errors import RecordError
 
 BLOCK_CHARACTERS = 1 << 21
@@ -20,7 +20,7 @@ LINE_MAX = 1 << 20
 """Characters of the longest line of a table."""
 
 
-class CsvSource:
+class CsvSource(RowSource):
     """A CSV file; `wanted` names columns that it should have, by which its header is found.
 
     Raises RecordError for a file that is no table.
@@ -30,30 +30,13 @@ class CsvSource:
 
     def __init__(self, path: Path, options: CsvMap, wanted: Sequence[str]) -> None:
         self.path = path
-        self._dialect = detect(path, options, wanted)
+        self._dialect = d = detect(path, options, wanted)
         self._size = max(path.stat().st_size, 1)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns; "" for one without."""
-        return self._dialect.names
-
-    @property
-    def notes(self) -> list[str]:
-        """How the file is written, as text."""
-        d = self._dialect
-        return [
+        self.names = d.names
+        self.notes = [
             f"{d.encoding}, delimiter {d.delimiter!r}, decimal {d.decimal!r}, "
             f"rows from line {d.first_line}"
         ]
-
-    def places(self, name: str) -> list[int]:
-        """Return the index of each column of this name."""
-        return [index for index, known in enumerate(self.names) if known == name]
-
-    def row_clock(self, columns: Sequence[int]) -> RowClock | None:
-        """Return None: CSV says nothing about time."""
-        return None
 
     def holds_dates(self, index: int) -> bool:
         """Return whether a column holds dates rather than numbers."""
@@ -65,9 +48,6 @@ class CsvSource:
         """Return whether a column holds whole numbers."""
         cells = [row[index] for row in self._dialect.sample if index < len(row)]
         return all(cell.lstrip("+-").isdecimal() for cell in cells if cell)
-
-    def fix_rows(self, columns: Sequence[int]) -> None:
-        """Do nothing: every line is a row."""
 
     def blocks(self, wanted: Sequence[WantedColumn], problems: Problems) -> Iterator[RawBlock]:
         """Yield all rows; those that have another number of cells are noted and left out."""

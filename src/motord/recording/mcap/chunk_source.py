@@ -32,25 +32,18 @@ _READ_AT_ONCE_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Span:
-    """A span of time, Unix ns, both ends included; None is without bound."""
+    """A span of time, Unix ns, both ends included."""
 
-    from_ns: int | None = None
-    to_ns: int | None = None
+    from_ns: int = -(1 << 64)
+    to_ns: int = 1 << 64
 
     def overlaps(self, entry: ChunkEntry) -> bool:
         """Return whether a chunk may have messages in it, by what its index says."""
-        early = self.from_ns is not None and entry.end_ns < self.from_ns
-        late = self.to_ns is not None and entry.start_ns > self.to_ns
-        return not (early or late)
+        return entry.end_ns >= self.from_ns and entry.start_ns <= self.to_ns
 
     def contains(self, times_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which times (n,) are within it, shape (n,)."""
-        within = np.ones(len(times_ns), np.bool_)
-        if self.from_ns is not None:
-            within &= times_ns >= self.from_ns
-        if self.to_ns is not None:
-            within &= times_ns <= self.to_ns
-        return within
+        return (times_ns >= self.from_ns) & (times_ns <= self.to_ns)
 
 
 ALWAYS = Span()

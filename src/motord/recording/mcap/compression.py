@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from functools import partial
 
 import zstandard
 from lz4 import frame as lz4_frame
@@ -37,14 +38,10 @@ def compressor(name: str) -> tuple[str, Compress]:
     if name == "zstd":
         return "zstd", zstandard.ZstdCompressor(compression_params=_ZSTD).compress
     if name == "lz4":
-        return "lz4", _lz4
+        return "lz4", partial(lz4_frame.compress, store_size=True)
     if name == "none":
         return "", bytes
     raise RecordError(f'compression "{name}" is not known; use zstd, lz4 or none')
-
-
-def _lz4(content: memoryview) -> bytes:
-    return bytes(lz4_frame.compress(content, store_size=True))
 
 
 def decompress(name: str, data: memoryview, size: int) -> bytes | memoryview:

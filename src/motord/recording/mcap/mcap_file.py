@@ -9,6 +9,7 @@ import errno
 import fcntl
 import os
 import struct
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
@@ -76,17 +77,9 @@ class McapFile:
         self._channels: dict[int, Channel] = {}
         self._chunk_indexes = bytearray()  # objects would take ten times as much memory
         self._metadata: list[MetadataIndex] = []
-        self._statistics = Statistics(
-            attachment_count=0,
-            channel_count=0,
-            channel_message_counts={},
-            chunk_count=0,
-            message_count=0,
-            message_end_time=0,
-            message_start_time=0,
-            metadata_count=0,
-            schema_count=0,
-        )
+        self._chunks = 0
+        self._counts: Counter[int] = Counter()  # messages of each channel
+        self._start_ns, self._end_ns = 0, 0
         self._descriptor = self._create()
         try:
             self._write(MAGIC + serialise([Header(profile="", library=_library())]))
@@ -106,7 +99,7 @@ class McapFile:
             self._schemas[schema.id] = schema
         self._write(serialise([channel]))
         self._channels[channel.id] = channel
-        self._statistics.channel_message_counts[channel.id] = 0
+        self._counts[channel.id] = 0
 
     def metadata(self, name: str, strings: dict[str, str]) -> None:
         """Write a metadata record."""
@@ -137,7 +130,11 @@ class McapFile:
                 )
             ]
         )
-        self._count(chunk, {channel: len(entries) for channel, entries in index.items()})
+        start_ns = chunk.message_start_time
+        self._start_ns = min(self._start_ns, start_ns) if self._chunks else start_ns
+        self._end_ns = max(self._end_ns, chunk.message_end_time)
+        self._chunks += 1
+        self._counts.update({channel: len(entries) for channel, entries in index.items()})
 
     def sync(self) -> None:
         """Have the disk hold everything written so far, where others can find it."""
@@ -215,27 +212,22 @@ class McapFile:
                 f"{self._part}: cannot write it: {error.strerror or error}"
             ) from error
 
-    def _count(self, chunk: Chunk, messages: Mapping[int, int]) -> None:
-        total = self._statistics
-        start_ns, end_ns = chunk.message_start_time, chunk.message_end_time
-        total.message_start_time = (
-            min(total.message_start_time, start_ns) if total.chunk_count else start_ns
-        )
-        total.message_end_time = max(total.message_end_time, end_ns)
-        total.chunk_count += 1
-        for channel, count in messages.items():
-            counts = total.channel_message_counts
-            counts[channel] = counts.get(channel, 0) + count
-            total.message_count += count
-
     def _summary(self) -> bytes:
-        total = self._statistics
-        total.schema_count, total.channel_count = len(self._schemas), len(self._channels)
-        total.metadata_count = len(self._metadata)
+        statistics = Statistics(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=self._chunks,
+            message_count=self._counts.total(),
+            message_end_time=self._end_ns,
+            message_start_time=self._start_ns,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
+        )
         groups: list[tuple[Opcode, bytes | bytearray]] = [
             (Opcode.SCHEMA, serialise(self._schemas.values())),
             (Opcode.CHANNEL, serialise(self._channels.values())),
-            (Opcode.STATISTICS, serialise([total])),
+            (Opcode.STATISTICS, serialise([statistics])),
             (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.METADATA_INDEX, serialise(self._metadata)),
         ]

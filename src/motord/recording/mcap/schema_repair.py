@@ -23,18 +23,18 @@ def repair_schemas(structure: Structure) -> None:
         if library == "" and known is not None:
             continue
         if not _usable(structure.schemas.get(topic.number), known, topic):
-            structure.schemas[topic.number] = topic.schema()
+            structure.schemas[topic.number] = topic.schema
         for number, channel in list(structure.channels.items()):
             if channel.topic == topic.name:
                 del structure.channels[number]
-        structure.channels[topic.number] = topic.channel()
+        structure.channels[topic.number] = topic.channel
 
 
 def _usable(schema: Schema | None, channel: Channel | None, topic: Topic) -> bool:
     """Return whether a schema that no checksum covers is one that a version of motord wrote."""
-    if schema is None or schema.name != topic.schema_name:
+    if schema is None or schema.name != topic.schema.name:
         return False
-    if topic.record is None or schema.data == topic.schema_data:
+    if topic.record is None or schema.data == topic.schema.data:
         return True
     try:
         found = read_record(schema.data, schema.name)

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 
-from motord.config import ModbusConfig, RegisterKind
+from motord.config import ModbusConfig
+from motord.config.devices import RegisterKind
 
 _LAYOUTS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i"}
 

@@ -5,7 +5,7 @@ import can
 import pytest
 
 from motord import config
-from motord.config import BridgeCanConfig
+from motord.config.devices import BridgeCanConfig
 from motord.emulate import EmulatorError
 from motord.emulate.board import Board
 from motord.emulate.bridge.can_link import BoardCanLink

@@ -9,7 +9,7 @@ import pytest
 
 from motord.calibration import Calibration, load
 from motord.cli.analysis_command import app
-from motord.config import InverterConfig
+from motord.config.devices import InverterConfig
 from motord.experiments.ilc.analysis import (
     LearnPass,
     finish,

@@ -8,7 +8,7 @@ from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.subject import Subject
 from motord.identification.operating_points import COMMANDS, CURRENTS, good_points
 from motord.identification.orders import COUNTS_PER_COGGING_ORDER, allowed_orders
-from motord.recording.reader import Run
+from motord.recording.reader import Run, bounds_of
 
 TRUE_CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
 
@@ -54,7 +54,7 @@ def _points(run: Run) -> Iterable[tuple[np.ndarray, ...]]:
     if not run.truth_table.present:
         return
     for point in good_points(run.operating_points()):
-        bounds = {"from_ns": int(point["t_start_ns"]), "to_ns": int(point["t_end_ns"])}
+        bounds = bounds_of(point)
         ticks = run.ticks(("t_ns", *CURRENTS, *COMMANDS), **bounds)
         truth = run.truth(("t_ns", "angle_rad", "torque_cog_Nm", *TRUE_CURRENTS), **bounds)
         _, a, b = np.intersect1d(ticks["t_ns"], truth["t_ns"], return_indices=True)
