@@ -42,6 +42,13 @@ BY_NAME = {
             *("feedback_u_d_V", "feedback_u_q_V", "feedback_u_bus_V", "feedback_temperature_C"),
         )
     },
+    **{
+        f"inverter.can.signals.status_{name}": "getattr, by the name of the status bit"
+        for name in (
+            *("ready_value", "fault_value", "enable_line_mask", "enable_line_value"),
+            *("timeout_mask", "timeout_value"),
+        )
+    },
 }
 """Keys that the program reads by a name that it puts together, and how."""
 
