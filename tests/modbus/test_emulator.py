@@ -1,5 +1,6 @@
 """The emulated Modbus devices, asked by a host that libmodbus makes, over TCP and RTU."""
 
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ from motord.emulate.devices import RegisterDevice
 from motord.emulate.modbus import ModbusServers
 from motord.wire.modbus.pdu import crc16_modbus
 from motord.wire.modbus.registers import DeviceStatus
-from tests.modbus.peers import BAUD, Peer
+from tests.modbus.peers import BAUD, PATIENCE_S, Peer
 from tests.support.ports import free_port
 
 PATIENT_MS, SHORT_MS = 5000, 200
@@ -185,11 +186,23 @@ def test_a_unit_that_is_not_there(bench: Bench) -> None:
     assert host("read", 0, 1) == "ok 0"
 
 
+class Silence:
+    """What makes a device silent, and knows when a request has met it."""
+
+    def __init__(self) -> None:
+        self.met = threading.Event()
+
+    def __bool__(self) -> bool:
+        self.met.set()
+        return True
+
+
 def test_a_silent_device_answers_again(bench: Bench) -> None:
     host = bench.host()
     host("timeout", SHORT_MS)
-    bench.devices[1].silent = True
+    bench.devices[1].silent = silence = Silence()
     assert host("read", 0, 1) == "error Connection timed out"
+    assert silence.met.wait(PATIENCE_S)
     bench.devices[1].silent = False
     host("timeout", PATIENT_MS)
     host("reconnect")

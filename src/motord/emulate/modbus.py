@@ -30,9 +30,6 @@ SERVED = (3, READ_INPUT, 6, 16, 22, 23)
 FRAME_PAUSE_S = 0.005
 """Silence on a serial line after which what comes is the start of a new frame."""
 
-SILENT_LOOK_S = 0.02
-"""Time between two looks whether a device that is silent answers again."""
-
 
 class ModbusServers:
     """All Modbus devices of a bench: a server for each port, a unit for each device."""
@@ -128,8 +125,8 @@ def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
         registers: list[int],
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        while device.silent:
-            await asyncio.sleep(SILENT_LOOK_S)
+        if device.silent:
+            raise asyncio.CancelledError  # ends the task of this request: nobody answers it, ever
         if function_code not in SERVED:
             return ExcCodes.ILLEGAL_FUNCTION
         if values is not None and not device.write(address, [int(v) for v in values]):
