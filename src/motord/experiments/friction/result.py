@@ -115,12 +115,10 @@ class Friction:
         "inertia_kg_m2": "inertia.kg_m2",
         "inertia_relative_uncertainty": "inertia.relative_uncertainty",
         "inertia_source": "inertia.source",
-        "coast_downs": "coast_downs",
-        "directions": "directions",
-        "curve": "curve",
-        "residual_rad": "residual_rad",
-        "findings": "findings",
-        "notes": "notes",
+        **{
+            name: name
+            for name in ("coast_downs", "directions", "curve", "residual_rad", "findings", "notes")
+        },
     }
 
     inertia: Inertia
