@@ -13,7 +13,7 @@ from motord import DEFAULT_ENDPOINT
 from motord.api.endpoints import KEY_ROOT, client_config, key
 from motord.api.errors import RpcError
 from motord.api.messages import BenchState, Event, PlanView
-from motord.api.requests import CALIBRATION_INSTALL, RPCS, check_size
+from motord.api.requests import CALIBRATION_INSTALL, RPCS, STOP, check_size
 from motord.client.decoding import (
     decode_event,
     decode_events,
@@ -201,16 +201,20 @@ class Client:
                 check_size(rpc, len(payload))
             except RpcError as error:
                 raise ClientError(error.code, error.message) from None
-        if self.identity is not None and (rpc in RPCS or payload is None):
-            self._await_route(name, self.identity)
+        routed = self.identity is not None and (rpc in RPCS or payload is None)
+        if routed and rpc != STOP.name:
+            self._await_route(name)
         replies = self._query(name, timeout_s, payload)
+        if routed and not replies and rpc == STOP.name:  # sent at once; twice does no harm
+            self._await_route(name)
+            replies = self._query(name, timeout_s, payload)
         content = single_reply(replies, key(self.bench, name), timeout_s)
         if content is not None:
             return content
         raise self._no_reply(name, rpc)
 
-    def _await_route(self, name: str, who: Identity) -> None:
-        """Wait until the gateway can pass on what `who` may ask for, `ROUTE_S` at most.
+    def _await_route(self, name: str) -> None:
+        """Wait until the gateway can pass on `name`, if our role may ask for it; `ROUTE_S` at most.
 
         A gateway that has just opened lets clients in before it knows the daemon's queryables and
         the way there, and drops meanwhile what they send. What it drops cannot be told from what
@@ -218,7 +222,8 @@ class Client:
         """
         try:
             gateway = ",".join(map(str, self._session.info.routers_zid()))
-            if not gateway or (gateway, name) in self._routed or not permits(who.role, name):
+            role = self.identity.role if self.identity is not None else ""
+            if not gateway or (gateway, name) in self._routed or not permits(role, name):
                 return
             end_s = time.monotonic() + ROUTE_S
             with self._session.declare_querier(key(self.bench, name)) as querier:
