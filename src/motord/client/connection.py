@@ -22,6 +22,7 @@ from motord.client.decoding import (
     decode_reply,
     decode_state,
     decode_ticks,
+    no_reply_in_time,
     single_reply,
 )
 from motord.client.diagnosis import why_closed, why_no_socket
@@ -204,6 +205,7 @@ class Client:
         routed = self.identity is not None and (rpc in RPCS or payload is None)
         if routed and rpc != STOP.name:
             self._await_route(name)
+        begun_s = time.monotonic()
         replies = self._query(name, timeout_s, payload)
         if routed and not replies and rpc == STOP.name:  # sent at once; twice does no harm
             self._await_route(name)
@@ -211,7 +213,7 @@ class Client:
         content = single_reply(replies, key(self.bench, name), timeout_s)
         if content is not None:
             return content
-        raise self._no_reply(name, rpc)
+        raise self._no_reply(name, rpc, time.monotonic() - begun_s, timeout_s)
 
     def _await_route(self, name: str) -> None:
         """Wait until the gateway can pass on `name`, if our role may ask for it; `ROUTE_S` at most.
@@ -235,11 +237,13 @@ class Client:
             return
         self._routed.add((gateway, name))
 
-    def _no_reply(self, name: str, rpc: str) -> ClientError:
+    def _no_reply(self, name: str, rpc: str, waited_s: float, timeout_s: float) -> ClientError:
         """Return the error for a request without a reply: Zenoh gives no reason."""
         if not self._alive():
             where = f"the daemon of bench '{self.bench}' at {self.endpoint}"
             return ClientError("unreachable", f"{where} is gone")
+        if waited_s >= timeout_s:  # Zenoh's own timeout is not always among the replies
+            return no_reply_in_time(key(self.bench, name), timeout_s)
         if rpc in RPCS and self.identity is not None:
             who = self.identity
             return ClientError(

@@ -57,6 +57,11 @@ def decode_reply(name: str, content: bytes) -> dict[str, Any]:
     return _decoder(model.model_validate_json, f"an answer to {name}")(content).content()
 
 
+def no_reply_in_time(key: str, timeout_s: float) -> ClientError:
+    """Return the error for a request to `key` that nobody replied to."""
+    return ClientError("unreachable", f"{key}: no answer within {timeout_s:g} s")
+
+
 def single_reply(replies: Sequence[zenoh.Reply], key: str, timeout_s: float) -> bytes | None:
     """Return the payload of the one reply on `key`, None if there is none.
 
@@ -68,7 +73,7 @@ def single_reply(replies: Sequence[zenoh.Reply], key: str, timeout_s: float) -> 
         who = ", ".join(sorted({str(reply.replier_id) for reply in given}))
         raise _wrong(f"{len(given)} answers to {key}, from {who}: another program answers, too")
     if not given and replies:
-        raise ClientError("unreachable", f"{key}: no answer within {timeout_s:g} s")
+        raise no_reply_in_time(key, timeout_s)
     if not given:
         return None
     [reply] = given

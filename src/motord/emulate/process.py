@@ -3,8 +3,8 @@
 The devices sample and send at instants of their own, fixed beforehand. A process that wakes late
 produces what was due meanwhile, with the right times; what the host sent takes effect at the time
 when it arrived. Only a stall of more than `CATCH_UP_NS`, or than the rig's patience if it has any,
-leaves instants out. The inverter's feedback carries no time, its stamp is that of its arrival: what
-is older than a period is not sent, as no inverter queues measurements.
+leaves instants out. The inverter's feedback carries no time, its stamp is that of its arrival: of
+what is due at once only the newest is sent, as no inverter queues measurements.
 """
 
 import gc
@@ -249,16 +249,16 @@ class Emulator:
                 self.bench.advance(now_ns, self._link.send)
                 return at_ns
             self.bench.advance(at_ns, self._link.send)
-            self._emit(at_ns)
+            self._emit(at_ns, now_ns)
 
-    def _emit(self, at_ns: int) -> None:
-        """Send everything that is due at this instant."""
+    def _emit(self, at_ns: int, now_ns: int) -> None:
+        """Send everything that is due at `at_ns`; of feedback only the newest before `now_ns`."""
         reading, board = self.bench.sense(), self.bench.board
         status = self.bench.inverter_status(reading)
         if self._samples.due(at_ns):
             self._link.sample(board, reading, at_ns)
         if self._feedback.due(at_ns):
-            if time.monotonic_ns() - at_ns <= self._period_ns:
+            if now_ns - at_ns < self._period_ns:
                 self._send(self._fast, reading, status, at_ns)
             else:
                 self.feedback_late += 1

@@ -328,3 +328,12 @@ def test_a_stop_does_not_wait_for_the_way(opening, monkeypatch):
     with through(where, "operator") as client:
         assert client.rpc("stop") == {"state": "OFF"}
     queryable.undeclare()
+
+
+@pytest.mark.parametrize(("reply_s", "code"), [(0.0, "unreachable"), (1e6, "busy")])
+def test_no_reply_at_once_and_none_in_time_are_told_apart(tmp_path, monkeypatch, reply_s, code):
+    """Zenoh's end of a query that timed out does not always say so."""
+    monkeypatch.setattr(connection, "REPLY_S", reply_s)
+    monkeypatch.setattr(Client, "_query", lambda *query: [])
+    with live_service(tmp_path, name="mute") as service, connect("mute", service.listen) as client:
+        assert code_of(client, "stop") == code
