@@ -14,10 +14,10 @@ from motord.calibration import Harmonic
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.identification import IdentifyError
-from motord.identification.basis import add_products, both_triangles
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import PointRipple
 from motord.identification.resample import fill_gaps
+from motord.jit import jit_sums
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class ResidualEstimator:
     def __init__(self, motor: MotorConfig, orders: tuple[int, ...]) -> None:
         self._k = np.ascontiguousarray(motor.back_emf_table().T)
         self._orders = np.array(orders, int)
-        self._products = np.zeros((8, 8))  # of the columns of X, the torque and 0
+        self._products = np.zeros((7, 7))  # of the columns of X and the torque
         self._sums = np.zeros((5, motor.counts))
         self._trials: list[Trial] = []
 
@@ -71,10 +71,7 @@ class ResidualEstimator:
 
     def take(self, trial: Trial) -> None:
         """Take the averages of an operating point."""
-        i_A, torque_Nm, hit = trial.table[:3], trial.table[3], trial.table[4]
-        lanes = np.zeros((8, torque_Nm.size))
-        lanes[:3], lanes[3:6], lanes[6] = i_A * self._k, hit * self._k, torque_Nm
-        add_products(lanes, torque_Nm.size, self._products)
+        add_trial_products(trial.table, self._k, self._products)
         self._sums += trial.table
         self._trials.append(trial)
 
@@ -85,7 +82,7 @@ class ResidualEstimator:
         """
         if not self._trials:
             raise IdentifyError("no operating points to identify from")
-        products = both_triangles(self._products)
+        products = self._products
         inverse = np.linalg.pinv(products[:6, :6], rcond=1e-12, hermitian=True)
         y = inverse @ products[:6, 6]
         with np.errstate(invalid="ignore"):
@@ -100,7 +97,7 @@ class ResidualEstimator:
         are over the trials. ripples: of the operating points. Raises IdentifyError.
         """
         y, z_Nm = self.least_squares()
-        products = both_triangles(self._products)
+        products = self._products
         xx, xt, tt = products[:6, :6], products[:6, 6], products[6, 6]
         rows = int(self._sums[4].sum())
         variance = (tt - xt @ y) / max(rows - 6, 1)
@@ -141,3 +138,39 @@ class ResidualEstimator:
             )
             for order, line, stderr in zip(self._orders, lines.mean(axis=0), stderr_Nm, strict=True)
         )
+
+
+@jit_sums
+def add_trial_products(table: np.ndarray, k: np.ndarray, products: np.ndarray) -> None:
+    """Add the products of all pairs of columns of X and the torque to `products` (7, 7).
+
+    table (5, counts) as in `Trial`; k (3, counts). The columns a, b, c = I* o K, d, e, f = K and
+    t, the torque, are never made: one pass over the encoder points, all sums at once. To make them
+    for `basis.add_products` takes longer than these sums.
+    """
+    aa = ab = ac = ad = ae = af = at = bb = bc = bd = be = bf = bt = cc = 0.0
+    cd = ce = cf = ct = dd = de = df = dt = ee = ef = et = ff = ft = tt = 0.0
+    i_a, i_b, i_c, torque, hit = table[0], table[1], table[2], table[3], table[4]
+    k_a, k_b, k_c = k[0], k[1], k[2]
+    for n in range(torque.size):
+        a, b, c, t = i_a[n] * k_a[n], i_b[n] * k_b[n], i_c[n] * k_c[n], torque[n]
+        d, e, f = hit[n] * k_a[n], hit[n] * k_b[n], hit[n] * k_c[n]
+        aa, ab, ac, ad = aa + a * a, ab + a * b, ac + a * c, ad + a * d
+        ae, af, at, bb = ae + a * e, af + a * f, at + a * t, bb + b * b
+        bc, bd, be, bf = bc + b * c, bd + b * d, be + b * e, bf + b * f
+        bt, cc, cd, ce = bt + b * t, cc + c * c, cd + c * d, ce + c * e
+        cf, ct, dd, de = cf + c * f, ct + c * t, dd + d * d, de + d * e
+        df, dt, ee, ef = df + d * f, dt + d * t, ee + e * e, ef + e * f
+        et, ff, ft, tt = et + e * t, ff + f * f, ft + f * t, tt + t * t
+    rows = (
+        (aa, ab, ac, ad, ae, af, at),
+        (ab, bb, bc, bd, be, bf, bt),
+        (ac, bc, cc, cd, ce, cf, ct),
+        (ad, bd, cd, dd, de, df, dt),
+        (ae, be, ce, de, ee, ef, et),
+        (af, bf, cf, df, ef, ff, ft),
+        (at, bt, ct, dt, et, ft, tt),
+    )
+    for p in range(7):
+        for q in range(7):
+            products[p, q] += rows[p][q]
