@@ -150,7 +150,7 @@ def campaign(folder: Path, payloads: int, flood_s: float, seed: int) -> dict[str
             def ask() -> None:
                 begun_s = time.monotonic()
                 try:
-                    client.rpc("set", token=lease.token, torque_Nm=0.1)
+                    client.rpc("set", token=lease.token, torque_Nm=1.0, speed_Hz=0.8)
                 except ClientError as error:
                     lost.append(f"{error.code}: {error}")
                 answers_s.append(time.monotonic() - begun_s)
