@@ -10,6 +10,20 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from motord.schema import BridgeStatus, InverterStatus
+
+__all__ = [
+    "BridgeDriver",
+    "BridgeStatus",
+    "Device",
+    "DeviceError",
+    "DeviceReading",
+    "InverterDriver",
+    "InverterStatus",
+    "Rig",
+    "SetpointDevice",
+]
+
 
 class DeviceError(Exception):
     """A device that cannot be opened or used; the message says which, what and what to do."""
