@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from motord.atomic_write import write_whole
 from motord.config import Finite, MotorConfig, NonNegative, Positive
 from motord.config.base import what_is_wrong
+from motord.findings import Finding
 from motord.learned import LearnedTorque
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
@@ -107,7 +108,8 @@ class Calibration(_Part):
     """A calibration, Poels 2008, eq. (4.1): what flows is alpha epsilon i* + beta_A in each phase.
 
     alpha has product 1 and beta_A sums to 0 where the data cannot tell otherwise (`observable`
-    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts.
+    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts. findings: where
+    the data depart from the model; None in files of before they were looked for.
     """
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
@@ -127,6 +129,7 @@ class Calibration(_Part):
     observable: tuple[str, ...] = ()
     condition_number: Annotated[float, Field(ge=1)]
     rms_error_percent: RmsErrors = RmsErrors()
+    findings: tuple[Finding, ...] | None = None
 
     learned: LearnedTorque | None = None
 
@@ -193,12 +196,12 @@ class Calibration(_Part):
         return in_words(self.age_s(now or datetime.now(UTC)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of the file; without `learned` where nothing was learned.
+        """Return the content of the file; without `learned` or `findings` where there are none.
 
         Nor is there an error of a phase where none is known, or an encoder's direction of 1: files
         from before have no such keys.
         """
-        nothing = {"learned"} if self.learned is None else set()
+        nothing = {name for name in ("learned", "findings") if getattr(self, name) is None}
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
         for harmonic in content["tau_cog_harmonics"]:
             if harmonic["phase_stderr_rad"] is None:

@@ -76,6 +76,8 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
             f"- currents: {1e6 * delay_s[0]:.0f} +- {1.96e6 * delay_s[1]:.0f} us older than "
             "the recording says (accounted for)"
         )
+    for finding in c.findings or ():
+        yield f"- {finding.in_words()}"
     yield from error_table(c.rms_error_percent)
 
 

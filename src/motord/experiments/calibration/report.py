@@ -28,6 +28,9 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     ripple.fill(page, found.result.ripples, subject.motor)
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
     fill(page, estimates, _reference(found.other, recordings))
+    if c.findings:
+        page.heading("Where the data depart from the model")
+        page.points([finding.in_words() for finding in c.findings])
     page.heading("About these figures")
     if c.observable:
         page.points(c.observable)

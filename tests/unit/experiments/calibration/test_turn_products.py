@@ -44,11 +44,12 @@ def test_each_turn_is_the_products_of_its_columns(tau_s: float) -> None:
     basis = Basis.of(motor(counts=64), (16,))
     currents_A = np.concatenate([s.i_A, s.command_A], axis=1)
     torque, currents = np.zeros((2, 24, 24)), np.zeros((2, 8, 8))
+    binned = np.zeros((2, 32, basis.command.start + 2))
     tables = basis.back_emf, basis.cogging, np.random.default_rng(3).normal(size=(64, 4))
     state = np.zeros((2, basis.width - 1))
     sum_up_turns(
         s.count, s.t_s, currents_A, s.torque_Nm, np.array(s.turns), *tables, tau_s, state,
-        torque, currents,
+        torque, currents, 2 * s.torque_Nm, binned,
     )  # fmt: skip
     columns = np.zeros((s.count.size, basis.width))
     modelled = np.zeros((s.count.size, basis.width - 1))
@@ -63,6 +64,12 @@ def test_each_turn_is_the_products_of_its_columns(tau_s: float) -> None:
         assert np.allclose(np.triu(torque[turn, : basis.width, : basis.width]), wanted)
         rows = np.insert(currents_A[first:end], 3, 1.0, axis=1)
         assert np.allclose(np.triu(currents[turn, :7, :7]), np.triu(rows.T @ rows))
+        here = s.count[first:end] // 2
+        model = np.column_stack(
+            [part[:, : basis.command.start], 2 * part[:, -1], np.ones(here.size)]
+        )
+        sums = [np.bincount(here, column, 32) for column in model.T]
+        assert np.allclose(binned[turn % 2], np.column_stack(sums))
 
 
 def test_columns_are_freed_of_mean_and_slope_over_each_turn() -> None:

@@ -7,8 +7,10 @@ import numpy as np
 
 from motord.calibration import Calibration, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate.causes import findings
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
+from motord.experiments.calibration.estimate.lack_of_fit import lack_of_fit
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     BETA,
@@ -107,10 +109,11 @@ class Calibrator:
         fitted = fit(regression, rated_A)
         check_fit(fitted)
         if self._bare:
-            fitted = self._with_zero_sequence(fitted, len(orders), rated_A)
+            fitted, regression = self._with_zero_sequence(fitted, len(orders), rated_A)
         notes = _observability(fitted)
-        if has_law:
-            notes.append(kirchhoff_agreement(regression, rated_A))
+        agreement = kirchhoff_agreement(regression, rated_A) if has_law else None
+        if agreement is not None:
+            notes.append(agreement.in_words())
         notes += self._left_out(orders)
         harmonics = _harmonics(fitted, orders)
         return CalibrationResult(
@@ -129,6 +132,13 @@ class Calibrator:
             condition_number=fitted.condition_number,
             current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
+            findings=findings(
+                lack_of_fit(regression, fitted.solution.theta),
+                self._motor,
+                fitted.current_delay_s,
+                max(point.period_s for point in self._points),
+                agreement,
+            ),
         )
 
     def _left_out(self, orders: tuple[int, ...]) -> list[str]:
@@ -144,7 +154,9 @@ class Calibrator:
             notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
         return notes
 
-    def _with_zero_sequence(self, fitted: JointFit, orders: int, rated_A: float) -> JointFit:
+    def _with_zero_sequence(
+        self, fitted: JointFit, orders: int, rated_A: float
+    ) -> tuple[JointFit, Regression]:
         """Return the fit to currents with the zero sequence that it itself implies."""
         if len(self._bare) < len(self._points):
             raise IdentifyError(
@@ -157,8 +169,9 @@ class Calibrator:
                 accumulate(restored(samples, alpha), self._basis, self._sensor)
                 for samples in self._bare
             ]
-            fitted = fit(Regression(points, self._basis, orders, False), rated_A)
-        return fitted
+            regression = Regression(points, self._basis, orders, False)
+            fitted = fit(regression, rated_A)
+        return fitted, regression
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""

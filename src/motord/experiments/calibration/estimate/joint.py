@@ -186,18 +186,32 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
     return np.asarray(direction / np.cbrt(direction.prod()))
 
 
-def kirchhoff_agreement(regression: Regression, rated_A: float) -> str:
+@dataclass(frozen=True)
+class Kirchhoff:
+    """alpha from the torque alone less that of Kirchhoff's law: the worst phase, and by how many
+    standard errors."""
+
+    phase: str
+    difference: float
+    errors: float
+
+    def in_words(self) -> str:
+        """Return whether the two agree."""
+        size = f"{100 * self.difference:+.2f} % in phase {self.phase}"
+        if self.errors <= AGREEING_ERRORS:
+            return f"alpha from the torque alone agrees with Kirchhoff's law ({size})"
+        return (
+            f"alpha from the torque alone disagrees with Kirchhoff's law: {size}, "
+            f"{self.errors:.0f} standard errors; a common gain delta epsilon other than 1, a wrong "
+            "back-EMF or current sensors that are not linear would do that"
+        )
+
+
+def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
     """Return whether the torque and Kirchhoff's law give the same alpha."""
     torque = fit(regression, rated_A, use_law=False)
     difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
     least = np.maximum(torque.stderr[ALPHA], 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
-    size = f"{100 * difference[worst]:+.2f} % in phase {'abc'[worst]}"
-    errors = abs(difference[worst]) / least[worst]
-    if errors <= AGREEING_ERRORS:
-        return f"alpha from the torque alone agrees with Kirchhoff's law ({size})"
-    return (
-        f"alpha from the torque alone disagrees with Kirchhoff's law: {size}, {errors:.0f} "
-        "standard errors; a common gain delta epsilon other than 1, a wrong back-EMF or current "
-        "sensors that are not linear would do that"
-    )
+    errors = float(abs(difference[worst]) / least[worst])
+    return Kirchhoff("abc"[worst], float(difference[worst]), errors)

@@ -124,6 +124,12 @@ class Regression:
             delay_unit_s=unit_s,
         )
 
+    def coefficients(self, theta: np.ndarray) -> np.ndarray:
+        """Return what each column of the basis but the last counts for, with parameters theta."""
+        period_s = float(np.mean([point.period_s for point in self.points]))
+        delays = DELAY_SHARE * period_s * theta[ALPHA]
+        return np.asarray(self._choose(CURRENT, RATE, delays, ZOH_SHARE * period_s**2) @ theta)
+
     def _choose(self, current: slice, rate: slice, delays: np.ndarray, zoh_s2: float) -> np.ndarray:
         """Return the matrix that makes regressors, or instruments, of the columns."""
         waves = 2 * self.orders

@@ -9,6 +9,7 @@ import numpy as np
 
 from motord.calibration import CalibratedMotor, Calibration, Harmonic
 from motord.config import MotorConfig
+from motord.findings import Finding
 from motord.identification.harmonics import harmonics_table
 from motord.identification.point_ripple import PointRipple, rms_errors
 
@@ -77,7 +78,8 @@ class CalibrationResult(Estimate):
     """What an estimator found.
 
     current_delay_s: by how much the currents are older than the recording says, and its standard
-    error (joint only); ripples: of the operating points that were identified from.
+    error (joint only); ripples: of the operating points that were identified from; findings: where
+    these depart from the model (joint only).
     """
 
     method: Method
@@ -89,6 +91,7 @@ class CalibrationResult(Estimate):
     condition_number: float
     current_delay_s: tuple[float, float] | None = None
     ripples: tuple[PointRipple, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def to_calibration(
         self, motor: MotorConfig, created: datetime, runs: Sequence[str]
@@ -111,6 +114,7 @@ class CalibrationResult(Estimate):
             observable=self.observable,
             condition_number=self.condition_number,
             rms_error_percent=rms_errors(self.ripples),
+            findings=self.findings,
         )
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
+from motord.experiments.calibration.estimate.turn_spectrum import ANGLE_BINS, TurnSpectrum
 from motord.identification.basis import (
     CURRENT,
     Basis,
@@ -26,6 +27,7 @@ from motord.identification.basis import (
 )
 from motord.identification.harmonics import over_one_turn
 from motord.identification.operating_points import Samples, current_lines
+from motord.identification.point_ripple import without_drift
 from motord.identification.torque_sensor import MountInverse
 from motord.jit import jit
 
@@ -43,7 +45,7 @@ class TurnProducts:
     torque (turns, width, width): sums over each turn of products of the basis' columns, each
     column freed of its mean and slope over the turn (the sensor is AC coupled and drifts).
     currents (turns, 7, 7): the same of [i*_a, i*_b, i*_c, 1, i_cmd_a, i_cmd_b, i_cmd_c], as they
-    are. samples (turns,).
+    are. samples (turns,). spectrum: of the columns, by order of the turn.
     """
 
     label: str
@@ -52,6 +54,7 @@ class TurnProducts:
     torque: np.ndarray
     currents: np.ndarray
     samples: np.ndarray
+    spectrum: TurnSpectrum
 
     @property
     def ticks_per_turn(self) -> int:
@@ -71,6 +74,9 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     turns = np.array(samples.turns)
     torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
     currents = np.zeros((len(turns), 8, 8))
+    binned = np.zeros((2, min(counts, ANGLE_BINS), basis.command.start + 2))
+    steady_Nm = y_Nm.copy()
+    steady_Nm[samples.whole] = without_drift(samples, y_Nm)
     sum_up_turns(
         samples.count,
         samples.t_s,
@@ -84,6 +90,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         settled(samples, basis),
         torque,
         currents,
+        steady_Nm,
+        binned,
     )
     return TurnProducts(
         label=samples.label,
@@ -92,6 +100,7 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         torque=_without_trend(both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
         currents=both_triangles(currents)[:, :7, :7],
         samples=turns[:, 1] - turns[:, 0],
+        spectrum=TurnSpectrum.of(samples, binned, commands_A, basis, sensor),
     )
 
 
@@ -133,8 +142,13 @@ def sum_up_turns(
     state: np.ndarray,
     torque: np.ndarray,
     currents: np.ndarray,
+    steady_Nm: np.ndarray,
+    binned: np.ndarray,
 ) -> None:
     """Add each turn's products of its columns, 1 and time to `torque`, of currents to `currents`.
+
+    And to `binned` (2, bins, m + 2), of even and of odd turns, the sums in each bin of the angle of
+    the first m columns (all but the instruments), of the torque without drift, and the samples.
 
     turns (b, 2): first and end of each; torque (b, w, w), currents (b, 8, 8), of which the upper
     triangles hold. tau_s, state (2, .): the high-pass, see `highpass`; 0 for none. A strip of
@@ -145,6 +159,7 @@ def sum_up_turns(
     dt_s = np.empty(STRIP)
     lanes, current_lanes = np.zeros((torque.shape[1], STRIP)), np.zeros((8, STRIP))
     lanes[width + 1] = current_lanes[3] = 1.0
+    bins, model = binned.shape[1], binned.shape[2] - 2
     for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
         first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
         middle_s, span_s = t_s[first:end].mean(), max(t_s[end - 1] - t_s[first], 1e-300)
@@ -164,6 +179,11 @@ def sum_up_turns(
                 _fill_lane(current_lanes[p + p // 3], currents_A[start : start + rows, p])
             for row in range(rows):
                 lanes[width + 2, row] = (t_s[start + row] - middle_s) / span_s
+                here = binned[turn % 2, count[start + row] * bins // back_emf.shape[0]]
+                for j in range(model):
+                    here[j] += columns[row, j]
+                here[model] += steady_Nm[start + row]
+                here[model + 1] += 1.0
             add_products(lanes, rows, torque[turn])
             add_products(current_lanes, rows, currents[turn])
 

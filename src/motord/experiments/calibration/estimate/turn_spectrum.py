@@ -1,0 +1,98 @@
+"""The model's columns by order of the turn, of even and of odd turns of an operating point.
+
+What the fit leaves at an order is linear in the parameters, so it can be had for any of them after
+the samples are gone. Noise is what differs between even and odd turns.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+
+from motord.config import TorqueSensorConfig
+from motord.identification.basis import Basis
+from motord.identification.operating_points import Samples
+from motord.identification.orders import resolved_order
+from motord.identification.torque_sensor import order_below_resonance
+
+ANGLE_BINS = 4096
+"""Parts of the turn in which samples are summed; fewer where the encoder has fewer counts."""
+
+BEYOND = 1.25
+"""Orders are looked at so far beyond the highest of the model."""
+
+SMOOTHED_ORDERS = 15
+"""Neighbouring orders over which the noise is averaged."""
+
+
+@dataclass(frozen=True)
+class TurnSpectrum:
+    """Spectra of an operating point; orders 1 to h, w columns, the last the torque.
+
+    visits (2, 2 h + 1): transform of the samples in each bin, its order 0 first. sums
+    (2, h + 1, w): transform of the columns' sums. command_A (bins, 3): commanded currents over the
+    turn. highpass (h,): complex gain of the torque sensor's amplifier.
+    """
+
+    torque_set_Nm: float
+    speed_Hz: float
+    visits: np.ndarray
+    sums: np.ndarray
+    command_A: np.ndarray
+    highpass: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        samples: Samples,
+        binned: np.ndarray,
+        command_A: np.ndarray,
+        basis: Basis,
+        sensor: TorqueSensorConfig,
+    ) -> "TurnSpectrum":
+        """Return the spectra of sums in bins (2, bins, w + 1), the last the number of samples."""
+        bins, counts = binned.shape[1], command_A.shape[0]
+        fewest = min(end - first for first, end in samples.turns)
+        wanted = round(BEYOND * max(basis.orders, default=1))
+        highest = resolved_order(fewest, bins, wanted)
+        highest = max(order_below_resonance(sensor, highest, samples.speed_Hz), 1)
+        tau = 2j * np.pi * samples.speed_Hz * sensor.highpass_time_constant_s
+        turned = tau * np.arange(1, highest + 1)
+        visits = np.fft.fft(binned[:, :, -1], axis=1)[:, np.arange(2 * highest + 1) % bins]
+        return cls(
+            torque_set_Nm=samples.torque_set_Nm,
+            speed_Hz=samples.speed_Hz,
+            visits=visits,
+            sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1],
+            command_A=command_A[np.arange(bins) * counts // bins],
+            highpass=turned / (1 + turned) if tau else np.ones(highest, complex),
+        )
+
+    @property
+    def highest(self) -> int:
+        """The highest order."""
+        return int(self.sums.shape[1]) - 1
+
+    def residual(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the columns with these coefficients (w - 1,) leave of the torque.
+
+        Lines of orders 1 to h, complex: order h is Re(line exp(j h theta)); and the standard error
+        of each.
+        """
+        sums = self.sums[:, :, -1] - self.sums[:, :, :-1] @ coefficients
+        both = np.concatenate([sums[:, :0:-1].conj(), sums], axis=1)
+        halves = np.array(
+            [
+                2 * solve_toeplitz(visits, right)[self.highest + 1 :]
+                for visits, right in zip(self.visits, both, strict=True)
+            ]
+        )
+        return halves.mean(axis=0), _smooth(np.abs(halves[0] - halves[1]) / 2)
+
+
+def _smooth(noise: np.ndarray) -> np.ndarray:
+    """Return the root of the mean square over neighbouring orders."""
+    half = min(SMOOTHED_ORDERS, noise.size) // 2
+    padded = np.pad(noise**2, half, mode="edge")
+    mean = np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
+    return np.asarray(np.sqrt(mean))

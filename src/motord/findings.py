@@ -1,0 +1,30 @@
+"""Findings: where data depart from the model of a result, and what that usually means."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Severity = Literal["note", "warning", "serious"]
+
+
+class Finding(BaseModel):
+    """Something that the stated intervals of a result do not account for.
+
+    `value` is beyond `limit`, both in `unit`; `meaning` is what usually causes it, `action` what to
+    do. severity: a `serious` one makes the result's intervals too narrow.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    value: Annotated[float, Field(allow_inf_nan=False)]
+    limit: Annotated[float, Field(allow_inf_nan=False)]
+    unit: str
+    severity: Severity
+    meaning: str
+    action: str
+
+    def in_words(self) -> str:
+        """Return the finding as one line of text."""
+        size = f"{self.value:.3g} {self.unit} (limit {self.limit:.3g})"
+        return f"{self.severity}: {self.name}, {size}: {self.meaning}; {self.action}"
