@@ -169,5 +169,5 @@ def show_interrupted_plan(journal: Journal, resumption: Resumption, bench: Bench
     if journal.error:
         bench.events.emit("journal", f"cannot read it: {journal.error}")
     if summary := resumption.summary():
-        bench.plans.show(resumption.view())
+        bench.plans.show(resumption.view(), resumption.mesh())
         bench.events.emit("plan", summary)

@@ -150,6 +150,7 @@ def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
     with connect(None, gated.remote, who(folder, "ben")) as client:
         assert client.state().state == "OFF"
         assert client.rpc("plan/list")["plans"]
+        assert client.mesh() is None
         with pytest.raises(ClientError, match=r"not permitted for ben \(viewer\)\?") as caught:
             client.rpc("stop")
         assert caught.value.code == "forbidden"
