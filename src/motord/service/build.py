@@ -30,6 +30,7 @@ from motord.service.host.systemd import Notifier
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
 from motord.service.processes import PROCESSES
+from motord.service.publish.named_state import named_state
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
@@ -83,6 +84,7 @@ def build(
         calibration_id=store.current_id,
         realtime=loop.realtime,
         driven=lambda: bench.setpoint.drive_Hz != 0.0,
+        state=lambda now_ns: named_state(bench, now_ns),
         on_plan_unrecorded=lambda why: bench.plans.abort(why),
     )
     boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
