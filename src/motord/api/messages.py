@@ -1,4 +1,4 @@
-"""Published messages, JSON: `state`, `event` and `plan`. Readers skip unknown fields."""
+"""Published messages, JSON: `state`, `event`, `plan` and `mesh`. Readers skip unknown fields."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -122,6 +122,21 @@ class LoopView(PublishedMessage):
     age_s: float | None  # of the newest tick
 
 
+class LinksView(PublishedMessage):
+    """The links to bridge and inverter, over the last second or, `errors`, since the loop started.
+
+    errors: frames lost or corrupt, both links together; without_*: ticks in which nothing new had
+    come, as in every other one of an inverter that sends half as often.
+    """
+
+    errors: int
+    errors_last_s: int
+    ticks_last_s: int
+    without_encoder_last_s: int
+    without_inverter_last_s: int
+    bus_off: bool
+
+
 Health = Literal["none", "simulated", "ok", "failing", "stale"]
 """Of a slow device; `failing` does not answer now, `stale` has not for its `stale_after_s`."""
 
@@ -200,6 +215,43 @@ class PlanView(PublishedMessage):
         return self.state in ("done", "aborted", "failed", "interrupted")
 
 
+MESH_POINTS_MAX = 1024
+"""Points in a published mesh."""
+
+
+class MeshPoint(PublishedMessage):
+    """An operating point of a plan, and what has become of it.
+
+    takes: how often it was taken; quality: "" before the first take, "ok", or what is wrong with
+    the last one. The errors, in percent of rated torque, are of the last take, None where not
+    measured; see docs/api.md.
+    """
+
+    point: int  # `plan_point` of its ticks
+    torque_Nm: float
+    speed_Hz: float
+    turns: int = 0
+    aim: str = ""  # what is done there, if that is no torque held at a speed
+    induced: dict[str, Any] = {}  # errors that are induced there on purpose
+    state: Literal["planned", "taking", "done", "poor"] = "planned"
+    takes: int = 0
+    quality: str = ""
+    rms_error_percent: float | None = None
+    mean_error_percent: float | None = None
+
+
+class MeshView(PublishedMessage):
+    """`motord/<bench>/mesh`: the operating points of the plan under way, or of the last one.
+
+    Of more than `MESH_POINTS_MAX` points, `points_total` in all, those about the one under way.
+    """
+
+    plan: str
+    run_id: str
+    points_total: int
+    points: list[MeshPoint]
+
+
 class RecordingView(PublishedMessage):
     """State of the recorder.
 
@@ -235,6 +287,8 @@ class BenchState(PublishedMessage):
     lease: LeaseView
     plan: PlanView | None
     loop: LoopView
+    ages: dict[str, float] = {}  # s, by signal; see docs/api.md
+    links: LinksView | None = None  # None without a loop
     realtime: dict[str, Any]
     recording: RecordingView
     calibration: CalibrationView | None
