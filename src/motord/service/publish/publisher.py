@@ -68,12 +68,17 @@ class Publisher:
     @property
     def documents(self) -> dict[str, Callable[[], bytes]]:
         """What answers who asks for the newest, by key."""
-        events, plans = self.bench.events, self.bench.plans
+        events = self.bench.events
         return {
             "state": lambda: self._state_json,
             "event": lambda: b"[%b]" % b",".join(event.to_json() for event in events.recent()),
-            "plan": lambda: view.to_json() if (view := plans.view) is not None else b"null",
+            "plan": lambda: view.to_json() if (view := self._plan_view()) is not None else b"null",
         }
+
+    def _plan_view(self) -> PlanView | None:
+        """Return the plan's progress with a time, taken first: what is older came before it."""
+        t_ns, view = self.unix_ns(), self.bench.plans.view
+        return view.model_copy(update={"t_ns": t_ns}) if view is not None else None
 
     def _publish_plan(self, now_ns: int) -> None:
         view, before = self.bench.plans.view, self._plan
@@ -85,7 +90,7 @@ class Publisher:
         )
         if changed or now_ns - self._plan_ns >= STATE_NS:
             self._plan, self._plan_ns = view, now_ns
-            self.telemetry.json("plan", view.to_json())
+            self.telemetry.json("plan", view.model_copy(update={"t_ns": self.unix_ns()}).to_json())
 
     def state(self, now_ns: int) -> BenchState:
         """Return the full state of bench and daemon now."""
@@ -114,7 +119,7 @@ class Publisher:
                 remaining_s=round(bench.lease.remaining_s(now_ns), 2),
                 duration_s=config.zenoh.lease_s,
             ),
-            plan=bench.plans.view,
+            plan=self._plan_view(),
             loop=bench.monitor.loop_view(now_ns),
             realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
             recording=self.recording.view(),
