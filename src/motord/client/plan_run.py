@@ -1,6 +1,6 @@
 """A plan on a daemon, as an iterable of its progress."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import Protocol
 
 from motord.api.messages import PlanView
@@ -33,7 +33,7 @@ class PlanRun:
         self.run_id = run_id
         self._source = source
 
-    def __iter__(self) -> Iterator[PlanView]:
+    def __iter__(self) -> Generator[PlanView, None, None]:
         """Yield progress ten times a second, and at last that of the end."""
         with self._source.subscribe_plan() as coming:
             while True:
