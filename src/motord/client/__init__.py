@@ -1,9 +1,14 @@
-"""Python client of a running daemon, also used by the command line.
+"""Python client of a running daemon, also used by the command line; for asyncio: `client.aio`.
 
-with motord.client.connect() as client:
-    print(client.state().state)
-    with client.lease("me") as lease:
-        lease.set(enable=True, torque_Nm=1.0, speed_Hz=0.5)
+>>> from motord.client import connect
+>>> with connect() as client:
+...     print(client.state().state)
+...     with client.lease() as lease:
+...         print(lease.set(enable=True, torque_Nm=0.5, speed_Hz=0.5).state)
+OFF
+ENABLED
+
+Further examples of this package go on with a `client` that is connected.
 """
 
 from motord import DEFAULT_ENDPOINT

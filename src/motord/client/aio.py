@@ -1,10 +1,15 @@
 """The client for asyncio: what `motord.client` does, awaited.
 
-async with motord.client.aio.connect() as client:
-    async with client.lease("me") as lease:
-        await lease.set(enable=True, torque_Nm=1.0, speed_Hz=0.5)
-        async for block in client.subscribe_ticks():
-            ...
+>>> import asyncio
+>>> from motord.client import aio
+>>> async def main():
+...     async with aio.connect() as client, client.lease() as lease:
+...         await lease.set(enable=True, torque_Nm=0.5, speed_Hz=0.5)
+...         async for block in client.subscribe_ticks():
+...             if block["torque_set_Nm"][-1] == 0.5:
+...                 return "reached"
+>>> asyncio.run(main())
+'reached'
 
 Threads of the client wait for replies, the event loop does not. A cancelled task gives its lease
 back and ends its subscriptions before it ends; a request that is under way is carried out.

@@ -65,7 +65,12 @@ class Client(DaemonConnection):
         return self.call(rpc.PLAN_LIST).plans
 
     def dry_run(self, name: str, settings: Mapping[str, Any] | None = None) -> PlanOutline:
-        """Check a plan against the bench's limits and return what it would do; nothing moves."""
+        """Check a plan against the bench's limits and return what it would do; nothing moves.
+
+        >>> outline = client.dry_run("cogging", {"speeds_Hz": [0.5, 1.0], "turns": 2})
+        >>> [(point["speed_Hz"], point["turns"]) for point in outline.points]
+        [(0.5, 2), (1.0, 2)]
+        """
         return self.call(rpc.PLAN_START, name=name, settings=dict(settings or {}), dry_run=True)
 
     def config(self) -> ConfigReply:
@@ -73,7 +78,11 @@ class Client(DaemonConnection):
         return self.call(rpc.CONFIG)
 
     def stop(self, by: str | None = None) -> StateReply:
-        """Zero current now and OFF, whoever is in command. by: for the log; you by default."""
+        """Zero current now and OFF, whoever is in command. by: for the log; you by default.
+
+        >>> client.stop().state
+        'OFF'
+        """
         return self.call(rpc.STOP, by=operator() if by is None else by)
 
     def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
@@ -89,6 +98,10 @@ class Client(DaemonConnection):
         """Receive the state now, then ten times a second and when it changes.
 
         latest: begin with the state now instead of the next one that is published.
+
+        >>> with client.subscribe_state() as states:
+        ...     states.get(timeout_s=0).bench
+        'sim'
         """
         return self._documents("state", decode_state, callback, self.state if latest else None)
 
@@ -113,6 +126,13 @@ class Client(DaemonConnection):
         """Receive every tick, in blocks: structured arrays of shape (n,), `schema.TICK_DTYPE`.
 
         kept: blocks that wait to be read; older ones are lost. `losses` tells what is missing.
+
+        >>> with client.subscribe_ticks() as ticks:
+        ...     for block in ticks:
+        ...         if ticks.lost_ticks or block["tick"][0] > 100:
+        ...             break
+        >>> block["torque_Nm"].shape == block["angle_rad"].shape, ticks.lost_ticks
+        (True, 0)
         """
         where = key(self.bench, "ticks")
         return TickSubscription(self._session, where, decode_ticks, callback, kept)

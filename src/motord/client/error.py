@@ -7,6 +7,12 @@ class ClientError(Exception):
     """The daemon cannot be reached or refuses a request, or a reply is not of its form.
 
     `code` is the daemon's own, or "unreachable", "forbidden", "unknown", "busy" or "bad_answer".
+
+    >>> try:
+    ...     client.rpc("enable", token="of somebody else")
+    ... except ClientError as error:
+    ...     print(error.code)
+    no_lease
     """
 
     def __init__(self, code: str, message: str) -> None:

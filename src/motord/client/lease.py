@@ -19,6 +19,10 @@ class Lease(Commander):
 
     `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
     longer than the lease lasts; `on_lost` is called then, in that thread.
+
+    >>> with client.lease("anna") as lease:
+    ...     client.state().lease.holder, lease.lost.is_set()
+    ('anna', False)
     """
 
     def __init__(self, daemon: RpcTarget, holder: str, *, force: bool = False) -> None:

@@ -27,6 +27,15 @@ class PlanRun:
     If it was not done but aborted, failed or interrupted, iterating ends with PlanEndedError; with
     ClientError if the daemon cannot be reached. It may be iterated again, and begins with the
     progress of that moment; to stop iterating does not stop the plan.
+
+    >>> with client.lease() as lease:
+    ...     for progress in lease.run_plan("cogging", {"speeds_Hz": [1.0], "turns": 2}):
+    ...         print(f"{progress.fraction:4.0%}, {progress.eta_s:.0f} s left")
+      0%, ... s left
+    ...
+    100%, 0 s left
+    >>> progress.state, progress.points_done
+    ('done', 1)
     """
 
     def __init__(self, source: PlanPublisher, run_id: str) -> None:

@@ -167,4 +167,6 @@ class Supervisor:
                 now_ns = self.clock_ns()
                 with self.guard.part("requests", now_ns):
                     self.dispatcher.take(now_ns)
+                with self.guard.part("publisher", now_ns):  # who has a reply may ask for the state
+                    self.publisher.publish_documents(now_ns)
                 time.sleep(max(0, min(EARLY_NS, due_ns - self.clock_ns())) / 1e9)

@@ -54,6 +54,10 @@ class Publisher:
     def step(self, block: np.ndarray, now_ns: int) -> None:
         """Publish what is due at `now_ns` (monotonic)."""
         self.telemetry.ticks(block)
+        self.publish_documents(now_ns)
+
+    def publish_documents(self, now_ns: int) -> None:
+        """Publish state and plan if they are due or have changed."""
         key = change_key(self.bench, self.recording.view().path, now_ns)
         if key != self._change_key or now_ns - self._state_ns >= STATE_NS:
             self._change_key, self._state_ns = key, now_ns
