@@ -1,14 +1,19 @@
 """Blocks of Python run as they stand there, and commands that take little, on a simulated bench."""
 
+import doctest
 import os
+import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from motord import client as client_package
+from motord.client import connect
 from tests.docs.blocks import PRINTED, RUN, Block, commands, named, of
 from tests.system.daemons import Daemon, daemon, wait_for, write_sim
 
@@ -65,6 +70,27 @@ def test_python_runs(bench: Daemon, run: Run, block: Block) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     for printed in PRINTED[block.key]:
         assert printed in done.stdout, done.stdout
+
+
+def examples() -> Iterator[doctest.DocTest]:
+    """Yield the docstrings of the client that have examples."""
+    package, finder = client_package.__name__, doctest.DocTestFinder(exclude_empty=True)
+    for name in ("", *(f".{m.name}" for m in pkgutil.iter_modules(client_package.__path__))):
+        yield from (found for found in finder.find(import_module(package + name)) if found.examples)
+
+
+@pytest.mark.parametrize("example", list(examples()), ids=lambda found: found.name)
+def test_examples_of_the_client(
+    bench: Daemon, monkeypatch: pytest.MonkeyPatch, example: doctest.DocTest
+) -> None:
+    monkeypatch.setenv("MOTORD_CONNECT", bench.endpoint)
+    said: list[str] = []
+    with connect() as client:
+        client.stop()
+        example.globs["client"] = client
+        runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+        runner.run(example, out=said.append, clear_globs=False)
+    assert not runner.summarize(verbose=False).failed, "".join(said)
 
 
 def test_certificates_as_in_the_guide(run: Run, tmp_path: Path) -> None:

@@ -186,7 +186,8 @@ class PlanView(PublishedMessage):
     """`motord/<bench>/plan`: a plan's progress. It is over in done, aborted and failed.
 
     In interrupted the daemon had ended meanwhile; it can be resumed. `run_id` stays the same then,
-    and `continues` names the recording that the present one continues.
+    and `continues` names the recording that the present one continues. `t_ns` (Unix) is when the
+    document was made; 0 in recordings.
     """
 
     plan: str
@@ -208,6 +209,7 @@ class PlanView(PublishedMessage):
     settings: dict[str, Any] = {}
     run_id: str = ""
     continues: str = ""
+    t_ns: int = 0
 
     @property
     def over(self) -> bool:

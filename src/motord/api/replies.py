@@ -85,13 +85,14 @@ class PlanProgress(StateReply, PlanName):
 
 
 class PlanOutline(RpcReply):
-    """`plan/start`: what the plan will do."""
+    """`plan/start`: what the plan will do; `run_id` of its progress, "" in a dry run."""
 
     points: list[dict[str, Any]]
     estimate_s: Duration
     settings: dict[str, Any]
     plan: Text = ""
     recording: Text = ""
+    run_id: Text = ""
 
 
 class SettingField(RpcReply):

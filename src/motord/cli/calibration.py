@@ -126,10 +126,8 @@ def install(
 
     calibration = load(file)
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc(
-            "calibration/install", token=session.token, calibration=calibration.to_json()
-        )
-    print_answer(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
+        answer = session.commander.install_calibration(calibration)
+    print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:

@@ -1,40 +1,26 @@
-"""A connection to one daemon: its state, its events, its ticks, its RPCs."""
+"""A session with one daemon: queries and RPCs, whose failures all come as ClientError."""
 
 import json
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
-import numpy as np
 import zenoh
 
-from motord import DEFAULT_ENDPOINT
-from motord.api.endpoints import KEY_ROOT, client_config, key
+from motord.api.endpoints import key
 from motord.api.errors import RpcError
-from motord.api.messages import BenchState, Event, MeshView, PlanView
-from motord.api.requests import CALIBRATION_INSTALL, RPCS, STOP, check_size
-from motord.client.decoding import (
-    decode_event,
-    decode_events,
-    decode_mesh,
-    decode_mesh_or_none,
-    decode_plan,
-    decode_plan_or_none,
-    decode_reply,
-    decode_state,
-    decode_ticks,
-    no_reply_in_time,
-    single_reply,
+from motord.api.replies import RpcReply
+from motord.api.requests import (
+    CALIBRATION_INSTALL,
+    RPCS,
+    STOP,
+    ReplyT,
+    Rpc,
+    RpcRequest,
+    check_size,
 )
-from motord.client.diagnosis import why_closed, why_no_socket
+from motord.client.decoding import decode_reply, no_reply_in_time, single_reply
 from motord.client.error import ClientError
-from motord.client.holder import operator
-from motord.client.lease import Lease
-from motord.client.subscription import Subscription
-from motord.security import identity as identity_folder
 from motord.security.access import permits
-from motord.security.error import SecurityError
 from motord.security.identity import Identity
 
 REPLY_S = 40.0
@@ -44,76 +30,6 @@ ROUTE_S = 2.0
 """How long a gateway that has just opened may take to learn the way to the daemon."""
 _LOOK_S = 0.02
 
-_Item = TypeVar("_Item")
-
-
-def connect(
-    bench: str | None = None,
-    endpoint: str = DEFAULT_ENDPOINT,
-    identity: Identity | Path | str | None = None,
-) -> "Client":
-    """Connect to the daemon of `bench` at `endpoint`; without a name, to the only one there.
-
-    From another machine: `endpoint` "tls/HOST:7448" and `identity`, the folder that
-    `motord security add` made. Raises ClientError if there is none or it does not let this one in.
-    """
-    who = _identity(endpoint, identity)
-    try:
-        session = zenoh.open(client_config(endpoint, who))
-    except zenoh.ZError:
-        raise _unreachable(bench, endpoint, who) from None
-    try:
-        return Client(session, _find_bench(session, bench, endpoint, who), endpoint, who)
-    except ClientError:
-        session.close()  # type: ignore[no-untyped-call]
-        raise
-
-
-def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | None:
-    if endpoint.startswith("tls/") and given is None:
-        raise ClientError(
-            "forbidden", f"{endpoint} asks for a certificate: say which identity to show"
-        )
-    if given is None or not endpoint.startswith("tls/"):
-        return None
-    try:
-        return given if isinstance(given, Identity) else identity_folder.load(Path(given))
-    except SecurityError as error:
-        raise ClientError("forbidden", str(error)) from None
-
-
-def _unreachable(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
-    if who is not None and (refused := why_closed(endpoint, who)):
-        return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
-    if forbidden := why_no_socket(endpoint):
-        return ClientError("forbidden", forbidden)
-    which = f" for bench '{bench}'" if bench else ""
-    return ClientError(
-        "unreachable", f"no motord at {endpoint}{which}: is `motord run` running there?"
-    )
-
-
-def _find_bench(
-    session: zenoh.Session, bench: str | None, endpoint: str, who: Identity | None
-) -> str:
-    """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
-    tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=QUERY_S)
-    benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
-    if bench in benches or (bench is None and len(benches) == 1):
-        return bench or benches[0]
-    if not benches and who is not None:
-        raise ClientError(
-            "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"
-        )
-    if not benches:
-        raise _unreachable(bench, endpoint)
-    there = ", ".join(benches)
-    if bench is None:
-        raise ClientError("unreachable", f"several benches at {endpoint}: {there}; name one")
-    raise ClientError(
-        "unreachable", f"no motord at {endpoint} for bench '{bench}'; there is one for: {there}"
-    )
-
 
 def _matches(querier: zenoh.Querier) -> bool:
     """Return whether the router has announced who answers the querier."""
@@ -121,8 +37,8 @@ def _matches(querier: zenoh.Querier) -> bool:
     return bool(status.matching)
 
 
-class Client:
-    """A connection to one daemon. Use it as a context manager, or call `close`."""
+class DaemonConnection:
+    """A Zenoh session with the daemon of one bench: requests and their replies."""
 
     def __init__(
         self, session: zenoh.Session, bench: str, endpoint: str, identity: Identity | None = None
@@ -144,69 +60,22 @@ class Client:
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
-    def state(self) -> BenchState:
-        """Return the state now."""
-        return decode_state(self._get("state", None, QUERY_S))
-
-    def events(self) -> list[Event]:
-        """Return the newest events that the daemon remembers, the oldest first."""
-        return decode_events(self._get("event", None, QUERY_S))
-
-    def plan(self) -> PlanView | None:
-        """Return the progress of the plan under way or of the last one."""
-        return decode_plan_or_none(self._get("plan", None, QUERY_S))
-
-    def mesh(self) -> MeshView | None:
-        """Return the operating points of the plan under way or of the last one."""
-        return decode_mesh_or_none(self._get("mesh", None, QUERY_S))
-
     def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
         """Call `rpc/<name>` (docs/api.md lists them) and return the reply.
 
         Raises ClientError with the daemon's code and message if it refuses.
         """
-        return decode_reply(name, self._get(f"rpc/{name}", arguments, REPLY_S))
+        known: Rpc[Any, RpcReply] = RPCS.get(name) or Rpc(name, RpcRequest, RpcReply)
+        return self.call(known, **arguments).content()
 
-    def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
-        """Return a lease: a context manager that acquires, renews and releases it."""
-        return Lease(self.rpc, holder or operator(), force=force)
+    def call(self, rpc: Rpc[Any, ReplyT], /, **arguments: Any) -> ReplyT:
+        """Call an RPC of `motord.api.requests` and return its reply. Raises ClientError."""
+        return decode_reply(rpc, self.ask(f"rpc/{rpc.name}", arguments, REPLY_S))
 
-    def subscribe_state(
-        self, callback: Callable[[BenchState], None] | None = None
-    ) -> "Subscription[BenchState]":
-        """Receive the state, ten times a second and when it changes."""
-        return self._subscribe("state", decode_state, callback)
-
-    def subscribe_events(
-        self, callback: Callable[[Event], None] | None = None
-    ) -> "Subscription[Event]":
-        """Receive events as they happen."""
-        return self._subscribe("event", decode_event, callback)
-
-    def subscribe_plan(
-        self, callback: Callable[[PlanView], None] | None = None
-    ) -> Subscription[PlanView]:
-        """Receive the progress of plans."""
-        return self._subscribe("plan", decode_plan, callback)
-
-    def subscribe_mesh(
-        self, callback: Callable[[MeshView], None] | None = None
-    ) -> Subscription[MeshView]:
-        """Receive the operating points of a plan whenever something becomes of one."""
-        return self._subscribe("mesh", decode_mesh, callback)
-
-    def subscribe_ticks(
-        self, callback: Callable[[np.ndarray], None] | None = None
-    ) -> Subscription[np.ndarray]:
-        """Receive every tick, in blocks: structured arrays of shape (n,), `schema.TICK_DTYPE`."""
-        return self._subscribe("ticks", decode_ticks, callback)
-
-    def _subscribe(
-        self, name: str, decode: Callable[[bytes], _Item], callback: Callable[[_Item], None] | None
-    ) -> Subscription[_Item]:
-        return Subscription(self._session, key(self.bench, name), decode, callback)
-
-    def _get(self, name: str, arguments: dict[str, Any] | None, timeout_s: float) -> bytes:
+    def ask(
+        self, name: str, arguments: dict[str, Any] | None = None, timeout_s: float = QUERY_S
+    ) -> bytes:
+        """Return the reply to a query on key `name` as it came. Raises ClientError."""
         payload = None if arguments is None else json.dumps(arguments).encode()
         rpc = name.removeprefix("rpc/")
         if payload is not None and rpc in RPCS and rpc != CALIBRATION_INSTALL.name:

@@ -13,8 +13,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from motord.api.endpoints import MAX_REPLY_BYTES
 from motord.api.messages import BenchState, Event, MeshView, PlanView
-from motord.api.replies import ErrorReply, RpcReply
-from motord.api.requests import RPCS
+from motord.api.replies import ErrorReply
+from motord.api.requests import ReplyT, Rpc
 from motord.client.error import ClientError
 from motord.config.base import what_is_wrong
 from motord.schema import TICK
@@ -54,10 +54,9 @@ decode_ticks: Callable[[bytes], np.ndarray] = _decoder(_CODEC.decode_list, "tick
 _decode_error: Callable[[bytes], ErrorReply] = _decoder(ErrorReply.model_validate_json, "an error")
 
 
-def decode_reply(name: str, content: bytes) -> dict[str, Any]:
-    """Return the reply to RPC `name`. Raises ClientError "bad_answer"."""
-    model: type[RpcReply] = RPCS[name].reply if name in RPCS else RpcReply
-    return _decoder(model.model_validate_json, f"an answer to {name}")(content).content()
+def decode_reply(rpc: Rpc[Any, ReplyT], content: bytes) -> ReplyT:
+    """Return the reply to an RPC. Raises ClientError "bad_answer"."""
+    return _decoder(rpc.reply.model_validate_json, f"an answer to {rpc.name}")(content)
 
 
 def no_reply_in_time(key: str, timeout_s: float) -> ClientError:

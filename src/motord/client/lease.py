@@ -3,31 +3,36 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Self
 
+from motord.api.replies import LeaseGrant
+from motord.api.requests import LEASE_ACQUIRE, LEASE_RELEASE, LEASE_RENEW
+from motord.client.commander import Commander, RpcTarget
 from motord.client.error import ClientError
 
 RENEWALS = 4
 """Renewals within the time in which one is due."""
 
-Rpc = Callable[..., dict[str, Any]]
 
-
-class Lease:
-    """The lease while a `with` block runs, renewed by a thread.
+class Lease(Commander):
+    """The lease while a `with` block runs, renewed by a thread, and what its holder may ask for.
 
     `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
-    longer than the lease lasts.
+    longer than the lease lasts; `on_lost` is called then, in that thread.
+
+    >>> with client.lease("anna") as lease:
+    ...     client.state().lease.holder, lease.lost.is_set()
+    ('anna', False)
     """
 
-    def __init__(self, rpc: Rpc, holder: str, *, force: bool = False) -> None:
-        self.token = ""
+    def __init__(self, daemon: RpcTarget, holder: str, *, force: bool = False) -> None:
+        super().__init__(daemon)
         self.holder = holder
         self.took_over_from: str | None = None
         self.lost = threading.Event()
         self.why = ""
+        self.on_lost: Callable[[], None] = lambda: None
         self._lease_s = 0.0
-        self._rpc = rpc
         self._force = force
         self._done = threading.Event()
         self._thread: threading.Thread | None = None
@@ -46,14 +51,11 @@ class Lease:
 
     def acquire(self) -> None:
         """Acquire the lease. Raises ClientError if somebody else holds it."""
-        reply = self._rpc("lease/acquire", holder=self.holder, force=self._force)
-        self.token, self.took_over_from = reply["token"], reply["took_over_from"]
-        self._lease_s = float(reply["lease_s"])
+        grant = self._daemon.call(LEASE_ACQUIRE, holder=self.holder, force=self._force)
+        self.token, self.took_over_from = grant.token, grant.took_over_from
+        self._lease_s = grant.lease_s
         self._thread = threading.Thread(
-            target=self._renew,
-            args=(reply["lease_s"], reply["renew_within_s"]),
-            name="motord-lease",
-            daemon=True,
+            target=self._renew, args=(grant,), name="motord-lease", daemon=True
         )
         self._thread.start()
 
@@ -68,17 +70,17 @@ class Lease:
         if self.lost.is_set():
             return
         try:
-            self._rpc("lease/release", token=self.token)
+            self._daemon.call(LEASE_RELEASE, token=self.token)
         except ClientError as error:
             self._lose(str(error))
 
-    def _renew(self, lease_s: float, within_s: float) -> None:
-        good_until_s = time.monotonic() + lease_s
-        while not self._done.wait(within_s / RENEWALS):
+    def _renew(self, grant: LeaseGrant) -> None:
+        good_until_s = time.monotonic() + grant.lease_s
+        while not self._done.wait(grant.renew_within_s / RENEWALS):
             begun_s = time.monotonic()
             try:
-                self._rpc("lease/renew", token=self.token)
-                good_until_s = begun_s + lease_s
+                self._daemon.call(LEASE_RENEW, token=self.token)
+                good_until_s = begun_s + grant.lease_s
             except ClientError as error:
                 if error.code != "unreachable" or time.monotonic() > good_until_s:
                     self._lose(str(error))
@@ -87,3 +89,4 @@ class Lease:
     def _lose(self, why: str) -> None:
         self.why = why
         self.lost.set()
+        self.on_lost()

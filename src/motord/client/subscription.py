@@ -1,26 +1,32 @@
-"""Subscription to one key of a daemon."""
+"""Subscriptions to the keys of a daemon."""
 
 import logging
-import queue
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Generic, Self, TypeVar
 
 import zenoh
 
+from motord.api.messages import BenchState, PlanView
 from motord.client.error import ClientError
 
 KEPT = 1000
-WAIT_S = 1.0
+CLOSE_S = 2.0
+"""How long the end of a subscription waits for a callback under way."""
 
 _Item = TypeVar("_Item")
+_Document = TypeVar("_Document", bound=BenchState | PlanView)
+_log = logging.getLogger("motord")
 
 
 class Subscription(Generic[_Item]):
     """Items of one key: passed to a callback, or queued for `get` and iteration.
 
-    At most `KEPT` items are queued; older ones are dropped and counted in `lost`. Malformed items
-    are dropped and counted in `malformed`; the first is logged. The callback runs in a thread of
-    its own.
+    At most `kept` items wait; older ones are dropped and counted in `lost`, so that a subscriber
+    that stands still costs no more than that. Malformed items are dropped and counted in
+    `malformed`; the first is logged. The callback runs in a thread of its own.
     """
 
     def __init__(
@@ -28,13 +34,23 @@ class Subscription(Generic[_Item]):
         session: zenoh.Session,
         key_expr: str,
         decode: Callable[[bytes], _Item],
-        callback: Callable[[_Item], None] | None,
+        callback: Callable[[_Item], None] | None = None,
+        kept: int | None = None,
     ) -> None:
         self.lost = self.malformed = 0
-        self._items: queue.Queue[_Item] = queue.Queue(KEPT)
+        self.on_item: Callable[[], None] = lambda: None
+        """Called when an item has been queued, in the thread that receives."""
+        self._items: deque[_Item] = deque(maxlen=KEPT if kept is None else kept)
+        self._changed = threading.Condition()
+        self._closed = False
         self._decode = decode
-        self._callback = callback
         self._subscriber = session.declare_subscriber(key_expr, self._receive)
+        self._thread: threading.Thread | None = None
+        if callback is not None:
+            self._thread = threading.Thread(
+                target=self._call, args=(callback,), name=f"motord {key_expr}", daemon=True
+            )
+            self._thread.start()
 
     def __enter__(self) -> Self:
         return self
@@ -43,44 +59,77 @@ class Subscription(Generic[_Item]):
         self.close()
 
     def close(self) -> None:
-        """End the subscription."""
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        """End the subscription; may be called twice, from any thread."""
+        with self._changed:
+            closed, self._closed = self._closed, True
+            self._changed.notify_all()
+        if not closed:
+            with suppress(zenoh.ZError):  # its session is closed already
+                self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(CLOSE_S)
 
-    def get(self, timeout_s: float) -> _Item | None:
-        """Return the next item, or None if none comes in time."""
-        try:
-            return self._items.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
+    def get(self, timeout_s: float | None = None) -> _Item | None:
+        """Return the next item, or None if none comes in time or the subscription is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._items or self._closed, timeout_s)
+            if not self._items:
+                return None
+            item = self._items.popleft()
+        self._passed_on(item)
+        return item
 
     def __iter__(self) -> Iterator[_Item]:
-        """Yield items without end."""
-        while True:
-            item = self.get(WAIT_S)
-            if item is not None:
-                yield item
+        """Yield items until the subscription is closed."""
+        while (item := self.get()) is not None:
+            yield item
+
+    def _passed_on(self, item: _Item) -> None:
+        """Take note of an item on its way to the reader."""
 
     def _receive(self, sample: zenoh.Sample) -> None:
         try:
             item = self._decode(sample.payload.to_bytes())
         except ClientError as error:
             if not self.malformed:
-                logging.getLogger("motord").warning("%s: %s", sample.key_expr, error)
+                _log.warning("%s: %s", sample.key_expr, error)
             self.malformed += 1
             return
-        if self._callback is not None:
-            self._callback(item)
-            return
-        while True:
-            try:
-                self._items.put_nowait(item)
-                return
-            except queue.Full:
-                self._drop_oldest()
+        self._queue(item)
 
-    def _drop_oldest(self) -> None:
-        try:
-            self._items.get_nowait()
-            self.lost += 1
-        except queue.Empty:
-            return
+    def _queue(self, item: _Item) -> None:
+        with self._changed:
+            if self._closed:
+                return
+            self.lost += len(self._items) == self._items.maxlen
+            self._items.append(item)
+            self._changed.notify()
+        self.on_item()
+
+    def _call(self, callback: Callable[[_Item], None]) -> None:
+        for item in self:
+            try:
+                callback(item)
+            except Exception:
+                _log.exception("in a callback of a subscription")
+
+
+class DocumentSubscription(Subscription[_Document]):
+    """States, or progress of plans: none that is older than one before."""
+
+    _newest_ns = 0
+    _asked_ns = 0
+
+    def add_latest(self, document: _Document) -> None:
+        """Queue a document that was asked for, unless a newer one has come meanwhile."""
+        with self._changed:
+            if document.t_ns >= self._newest_ns:
+                self._asked_ns = document.t_ns
+                super()._queue(document)
+
+    def _queue(self, item: _Document) -> None:
+        with self._changed:
+            if item.t_ns < self._asked_ns:
+                return  # published before the one that was asked for
+            self._asked_ns, self._newest_ns = 0, item.t_ns
+            super()._queue(item)

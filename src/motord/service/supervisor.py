@@ -26,6 +26,8 @@ from motord.service.rpc.dispatcher import Dispatcher
 from motord.shm.tables import TablesWriter
 
 PERIOD_NS = 10_000_000
+EARLY_NS = 1_000_000
+"""Between two steps requests are carried out as they come, so long apart."""
 RAMP_MARGIN_S = 1.0
 STOP_NS = 300_000_000
 RECORDER_START_NS = 20_000_000_000
@@ -156,4 +158,15 @@ class Supervisor:
                 return
             self.step()
             due_ns = max(due_ns + PERIOD_NS, self.clock_ns())
-            time.sleep(max(0.0, (due_ns - self.clock_ns()) / 1e9))
+            self._take_requests_until(due_ns)
+
+    def _take_requests_until(self, due_ns: int) -> None:
+        """Sleep, and carry out what is requested meanwhile: nobody waits for the next step."""
+        while (left_ns := due_ns - self.clock_ns()) > 0:
+            if self.dispatcher.calls.wait(left_ns / 1e9):
+                now_ns = self.clock_ns()
+                with self.guard.part("requests", now_ns):
+                    self.dispatcher.take(now_ns)
+                with self.guard.part("publisher", now_ns):  # who has a reply may ask for the state
+                    self.publisher.publish_documents(now_ns)
+                time.sleep(max(0, min(EARLY_NS, due_ns - self.clock_ns())) / 1e9)

@@ -135,7 +135,7 @@ def test_what_is_too_long_is_not_read():
 
 
 DECODERS = {
-    **{name: lambda content, name=name: decode_reply(name, content) for name in sorted(RPCS)},
+    **{name: lambda content, rpc=RPCS[name]: decode_reply(rpc, content) for name in sorted(RPCS)},
     "state": decode_state,
     "event": decode_event,
     "events": decode_events,

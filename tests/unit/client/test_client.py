@@ -10,13 +10,22 @@ import zenoh
 
 from motord.api.endpoints import client_config, router_config
 from motord.api.requests import RPCS
-from motord.client import Client, ClientError, Lease, connect, connection, operator
+from motord.client import (
+    Client,
+    ClientError,
+    Lease,
+    PlanEndedError,
+    connect,
+    connection,
+    operator,
+)
 from motord.schema import TICK_DTYPE
 from motord.security.identity import Identity
 from motord.service.publish.zenoh_api import ApiError
 from tests.unit.service.live_service import LiveService, endpoint, live_service
 
 WAIT_S = 20.0
+SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
 
 
 @pytest.fixture(scope="module")
@@ -145,13 +154,14 @@ class Flaky:
         self.failures, self.code = failures, code
         self.renewed = threading.Event()
 
-    def __call__(self, name, /, **arguments):
-        if name == "lease/renew":
+    def call(self, rpc, /, **arguments):
+        if rpc.name == "lease/renew":
             if self.failures:
                 self.failures -= 1
                 raise ClientError(self.code, "it is gone")
             self.renewed.set()
-        return {"token": "t", "took_over_from": None, "lease_s": 0.4, "renew_within_s": 0.3}
+        grant = {"token": "t", "took_over_from": None, "lease_s": 0.4, "renew_within_s": 0.3}
+        return rpc.reply.model_validate(grant)
 
 
 def test_a_lease_outlives_a_connection_that_comes_back_in_time():
@@ -226,11 +236,84 @@ def test_events_are_remembered_and_published(client):
     assert any(event.message == "stop, from a test" for event in client.events())
 
 
+def test_the_last_state_and_progress_come_at_once(client):
+    with client.subscribe_state() as states, client.subscribe_state(latest=False) as later:
+        first = states.get(0.0)
+        assert first.bench == "live"
+        assert later.get(WAIT_S).t_ns >= first.t_ns
+    with client.subscribe_plan() as progress:
+        present, first = client.plan(), progress.get(0.0)
+        assert (first is None) == (present is None)
+
+
+def test_a_subscription_without_a_daemon_waits_for_it(tmp_path):
+    with live_service(tmp_path, name="short") as service:
+        client = connect("short", service.listen)
+    with client, client.subscribe_state() as states:
+        assert states.get(0.0) is None
+
+
+def test_a_lease_has_what_its_holder_may_ask_for(client):
+    client.stop(by="a test")
+    with client.lease("anna") as lease, client.subscribe_state() as states:
+        assert lease.reset().state in ("OFF", "READY")
+        assert lease.enable().state == "ENABLED"
+        reply = lease.set(torque_Nm=0.5, speed_Hz=0.5, compensate="off")
+        assert (reply.setpoint.torque_target_Nm, reply.setpoint.speed_Hz) == (0.5, 0.5)
+        assert wait_for(states, lambda s: s.setpoint.torque_target_Nm == 0.5).state == "ENABLED"
+        assert lease.disable().state == "READY"
+        assert lease.set(enable=True, brake=0.0).state == "ENABLED"
+        with pytest.raises(ClientError, match="nothing to set"):
+            lease.set()
+        assert client.stop().state == "OFF"
+    with pytest.raises(ClientError) as caught:
+        lease.enable()
+    assert caught.value.code == "no_lease"
+    assert any(operator() in event.message for event in client.events())
+
+
+def test_what_needs_no_lease(client):
+    assert "calibrate" in [plan.name for plan in client.plans()]
+    outline = client.dry_run("calibrate", SHORT)
+    assert (len(outline.points), outline.run_id) == (1, "")
+    assert client.config().toml == "the text"
+    with pytest.raises(ClientError, match="turns") as caught:
+        client.dry_run("calibrate", {"turns": 0})
+    assert caught.value.code == "invalid"
+
+
+def test_a_plan_is_followed_to_its_end(client):
+    client.stop()
+    with client.lease("anna") as lease:
+        run = lease.run_plan("calibrate", SHORT)
+        times_ns = []
+
+        def abort_after_a_while():
+            for progress in run:
+                times_ns.append(progress.t_ns)
+                if len(times_ns) == 3:
+                    assert lease.pause_plan().state == "pausing"
+                    assert lease.resume_plan().state == "running"
+                    lease.abort_plan()
+
+        with pytest.raises(PlanEndedError, match="calibrate aborted: aborted by anna"):
+            abort_after_a_while()
+        assert len(times_ns) > 3
+        assert times_ns == sorted(times_ns)
+        with pytest.raises(PlanEndedError):
+            client.follow_plan().wait()
+        again = client.follow_plan().run_id
+        assert again == run.run_id
+        outline = lease.start_plan("calibrate", SHORT)
+        assert outline.run_id != again
+        with pytest.raises(ClientError, match="not known here any more"):
+            run.wait()
+        lease.abort_plan()
+
+
 def test_plan_progress_is_published(client):
-    assert client.plan() is None
-    settings = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
-    with client.lease("anna") as lease, client.subscribe_plan() as progress:
-        outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=settings)
+    with client.lease("anna") as lease, client.subscribe_plan(latest=False) as progress:
+        outline = client.rpc("plan/start", token=lease.token, name="calibrate", settings=SHORT)
         assert len(outline["points"]) == 1
         view = progress.get(WAIT_S)
         assert (view.plan, view.state, view.started_by) == ("calibrate", "running", "anna")

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -548,3 +549,14 @@ def test_the_heartbeat_goes_on_whatever_happens(played):
         assert played.loops[0].mailbox.read(record)
         beats.append(int(record["seq"][0]))
     assert np.diff(beats).tolist() == [1, 1, 1, 1]
+
+
+def test_a_request_between_two_steps_is_carried_out_at_once(played):
+    """The clock stands still until the answer is there: without that the step never comes."""
+    played.up()
+    step_ns = played.now_ns + 1
+    call = Call("plan/list", parse(RPCS["plan/list"], b""))
+    call = replace(call, on_reply=lambda outcome: setattr(played, "now_ns", step_ns))
+    threading.Timer(0.05, played.supervisor.dispatcher.calls.put, (call,)).start()
+    played.supervisor._take_requests_until(step_ns)
+    assert call.wait(0).content()["plans"]

@@ -111,18 +111,20 @@ class Daemon:
     """Grants a lease and notes what is asked of it; `on` is called for a request by its name."""
 
     bench = "b"
+    lease_s = 5.0
 
     def __init__(self, **on):
         self.asked, self.on = [], on
 
-    def rpc(self, name, /, **arguments):
-        self.asked.append(name)
-        if name in self.on:
-            self.on[name]()
-        return {"token": "t", "took_over_from": None, "lease_s": 5.0, "renew_within_s": 5.0}
+    def call(self, rpc, /, **arguments):
+        self.asked.append(rpc.name)
+        if rpc.name in self.on:
+            self.on[rpc.name]()
+        times = {"lease_s": self.lease_s, "renew_within_s": self.lease_s}
+        return rpc.reply.model_validate({"token": "t", "took_over_from": None, **times})
 
     def lease(self, *, force=False):
-        return Lease(self.rpc, "anna", force=force)
+        return Lease(self, "anna", force=force)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -175,12 +177,8 @@ def test_a_daemon_that_hangs_does_not_hold_up_the_end_of_a_command():
         hangs.wait(60.0)
 
     daemon = Daemon(**{"lease/renew": renew})
-    grant = daemon.rpc
-
-    def quick(name, /, **arguments):
-        return {**grant(name, **arguments), "lease_s": 0.1, "renew_within_s": 0.1}
-
-    lease = Lease(quick, "anna")
+    daemon.lease_s = 0.1
+    lease = daemon.lease()
     lease.acquire()
     assert asked.wait(60.0)
     lease.release()

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from motord.cli.bench.interruption import interrupted_once
 from motord.cli.bench.shared_token import shared, tokens
@@ -19,17 +19,19 @@ from motord.cli.console import fail, remark
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
-    from motord.client import Client, Lease
+    from motord.api.replies import RpcReply
+    from motord.client import Client, Commander, Lease
 
+_Reply = TypeVar("_Reply", bound="RpcReply")
 LOOK_S = 0.2
 _RANK = {"TRIPPED": -1, "OFF": 0, "READY": 1, "ENABLED": 2}
 
 
 @dataclass(frozen=True)
 class LeaseSession:
-    """The token to command with, and the lease if this process is the one that holds it."""
+    """What to command with, and the lease if this process is the one that holds it."""
 
-    token: str
+    commander: "Commander"
     lease: "Lease | None"
 
 
@@ -40,16 +42,18 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
     The first of Ctrl-C, SIGTERM and SIGHUP raises KeyboardInterrupt; the lease is given back then,
     too, and no further signal keeps it from that.
     """
+    from motord.client import Commander
+
     with interrupted_once() as hold_off:
         token = None if force else _token_in_force(client)
         if token is not None:
-            yield LeaseSession(token, None)
+            yield LeaseSession(Commander(client, token), None)
             return
         lease = client.lease(force=force)
         try:
             lease.acquire()
             with shared(client.bench, lease.token):
-                yield LeaseSession(lease.token, lease)
+                yield LeaseSession(lease, lease)
         finally:
             hold_off()
             if lease.token:
@@ -57,26 +61,27 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
 
 
 def command(
-    rpc: str,
+    ask: "Callable[[Commander], _Reply]",
     connection: Connection,
-    text: Callable[[dict[str, Any]], str],
+    text: "Callable[[_Reply], str]",
     *,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Call an RPC that needs the lease and nothing else; print its answer, JSON or `text` of it."""
+    """Ask something that needs the lease and nothing else; print the answer, JSON or `text`."""
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc(rpc, token=session.token)
-        print_answer(answer, text(answer), as_json)
+        answer = ask(session.commander)
+        print_answer(answer.content(), text(answer), as_json)
 
 
 def _token_in_force(client: "Client") -> str | None:
     """Return the token of a command that runs and holds the lease now, if there is one."""
+    from motord.api.requests import LEASE_RENEW
     from motord.client import ClientError
 
     for token in tokens(client.bench):
         with suppress(ClientError):
-            client.rpc("lease/renew", token=token)
+            client.call(LEASE_RENEW, token=token)
             return token
     return None
 

@@ -2,7 +2,7 @@
 
 import time
 from contextlib import suppress
-from operator import itemgetter
+from operator import attrgetter, methodcaller
 from typing import Annotated, Any, Literal
 
 import typer
@@ -33,33 +33,33 @@ def enable(
     ramps down and is disabled.
     """
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc("enable", token=session.token)
-        print_answer(answer, answer["state"], as_json)
+        answer = session.commander.enable()
+        print_answer(answer.content(), answer.state, as_json)
         if session.lease is not None:
             if not as_json:
-                announce(answer["state"], for_s)
-            hold(client, session.lease, answer, for_s)
+                announce(answer.state, for_s)
+            hold(client, session.lease, answer.content(), for_s)
 
 
 def disable(
     connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False
 ) -> None:
     """Ramp the torque to zero, then disable; ends a plan."""
-    command("disable", connection, itemgetter("state"), force=force, as_json=as_json)
+    ask, text = methodcaller("disable"), attrgetter("state")
+    command(ask, connection, text, force=force, as_json=as_json)
 
 
 def stop(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Zero current now and OFF, whoever is in command."""
-    from motord.client import operator
-
     with connection.open() as client:
-        answer = client.rpc("stop", by=operator())
-        print_answer(answer, answer["state"], as_json)
+        answer = client.stop()
+        print_answer(answer.content(), answer.state, as_json)
 
 
 def reset(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Leave a trip whose cause is gone; start the loop again if it has ended."""
-    command("reset", connection, itemgetter("state"), force=force, as_json=as_json)
+    ask, text = methodcaller("reset"), attrgetter("state")
+    command(ask, connection, text, force=force, as_json=as_json)
 
 
 def note(
@@ -68,12 +68,10 @@ def note(
     as_json: AsJson = False,
 ) -> None:
     """Put a remark with its time into events and recording; needs no lease."""
-    from motord.client import operator
-
     with connection.open() as client:
-        answer = client.rpc("note", text=" ".join(text), by=operator())
-    where = answer["recording"] or "the events alone: nothing is being recorded"
-    print_answer(answer, f"noted in {where}", as_json)
+        answer = client.note(" ".join(text))
+    where = answer.recording or "the events alone: nothing is being recorded"
+    print_answer(answer.content(), f"noted in {where}", as_json)
 
 
 def set_(
@@ -117,15 +115,15 @@ def set_(
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = client.rpc("set", token=session.token, enable=enable_first, **asked)
-        print_answer(answer, set_in_words(answer), as_json)
+        answer = session.commander.set(enable=enable_first, **asked)
+        print_answer(answer.content(), set_in_words(answer), as_json)
         begun_s = time.monotonic()
         lease = None if asked.keys() == {"compensate"} else session.lease
         with suppress(KeyboardInterrupt):
             if not as_json:
                 if lease is not None:
-                    announce(answer["state"], for_s)
+                    announce(answer.state, for_s)
                 show_reached(client, answer, for_s)
             if lease is not None:
                 left_s = None if for_s is None else for_s - (time.monotonic() - begun_s)
-                hold(client, lease, answer, left_s)
+                hold(client, lease, answer.content(), left_s)

@@ -1,7 +1,7 @@
 """What `motord set` answers: where the bench is going, then where it came to."""
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -9,6 +9,7 @@ from motord.cli.bench.status import number, sensor_in_words
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
+    from motord.api.replies import SetpointReply
     from motord.client import Client
 
 LATE_S = 1.0
@@ -16,26 +17,26 @@ LATE_S = 1.0
 LOOK_S = 0.5
 
 
-def set_in_words(answer: dict[str, Any]) -> str:
+def set_in_words(answer: "SetpointReply") -> str:
     """Return what was set, and when it will be reached."""
-    s = answer["setpoint"]
-    speed = "not held" if s["speed_Hz"] is None else f"{s['speed_Hz']:g} Hz"
-    when = f", reached in {answer['reached_in_s']:.1f} s" if answer["reached_in_s"] else ""
+    s = answer.setpoint
+    speed = "not held" if s.speed_Hz is None else f"{s.speed_Hz:g} Hz"
+    when = f", reached in {answer.reached_in_s:.1f} s" if answer.reached_in_s else ""
     return (
-        f"set: torque {s['torque_target_Nm']:g} Nm{when}; speed {speed}, brake {s['brake']:.3g}, "
-        f"drive {s['drive_Hz']:g} Hz, compensation {s['compensate']}"
+        f"set: torque {s.torque_target_Nm:g} Nm{when}; speed {speed}, brake {s.brake:.3g}, "
+        f"drive {s.drive_Hz:g} Hz, compensation {s.compensate}"
     )
 
 
-def show_reached(client: "Client", answer: dict[str, Any], for_s: float | None) -> None:
+def show_reached(client: "Client", answer: "SetpointReply", for_s: float | None) -> None:
     """Wait until the torque is the one that was set, and print what the bench measures then.
 
     Not for longer than `for_s`.
     """
-    target_Nm = answer["setpoint"]["torque_target_Nm"]
-    if not answer["reached_in_s"]:
+    target_Nm = answer.setpoint.torque_target_Nm
+    if not answer.reached_in_s:
         return
-    wait_s = answer["reached_in_s"] + LATE_S
+    wait_s = answer.reached_in_s + LATE_S
     end_s = time.monotonic() + (wait_s if for_s is None else min(wait_s, for_s))
     state = None
     with client.subscribe_state() as states:

@@ -2,6 +2,8 @@
 
 import json
 import shlex
+from contextlib import suppress
+from operator import methodcaller
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,9 +17,8 @@ from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
     from motord.api.messages import PlanView
-    from motord.client import Client, Subscription
-
-LOOK_S = 0.5
+    from motord.api.replies import AvailablePlan, PlanName, PlanProgress
+    from motord.client import Client, Commander, PlanRun
 
 Detach = Annotated[
     bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
@@ -30,16 +31,17 @@ app = group("Experiments: list, start, steer.")
 def list_(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
     """Show the plans and the settings that they start with."""
     with connection.open() as client:
-        answer = client.rpc("plan/list")
-        print_answer(answer, "\n".join(_plan_lines(answer["plans"])), as_json)
+        plans = client.plans()
+        answer = {"plans": [plan.content() for plan in plans]}
+        print_answer(answer, "\n".join(_plan_lines(plans)), as_json)
 
 
-def _plan_lines(plans: list[dict[str, Any]]) -> list[str]:
+def _plan_lines(plans: "list[AvailablePlan]") -> list[str]:
     lines = []
     for plan in plans:
-        lines.append(f"{plan['name']}: {plan['summary']}")
-        lines.append(f"    then: motord analyse {plan['name']} RUN...")
-        lines += [f"    {key} = {json.dumps(value)}" for key, value in plan["settings"].items()]
+        lines.append(f"{plan.name}: {plan.summary}")
+        lines.append(f"    then: motord analyse {plan.name} RUN...")
+        lines += [f"    {key} = {json.dumps(value)}" for key, value in plan.settings.items()]
     return lines
 
 
@@ -67,24 +69,22 @@ def start(
 ) -> None:
     """Start a plan and follow it; Ctrl-C aborts it, ramping down."""
     with connection.open() as client:
-        asked = {"name": name, "settings": settings_of(client, name, settings or [])}
+        asked = settings_of(client, name, settings or [])
         if dry_run:
-            _dry_run(client, asked, limit_s, as_json)
+            _dry_run(client, name, asked, limit_s, as_json)
             return
-        with in_command(client, force=force) as session, client.subscribe_plan() as progress:
-            answer = client.rpc(
-                "plan/start", token=session.token, detach=detach, notes=notes, **asked
-            )
+        with in_command(client, force=force) as session:
             if detach:
-                print_answer(answer, f"{name} started, about {answer['estimate_s']:.0f} s", as_json)
+                outline = session.commander.start_plan(name, asked, detach=True, notes=notes)
+                text = f"{name} started, about {outline.estimate_s:.0f} s"
+                print_answer(outline.content(), text, as_json)
                 return
-            _follow_to_end(client, session.token, progress, as_json)
+            run = session.commander.run_plan(name, asked, notes=notes)
+            _follow_to_end(client, run, session.commander, as_json)
 
 
-def _follow_to_end(
-    client: "Client", token: str, progress: "Subscription[PlanView]", as_json: bool
-) -> None:
-    view = follow(client, token, progress, quiet=as_json)
+def _follow_to_end(client: "Client", run: "PlanRun", commander: "Commander", as_json: bool) -> None:
+    view = follow(run, commander, quiet=as_json)
     recording = f", recorded in {view.recording}" if view.recording else ""
     end = f"{view.plan}: {view.points_done} of {view.points} points{recording}"
     print_answer(view.model_dump(mode="json"), end + _then(client, view), as_json)
@@ -92,10 +92,11 @@ def _follow_to_end(
         fail(f"{view.plan} {view.state}: {view.message}")
 
 
-def _dry_run(client: "Client", asked: dict[str, Any], limit_s: float, as_json: bool) -> None:
+def _dry_run(
+    client: "Client", name: str, settings: dict[str, Any], limit_s: float, as_json: bool
+) -> None:
     """Check a plan, then try it out on the simulated rig unless there is no time for that."""
-    name, settings = asked["name"], asked["settings"]
-    outline = client.rpc("plan/start", dry_run=True, **asked)
+    outline = client.dry_run(name, settings).content()
     found = predict(client, name, settings, limit_s) if limit_s else []
     outline["forecast"] = [as_dict(each) for each in found]
     words = {each.point.index: in_words(each) for each in found}
@@ -128,25 +129,23 @@ def _then(client: "Client", view: "PlanView") -> str:
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
 
 
-def follow(
-    client: "Client", token: str, progress: "Subscription[PlanView]", *, quiet: bool
-) -> "PlanView":
-    """Show progress until the plan is over; the first Ctrl-C aborts it."""
+def follow(run: "PlanRun", commander: "Commander", *, quiet: bool) -> "PlanView":
+    """Show progress until the plan is over, well or not; the first Ctrl-C aborts it."""
     from rich.progress import BarColumn, TimeElapsedColumn
+
+    from motord.client import PlanEndedError
 
     percent, step = text_column("{task.percentage:3.0f} %"), text_column("{task.description}")
     with progress_bar(BarColumn(), percent, TimeElapsedColumn(), step, silent=quiet) as bar:
         task = bar.add_task("", total=1.0)
         while True:
             try:
-                view = progress.get(LOOK_S) or client.plan()
-                if view is None:
-                    continue
-                bar.update(task, completed=view.fraction, description=_step(view))
-                if view.over:
-                    return view
+                with suppress(PlanEndedError):
+                    for view in run:
+                        bar.update(task, completed=view.fraction, description=_step(view))
+                return view
             except KeyboardInterrupt:
-                client.rpc("plan/abort", token=token)
+                commander.abort_plan()
 
 
 def _step(view: "PlanView") -> str:
@@ -172,7 +171,7 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
 @app.command()
 def pause(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Ramp to zero and wait; the point under way is taken again after `resume`."""
-    command("plan/pause", connection, _plan_and_state, force=force, as_json=as_json)
+    command(methodcaller("pause_plan"), connection, _plan_and_state, force=force, as_json=as_json)
 
 
 @app.command()
@@ -189,12 +188,12 @@ def resume(
     with connection.open() as client:
         view = client.plan()
         under_way = view is not None and not view.over
-        with in_command(client, force=force) as session, client.subscribe_plan() as progress:
-            answer = client.rpc("plan/resume", token=session.token, detach=detach)
-            if under_way or detach or answer["state"] == "done":
-                print_answer(answer, _plan_and_state(answer), as_json)
+        with in_command(client, force=force) as session:
+            answer = session.commander.resume_plan(detach=detach)
+            if under_way or detach or answer.state == "done":
+                print_answer(answer.content(), _plan_and_state(answer), as_json)
                 return
-            _follow_to_end(client, session.token, progress, as_json)
+            _follow_to_end(client, client.follow_plan(), session.commander, as_json)
 
 
 @app.command()
@@ -202,15 +201,18 @@ def discard(
     connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False
 ) -> None:
     """Forget a plan that was interrupted; its recordings stay."""
-    discarded = "{[plan]}: discarded".format
-    command("plan/discard", connection, discarded, force=force, as_json=as_json)
+
+    def discarded(answer: "PlanName") -> str:
+        return f"{answer.plan}: discarded"
+
+    command(methodcaller("discard_plan"), connection, discarded, force=force, as_json=as_json)
 
 
 @app.command()
 def abort(connection: Connection = DEFAULT, force: Force = False, as_json: AsJson = False) -> None:
     """Ramp down, disable, end the plan."""
-    command("plan/abort", connection, _plan_and_state, force=force, as_json=as_json)
+    command(methodcaller("abort_plan"), connection, _plan_and_state, force=force, as_json=as_json)
 
 
-def _plan_and_state(answer: dict[str, Any]) -> str:
-    return f"{answer['plan']}: {answer['state']}"
+def _plan_and_state(answer: "PlanProgress") -> str:
+    return f"{answer.plan}: {answer.state}"

@@ -16,7 +16,7 @@ from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
-    from motord.client import Client
+    from motord.client import Client, Commander
     from motord.experiments.ilc.analysis import LearnPass
     from motord.experiments.ilc.estimate import Learning
 
@@ -62,13 +62,13 @@ def learn(
         chosen = settings_of(client, "learn", settings or [])
         if again:
             calibration = reopen(calibration, datetime.now(UTC), learning)
-            _install(client, session.token, calibration)
+            session.commander.install_calibration(calibration)
         for number in range(1, passes + 1):
-            done = _pass(client, session.token, chosen, calibration, learning, quiet=as_json)
+            done = _pass(session.commander, chosen, calibration, learning, quiet=as_json)
             if number == passes:
                 done = finish(done, datetime.now(UTC))
             calibration = done.calibration
-            _install(client, session.token, calibration)
+            session.commander.install_calibration(calibration)
             if not as_json:
                 typer.echo(f"pass {number}: {summary(done)}")
             if done.finished:
@@ -93,13 +93,8 @@ def _in_force(client: "Client") -> "Calibration":
     return load(Path(view.path))
 
 
-def _install(client: "Client", token: str, calibration: "Calibration") -> None:
-    client.rpc("calibration/install", token=token, calibration=calibration.to_json())
-
-
 def _pass(
-    client: "Client",
-    token: str,
+    commander: "Commander",
     settings: dict[str, Any],
     calibration: "Calibration",
     learning: "Learning",
@@ -113,9 +108,7 @@ def _pass(
     from motord.experiments.subject import Subject
     from motord.recording.reader import open_run
 
-    with client.subscribe_plan() as progress:
-        client.rpc("plan/start", name="learn", settings=settings, token=token)
-        view = follow(client, token, progress, quiet=quiet)
+    view = follow(commander.run_plan("learn", settings), commander, quiet=quiet)
     if view.state != "done":
         fail(f"learn {view.state}: {view.message}; calibration {calibration.id} is in force")
     run = open_run(_closed(view.recording))

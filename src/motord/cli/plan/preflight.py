@@ -28,7 +28,7 @@ def predict(
     from motord.virtual.mesh import processors
     from motord.virtual.preflight import forecasts
 
-    config = Config.model_validate_json(json.dumps(client.rpc("config")["config"]))
+    config = Config.model_validate_json(json.dumps(client.config().config))
     try:
         plan = build(name, config, settings)
         compensates = plan.settings.get("compensate", "off") != "off"

@@ -15,7 +15,7 @@ def settings_of(client: "Client", name: str, given: list[str]) -> dict[str, Any]
     """Return the settings as JSON values; one number for a list is a list of one."""
     if not given:
         return {}
-    plans = {p["name"]: p["settings"] for p in client.rpc("plan/list")["plans"]}
+    plans = {plan.name: plan.settings for plan in client.plans()}
     return parse_settings(given, plans.get(name, {}))
 
 

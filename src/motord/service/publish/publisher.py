@@ -57,6 +57,10 @@ class Publisher:
     def step(self, block: np.ndarray, now_ns: int) -> None:
         """Publish what is due at `now_ns` (monotonic)."""
         self.telemetry.ticks(block)
+        self.publish_documents(now_ns)
+
+    def publish_documents(self, now_ns: int) -> None:
+        """Publish state and plan if they are due or have changed."""
         key = change_key(self.bench, self.recording.view().path, now_ns)
         if key != self._change_key or now_ns - self._state_ns >= STATE_NS:
             self._change_key, self._state_ns = key, now_ns
@@ -79,9 +83,14 @@ class Publisher:
         return {
             "state": lambda: self._state_json,
             "event": lambda: b"[%b]" % b",".join(event.to_json() for event in events.recent()),
-            "plan": lambda: view.to_json() if (view := plans.view) is not None else b"null",
+            "plan": lambda: view.to_json() if (view := self._plan_view()) is not None else b"null",
             "mesh": lambda: window(mesh).to_json() if (mesh := plans.mesh) is not None else b"null",
         }
+
+    def _plan_view(self) -> PlanView | None:
+        """Return the plan's progress with a time, taken first: what is older came before it."""
+        t_ns, view = self.unix_ns(), self.bench.plans.view
+        return view.model_copy(update={"t_ns": t_ns}) if view is not None else None
 
     def _publish_plan(self, now_ns: int) -> None:
         view, before = self.bench.plans.view, self._plan
@@ -93,7 +102,7 @@ class Publisher:
         )
         if changed or now_ns - self._plan_ns >= STATE_NS:
             self._plan, self._plan_ns = view, now_ns
-            self.telemetry.json("plan", view.to_json())
+            self.telemetry.json("plan", view.model_copy(update={"t_ns": self.unix_ns()}).to_json())
 
     def state(self, now_ns: int) -> BenchState:
         """Return the full state of bench and daemon now."""
@@ -122,7 +131,7 @@ class Publisher:
                 remaining_s=round(bench.lease.remaining_s(now_ns), 2),
                 duration_s=config.zenoh.lease_s,
             ),
-            plan=bench.plans.view,
+            plan=self._plan_view(),
             loop=bench.monitor.loop_view(now_ns),
             ages=ages_s(bench, now_ns),
             links=bench.monitor.links_view(),

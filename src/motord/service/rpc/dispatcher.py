@@ -133,6 +133,11 @@ class CallQueue:
         except queue.Full:
             raise RpcError("busy", f"{self.CAPACITY} requests are waiting; try again") from None
 
+    def wait(self, timeout_s: float) -> bool:
+        """Return whether a call is queued, as soon as one is, at the latest after `timeout_s`."""
+        with self._queue.not_empty:
+            return self._queue.not_empty.wait_for(self._queue._qsize, timeout_s) > 0
+
     def take(self) -> list[Call]:
         """Return the queued calls."""
         calls = []

@@ -46,7 +46,7 @@ class PlanControl:
         bench.events.emit("plan", message, settings=plan.settings)
         bench.manual.rest()
         view = bench.plans.start(plan, holder, request.notes, detached=request.detach)
-        return outline.model_copy(update={"recording": view.recording})
+        return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
     def _build(self, request: rpc.PlanStart) -> Plan:
         try:

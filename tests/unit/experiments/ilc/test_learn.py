@@ -46,11 +46,9 @@ class Daemon:
         self.passes = 0
         self.ends = "done"
 
-    def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
-        if name == "calibration/install":
-            self.calibration = from_json(arguments["calibration"], "given")
-            self.installed.append(self.calibration.id)
-        return {}
+    def install_calibration(self, calibration: Calibration) -> None:
+        self.calibration = from_json(calibration.to_json(), "given")
+        self.installed.append(self.calibration.id)
 
     def state(self) -> SimpleNamespace:
         if self.calibration is None:
@@ -59,11 +57,10 @@ class Daemon:
         self.calibration.save(path)
         return SimpleNamespace(calibration=SimpleNamespace(path=str(path)))
 
-    @contextmanager
-    def subscribe_plan(self) -> Any:
-        yield None
+    def run_plan(self, name: str, settings: dict[str, Any]) -> None:
+        assert (name, settings) == ("learn", {})
 
-    def follow(self, client: Any, token: str, progress: Any, *, quiet: bool) -> SimpleNamespace:
+    def follow(self, run: None, commander: "Daemon", *, quiet: bool) -> SimpleNamespace:
         self.passes += 1
         path = self.folder / f"pass-{self.passes}.mcap"
         if self.ends == "done" and self.calibration is not None:
@@ -83,7 +80,7 @@ def daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Daemon:
 
     @contextmanager
     def in_command(client: Any, *, force: bool) -> Any:
-        yield SimpleNamespace(token="t")
+        yield SimpleNamespace(commander=played)
 
     monkeypatch.setattr(module.Connection, "open", given)
     monkeypatch.setattr(module, "in_command", in_command)

@@ -1,0 +1,87 @@
+"""Finding the daemon behind an endpoint."""
+
+import os
+from pathlib import Path
+
+import zenoh
+
+from motord import DEFAULT_ENDPOINT
+from motord.api.endpoints import KEY_ROOT, client_config
+from motord.client.client import Client
+from motord.client.connection import QUERY_S
+from motord.client.diagnosis import why_closed, why_no_socket
+from motord.client.error import ClientError
+from motord.security import identity as identity_folder
+from motord.security.error import SecurityError
+from motord.security.identity import Identity
+
+
+def connect(
+    bench: str | None = None,
+    endpoint: str | None = None,
+    identity: Identity | Path | str | None = None,
+) -> Client:
+    """Connect to the daemon of `bench` at `endpoint`; without a name, to the only one there.
+
+    From another machine: `endpoint` "tls/HOST:7448" and `identity`, the folder that
+    `motord security add` made. What is not given comes from the environment, as for the command
+    line: MOTORD_CONNECT (else DEFAULT_ENDPOINT) and MOTORD_IDENTITY. Raises ClientError if there is
+    no daemon or it does not let this one in.
+    """
+    endpoint = endpoint or os.environ.get("MOTORD_CONNECT") or DEFAULT_ENDPOINT
+    who = _identity(endpoint, identity or os.environ.get("MOTORD_IDENTITY") or None)
+    try:
+        session = zenoh.open(client_config(endpoint, who))
+    except zenoh.ZError:
+        raise _unreachable(bench, endpoint, who) from None
+    try:
+        return Client(session, _find_bench(session, bench, endpoint, who), endpoint, who)
+    except ClientError:
+        session.close()  # type: ignore[no-untyped-call]
+        raise
+
+
+def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | None:
+    if endpoint.startswith("tls/") and given is None:
+        raise ClientError(
+            "forbidden", f"{endpoint} asks for a certificate: say which identity to show"
+        )
+    if given is None or not endpoint.startswith("tls/"):
+        return None
+    try:
+        return given if isinstance(given, Identity) else identity_folder.load(Path(given))
+    except SecurityError as error:
+        raise ClientError("forbidden", str(error)) from None
+
+
+def _unreachable(bench: str | None, endpoint: str, who: Identity | None = None) -> ClientError:
+    if who is not None and (refused := why_closed(endpoint, who)):
+        return ClientError("forbidden", f"{endpoint} does not let {who.name} in: {refused}")
+    if forbidden := why_no_socket(endpoint):
+        return ClientError("forbidden", forbidden)
+    which = f" for bench '{bench}'" if bench else ""
+    return ClientError(
+        "unreachable", f"no motord at {endpoint}{which}: is `motord run` running there?"
+    )
+
+
+def _find_bench(
+    session: zenoh.Session, bench: str | None, endpoint: str, who: Identity | None
+) -> str:
+    """Return the bench whose daemon is alive behind the endpoint. Raises ClientError."""
+    tokens = session.liveliness().get(f"{KEY_ROOT}/*/alive", timeout=QUERY_S)
+    benches = sorted({str(t.ok.key_expr).split("/")[1] for t in tokens if t.ok is not None})
+    if bench in benches or (bench is None and len(benches) == 1):
+        return bench or benches[0]
+    if not benches and who is not None:
+        raise ClientError(
+            "forbidden", f"{endpoint} shows nothing to {who.name}: no role there, or no bench"
+        )
+    if not benches:
+        raise _unreachable(bench, endpoint)
+    there = ", ".join(benches)
+    if bench is None:
+        raise ClientError("unreachable", f"several benches at {endpoint}: {there}; name one")
+    raise ClientError(
+        "unreachable", f"no motord at {endpoint} for bench '{bench}'; there is one for: {there}"
+    )
