@@ -148,5 +148,6 @@ class BenchLink:
             client.subscribe_state(lambda state: put("state", state)),
             client.subscribe_events(lambda event: put("event", event)),
             client.subscribe_plan(lambda plan: put("plan", plan)),
+            client.subscribe_mesh(lambda mesh: put("mesh", mesh)),
             client.subscribe_ticks(lambda block: put("ticks", block)),
         ]

@@ -12,6 +12,7 @@ from motord.api.requests import LEASE_ACQUIRE, LEASE_RELEASE, LEASE_RENEW, RPCS,
 from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import encode
+from motord.dashboard.heartbeat import Heartbeat
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page_lease import PageLease
 from motord.dashboard.page_messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
@@ -58,8 +59,7 @@ class LivePage:
         self._documents: dict[str, bytes] = {}
         self._queue: deque[bytes] = deque(maxlen=UNSENT_MAX)
         self._news = asyncio.Event()
-        self._ping, self._ping_s = 0, 0.0
-        self._pong, self._pong_s = 0, time.monotonic()
+        self._heartbeat = Heartbeat(time.monotonic())
         self._frame_s = self._connection_s = 0.0
         self._calls: set[asyncio.Task[None]] = set()
         self.begin()
@@ -103,11 +103,11 @@ class LivePage:
 
     def _look(self, now_s: float) -> None:
         """Ping, and see to lease and connection."""
-        if now_s - self._pong_s > GONE_S:
+        if self._heartbeat.silent_s(now_s) > GONE_S:
             raise PageGone
-        if now_s - self._ping_s >= self.lease.ping_s:
-            self._ping, self._ping_s = self._ping + 1, now_s
-            self._documents["ping"] = encode({"kind": "ping", "n": self._ping})
+        ping = self._heartbeat.due(now_s, self.lease.ping_s, self.lease.patience_s)
+        if ping is not None:
+            self._documents["ping"] = encode({"kind": "ping", "n": ping})
         self.lease.check()
         if now_s - self._connection_s >= CONNECTION_S or not self._link.connectivity().alive:
             self._tell_connection(now_s)
@@ -123,7 +123,7 @@ class LivePage:
 
     async def _send_traces(self, send: Sender) -> None:
         now_s = time.monotonic()
-        waits = now_s - self._pong_s > UNANSWERED_S
+        waits = self._heartbeat.silent_s(now_s) > UNANSWERED_S
         if not self._visible or waits or now_s - self._frame_s < FRAME_S:
             return
         self._frame_s = now_s
@@ -154,10 +154,8 @@ class LivePage:
             self._news.set()
 
     def _answered(self, n: int) -> None:
-        if n != self._ping:  # an old one: the page is behind, and must not stay in command by it
-            return
-        self._pong, self._pong_s = n, time.monotonic()
-        if self.lease.held:
+        """Renew the lease: nothing else does."""
+        if self._heartbeat.answer(n, time.monotonic()) and self.lease.held:
             self._run(self.lease.renew())
 
     def _call(self, call: RpcCall) -> None:

@@ -65,9 +65,9 @@ class Pages:
             if config != self.bench.config:
                 self.bench.set_config(config)
             self.bench.set_events(await self._link.look("events"))
-            plan = await self._link.look("plan")
-            if plan is not None:
-                self.bench.set_document("plan", plan.to_json())
+            for kind in ("plan", "mesh"):
+                document = await self._link.look(kind)
+                self.bench.set_document(kind, document.to_json() if document else b"null")
             for page in self._open:
                 page.begin()
 
