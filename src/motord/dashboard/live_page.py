@@ -59,8 +59,10 @@ class LivePage:
         self._documents: dict[str, bytes] = {}
         self._queue: deque[bytes] = deque(maxlen=UNSENT_MAX)
         self._news = asyncio.Event()
+        self._fresh = False  # ticks have come since the last frame
         self._heartbeat = Heartbeat(time.monotonic())
         self._frame_s = self._connection_s = 0.0
+        self._alive = True
         self._calls: set[asyncio.Task[None]] = set()
         self.begin()
 
@@ -75,6 +77,7 @@ class LivePage:
 
     def wake(self) -> None:
         """There are new ticks."""
+        self._fresh = True
         self._news.set()
 
     def publish(self, kind: str, message: bytes) -> None:
@@ -89,7 +92,8 @@ class LivePage:
         """Send what there is to send; never returns. Raises PageGone."""
         while True:
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._news.wait(), self._pause_s())
+                async with asyncio.timeout(self._pause_s()):
+                    await self._news.wait()
             self._news.clear()
             self._look(time.monotonic())
             while self._queue:
@@ -99,7 +103,10 @@ class LivePage:
             await self._send_traces(send)
 
     def _pause_s(self) -> float:
-        return min(LOOK_S, self.lease.ping_s)
+        pause_s = min(LOOK_S, self.lease.ping_s)
+        if self._fresh:
+            pause_s = min(pause_s, max(0.0, self._frame_s + FRAME_S - time.monotonic()))
+        return pause_s
 
     def _look(self, now_s: float) -> None:
         """Ping, and see to lease and connection."""
@@ -109,12 +116,10 @@ class LivePage:
         if ping is not None:
             self._documents["ping"] = encode({"kind": "ping", "n": ping})
         self.lease.check()
-        if now_s - self._connection_s >= CONNECTION_S or not self._link.connectivity().alive:
-            self._tell_connection(now_s)
-
-    def _tell_connection(self, now_s: float) -> None:
-        self._connection_s = now_s
         now = self._link.connectivity()
+        if now.alive == self._alive and now_s - self._connection_s < CONNECTION_S:
+            return
+        self._alive, self._connection_s = now.alive, now_s
         self._documents["connection"] = encode(
             {"kind": "connection", "alive": now.alive, "age_s": now.age_s, "message": now.message}
         )
@@ -124,9 +129,11 @@ class LivePage:
     async def _send_traces(self, send: Sender) -> None:
         now_s = time.monotonic()
         waits = self._heartbeat.silent_s(now_s) > UNANSWERED_S
-        if not self._visible or waits or now_s - self._frame_s < FRAME_S:
+        if not self._visible or waits:
+            self._fresh = False
+        if not self._fresh or now_s - self._frame_s < FRAME_S:
             return
-        self._frame_s = now_s
+        self._frame_s, self._fresh = now_s, False
         for view in tuple(self._views.values()):
             trace = view.trace(self._bench.history, self._bench.grid.lost)
             if trace is not None:
@@ -139,19 +146,23 @@ class LivePage:
         elif isinstance(message, Visible):
             self._show(message.value)
         elif isinstance(message, ViewWanted):
-            self._views[message.view] = View(
-                message.view, message.span_s, message.buckets, message.signals, message.end_s
-            )
-            self._news.set()
+            self._look_at(message)
         else:
             self._call(message)
+
+    def _look_at(self, wanted: ViewWanted) -> None:
+        view = View(wanted.view, wanted.span_s, wanted.buckets, wanted.signals, wanted.end_s)
+        self._views.pop(wanted.view, None)
+        if wanted.signals:
+            self._views[wanted.view] = view
+            self.wake()
 
     def _show(self, visible: bool) -> None:
         self._visible = visible
         if visible:
             drawn = {k: v for k, v in self._bench.documents.items() if k in DRAWN}
             self._documents.update(drawn)
-            self._news.set()
+            self.wake()
 
     def _answered(self, n: int) -> None:
         """Renew the lease: nothing else does."""
