@@ -1,0 +1,101 @@
+"""The pages that are open, and what comes from the daemon to all of them."""
+
+import asyncio
+from contextlib import suppress
+from typing import Any
+
+from motord.api.messages import BenchState
+from motord.api.requests import CALIBRATION_SHOW
+from motord.client import ClientError
+from motord.dashboard.bench_link import BenchLink, Item
+from motord.dashboard.live_bench import LiveBench
+from motord.dashboard.live_page import LivePage
+from motord.security.roles import Role
+
+PAGES_MAX = 16
+SIGNIFICANT = 2.0
+"""Standard errors that an order of the cogging torque must exceed to be marked."""
+RESTARTED = "the daemon was started again: whoever was in command no longer is"
+
+
+class Pages:
+    """Open pages of one bench.
+
+    `who` names the user and the machine in the holders of leases.
+    """
+
+    def __init__(self, bench: LiveBench, link: BenchLink, who: str) -> None:
+        self.bench = bench
+        self._link = link
+        self._who = who
+        self._open: set[LivePage] = set()
+        self._number = 0
+        self._uptime_s = 0.0
+        self._calibration = ""
+        self._lookup: asyncio.Task[None] | None = None
+
+    @property
+    def full(self) -> bool:
+        """True if no more pages may be opened."""
+        return len(self._open) >= PAGES_MAX
+
+    def open(self, role: Role) -> LivePage:
+        """Return a new page."""
+        self._number += 1
+        page = LivePage(f"{self._who} page {self._number}", role, self.bench, self._link)
+        self._open.add(page)
+        return page
+
+    async def close(self, page: LivePage) -> None:
+        """Forget a page; its lease is given back."""
+        self._open.discard(page)
+        await page.close()
+
+    def publish(self, kind: str, message: bytes) -> None:
+        """Send a message to every page."""
+        for page in self._open:
+            page.publish(kind, message)
+
+    def take(self, items: list[Item]) -> None:
+        """Take in what came from the daemon."""
+        self.bench.take(items)
+        for _, item in items:
+            if isinstance(item, BenchState):
+                self._follow(item)
+        for page in self._open:
+            page.wake()
+
+    async def connected(self) -> None:
+        """Take in what a daemon remembers, after connecting to it."""
+        with suppress(ClientError):  # gone again meanwhile
+            config = (await self._link.call("config"))["config"]
+            if config != self.bench.config:
+                self.bench.set_config(config)
+            self.bench.set_events(await self._link.look("events"))
+            for kind in ("plan", "mesh"):
+                document = await self._link.look(kind)
+                self.bench.set_document(kind, document.to_json() if document else b"null")
+            for page in self._open:
+                page.begin()
+
+    def _follow(self, state: BenchState) -> None:
+        """Notice another start of the daemon, and another calibration."""
+        if state.uptime_s < self._uptime_s:
+            for page in self._open:
+                page.lease.lose(RESTARTED)
+        self._uptime_s = state.uptime_s
+        calibration = state.calibration.id if state.calibration is not None else ""
+        if calibration != self._calibration:
+            self._calibration = calibration
+            self._lookup = asyncio.create_task(self._look_up_orders(calibration))
+
+    async def _look_up_orders(self, calibration: str) -> None:
+        """Find out which orders of the turn the calibration in force makes up for."""
+        harmonics: list[dict[str, Any]] = []
+        if calibration:
+            with suppress(ClientError):
+                shown = await self._link.call(CALIBRATION_SHOW.name, id=calibration)
+                harmonics = shown["tau_cog_harmonics"]
+        self.bench.calibrated = [
+            h["order"] for h in harmonics if h["amplitude_Nm"] > SIGNIFICANT * h["stderr_Nm"]
+        ]
