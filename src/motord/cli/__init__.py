@@ -20,6 +20,7 @@ COMMANDS = {
     "status": "motord.cli.bench.status:status",
     "watch": "motord.cli.bench.status:watch",
     "events": "motord.cli.bench.status:events",
+    "dashboard": "motord.cli.dashboard:dashboard",
     "enable": "motord.cli.bench.operate:enable",
     "disable": "motord.cli.bench.operate:disable",
     "stop": "motord.cli.bench.operate:stop",

@@ -58,11 +58,15 @@ class Connection:
 
     @contextmanager
     def open(self) -> "Iterator[Client]":
+        """Connect to the daemon for as long as the block runs. Raises ClientError."""
+        with self.connect() as client:
+            yield client
+
+    def connect(self) -> "Client":
         """Connect to the daemon. Raises ClientError."""
         from motord.client import connect
 
-        with connect(self.bench, self.endpoint, self.identity) as client:
-            yield client
+        return connect(self.bench, self.endpoint, self.identity)
 
 
 DEFAULT = Connection()

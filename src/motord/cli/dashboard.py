@@ -1,0 +1,72 @@
+"""`motord dashboard`: the live page in a browser."""
+
+import json
+import os
+import webbrowser
+from ipaddress import ip_address
+from typing import Annotated
+
+import typer
+
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection
+from motord.cli.console import fail, print_line, remark
+
+EXTRA = "the page needs more packages: pip install 'motord[dashboard]'"
+PORT = 8447
+NICE = 5
+"""Daemon and recorder go first."""
+
+
+def dashboard(
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, metavar="P", help="Port of the page; 0: any.")
+    ] = PORT,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address of this machine to listen on.")
+    ] = "127.0.0.1",
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
+    connection: Connection = DEFAULT,
+    as_json: AsJson = False,
+) -> None:
+    """Show a bench that runs in a browser, and operate it there.
+
+    Prints the address for operators, then the one for viewers, who can watch and command nothing.
+    Whoever has an address can use it, from this machine alone. Runs until Ctrl-C; a page that is in
+    command gives it back then, and the bench ramps down.
+    """
+    _check_host(host)
+    try:
+        from motord.dashboard import server
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn", "websockets"):
+            raise
+        fail(EXTRA)
+    with connection.open() as client:
+        tokens = server.tokens_for(client)
+        with server.listen(port) as listener:
+            urls = server.urls(listener, tokens)
+            if as_json:
+                addresses = {"operator": urls.operator, "viewer": urls.viewer}
+                print_line(json.dumps({"bench": client.bench, "urls": addresses}))
+            else:
+                print_line(urls.operator)
+                print_line(f"to watch only: {urls.viewer}")
+                remark(f"bench {client.bench}; Ctrl-C ends the page, not the bench")
+            os.nice(NICE)
+            if browser:
+                webbrowser.open(urls.operator)
+            server.serve(client, connection.connect, listener, tokens)
+
+
+def _check_host(host: str) -> None:
+    try:
+        address = ip_address("127.0.0.1" if host == "localhost" else host)
+    except ValueError:
+        raise typer.BadParameter(f"--host {host} is no address") from None
+    if not address.is_loopback:
+        fail(
+            f"--host {host}: the page listens on this machine alone, as whoever reads its traffic "
+            "could command the bench; from another machine use `ssh -L 8447:127.0.0.1:8447 HOST`, "
+            "or run `motord dashboard` there with --connect tls/HOST:7448 and --identity"
+        )

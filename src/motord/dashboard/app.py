@@ -1,0 +1,172 @@
+"""The server of the page: its files, `GET /session`, and one WebSocket."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+
+from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from motord.dashboard.bench_link import BenchLink
+from motord.dashboard.frames import FrameError, encode
+from motord.dashboard.live_page import LivePage, PageGone
+from motord.dashboard.page_messages import read
+from motord.dashboard.pages import Pages
+from motord.dashboard.rate_limit import RateLimit
+from motord.dashboard.tokens import Tokens, foreign
+
+SUBPROTOCOL = "motord.1"
+MALFORMED, TOO_MANY_MESSAGES, NO_ANSWER = 4400, 4429, 4408
+"""Codes with which the socket is closed, after a message `error` that says why."""
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self'; font-src 'self'; connect-src 'self'; manifest-src 'self'; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+
+
+class OwnPageOnly:
+    """Refuses what does not come from the server's own page, and adds `HEADERS` to every answer."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or have it answered."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        why = foreign(Headers(scope=scope))
+        if why and scope["type"] == "websocket":
+            socket = WebSocket(scope, receive, send)
+            await socket.send_denial_response(PlainTextResponse(why, 403, HEADERS))
+        elif why:
+            await PlainTextResponse(why, 403, HEADERS)(scope, receive, send)
+        else:
+            await self._app(scope, receive, _with_headers(send))
+
+
+def _with_headers(send: Send) -> Send:
+    added = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+
+    async def send_with_headers(message: Message) -> None:
+        if message["type"] in ("http.response.start", "websocket.http.response.start"):
+            names = {name for name, _ in added}
+            kept = [header for header in message["headers"] if header[0] not in names]
+            message = {**message, "headers": kept + added}
+        await send(message)
+
+    return send_with_headers
+
+
+def application(pages: Pages, tokens: Tokens, link: BenchLink) -> Starlette:
+    """Return the application; it is connected to the daemon before it answers."""
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        link.start(pages.take)
+        await pages.connected()
+        task = asyncio.create_task(link.keep(pages.connected))
+        yield
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    async def session(request: Request) -> Response:
+        scheme, _, token = request.headers.get("authorization", "").partition(" ")
+        role = tokens.role(token) if scheme.lower() == "bearer" else None
+        if role is None:
+            why = "wrong token: open the URL that `motord dashboard` printed at its last start"
+            return JSONResponse({"error": why}, 401)
+        return JSONResponse({"role": str(role), "bench": pages.bench.bench})
+
+    async def live(socket: WebSocket) -> None:
+        offered = socket.scope["subprotocols"]
+        role = tokens.role(offered[1]) if offered[:1] == [SUBPROTOCOL] and offered[1:] else None
+        if role is None:
+            await socket.send_denial_response(PlainTextResponse("wrong token", 401))
+        elif pages.full:
+            await socket.send_denial_response(PlainTextResponse("too many pages are open", 503))
+        else:
+            await socket.accept(SUBPROTOCOL)
+            page = pages.open(role)
+            try:
+                await _serve(socket, page)
+            finally:
+                await asyncio.shield(pages.close(page))
+
+    return Starlette(
+        routes=[
+            Route("/session", session),
+            WebSocketRoute("/socket", live),
+            Mount("/", StaticFiles(packages=[("motord.dashboard", "static")], html=True)),
+        ],
+        lifespan=lifespan,
+        middleware=[Middleware(OwnPageOnly)],
+    )
+
+
+async def _serve(socket: WebSocket, page: LivePage) -> None:
+    """Send and receive until the page is gone."""
+    sending = asyncio.create_task(_send(socket, page))
+    receiving = asyncio.create_task(_receive(socket, page))
+    try:
+        await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (sending, receiving):
+            task.cancel()
+        await asyncio.gather(sending, receiving, return_exceptions=True)
+
+
+async def _send(socket: WebSocket, page: LivePage) -> None:
+    with suppress(WebSocketDisconnect):
+        try:
+            await page.send_all(socket.send_bytes)
+        except PageGone:
+            await _close(socket, NO_ANSWER, "the page has not answered for too long")
+
+
+async def _receive(socket: WebSocket, page: LivePage) -> None:
+    limit = RateLimit()
+    with suppress(WebSocketDisconnect):
+        while True:
+            event = await socket.receive()
+            if event["type"] == "websocket.disconnect":
+                return
+            if not limit.allows():
+                await _close(socket, TOO_MANY_MESSAGES, limit.why)
+                return
+            try:
+                message = read(_binary(event))
+            except FrameError as error:
+                await _close(socket, MALFORMED, str(error))
+                return
+            if message is not None:
+                page.received(message)
+
+
+def _binary(event: Message) -> bytes:
+    data: bytes | None = event.get("bytes")
+    if data is None:
+        raise FrameError("a text message: all are binary")
+    return data
+
+
+async def _close(socket: WebSocket, code: int, why: str) -> None:
+    """Say why, and close."""
+    await socket.send_bytes(encode({"kind": "error", "code": code, "message": why}))
+    await socket.close(code, why[:100])

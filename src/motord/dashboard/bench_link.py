@@ -1,0 +1,152 @@
+"""The connection to the daemon: what it publishes comes to the event loop, requests go out.
+
+Zenoh calls back in threads of its own; what comes is gathered and taken to the event loop in one
+step. A connection on which nothing comes any more is made anew, for as long as it takes.
+"""
+
+import asyncio
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from motord.api.messages import BenchState
+from motord.client import Client, ClientError
+
+SILENT_S = 0.4
+"""States come ten times a second: after so long without one the daemon is not there."""
+RECONNECT_S = 2.0
+"""After so long the connection is made anew."""
+RETRY_S = 0.5
+WAITING_MAX = 200
+"""Blocks of ticks that wait for the event loop; older ones are dropped, and count as lost."""
+REQUEST_THREADS, URGENT_THREADS = 12, 4
+
+Item = tuple[str, Any]
+"""What came: the name of its key, and the message or block of ticks."""
+
+
+class _Inbox:
+    """What Zenoh's threads have brought, on its way to the event loop."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, take: Callable[[list[Item]], None]) -> None:
+        self._loop = loop
+        self._take = take
+        self._lock = threading.Lock()
+        self._items: list[Item] = []
+
+    def put(self, name: str, item: Any) -> None:
+        """Add an item, from any thread."""
+        with self._lock:
+            first = not self._items
+            self._items.append((name, item))
+            if len(self._items) > WAITING_MAX:
+                self._items = _without_oldest_ticks(self._items)
+        if first:
+            with suppress(RuntimeError):  # the event loop is over
+                self._loop.call_soon_threadsafe(self._deliver)
+
+    def _deliver(self) -> None:
+        with self._lock:
+            items, self._items = self._items, []
+        self._take(items)
+
+
+def _without_oldest_ticks(items: list[Item]) -> list[Item]:
+    oldest = next((at for at, (name, _) in enumerate(items) if name == "ticks"), 0)
+    return items[:oldest] + items[oldest + 1 :]
+
+
+@dataclass(frozen=True)
+class Connectivity:
+    """Whether the daemon publishes; `age_s` of its newest state."""
+
+    alive: bool
+    age_s: float
+    message: str
+
+
+class BenchLink:
+    """A client of a daemon, for an event loop.
+
+    `connect` makes the connection anew.
+    """
+
+    def __init__(self, client: Client, connect: Callable[[], Client]) -> None:
+        self.client = client
+        self._connect = connect
+        self._inbox: _Inbox | None = None
+        self._subscriptions: list[Any] = []
+        self._received_s = time.monotonic()
+        self._why = ""
+        self._requests = ThreadPoolExecutor(REQUEST_THREADS, "motord-rpc")
+        self._urgent = ThreadPoolExecutor(URGENT_THREADS, "motord-urgent")
+
+    def start(self, take: Callable[[list[Item]], None]) -> None:
+        """Subscribe, in the running event loop. `take` gets what comes, in the order of coming."""
+
+        def received(items: list[Item]) -> None:
+            if any(isinstance(item, BenchState) for _, item in items):
+                self._received_s = time.monotonic()
+            take(items)
+
+        self._inbox = _Inbox(asyncio.get_running_loop(), received)
+        self._subscribe()
+
+    async def call(self, name: str, *, urgent: bool = False, **arguments: Any) -> dict[str, Any]:
+        """Call an RPC. Those that are `urgent` never wait for others. Raises ClientError."""
+        pool = self._urgent if urgent else self._requests
+        client = self.client
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(pool, lambda: client.rpc(name, **arguments))
+
+    async def look(self, method: str) -> Any:
+        """Call a method of the client that asks for the newest document. Raises ClientError."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._requests, getattr(self.client, method))
+
+    def connectivity(self) -> Connectivity:
+        """Return whether the daemon is there."""
+        age_s = time.monotonic() - self._received_s
+        alive = age_s < SILENT_S
+        where = f"the daemon of bench '{self.client.bench}' at {self.client.endpoint}"
+        message = "" if alive else f"{where} publishes nothing; {self._why or 'waiting for it'}"
+        return Connectivity(alive, round(age_s, 3), message)
+
+    async def keep(self, connected: Callable[[], Awaitable[None]]) -> None:
+        """Make the connection anew whenever nothing comes any more; never returns."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(RETRY_S)
+            if time.monotonic() - self._received_s < RECONNECT_S:
+                self._why = ""
+                continue
+            try:
+                client = await loop.run_in_executor(self._requests, self._connect)
+            except ClientError as error:
+                self._why = str(error)
+                continue
+            before, self.client = self.client, client
+            self._subscribe()
+            self._received_s = time.monotonic() - SILENT_S  # until a state comes
+            await loop.run_in_executor(self._requests, before.close)
+            await connected()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._requests.shutdown(wait=False, cancel_futures=True)
+        self._urgent.shutdown(wait=False)
+        self.client.close()
+
+    def _subscribe(self) -> None:
+        assert self._inbox is not None
+        put, client = self._inbox.put, self.client
+        self._subscriptions = [
+            client.subscribe_state(lambda state: put("state", state)),
+            client.subscribe_events(lambda event: put("event", event)),
+            client.subscribe_plan(lambda plan: put("plan", plan)),
+            client.subscribe_ticks(lambda block: put("ticks", block)),
+        ]

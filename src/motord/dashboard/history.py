@@ -1,0 +1,188 @@
+"""The last hour of the signals: minimum and maximum of any window, in a time that its buckets take.
+
+Time is a grid of slots, one for each period of the loop; slot 0 is at time 0. A pyramid of rings
+has the values of slots, then minimum and maximum of cells of 16 slots, of 256 slots: the coarser,
+the longer. Buckets are whole cells, so what a bucket says is exact: a spike of one tick is in the
+minimum or maximum of its bucket at any zoom. A slot without a tick is NaN.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FACTOR = 16
+"""Cells of a level in one of the next."""
+FINE = 4
+"""A bucket has at least so many cells: its width is what was asked for within a quarter."""
+RETENTION_S = (60.0, 660.0, 3600.0)
+"""How long each level goes back. At 10 kHz a signal takes 6.8 MB."""
+BUCKETS_MAX = 8192
+
+Values = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Window:
+    """Minimum and maximum (signals, buckets) in buckets of `dt_s` from `t0_s` on; NaN: no tick."""
+
+    t0_s: float
+    dt_s: float
+    low: Values
+    high: Values
+
+    @property
+    def buckets(self) -> int:
+        """How many."""
+        return int(self.low.shape[1])
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Buckets of `slots` slots each, read at `level` of the pyramid; bucket 0 begins at time 0."""
+
+    slots: int
+    level: int
+
+
+class _Level:
+    """Minimum and maximum of the newest `capacity` cells of `slots` slots: rings by cell number."""
+
+    def __init__(self, signals: int, slots: int, capacity: int) -> None:
+        self.slots = slots
+        self._capacity = capacity
+        self._low = np.empty((signals, capacity), np.float32)
+        self._high = self._low if slots == 1 else np.empty_like(self._low)
+        self._begin = self.end = 0
+
+    @property
+    def oldest(self) -> int:
+        """Number of the oldest cell that is kept."""
+        return max(self._begin, self.end - self._capacity)
+
+    def start(self, cell: int) -> None:
+        """Begin at `cell`; there is nothing yet."""
+        self._begin = self.end = cell
+
+    def skip_to(self, cell: int) -> None:
+        """Leave the cells from the end until `cell` empty."""
+        if cell <= self.end:
+            return
+        empty = min(cell - self.end, self._capacity)
+        for part in self._places(cell - empty, cell):
+            self._low[:, part] = self._high[:, part] = np.nan
+        self.end = cell
+
+    def write(self, cell: int, low: Values, high: Values) -> None:
+        """Put cells (signals, n) from `cell` on in their places."""
+        at = 0
+        for part in self._places(cell, cell + low.shape[1]):
+            count = part.stop - part.start
+            self._low[:, part] = low[:, at : at + count]
+            if self._high is not self._low:
+                self._high[:, part] = high[:, at : at + count]
+            at += count
+        self.end = max(self.end, cell + low.shape[1])
+
+    def read(self, begin: int, end: int, rows: Sequence[int] | slice) -> tuple[Values, Values]:
+        """Return minimum and maximum of cells `begin` to `end`, NaN where there is none."""
+        first, last = min(max(begin, self.oldest), end), max(min(end, self.end), begin)
+        parts = self._places(first, max(first, last))
+        low = _padded([self._low[rows, part] for part in parts], first - begin, end - begin)
+        if self._high is self._low:
+            return low, low
+        return low, _padded([self._high[rows, part] for part in parts], first - begin, end - begin)
+
+    def covers(self, slot: int) -> bool:
+        """Return whether no older cell than that of `slot` was written over."""
+        return self.oldest == self._begin or self.oldest * self.slots <= slot
+
+    def _places(self, begin: int, end: int) -> list[slice]:
+        first, count = begin % self._capacity, end - begin
+        until = min(first + count, self._capacity)
+        parts = [slice(first, until)]
+        if first + count > self._capacity:
+            parts.append(slice(0, first + count - self._capacity))
+        return parts
+
+
+class History:
+    """Rings of `signals` signals at `rate_Hz`. Values come in by slot, in the order of time."""
+
+    def __init__(
+        self, signals: int, rate_Hz: float, retention_s: Sequence[float] = RETENTION_S
+    ) -> None:
+        self.period_s = 1 / rate_Hz
+        self._levels = [
+            _Level(signals, slots, FACTOR * max(1, -int(-seconds * rate_Hz // (slots * FACTOR))))
+            for slots, seconds in ((FACTOR**k, s) for k, s in enumerate(retention_s))
+        ]
+        self._empty = True
+
+    @property
+    def end(self) -> int:
+        """Slot after the newest."""
+        return self._levels[0].end
+
+    def append(self, slot: int, values: Values) -> None:
+        """Add values (signals, n) of `slot` and those after it; slots left out have no tick."""
+        if self._empty:
+            self._empty = False
+            for level in self._levels:
+                level.start(slot // level.slots)
+        for level in self._levels:
+            level.skip_to(slot // level.slots)
+        cell, low, high = slot, values, values
+        for level, above in zip(self._levels, [*self._levels[1:], None], strict=True):
+            level.write(cell, low, high)
+            if above is not None:
+                until = -(-(cell + low.shape[1]) // FACTOR)
+                cell //= FACTOR
+                low, high = level.read(cell * FACTOR, until * FACTOR, slice(None))
+                low, high = _reduced(low, high, FACTOR)
+
+    def grid(self, span_s: float, buckets: int, t0_s: float | None = None) -> Grid:
+        """Return the buckets that show `span_s` in at most `buckets`, of a window from `t0_s` on.
+
+        Without `t0_s`, of a window that ends now. They are wider only where no level goes back so
+        far.
+        """
+        count = min(max(buckets, 1), BUCKETS_MAX)
+        slots = max(1, -int(-span_s // (count * self.period_s)))
+        newest_s = self.end * self.period_s
+        begin = int((newest_s - span_s if t0_s is None else t0_s) // self.period_s)
+        level = 0
+        for number, candidate in enumerate(self._levels):
+            if candidate.slots * FINE <= slots or not self._levels[level].covers(begin):
+                level = number
+        cell = self._levels[level].slots
+        return Grid(-(-slots // cell) * cell, level)
+
+    def window(self, grid: Grid, buckets: range, rows: Sequence[int]) -> Window:
+        """Return consecutive buckets of `grid`, by number, of the signals `rows`."""
+        level = self._levels[grid.level]
+        cells = grid.slots // level.slots
+        begin, end = buckets.start * cells, buckets.stop * cells
+        low, high = _reduced(*level.read(begin, end, list(rows)), cells)
+        dt_s = grid.slots * self.period_s
+        return Window(buckets.start * dt_s, dt_s, low, high)
+
+
+def _reduced(low: Values, high: Values, cells: int) -> tuple[Values, Values]:
+    """Return minimum and maximum of each `cells` cells on end, NaN where all are."""
+    if cells == 1:
+        return low, high
+    shape = (len(low), -1, cells)
+    return np.fmin.reduce(low.reshape(shape), axis=2), np.fmax.reduce(high.reshape(shape), axis=2)
+
+
+def _padded(parts: list[Values], before: int, length: int) -> Values:
+    """Return the parts on end after `before` times NaN, filled up with NaN to `length`."""
+    if len(parts) == 1 and before == 0 and parts[0].shape[1] == length:
+        return parts[0]
+    out = np.full((len(parts[0]), length), np.nan, np.float32)
+    for part in parts:
+        out[:, before : before + part.shape[1]] = part
+        before += part.shape[1]
+    return out

@@ -1,0 +1,112 @@
+"""Runs the page's server: a socket of this machine, uvicorn, the connection to the daemon."""
+
+import asyncio
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import uvicorn
+
+from motord.client import Client, operator
+from motord.dashboard.app import application
+from motord.dashboard.bench_link import BenchLink
+from motord.dashboard.live_bench import LiveBench
+from motord.dashboard.page_messages import MAX_BYTES
+from motord.dashboard.pages import Pages
+from motord.dashboard.tokens import Tokens
+from motord.security.roles import Role
+
+HOST = "127.0.0.1"
+PORT = 8447
+BACKLOG = 64
+CLOSING_S = 3
+"""Given to pages that are open when the server ends: their leases are given back meanwhile."""
+
+
+class DashboardError(Exception):
+    """The page cannot be served; the message says why and what to do."""
+
+
+@dataclass(frozen=True)
+class Urls:
+    """Addresses of the page, each with its token."""
+
+    operator: str
+    viewer: str
+
+
+def listen(port: int) -> socket.socket:
+    """Return a socket that listens on this machine alone; port 0 is any. Raises DashboardError."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HOST, port))
+        listener.listen(BACKLOG)
+    except OSError as error:
+        listener.close()
+        raise DashboardError(
+            f"cannot listen on {HOST} port {port}: {error.strerror}; "
+            "is another `motord dashboard` running? --port 0 takes any free port"
+        ) from None
+    return listener
+
+
+def urls(listener: socket.socket, tokens: Tokens) -> Urls:
+    """Return the addresses of a server on `listener`."""
+    page = f"http://{HOST}:{listener.getsockname()[1]}/#token="
+    return Urls(page + tokens.operator, page + tokens.viewer)
+
+
+def tokens_for(client: Client) -> Tokens:
+    """Return tokens that let in for no more than what the daemon permits the client."""
+    identity = client.identity
+    viewer = identity is not None and identity.role == Role.VIEWER
+    return Tokens(Role.VIEWER if viewer else Role.OPERATOR)
+
+
+def serve(
+    client: Client, connect: Callable[[], Client], listener: socket.socket, tokens: Tokens
+) -> None:
+    """Serve until SIGINT, SIGTERM or SIGHUP. `connect` makes the connection anew."""
+    link = BenchLink(client, connect)
+    bench = LiveBench(client.bench, client.rpc("config")["config"])
+    pages = Pages(bench, link, operator().split(" ")[0])
+    bench.publish = pages.publish
+    server = _Server(
+        uvicorn.Config(
+            application(pages, tokens, link),
+            ws="websockets-sansio",
+            ws_max_size=MAX_BYTES,
+            ws_per_message_deflate=False,
+            ws_ping_interval=None,
+            access_log=False,
+            log_level="error",
+            server_header=False,
+            timeout_graceful_shutdown=CLOSING_S,
+        )
+    )
+    try:
+        asyncio.run(server.serve(sockets=[listener]))
+    finally:
+        link.close()
+
+
+class _Server(uvicorn.Server):
+    """Ends in good order on each of the signals that end a command."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        loop = asyncio.get_running_loop()
+        numbers = [
+            number
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+            if signal.getsignal(number) is not signal.SIG_IGN
+        ]
+        for number in numbers:
+            loop.add_signal_handler(number, self._end)
+        yield
+
+    def _end(self) -> None:
+        self.should_exit = True
