@@ -11,6 +11,7 @@ export function bandPaths(u, series) {
   const [time, low, high] = [u.data[0], u.data[series - 1], u.data[series]];
   const { left, top, width, height } = u.bbox;
   const [x, y] = [u.scales.x, u.scales[u.series[series].scale]];
+  const banded = u.series[series].dash === undefined || u.series[series].dash.length === 0;
   const perTime = width / (x.max - x.min);
   const perValue = height / (y.max - y.min);
   const dt = time.length > 1 ? time[1] - time[0] : 0;
@@ -22,7 +23,7 @@ export function bandPaths(u, series) {
     while (i <= last && low[i] === low[i]) i++;
     if (i > from) polygon(from, i - 1);
   }
-  return { stroke: path, fill: path, clip: null, band: null, gaps: null, flags: 0 };
+  return { stroke: path, fill: banded ? path : null, clip: null, band: null, gaps: null, flags: 0 };
 
   /** @param {number} from @param {number} to */
   function polygon(from, to) {
@@ -32,6 +33,7 @@ export function bandPaths(u, series) {
     for (let k = from; k <= to; k++) {
       path.lineTo(left + (time[k] - x.min) * perTime, top + (y.max - high[k]) * perValue);
     }
+    if (!banded) return; // dashes there and back would fill each other's gaps
     for (let k = to; k >= from; k--) {
       path.lineTo(left + (time[k] - x.min) * perTime, top + (y.max - low[k]) * perValue);
     }

@@ -113,10 +113,13 @@ export class Chart {
     this._style(style);
     this._line(this.left, this.y(value), this.right, this.y(value));
     this._plain();
+    const width = context.measureText(text).width;
+    context.fillStyle = colour("panel");
+    context.fillRect(this.right - width - 8, this.y(value) - 8, width + 8, 16);
     context.fillStyle = colour(style.colour);
     context.textAlign = "right";
-    context.textBaseline = "bottom";
-    context.fillText(text, this.right - 3, this.y(value) - 1);
+    context.textBaseline = "middle";
+    context.fillText(text, this.right - 4, this.y(value));
   }
 
   /** A bar from the bottom. @param {number} x @param {number} width px @param {number} y @param {string} name of its colour @param {boolean} filled */

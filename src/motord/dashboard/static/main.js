@@ -58,6 +58,7 @@ bench.on("event", (event) => {
   marks.add(event, bench.epoch_s);
   traces.refresh();
 });
+bench.on("error", ({ message }) => messages.say("error", `The server ends the connection: ${message}`));
 bench.on("state", (state) => {
   const { tick } = state;
   setText(byId("ripple"), tick?.torque_ripple_Nm != null ? `ripple ${(1000 * tick.torque_ripple_Nm).toFixed(0)} mNm RMS` : "");

@@ -6,7 +6,7 @@ import { niceStep, number, significant } from "./format.js";
 /** Cividis, which people see alike with and without colour vision: dark is small. */
 const STOPS = [[0, 34, 78], [53, 69, 109], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
 
-/** @typedef {{torque_Nm: number, speed_Hz: number, state: string, rms_error_percent: number | null, quality: string, take: number}} Point */
+/** @typedef {{torque_Nm: number, speed_Hz: number, state: string, rms_error_percent: number | null, quality: string, takes: number}} Point */
 
 /** The colour of a share of the scale, and whether its text is to be light. Pure. @param {number} share 0 to 1 */
 export function shade(share) {
@@ -51,7 +51,7 @@ export class Mesh {
     byId("mesh-box").hidden = points.length === 0;
     byId("mesh-empty").hidden = points.length > 0;
     if (points.length === 0) return;
-    const errors = points.map((point) => point.rms_error_percent).filter((error) => error !== null);
+    const errors = points.map((point) => point.rms_error_percent ?? null).filter((error) => error !== null);
     const highest = Math.max(0.5, ...errors);
     const step = niceStep(highest / 5);
     const top = Math.ceil(highest / step) * step;
@@ -79,11 +79,11 @@ const decimals = (values) => Math.min(3, Math.max(...values.map((value) => (Stri
 /** @param {Point | undefined} point @param {number} top */
 function cell(point, top) {
   if (point === undefined) return element("td", { class: "none" });
-  const error = point.rms_error_percent;
-  const poor = point.quality && point.quality !== "ok";
-  const now = point.state === "now";
+  const error = point.rms_error_percent ?? null;
+  const poor = point.state === "poor" || (point.quality && point.quality !== "ok");
+  const now = point.state === "taking";
   const text = error !== null ? number(error, error < 9.95 ? 2 : 1) : now ? "\u25b6" : "\u00b7";
-  const about = `${point.torque_Nm} Nm, ${point.speed_Hz} Hz: ${error !== null ? `${number(error, 3)} %` : now ? "being taken" : "to come"}${poor ? `; ${point.quality}` : ""}${point.take > 1 ? `; take ${point.take}` : ""}`;
+  const about = `${point.torque_Nm} Nm, ${point.speed_Hz} Hz: ${error !== null ? `${number(error, 3)} %` : now ? "being taken" : "to come"}${poor ? `; ${point.quality}` : ""}${point.takes > 1 ? `; taken ${point.takes} times` : ""}`;
   const made = element("td", { class: `${now ? "now" : ""} ${poor ? "poor" : ""} ${error === null ? "open" : "done"}`, title: about }, text + (poor ? " !" : ""));
   if (error !== null) {
     const { rgb, light } = shade(error / top);

@@ -20,7 +20,7 @@ export function traceOf(signal, index) {
     unit: signal.unit === "degC" ? "\u00b0C" : signal.unit === "us" ? "\u00b5s" : signal.unit === "1" ? "" : signal.unit,
     colour: setpoint ? "trace-set" : COLOURS[(phase ? place : groupColour(signal, index)) % COLOURS.length],
     dash: setpoint ? [6, 4] : commanded ? [2, 3] : undefined,
-    tag: phase ? (commanded ? `${phase}*` : phase) : setpoint ? "set" : signal.label.slice(0, 3),
+    tag: phase ? (commanded ? `${phase}*` : phase) : setpoint ? "set-point" : signal.label,
     shown: SHOWN.includes(signal.name),
     digits: DIGITS[/** @type {keyof typeof DIGITS} */ (signal.unit)] ?? 3,
   };

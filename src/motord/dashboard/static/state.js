@@ -10,7 +10,7 @@ export const STATES = {
   TRIPPED: { sign: "\u2716", meaning: "An interlock took the current away." },
 };
 
-/** @typedef {"hello" | "state" | "plan" | "mesh" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link"} Kind */
+/** @typedef {"hello" | "state" | "plan" | "mesh" | "event" | "events" | "connection" | "lease" | "timing" | "turns" | "link" | "error"} Kind */
 
 export class Bench {
   constructor() {

@@ -78,8 +78,8 @@ export class StatusBar {
     const holder = state?.lease?.holder ?? null;
     setAttribute(byId("lease"), "data-held", String(lease.held));
     setText(byId("lease-text"), lease.held ? "You are in command" : holder ? `${holder} is in command` : "Nobody is in command");
-    const left_s = lease.held ? lease.remaining_s : (state?.lease?.remaining_s ?? 0);
-    setText(byId("lease-why"), lease.why || (holder && left_s > 0 ? `lease renewed; ends ${age(left_s)} after it is not` : ""));
+    const lost = `Lost ${age(state?.lease?.duration_s)} after this page goes.`;
+    setText(byId("lease-why"), lease.held ? lost : lease.why ? `Lost: ${lease.why}` : "");
     const take = byId("take");
     setText(take, lease.held ? "Release" : holder && !holder.startsWith("plan ") ? "Take over\u2026" : "Take control");
     allow(take, this._bench.commandObstacle);

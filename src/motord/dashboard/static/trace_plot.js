@@ -66,7 +66,7 @@ export class TracePlot {
     const axis = { stroke: soft, font: FONT, grid, ticks: { show: false }, gap: 4 };
     const space = this._host.axis ? 22 : 6;
     return {
-      width, height, padding: [8, 8, this._host.axis ? 0 : 2, 0], legend: { show: false }, pxAlign: 0,
+      width, height, padding: [8, 16, this._host.axis ? 0 : 2, 0], legend: { show: false }, pxAlign: 0,
       scales: {
         x: { time: false, auto: false, range: (/** @type {any} */ _u, /** @type {number} */ min, /** @type {number} */ max) => [min, max] },
         y: { auto: false, range: (/** @type {any} */ _u, /** @type {number} */ min, /** @type {number} */ max) => [min, max] },
@@ -134,12 +134,13 @@ export class TracePlot {
     });
   }
 
-  /** Values at a time, or the newest. @param {Buckets} buckets @param {number | null} t_s */
+  /** Values at a time, from minimum to maximum, or the newest. @param {Buckets} buckets @param {number | null} t_s */
   showValues(buckets, t_s) {
     this._traces.forEach((trace, i) => {
       const at = t_s === null ? buckets.newest(trace.name) : buckets.at(t_s);
       const row = buckets.row(trace.name);
-      setText(this._values[i], row && at >= 0 ? spanned(row[0][at], row[1][at], trace.digits) : "\u2013");
+      const [low, high] = row && at >= 0 ? [row[0][at], row[1][at]] : [NaN, NaN];
+      setText(this._values[i], t_s === null ? number((low + high) / 2, trace.digits) : spanned(low, high, trace.digits));
     });
   }
 

@@ -49,8 +49,8 @@ export class Turns {
     }
     this._largest = largest(orders, (order) => this._amplitude(order), LABELLED);
     const main = this._largest[0];
-    setText(byId("turns-caption"), `last ${turns} turns \u00b7 set-point ${number(set_Nm, 2)} Nm \u00b7 newest ${number(high - low, 3)} Nm peak to peak`);
-    setText(byId("orders-caption"), main === undefined ? "" : `largest: order ${main}, ${number(this._amplitude(main), 3)} Nm \u00b7 \u25b4 calibrated orders`);
+    setText(byId("turns-caption"), `last ${turns} turns; newest ${number(high - low, 2)} Nm p-p about ${number(set_Nm, 2)}`);
+    setText(byId("orders-caption"), main === undefined ? "" : `order ${main}: ${number(this._amplitude(main), 3)} Nm; \u25b4 calibrated`);
     setAttribute(byId("turns-canvas"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
     setAttribute(byId("orders-canvas"), "aria-label", `Amplitude by order: ${byId("orders-caption").textContent}`);
   }
@@ -91,9 +91,9 @@ export class Turns {
       const amplitude = this._amplitude(order);
       if (amplitude > 0) this._spectrum.bar(order, width, amplitude, calibrated.includes(order) ? "trace-2" : "trace-1");
     }
-    for (const order of calibrated) if (order <= to) this._spectrum.text("\u25b4", this._spectrum.x(order), this._spectrum.bottom + 7, "trace-2");
-    for (const order of this._largest ?? []) {
-      if (order <= to) this._spectrum.text(String(order), this._spectrum.x(order), this._spectrum.y(this._amplitude(order)) - 1, "ink");
+    for (const order of new Set([...calibrated, ...(this._largest ?? [])])) {
+      const text = `${calibrated.includes(order) ? "\u25b4" : ""}${order}`;
+      if (order <= to) this._spectrum.text(text, this._spectrum.x(order), this._spectrum.y(this._amplitude(order) || 0) - 1, "ink");
     }
   }
 }
