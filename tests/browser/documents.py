@@ -28,7 +28,7 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
             "compensate": "off" if bench.ripple_share == 1.0 else "on",
         },
         "lease": {
-            "holder": stand_in.holder, "remaining_s": remaining_s, "duration_s": 3.0,
+            "holder": stand_in.holder, "remaining_s": remaining_s, "duration_s": 20.0,
         },
         "plan": plan.model_dump() if plan is not None else None,
         "loop": {

@@ -96,7 +96,7 @@ class BenchLink:
         self._inbox = _Inbox(asyncio.get_running_loop(), received)
         self._subscribe()
 
-    async def call(self, name: str, *, urgent: bool = False, **arguments: Any) -> dict[str, Any]:
+    async def call(self, name: str, /, *, urgent: bool = False, **arguments: Any) -> dict[str, Any]:
         """Call an RPC. Those that are `urgent` never wait for others. Raises ClientError."""
         pool = self._urgent if urgent else self._requests
         client = self.client

@@ -11,6 +11,8 @@ import { SPANS_S, TimeWindow } from "./window.js";
 const VIEW = 1;
 const VALUES_MS = 120;
 const CALM_MS = 250;
+/** So many times as long as drawing takes passes from frame to frame: a slow computer draws less often and stays usable. */
+const DRAWING_SHARE = 2.5;
 const MAX_BUCKETS = 1600;
 
 export class Traces {
@@ -29,7 +31,7 @@ export class Traces {
     /** @type {number | null} */
     this._cursor_s = null;
     this._dirty = this._waiting = this._stale = false;
-    this._drawn_ms = this._shown_ms = 0;
+    this._drawn_ms = this._shown_ms = this._cost_ms = 0;
     this._lost = 0;
     this.frames = 0;
     this._frame = (/** @type {number} */ now_ms) => this._draw(now_ms);
@@ -77,13 +79,16 @@ export class Traces {
   _draw(now_ms) {
     this._waiting = false;
     if (!this._dirty || document.hidden || this._buckets.count === 0) return;
-    if (reducedMotion.matches && now_ms - this._drawn_ms < CALM_MS) return this._request();
+    const pause_ms = reducedMotion.matches ? CALM_MS : DRAWING_SHARE * this._cost_ms;
+    if (now_ms - this._drawn_ms < pause_ms) return this._request();
     this._dirty = false;
     this._drawn_ms = now_ms;
     this.frames++;
     const to_s = this._window.end_s ?? this._buckets.end_s;
     this._to_s = to_s;
+    const begun_ms = performance.now();
     for (const plot of this._plots) plot.draw(this._buckets, to_s - this._window.span_s, to_s, this._window.live);
+    this._cost_ms += 0.2 * (performance.now() - begun_ms - this._cost_ms);
     if (now_ms - this._shown_ms < VALUES_MS && this._cursor_s === null) return;
     this._shown_ms = now_ms;
     this._values();
