@@ -1,6 +1,7 @@
 """One page: what it sees, what it asks for, the lease that it holds."""
 
 import asyncio
+import logging
 import time
 from collections import deque
 from collections.abc import Awaitable, Callable
@@ -172,6 +173,9 @@ class LivePage:
             self._reply(call.id, error=(error.code, str(error)))
             if error.code == "no_lease":
                 self.lease.lose(str(error))
+        except Exception as error:  # of the program; the page must not wait for an answer
+            logging.getLogger("motord").exception("in %s for a page", call.name)
+            self._reply(call.id, error=("internal", f"{call.name}: {error}"))
 
     async def _asked(self, name: str, arguments: dict[str, Any]) -> dict[str, Any]:
         """Return the reply to a request of the page. Raises ClientError."""

@@ -51,8 +51,8 @@ class View:
         assert self.end_s is not None
         begin_s = self.end_s - self.span_s
         self._grid = grid = history.grid(self.span_s, self.buckets, begin_s)
-        dt_s = grid.slots * history.period_s
-        buckets = range(int(begin_s // dt_s), int(-(-self.end_s // dt_s)))
+        first, last = (round(t_s / history.period_s) for t_s in (begin_s, self.end_s))
+        buckets = range(first // grid.slots, -(-last // grid.slots))
         return self._message(history, grid, buckets, lost, True)
 
     def _message(
