@@ -5,7 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
+from motord.api.requests import (
+    CALIBRATION_INSTALL,
+    CALIBRATION_LIST,
+    CALIBRATION_SHOW,
+    PLAN_RESUME,
+    max_request_bytes,
+)
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
@@ -29,6 +35,7 @@ from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
 from motord.service.rpc.notes import Notes
@@ -104,11 +111,13 @@ def build(
     plans = PlanControl(bench, resumption, recording.obstacle)
     installation = Installation(bench, store, tables.write, toml)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
-    notes = Notes(events, recording.file)
-    dispatcher = Dispatcher(bench, operation, plans, installation, notes)
+    kept, notes = CalibrationFiles(store), Notes(events, recording.file)
+    dispatcher = Dispatcher(bench, operation, plans, installation, kept, notes)
     longest = max_request_bytes(config.motor.counts)
     offloaded = {
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+        CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
+        CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
         PLAN_RESUME.name: Offloaded(plans.read_remaining),
     }
     api = Api(

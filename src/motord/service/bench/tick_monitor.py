@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_text
-from motord.api.messages import LoopView, TickView, TripReport, TripView
+from motord.api.messages import LinksView, LoopView, TickView, TripReport, TripView
 from motord.config import Config
 from motord.schema import State, Trip
+from motord.service.bench import link_health
 from motord.service.bench.recent_ticks import RecentTicks
 from motord.service.bench.trip_report import trip_values
 from motord.service.host.events import EventLog
@@ -197,6 +198,17 @@ class TickMonitor:
     def _ripple_Nm(self) -> float | None:
         with np.errstate(invalid="ignore"):  # the measured torque may be anything
             return _finite(np.std(self._recent.last_second("torque_Nm").astype(float)))
+
+    def ages_s(self, now_ns: int) -> dict[str, float]:
+        """Return the age (s) of each signal of the loop; {} without a loop."""
+        if self.last is None:
+            return {}
+        read_s = (now_ns - self.read_ns) / 1e9
+        return link_health.ages_s(self._recent.last_second, self._rate_Hz, read_s)
+
+    def links_view(self) -> LinksView | None:
+        """Return the errors of the loop's links; None without a loop."""
+        return link_health.links(self._recent.last_second) if self.last is not None else None
 
     def loop_view(self, now_ns: int) -> LoopView:
         """Return the timing of the loop."""
