@@ -19,7 +19,7 @@ from tests.browser.chromium import (  # noqa: E402
 from tests.browser.stand_in import Server, StandIn  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
-COLOURS = 128
+COLOURS = 255
 
 
 def save(png: bytes, name: str, folder: Path) -> None:

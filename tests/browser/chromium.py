@@ -1,7 +1,7 @@
 """The system's Chromium, and what a person does with the page."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -26,22 +26,38 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-def open_page(browser: Browser, url: str, size: Any = DESKTOP, **options: Any) -> Page:
+def open_page(
+    browser: Browser,
+    url: str,
+    size: Any = DESKTOP,
+    *,
+    watch: Callable[[Page], None] | None = None,
+    live: bool = True,
+    **options: Any,
+) -> Page:
     """Open the page in a context of its own, and wait until it is live."""
     context = browser.new_context(viewport=size, **options)
     context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
+    if watch is not None:
+        watch(page)
     page.goto(url)
-    expect(page.locator("#link-text")).to_have_text("live", timeout=PATIENCE_MS)
+    if live:
+        shows(page, "#link-text", "live")
     return page
+
+
+def shows(page: Page, selector: str, text: str) -> None:
+    """Wait until an element has a text in it."""
+    expect(page.locator(selector)).to_contain_text(text, timeout=PATIENCE_MS)
 
 
 def take_command(page: Page) -> None:
     """Take the lease and enable the bench."""
     page.click("#take")
-    expect(page.locator("#lease-text")).to_have_text("You are in command", timeout=PATIENCE_MS)
+    shows(page, "#lease-text", "You are in command")
     page.click("#enable")
-    expect(page.locator("#state-name")).to_have_text("ENABLED", timeout=PATIENCE_MS)
+    shows(page, "#state-name", "ENABLED")
 
 
 def set_by_hand(page: Page, torque_Nm: float, speed_Hz: float) -> None:
@@ -59,6 +75,6 @@ def start_plan(page: Page, name: str = "calibrate", **settings: str) -> None:
     for setting, text in settings.items():
         page.fill(f"#setting-{setting}", text)
     page.click("#plan-check")
-    expect(page.locator("#plan-outline")).to_contain_text("within the limits", timeout=PATIENCE_MS)
+    shows(page, "#plan-outline", "within the limits")
     page.click("#plan-start")
-    expect(page.locator("#plan-state")).to_contain_text("running", timeout=PATIENCE_MS)
+    shows(page, "#plan-state", "running")

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 TORQUES_Nm = [1.0, 2.0, 3.0, 4.0, 5.0]
 SPEEDS_Hz = [0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
-COUNTS = 4096
+TABLE = 1024
 
 
 def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str, Any]:
@@ -35,6 +35,14 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
             "rate_Hz": bench.rate_Hz, "ticks": bench.tick, "missed": bench.missed,
             "lost_by_supervisor": 0, "wake_late_us_p50": 14.8, "wake_late_us_p99": 33.1,
             "wake_late_us_max": 61.0, "work_us_p99": 49.7, "age_s": 0.0,
+        },
+        "ages": {
+            "tick": 0.0, "encoder": 0.0002, "torque": 0.0002, "inverter": 0.0004,
+            "heartbeat": 0.004,
+        },
+        "links": {
+            "errors": 0, "errors_last_s": 0, "ticks_last_s": int(bench.rate_Hz),
+            "without_encoder_last_s": 0, "without_inverter_last_s": 0, "bus_off": False,
         },
         "realtime": {"granted": True, "lines": []},
         "recording": {
@@ -144,20 +152,23 @@ def calibrations() -> list[dict[str, Any]]:
     ]
 
 
-def calibration(which: str = IDS[0]) -> dict[str, Any]:
-    """Return the content of a calibration file."""
+def calibration(which: str) -> dict[str, Any]:
+    """Return a calibration as `calibration/show` does."""
     orders = ((48, 0.172, 0.0016), (96, 0.051, 0.0014), (16, 0.0405, 0.0015), (24, 0.029, 0.0015))
-    angle = [2 * math.pi * i / COUNTS for i in range(COUNTS)]
+    angle = [2 * math.pi * i / TABLE for i in range(TABLE)]
+    entry = next(one for one in calibrations() if one["id"] == which)
+    alpha, beta_A = [0.9613, 1.0207, 1.0192], [0.213, -0.154, -0.061]
     return {
-        "schema": "motord.calibration/1", "id": which, "created": "2026-01-01T09:00:00Z",
-        "motor": {"name": "axial-flux 48/16", "serial": "sim-1"}, "method": "joint",
-        "runs": ["sim-20260101T080000000Z-calibrate-000.mcap"],
-        "alpha": [0.9613, 1.0207, 1.0192], "alpha_stderr": [0.0021, 0.0024, 0.0023],
-        "beta_A": [0.213, -0.154, -0.061], "beta_stderr_A": [0.011, 0.012, 0.011],
+        **entry, "runs": ["sim-20260101T080000000Z-calibrate-000.mcap"],
+        "alpha": alpha, "alpha_95": [[a - 0.0045, a + 0.0045] for a in alpha],
+        "beta_A": beta_A, "beta_95_A": [[b - 0.022, b + 0.022] for b in beta_A],
+        "angle_rad": angle,
         "tau_cog_Nm": [sum(a * math.sin(n * x + n) for n, a, _ in orders) for x in angle],
         "tau_cog_harmonics": [
             {"order": n, "amplitude_Nm": a, "phase_rad": 0.4, "stderr_Nm": e} for n, a, e in orders
         ],
-        "observable": ["the product of the gains: assumed 1"], "condition_number": 12.0,
-        "rms_error_percent": {"before": {"mean": 3.1, "max": 4.2}, "after": {"mean": 0.38, "max": 0.61}},
+        "observable": ["the product of the gains: assumed 1"], "learned": False,
+        "rms_error_percent": {
+            "before": {"mean": 3.1, "max": 4.2}, "after": {"mean": 0.38, "max": 0.61},
+        },
     }  # fmt: skip

@@ -49,7 +49,6 @@ class StandIn:
         self.events_so_far: list[Event] = []
         self.plan: PlanView | None = None
         self.mesh: dict[str, Any] | None = None
-        self.calibration: dict[str, Any] | None = documents.calibration()
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.points_per_s = 2.0
         self._lease_until_s = 0.0
@@ -193,7 +192,7 @@ class StandIn:
         return {"calibrations": documents.calibrations()}
 
     def _calibration_show(self, id: str) -> dict[str, Any]:
-        return {"calibration": documents.calibration(id)}
+        return documents.calibration(id)
 
     # what happens
 
@@ -223,6 +222,8 @@ class StandIn:
         self.bench.trip_bits = Trip.OVER_CURRENT
         self.trip = documents.trip(time.time_ns())
         self.event("trip", self.trip["reason"])
+        if self.plan is not None and not self.plan.over:
+            self._show_plan(state="failed", message="the bench tripped")
         self.enter(State.TRIPPED)
 
     def taken_by(self, holder: str) -> None:
@@ -299,17 +300,18 @@ class StandIn:
 class Server:
     """The page's server over a stand-in, in a thread of its own."""
 
-    def __init__(self, stand_in: StandIn, port: int = 0, calibrated: bool = True) -> None:
+    def __init__(self, stand_in: StandIn, port: int = 0, tokens: Tokens | None = None) -> None:
         self.stand_in = stand_in
+        self.tokens = tokens or Tokens(Role.OPERATOR)
         live = LiveBench("sim", stand_in.config)
-        live.calibrated = list(CALIBRATED) if calibrated else []
+        live.calibrated = list(CALIBRATED)
         pages = Pages(live, stand_in, "anna@bench")  # type: ignore[arg-type]
         live.publish = pages.publish
         stand_in.publish_mesh = lambda document: live.set_document("mesh", document)
-        tokens = Tokens(Role.OPERATOR)
         self._listener = listen(port)
-        self.urls = urls(self._listener, tokens)
-        app = application(pages, tokens, stand_in)  # type: ignore[arg-type]
+        self.port = self._listener.getsockname()[1]
+        self.urls = urls(self._listener, self.tokens)
+        app = application(pages, self.tokens, stand_in)  # type: ignore[arg-type]
         self._server = uvicorn.Server(
             uvicorn.Config(
                 app, ws="websockets-sansio", log_level="error", access_log=False,

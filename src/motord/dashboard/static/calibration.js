@@ -43,7 +43,7 @@ export class CalibrationPanel {
       const { calibrations } = await this._socket.call("calibration/list");
       const select = byId("calibration-choice");
       select.replaceChildren(...calibrations.map((/** @type {any} */ one) =>
-        element("option", { value: one.id, selected: one.id === inForce }, `${one.created.slice(0, 16).replace("T", " ")} ${one.method} ${one.id.slice(0, 8)}${one.id === inForce ? " (in force)" : ""}`)));
+        element("option", { value: one.id, selected: one.id === inForce }, `${one.created.slice(0, 16).replace("T", " ")} ${one.method} ${one.id.slice(0, 8)}${one.in_force ? " (in force)" : ""}`)));
       const any = calibrations.length > 0;
       byId("calibration-empty").hidden = any;
       byId("calibration-box").hidden = !any;
@@ -59,25 +59,26 @@ export class CalibrationPanel {
     if (!id) return;
     try {
       const reply = await this._socket.call("calibration/show", { id });
-      byId("calibration-content").replaceChildren(...content(reply.calibration ?? reply, id === this._id));
+      byId("calibration-content").replaceChildren(...content(reply));
     } catch (error) {
       this._messages.failure("calibration")(/** @type {Error} */ (error));
     }
   }
 }
 
-/** @param {any} found @param {boolean} inForce */
-function content(found, inForce) {
-  const estimates = (/** @type {number[]} */ values, /** @type {number[]} */ errors) => values.map((value, i) => ({ name: PHASES[i], value, stderr: errors[i] }));
+/** @param {any} found the reply of `calibration/show` */
+function content(found) {
+  const estimates = (/** @type {number[]} */ values, /** @type {number[][]} */ intervals) =>
+    values.map((value, i) => ({ name: PHASES[i], value, low: intervals[i][0], high: intervals[i][1] }));
   const rms = found.rms_error_percent ?? {};
   const gained = [
     rms.before && `before ${number(rms.before.mean, 2)} % (worst ${number(rms.before.max, 2)} %)`,
     rms.after && `after ${number(rms.after.mean, 2)} % (worst ${number(rms.after.max, 2)} %)`,
   ].filter(Boolean).join(", ");
   return [
-    element("p", { class: "about" }, `${inForce ? "In force. " : "Earlier, not in force. "}${found.method}, ${found.runs?.length ?? 0} recordings${found.learned ? ", with learned corrections" : ""}`),
-    element("h4", {}, "\u03b1, gain by phase, 95 %"), intervalPlot(estimates(found.alpha, found.alpha_stderr), 1, 4, ""),
-    element("h4", {}, "\u03b2, offset by phase, 95 %"), intervalPlot(estimates(found.beta_A, found.beta_stderr_A), 0, 3, "A"),
+    element("p", { class: "about" }, `${found.in_force ? "In force. " : "Earlier, not in force. "}${found.method}, ${found.runs?.length ?? 0} recordings${found.learned ? ", with learned corrections" : ""}`),
+    element("h4", {}, "\u03b1, gain by phase, 95 %"), intervalPlot(estimates(found.alpha, found.alpha_95), 1, 4, ""),
+    element("h4", {}, "\u03b2, offset by phase, 95 %"), intervalPlot(estimates(found.beta_A, found.beta_95_A), 0, 3, "A"),
     element("h4", {}, "\u03c4 cog over a turn, Nm"), turnCurve(found.tau_cog_Nm ?? [], "Nm"),
     orders(found.tau_cog_harmonics ?? []),
     gained ? element("p", { class: "about" }, `RMS error: ${gained}`) : null,

@@ -61,7 +61,9 @@ export class Chart {
     for (const value of ticks(x, (this.right - this.left) / 60)) {
       const at = Math.round(this.x(value)) + 0.5;
       this._line(at, this.top, at, this.bottom);
-      context.fillText(label(x, value), at, this.bottom + 4);
+      const text = label(x, value);
+      const half = context.measureText(text).width / 2;
+      context.fillText(text, Math.min(at, this.right + RIGHT - half), this.bottom + 4);
     }
     context.textAlign = "right";
     context.textBaseline = "middle";

@@ -21,8 +21,8 @@ export function significant(value, digits = 3) {
   if (magnitude >= 1e5 || (magnitude > 0 && magnitude < 1e-3)) {
     return value.toExponential(digits - 1).replace("-", MINUS);
   }
-  const before = magnitude < 1 ? 1 : Math.floor(Math.log10(magnitude)) + 1;
-  return number(value, Math.max(0, digits - before));
+  if (magnitude === 0) return "0";
+  return number(value, Math.max(0, digits - 1 - Math.floor(Math.log10(magnitude))));
 }
 
 /** `1:05`, `1:02:03`, below a minute `12 s`. @param {number | null | undefined} seconds */

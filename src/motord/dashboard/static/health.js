@@ -4,6 +4,8 @@ import { Chart } from "./chart.js";
 import { byId, element, setAttribute, setText } from "./dom.js";
 import { age, number, significant } from "./format.js";
 
+const OLD_S = 0.5;
+
 export class Health {
   /** @param {import("./state.js").Bench} bench */
   constructor(bench) {
@@ -62,7 +64,7 @@ export class Health {
     this._figure("Missed ticks", String(loop.missed), loop.missed > 0 ? "warning" : "");
     this._figure("Lost by the supervisor", String(loop.lost_by_supervisor), loop.lost_by_supervisor > 0 ? "warning" : "");
     this._figure("Telemetry dropped", String(state.telemetry_dropped), state.telemetry_dropped > 0 ? "warning" : "");
-    if (loop.link_errors !== undefined) this._figure("Link errors", String(loop.link_errors), loop.link_errors > 0 ? "warning" : "");
+    if (state.links) this._links(state.links);
     this._figure("Real time", state.realtime.granted ? "granted" : "not granted", state.realtime.granted ? "" : "warning");
     if (state.bridge_clock) this._figure("Bridge clock", `${number(state.bridge_clock.drift_ppm, 1)} ppm, jitter ${number(state.bridge_clock.jitter_us, 0)} \u00b5s`);
     for (const name of ["brake", "drive"]) this._device(name, state[name]);
@@ -74,6 +76,12 @@ export class Health {
     const bytes = recording.detail?.bytes;
     this._figure("Recording", recording.recording ? `${recording.path.split("/").pop()}${bytes ? `, ${number(bytes / 1e6, 1)} MB` : ""}` : why || "no", recording.error ? "error" : recording.obstacle ? "warning" : "");
     this._ages();
+  }
+
+  /** @param {any} links */
+  _links(links) {
+    const text = links.bus_off ? "the CAN controller is off the bus" : `${links.errors}, ${links.errors_last_s} in the last second`;
+    this._figure("Link errors", text, links.bus_off ? "error" : links.errors_last_s > 0 ? "warning" : "");
   }
 
   /** @param {string} name @param {any} device */
@@ -98,7 +106,8 @@ export class Health {
   }
 
   _ages() {
-    const ages = this._timing?.ages ?? this._bench.state?.ages ?? {};
-    for (const [name, age_s] of Object.entries(ages)) this._figure(`Age of ${name.replaceAll("_", " ")}`, age(age_s), age_s === null || age_s > 1 ? "warning" : "");
+    for (const [name, age_s] of Object.entries(this._bench.state.ages ?? {})) {
+      this._figure(`Age of ${name.replaceAll("_", " ")}`, age(age_s), age_s === null || age_s >= OLD_S ? "warning" : "");
+    }
   }
 }

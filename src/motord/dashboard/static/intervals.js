@@ -3,35 +3,32 @@
 import { svg } from "./dom.js";
 import { number } from "./format.js";
 
-/** Factor of a standard error for a 95 % interval of a normal distribution. */
-const NORMAL_95 = 1.96;
 const WIDTH = 330;
 const ROW = 22;
 
 /**
  * A row for each estimate: name, interval, value.
- * @param {{name: string, value: number, stderr: number}[]} estimates
+ * @param {{name: string, value: number, low: number, high: number}[]} estimates with their intervals
  * @param {number} nominal drawn as a line
  * @param {number} digits
  * @param {string} unit
  */
 export function intervalPlot(estimates, nominal, digits, unit) {
-  const reach = Math.max(1e-9, ...estimates.map(({ value, stderr }) => Math.abs(value - nominal) + NORMAL_95 * stderr));
+  const reach = Math.max(1e-9, ...estimates.flatMap(({ low, high }) => [Math.abs(low - nominal), Math.abs(high - nominal)]));
   const [from, to] = [34, WIDTH - 122];
   const x = (/** @type {number} */ value) => (from + to) / 2 + ((value - nominal) / reach) * (to - from) * 0.46;
   const height = ROW * estimates.length + 16;
-  const rows = estimates.flatMap(({ name, value, stderr }, i) => {
+  const rows = estimates.flatMap(({ name, value, low, high }, i) => {
     const y = ROW * i + ROW / 2;
-    const half = NORMAL_95 * stderr;
     return [
       svg("text", { class: "name", x: 0, y: y + 4 }, name),
       svg("line", { class: "rail", x1: from, x2: to, y1: y, y2: y }),
-      svg("line", { class: "interval", x1: x(value - half), x2: x(value + half), y1: y, y2: y }),
+      svg("line", { class: "interval", x1: x(low), x2: x(high), y1: y, y2: y }),
       svg("circle", { class: "estimate", cx: x(value), cy: y, r: 4 }),
-      svg("text", { class: "number", x: WIDTH, y: y + 4 }, `${number(value, digits)} \u00b1 ${number(half, digits)}${unit && ` ${unit}`}`),
+      svg("text", { class: "number", x: WIDTH, y: y + 4 }, `${number(value, digits)} \u00b1 ${number((high - low) / 2, digits)}${unit && ` ${unit}`}`),
     ];
   });
-  const words = estimates.map(({ name, value, stderr }) => `${name} ${number(value, digits)} plus or minus ${number(NORMAL_95 * stderr, digits)} ${unit}`).join("; ");
+  const words = estimates.map(({ name, value, low, high }) => `${name} ${number(value, digits)}, from ${number(low, digits)} to ${number(high, digits)} ${unit}`).join("; ");
   return svg("svg", { class: "intervals", viewBox: `0 0 ${WIDTH} ${height}`, role: "img", "aria-label": words },
     svg("line", { class: "nominal", x1: x(nominal), x2: x(nominal), y1: 2, y2: ROW * estimates.length }),
     svg("text", { class: "tick", x: x(nominal), y: height - 3 }, number(nominal, 0)),

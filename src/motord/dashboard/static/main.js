@@ -61,7 +61,8 @@ bench.on("event", (event) => {
 bench.on("error", ({ message }) => messages.say("error", `The server ends the connection: ${message}`));
 bench.on("state", (state) => {
   const { tick } = state;
-  setText(byId("ripple"), tick?.torque_ripple_Nm != null ? `ripple ${(1000 * tick.torque_ripple_Nm).toFixed(0)} mNm RMS` : "");
+  const mean = bench.sensorPassesMean ? "" : "; the sensor does not measure the mean";
+  setText(byId("ripple"), tick?.torque_ripple_Nm != null ? `ripple ${(1000 * tick.torque_ripple_Nm).toFixed(0)} mNm RMS${mean}` : "");
 });
 
 document.addEventListener("visibilitychange", () => {

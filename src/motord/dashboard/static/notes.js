@@ -49,7 +49,7 @@ export class Notes {
   _add(event) {
     const by = event.kind === "note" && event.data?.by ? ` (${event.data.by})` : "";
     this._list.prepend(element("li", { class: `event ${event.kind}` },
-      element("time", {}, clock(event.t_ns / 1e9)), element("span", { class: "kind" }, event.kind), element("span", {}, event.message + by)));
+      element("time", {}, clock(event.t_ns / 1e9)), " ", element("span", { class: "kind" }, event.kind), ` ${event.message}${by}`));
     if (this._list.children.length > LISTED) this._list.lastElementChild.remove();
   }
 }

@@ -81,7 +81,7 @@ export class Bench {
   _takeState(state) {
     this.state = state;
     this._state_ms = performance.now();
-    if (state.plan) this.plan = state.plan;
+    this.plan = state.plan;
   }
 
   /** How old the newest state is, s. */
@@ -94,6 +94,11 @@ export class Bench {
     return this.link.status !== "open" || !this.connection.alive || this.age_s > STALE_S;
   }
 
+  /** Whether the torque sensor measures a steady torque; a piezoelectric one does not. */
+  get sensorPassesMean() {
+    return !(this.state?.torque_sensor?.highpass_time_constant_s > 0);
+  }
+
   get viewer() {
     return this.hello?.role === "viewer";
   }
@@ -101,7 +106,7 @@ export class Bench {
   /** Why this page cannot command now, "" if it can. */
   get commandObstacle() {
     if (this.link.status !== "open") return "No connection.";
-    if (this.viewer) return "This page is a viewer's: it may look, not command. The operator's address is the other one that `motord dashboard` printed.";
+    if (this.viewer) return "A viewer's page does not command.";
     if (!this.connection.alive) return "The daemon does not answer.";
     return "";
   }

@@ -26,6 +26,7 @@ export class StatusBar {
     setText(byId("bench-name"), hello.bench);
     document.title = `${hello.bench} \u00b7 motord`;
     byId("viewer-note").hidden = hello.role !== "viewer";
+    document.body.dataset.role = hello.role;
   }
 
   /** @param {any} state */

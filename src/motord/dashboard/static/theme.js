@@ -7,6 +7,7 @@ const NAMES = /** @type {const} */ (["auto", "light", "dark"]);
 const listeners = new Set();
 /** @type {Map<string, string>} */
 const resolved = new Map();
+let motion = /** @type {MediaQueryList | null} */ (null);
 let probe = /** @type {HTMLElement | null} */ (null);
 
 /** The colour that `--name` has now. @param {string} name @returns {string} */
@@ -50,4 +51,7 @@ export function startTheme(select) {
 }
 
 /** Whether movement is to be little. */
-export const reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
+export function reducedMotion() {
+  motion ??= matchMedia("(prefers-reduced-motion: reduce)");
+  return motion.matches;
+}

@@ -79,7 +79,7 @@ export class Traces {
   _draw(now_ms) {
     this._waiting = false;
     if (!this._dirty || document.hidden || this._buckets.count === 0) return;
-    const pause_ms = reducedMotion.matches ? CALM_MS : DRAWING_SHARE * this._cost_ms;
+    const pause_ms = reducedMotion() ? CALM_MS : DRAWING_SHARE * this._cost_ms;
     if (now_ms - this._drawn_ms < pause_ms) return this._request();
     this._dirty = false;
     this._drawn_ms = now_ms;

@@ -49,7 +49,8 @@ export class Turns {
     }
     this._largest = largest(orders, (order) => this._amplitude(order), LABELLED);
     const main = this._largest[0];
-    setText(byId("turns-caption"), `last ${turns} turns; newest ${number(high - low, 2)} Nm p-p about ${number(set_Nm, 2)}`);
+    const about = this._bench.sensorPassesMean ? `about ${number(set_Nm, 2)}` : `at ${number(set_Nm, 2)}, mean not measured`;
+    setText(byId("turns-caption"), `last ${turns} turns: ${number(high - low, 2)} Nm p-p ${about}`);
     setText(byId("orders-caption"), main === undefined ? "" : `order ${main}: ${number(this._amplitude(main), 3)} Nm; \u25b4 calibrated`);
     setAttribute(byId("turns-canvas"), "aria-label", `Torque over angle: ${byId("turns-caption").textContent}`);
     setAttribute(byId("orders-canvas"), "aria-label", `Amplitude by order: ${byId("orders-caption").textContent}`);
@@ -58,7 +59,8 @@ export class Turns {
   _drawAngle() {
     if (!this._header?.turns) return this._angle.begin({ from: 0, to: 360, ticks: DEGREES, label: degrees }, { from: -1, to: 1 });
     const { turns, bins, set_Nm } = this._header;
-    let [low, high] = [set_Nm, set_Nm];
+    const mean = this._bench.sensorPassesMean;
+    let [low, high] = mean ? [set_Nm, set_Nm] : [0, 0];
     for (let i = 0; i < turns * bins; i++) {
       const value = this._floats[i];
       if (value < low) low = value;
@@ -71,6 +73,7 @@ export class Turns {
       const style = { colour: newest ? "trace-1" : "soft", width: newest ? 1.75 : 1, alpha: newest ? 1 : 0.2 + (0.35 * turn) / turns };
       this._angle.line(bins, (i) => ((i + 0.5) * 360) / bins, (i) => this._floats[turn * bins + i], style);
     }
+    if (!mean) return;
     for (const { value, label } of this._bench.torqueLimits) this._angle.level(value, label, { colour: "limit", dash: [8, 3, 2, 3] });
     this._angle.level(set_Nm, "set", { colour: "trace-set", dash: [6, 4] });
   }
@@ -83,7 +86,7 @@ export class Turns {
     for (let order = 1; order < orders; order++) if (this._amplitude(order) > high) high = this._amplitude(order);
     for (let order = 1; order < orders; order++) if (this._amplitude(order) > 0.02 * high) last = Math.max(last, order);
     for (const order of calibrated) if (order < orders) last = Math.max(last, order);
-    steadyRange(0, Math.max(high, 0.01), this._top, 0.01);
+    steadyRange(0, Math.max(1.08 * high, 0.01), this._top, 0.01);
     const to = Math.min(orders - 1, Math.ceil((last + 4) / 16) * 16);
     this._spectrum.begin({ from: 0, to }, { from: 0, to: this._top[1] });
     const width = Math.max(1.5, Math.min(9, (this._spectrum.right - this._spectrum.left) / to - 1));
