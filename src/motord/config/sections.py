@@ -164,7 +164,7 @@ class ZenohConfig(Section):
 
     listen: Endpoints = (DEFAULT_ENDPOINT,)
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
-    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
+    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.04
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
     socket_group: Annotated[str, Field(min_length=1, max_length=32)] | None = None
     tls: TlsConfig | None = None

@@ -125,7 +125,9 @@ async def _serve(socket: WebSocket, page: LivePage) -> None:
     sending = asyncio.create_task(_send(socket, page))
     receiving = asyncio.create_task(_receive(socket, page))
     try:
-        await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+        done, _ = await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
     finally:
         for task in (sending, receiving):
             task.cancel()

@@ -20,7 +20,7 @@ SILENT_S = 0.4
 """States come ten times a second: after so long without one the daemon is not there."""
 RECONNECT_S = 2.0
 """After so long the connection is made anew."""
-RETRY_S = 0.5
+LOOK_S = 0.5
 WAITING_MAX = 200
 """Blocks of ticks that wait for the event loop; older ones are dropped, and count as lost."""
 REQUEST_THREADS, URGENT_THREADS = 12, 4
@@ -117,23 +117,33 @@ class BenchLink:
         return Connectivity(alive, round(age_s, 3), message)
 
     async def keep(self, connected: Callable[[], Awaitable[None]]) -> None:
-        """Make the connection anew whenever nothing comes any more; never returns."""
-        loop = asyncio.get_running_loop()
+        """Look after the connection; never returns.
+
+        `connected` is called when the daemon is there again, this one or another one: what it
+        published meanwhile was missed.
+        """
+        silent = False
         while True:
-            await asyncio.sleep(RETRY_S)
-            if time.monotonic() - self._received_s < RECONNECT_S:
+            await asyncio.sleep(LOOK_S)
+            age_s = time.monotonic() - self._received_s
+            if silent and age_s < SILENT_S:
                 self._why = ""
-                continue
-            try:
-                client = await loop.run_in_executor(self._requests, self._connect)
-            except ClientError as error:
-                self._why = str(error)
-                continue
-            before, self.client = self.client, client
-            self._subscribe()
-            self._received_s = time.monotonic() - SILENT_S  # until a state comes
-            await loop.run_in_executor(self._requests, before.close)
-            await connected()
+                await connected()
+            silent = age_s >= SILENT_S
+            if age_s > RECONNECT_S:
+                await self._reconnect()
+
+    async def _reconnect(self) -> None:
+        """Zenoh connects again by itself; where it does not, a new connection does."""
+        loop = asyncio.get_running_loop()
+        try:
+            client = await loop.run_in_executor(self._requests, self._connect)
+        except ClientError as error:
+            self._why = str(error)
+            return
+        before, self.client = self.client, client
+        self._subscribe()
+        await loop.run_in_executor(self._requests, before.close)
 
     def close(self) -> None:
         """End the connection."""
@@ -142,11 +152,16 @@ class BenchLink:
         self.client.close()
 
     def _subscribe(self) -> None:
-        assert self._inbox is not None
-        put, client = self._inbox.put, self.client
+        client = self.client
+
+        def put(name: str, item: Any) -> None:
+            if client is self.client and self._inbox is not None:  # not one that is being closed
+                self._inbox.put(name, item)
+
         self._subscriptions = [
             client.subscribe_state(lambda state: put("state", state)),
             client.subscribe_events(lambda event: put("event", event)),
             client.subscribe_plan(lambda plan: put("plan", plan)),
+            client.subscribe_mesh(lambda mesh: put("mesh", mesh)),
             client.subscribe_ticks(lambda block: put("ticks", block)),
         ]

@@ -12,6 +12,7 @@ from motord.api.requests import LEASE_ACQUIRE, LEASE_RELEASE, LEASE_RENEW, RPCS,
 from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import encode
+from motord.dashboard.heartbeat import Heartbeat
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page_lease import PageLease
 from motord.dashboard.page_messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
@@ -58,9 +59,10 @@ class LivePage:
         self._documents: dict[str, bytes] = {}
         self._queue: deque[bytes] = deque(maxlen=UNSENT_MAX)
         self._news = asyncio.Event()
-        self._ping, self._ping_s = 0, 0.0
-        self._pong, self._pong_s = 0, time.monotonic()
+        self._fresh = False  # ticks have come since the last frame
+        self._heartbeat = Heartbeat(time.monotonic())
         self._frame_s = self._connection_s = 0.0
+        self._alive = True
         self._calls: set[asyncio.Task[None]] = set()
         self.begin()
 
@@ -75,6 +77,7 @@ class LivePage:
 
     def wake(self) -> None:
         """There are new ticks."""
+        self._fresh = True
         self._news.set()
 
     def publish(self, kind: str, message: bytes) -> None:
@@ -89,7 +92,8 @@ class LivePage:
         """Send what there is to send; never returns. Raises PageGone."""
         while True:
             with suppress(TimeoutError):
-                await asyncio.wait_for(self._news.wait(), self._pause_s())
+                async with asyncio.timeout(self._pause_s()):
+                    await self._news.wait()
             self._news.clear()
             self._look(time.monotonic())
             while self._queue:
@@ -99,22 +103,23 @@ class LivePage:
             await self._send_traces(send)
 
     def _pause_s(self) -> float:
-        return min(LOOK_S, self.lease.ping_s)
+        pause_s = min(LOOK_S, self.lease.ping_s)
+        if self._fresh:
+            pause_s = min(pause_s, max(0.0, self._frame_s + FRAME_S - time.monotonic()))
+        return pause_s
 
     def _look(self, now_s: float) -> None:
         """Ping, and see to lease and connection."""
-        if now_s - self._pong_s > GONE_S:
+        if self._heartbeat.silent_s(now_s) > GONE_S:
             raise PageGone
-        if now_s - self._ping_s >= self.lease.ping_s:
-            self._ping, self._ping_s = self._ping + 1, now_s
-            self._documents["ping"] = encode({"kind": "ping", "n": self._ping})
+        ping = self._heartbeat.due(now_s, self.lease.ping_s, self.lease.patience_s)
+        if ping is not None:
+            self._documents["ping"] = encode({"kind": "ping", "n": ping})
         self.lease.check()
-        if now_s - self._connection_s >= CONNECTION_S or not self._link.connectivity().alive:
-            self._tell_connection(now_s)
-
-    def _tell_connection(self, now_s: float) -> None:
-        self._connection_s = now_s
         now = self._link.connectivity()
+        if now.alive == self._alive and now_s - self._connection_s < CONNECTION_S:
+            return
+        self._alive, self._connection_s = now.alive, now_s
         self._documents["connection"] = encode(
             {"kind": "connection", "alive": now.alive, "age_s": now.age_s, "message": now.message}
         )
@@ -123,10 +128,12 @@ class LivePage:
 
     async def _send_traces(self, send: Sender) -> None:
         now_s = time.monotonic()
-        waits = now_s - self._pong_s > UNANSWERED_S
-        if not self._visible or waits or now_s - self._frame_s < FRAME_S:
+        waits = self._heartbeat.silent_s(now_s) > UNANSWERED_S
+        if not self._visible or waits:
+            self._fresh = False
+        if not self._fresh or now_s - self._frame_s < FRAME_S:
             return
-        self._frame_s = now_s
+        self._frame_s, self._fresh = now_s, False
         for view in tuple(self._views.values()):
             trace = view.trace(self._bench.history, self._bench.grid.lost)
             if trace is not None:
@@ -139,25 +146,27 @@ class LivePage:
         elif isinstance(message, Visible):
             self._show(message.value)
         elif isinstance(message, ViewWanted):
-            self._views[message.view] = View(
-                message.view, message.span_s, message.buckets, message.signals, message.end_s
-            )
-            self._news.set()
+            self._look_at(message)
         else:
             self._call(message)
+
+    def _look_at(self, wanted: ViewWanted) -> None:
+        view = View(wanted.view, wanted.span_s, wanted.buckets, wanted.signals, wanted.end_s)
+        self._views.pop(wanted.view, None)
+        if wanted.signals:
+            self._views[wanted.view] = view
+            self.wake()
 
     def _show(self, visible: bool) -> None:
         self._visible = visible
         if visible:
             drawn = {k: v for k, v in self._bench.documents.items() if k in DRAWN}
             self._documents.update(drawn)
-            self._news.set()
+            self.wake()
 
     def _answered(self, n: int) -> None:
-        if n != self._ping:  # an old one: the page is behind, and must not stay in command by it
-            return
-        self._pong, self._pong_s = n, time.monotonic()
-        if self.lease.held:
+        """Renew the lease: nothing else does."""
+        if self._heartbeat.answer(n, time.monotonic()) and self.lease.held:
             self._run(self.lease.renew())
 
     def _call(self, call: RpcCall) -> None:

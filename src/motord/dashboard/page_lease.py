@@ -8,8 +8,8 @@ from motord.client import ClientError
 
 RENEWALS = 4
 """Pings within the time in which a renewal is due."""
-PING_S = 0.25
-"""Without a lease."""
+PING_S, PATIENCE_S = 0.25, 1.0
+"""Longest time between pings, and for an answer."""
 
 Call = Callable[..., Awaitable[dict[str, Any]]]
 """Calls an RPC by name."""
@@ -25,7 +25,7 @@ class PageLease:
         self.holder = holder
         self.token = ""
         self.why = ""
-        self.ping_s = PING_S
+        self.ping_s, self.patience_s = PING_S, PATIENCE_S
         self._call = call
         self._changed = changed
         self._lease_s = 0.0
@@ -52,6 +52,7 @@ class PageLease:
         self._lease_s = grant["lease_s"]
         self._good_until_s = begun_s + self._lease_s
         self.ping_s = min(PING_S, grant["renew_within_s"] / RENEWALS)
+        self.patience_s = min(PATIENCE_S, grant["renew_within_s"] / 2)
         self._changed()
         if self._closed:  # the page went away meanwhile
             await self.release()
@@ -81,7 +82,8 @@ class PageLease:
     def lose(self, why: str) -> None:
         """The lease is over; `why` for people."""
         if self.held:
-            self.token, self.why, self.ping_s = "", why, PING_S
+            self.token, self.why = "", why
+            self.ping_s, self.patience_s = PING_S, PATIENCE_S
             self._changed()
 
     async def close(self) -> None:

@@ -1,8 +1,11 @@
 """The pages that are open, and what comes from the daemon to all of them."""
 
+import asyncio
 from contextlib import suppress
+from typing import Any
 
 from motord.api.messages import BenchState
+from motord.api.requests import CALIBRATION_SHOW
 from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink, Item
 from motord.dashboard.live_bench import LiveBench
@@ -10,6 +13,8 @@ from motord.dashboard.live_page import LivePage
 from motord.security.roles import Role
 
 PAGES_MAX = 16
+SIGNIFICANT = 2.0
+"""Standard errors that an order of the cogging torque must exceed to be marked."""
 RESTARTED = "the daemon was started again: whoever was in command no longer is"
 
 
@@ -26,6 +31,8 @@ class Pages:
         self._open: set[LivePage] = set()
         self._number = 0
         self._uptime_s = 0.0
+        self._calibration = ""
+        self._lookup: asyncio.Task[None] | None = None
 
     @property
     def full(self) -> bool:
@@ -65,15 +72,30 @@ class Pages:
             if config != self.bench.config:
                 self.bench.set_config(config)
             self.bench.set_events(await self._link.look("events"))
-            plan = await self._link.look("plan")
-            if plan is not None:
-                self.bench.set_document("plan", plan.to_json())
+            for kind in ("plan", "mesh"):
+                document = await self._link.look(kind)
+                self.bench.set_document(kind, document.to_json() if document else b"null")
             for page in self._open:
                 page.begin()
 
     def _follow(self, state: BenchState) -> None:
-        """Notice another start of the daemon."""
+        """Notice another start of the daemon, and another calibration."""
         if state.uptime_s < self._uptime_s:
             for page in self._open:
                 page.lease.lose(RESTARTED)
         self._uptime_s = state.uptime_s
+        calibration = state.calibration.id if state.calibration is not None else ""
+        if calibration != self._calibration:
+            self._calibration = calibration
+            self._lookup = asyncio.create_task(self._look_up_orders(calibration))
+
+    async def _look_up_orders(self, calibration: str) -> None:
+        """Find out which orders of the turn the calibration in force makes up for."""
+        harmonics: list[dict[str, Any]] = []
+        if calibration:
+            with suppress(ClientError):
+                shown = await self._link.call(CALIBRATION_SHOW.name, id=calibration)
+                harmonics = shown["tau_cog_harmonics"]
+        self.bench.calibrated = [
+            h["order"] for h in harmonics if h["amplitude_Nm"] > SIGNIFICANT * h["stderr_Nm"]
+        ]

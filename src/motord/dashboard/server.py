@@ -1,6 +1,7 @@
 """Runs the page's server: a socket of this machine, uvicorn, the connection to the daemon."""
 
 import asyncio
+import logging
 import signal
 import socket
 from collections.abc import Callable, Iterator
@@ -87,10 +88,16 @@ def serve(
             timeout_graceful_shutdown=CLOSING_S,
         )
     )
+    logging.getLogger("uvicorn.error").addFilter(_is_no_refusal)
     try:
         asyncio.run(server.serve(sockets=[listener]))
     finally:
         link.close()
+
+
+def _is_no_refusal(record: logging.LogRecord) -> bool:
+    """Return False for what uvicorn logs as an error when a handshake is refused."""
+    return "without completing handshake" not in record.getMessage()
 
 
 class _Server(uvicorn.Server):

@@ -17,6 +17,7 @@ class FakeLink:
         self.errors = {}
         """By RPC: what it is refused with."""
         self.alive = True
+        self.harmonics = []
         self.holder, self.until_s, self.token = None, 0.0, ""
         self.take = None
 
@@ -38,6 +39,8 @@ class FakeLink:
             raise self.errors[name]
         if name == "config":
             return {"toml": "", "config": config.load().model_dump(mode="json")}
+        if name == "calibration/show":
+            return {"tau_cog_harmonics": self.harmonics}
         if name.startswith("lease/"):
             return self._lease(name, arguments)
         return {"state": "READY"}
