@@ -62,6 +62,11 @@ class TickMonitor:
         return self._newest("trip_bits")
 
     @property
+    def first_trip(self) -> int:
+        """The first of the latched causes, as a bit; 0 without any."""
+        return self._newest("first_trip")
+
+    @property
     def setpoint_seq(self) -> int:
         """Number of the set-point that the newest tick used."""
         return self._newest("setpoint_seq")
@@ -170,10 +175,9 @@ class TickMonitor:
     def trips(self) -> tuple[list[TripView], str]:
         """Return the causes that are latched (in OFF: that prevent enabling) and the first one."""
         bits = self.trip_bits
-        first = self._newest("first_trip")
         causes = [Trip[name] for name in trip_names(bits)]
         views = [TripView(name=str(t.name), meaning=TRIP_MEANING[t]) for t in causes]
-        return views, "".join(trip_names(first)[:1])
+        return views, "".join(trip_names(self.first_trip)[:1])
 
     def tick_view(self) -> TickView | None:
         """Return the newest tick in short."""
