@@ -5,7 +5,6 @@ begin a mishap from its own thread (`StandIn.do`).
 """
 
 import asyncio
-import json
 import sys
 import threading
 import time
@@ -15,11 +14,10 @@ from typing import Any
 import uvicorn
 
 from motord import config
-from motord.api.messages import BenchState, Event, PlanView
+from motord.api.messages import BenchState, Event, MeshView, PlanView
 from motord.client import ClientError
 from motord.dashboard.app import application
 from motord.dashboard.bench_link import SILENT_S, Connectivity, Item
-from motord.dashboard.frames import encode_document
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.pages import Pages
 from motord.dashboard.server import listen, urls
@@ -48,7 +46,7 @@ class StandIn:
         self.trip: dict[str, Any] | None = None
         self.events_so_far: list[Event] = []
         self.plan: PlanView | None = None
-        self.mesh: dict[str, Any] | None = None
+        self.mesh: MeshView | None = None
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.points_per_s = 2.0
         self._lease_until_s = 0.0
@@ -58,7 +56,6 @@ class StandIn:
         self._take: Callable[[list[Item]], None] = lambda items: None
         self._due_s = time.monotonic()
         self._plan_s = 0.0
-        self.publish_mesh: Callable[[bytes], None] = lambda message: None
 
     # what the server asks of its link to the daemon
 
@@ -85,8 +82,8 @@ class StandIn:
         return reply
 
     async def look(self, method: str) -> Any:
-        """Return the newest events or plan."""
-        return self.events_so_far if method == "events" else self.plan
+        """Return the newest events, plan or mesh."""
+        return {"events": self.events_so_far, "plan": self.plan, "mesh": self.mesh}[method]
 
     def connectivity(self) -> Connectivity:
         """Return whether it publishes."""
@@ -267,8 +264,9 @@ class StandIn:
             elapsed_s = now_s - self._plan_s
             done = min(int(elapsed_s * self.points_per_s), len(self._points))
             self._at(done, elapsed_s)
-        self.mesh = documents.mesh(self.plan.plan, self._points, self.plan.points_done)
-        self.publish_mesh(json.dumps(self.mesh).encode())
+        mesh = documents.mesh(self.plan.plan, self._points, self.plan.points_done)
+        self.mesh = MeshView.model_validate(mesh)
+        self._take([("mesh", self.mesh)])
 
     def _at(self, done: int, elapsed_s: float) -> None:
         count = len(self._points)
@@ -307,7 +305,6 @@ class Server:
         live.calibrated = list(CALIBRATED)
         pages = Pages(live, stand_in, "anna@bench")  # type: ignore[arg-type]
         live.publish = pages.publish
-        stand_in.publish_mesh = lambda document: live.set_document("mesh", document)
         self._listener = listen(port)
         self.port = self._listener.getsockname()[1]
         self.urls = urls(self._listener, self.tokens)
