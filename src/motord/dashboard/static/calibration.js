@@ -1,0 +1,96 @@
+/** The calibration in force and earlier ones: gains and offsets with intervals, cogging torque, what it brought. */
+
+import { byId, element, setText } from "./dom.js";
+import { number } from "./format.js";
+import { intervalPlot, turnCurve } from "./intervals.js";
+
+const PHASES = ["a", "b", "c"];
+const ORDERS_SHOWN = 6;
+
+export class CalibrationPanel {
+  /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
+  constructor(bench, socket, messages) {
+    this._bench = bench;
+    this._socket = socket;
+    this._messages = messages;
+    /** @type {string | null} of the calibration in force */
+    this._id = null;
+    this._open = false;
+    byId("calibration-choice").addEventListener("change", () => this._show(byId("calibration-choice").value));
+    bench.on("hello", () => {
+      this._id = null;
+    });
+    bench.on("state", (state) => this._state(state));
+  }
+
+  /** @param {boolean} open whether the tab is to be seen */
+  setOpen(open) {
+    this._open = open;
+    if (this._bench.state) this._state(this._bench.state);
+  }
+
+  /** @param {any} state */
+  _state(state) {
+    const id = state.calibration?.id ?? "";
+    if (!this._open || id === this._id) return;
+    this._id = id;
+    this._load(id);
+  }
+
+  /** @param {string} inForce */
+  async _load(inForce) {
+    try {
+      const { calibrations } = await this._socket.call("calibration/list");
+      const select = byId("calibration-choice");
+      select.replaceChildren(...calibrations.map((/** @type {any} */ one) =>
+        element("option", { value: one.id, selected: one.id === inForce }, `${one.created.slice(0, 16).replace("T", " ")} ${one.method} ${one.id.slice(0, 8)}${one.in_force ? " (in force)" : ""}`)));
+      const any = calibrations.length > 0;
+      byId("calibration-empty").hidden = any;
+      byId("calibration-box").hidden = !any;
+      if (any) await this._show(inForce || calibrations[0].id);
+    } catch (error) {
+      this._id = null;
+      if (/** @type {any} */ (error).code !== "disconnected") setText(byId("calibration-empty"), `Not known: ${/** @type {Error} */ (error).message}`);
+    }
+  }
+
+  /** @param {string} id */
+  async _show(id) {
+    if (!id) return;
+    try {
+      const reply = await this._socket.call("calibration/show", { id });
+      byId("calibration-content").replaceChildren(...content(reply));
+    } catch (error) {
+      this._messages.failure("calibration")(/** @type {Error} */ (error));
+    }
+  }
+}
+
+/** @param {any} found the reply of `calibration/show` */
+function content(found) {
+  const estimates = (/** @type {number[]} */ values, /** @type {number[][]} */ intervals) =>
+    values.map((value, i) => ({ name: PHASES[i], value, low: intervals[i][0], high: intervals[i][1] }));
+  const rms = found.rms_error_percent ?? {};
+  const gained = [
+    rms.before && `before ${number(rms.before.mean, 2)} % (worst ${number(rms.before.max, 2)} %)`,
+    rms.after && `after ${number(rms.after.mean, 2)} % (worst ${number(rms.after.max, 2)} %)`,
+  ].filter(Boolean).join(", ");
+  return [
+    element("p", { class: "about" }, `${found.in_force ? "In force. " : "Earlier, not in force. "}${found.method}, ${found.runs?.length ?? 0} recordings${found.learned ? ", with learned corrections" : ""}`),
+    element("h4", {}, "\u03b1, gain by phase, 95 %"), intervalPlot(estimates(found.alpha, found.alpha_95), 1, 4, ""),
+    element("h4", {}, "\u03b2, offset by phase, 95 %"), intervalPlot(estimates(found.beta_A, found.beta_95_A), 0, 3, "A"),
+    element("h4", {}, "\u03c4 cog over a turn, Nm"), turnCurve(found.tau_cog_Nm ?? [], "Nm"),
+    orders(found.tau_cog_harmonics ?? []),
+    gained ? element("p", { class: "about" }, `RMS error: ${gained}`) : null,
+    found.observable?.length ? element("ul", { class: "hint" }, ...found.observable.map((/** @type {string} */ text) => element("li", {}, text))) : null,
+  ].filter((one) => one !== null);
+}
+
+/** @param {{order: number, amplitude_Nm: number, stderr_Nm: number}[]} harmonics */
+function orders(harmonics) {
+  const largest = [...harmonics].sort((a, b) => Math.abs(b.amplitude_Nm) - Math.abs(a.amplitude_Nm)).slice(0, ORDERS_SHOWN);
+  const head = element("tr", {}, ...["order", "amplitude, mNm", "\u00b1 95 %"].map((text) => element("th", { scope: "col" }, text)));
+  const rows = largest.map((one) => element("tr", {}, element("td", {}, String(one.order)),
+    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), 1)), element("td", {}, number(1960 * one.stderr_Nm, 1))));
+  return element("table", { class: "figures" }, element("thead", {}, head), element("tbody", {}, ...rows));
+}

@@ -1,0 +1,101 @@
+/** Numbers, times and units as text; ranges of axes. Pure. */
+
+const MINUS = "\u2212";
+export const NO_VALUE = "\u2013";
+
+/**
+ * @param {number | null | undefined} value
+ * @param {number} digits decimals
+ */
+export function number(value, digits) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NO_VALUE;
+  const text = value.toFixed(digits);
+  if (Number(text) === 0) return text.replace("-", "");
+  return text.replace("-", MINUS);
+}
+
+/** Three significant digits, as instruments show them. @param {number | null | undefined} value */
+export function significant(value, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return NO_VALUE;
+  const magnitude = Math.abs(value);
+  if (magnitude >= 1e5 || (magnitude > 0 && magnitude < 1e-3)) {
+    return value.toExponential(digits - 1).replace("-", MINUS);
+  }
+  if (magnitude === 0) return "0";
+  return number(value, Math.max(0, digits - 1 - Math.floor(Math.log10(magnitude))));
+}
+
+/** `1:05`, `1:02:03`, below a minute `12 s`. @param {number | null | undefined} seconds */
+export function duration(seconds) {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NO_VALUE;
+  const whole = Math.max(0, Math.round(seconds));
+  if (whole < 60) return `${whole} s`;
+  const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
+  const [h, m, s] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60];
+  return h ? `${h}:${two(m)}:${two(s)} h` : `${m}:${two(s)} min`;
+}
+
+/** An age: `0.3 s`, `12 s`, `4 min`, `3 h`, `2 d`. @param {number | null | undefined} seconds */
+export function age(seconds) {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NO_VALUE;
+  if (seconds < 0.0995) return `${Math.round(seconds * 1000)} ms`;
+  if (seconds < 9.95) return `${seconds.toFixed(1)} s`;
+  if (seconds < 100) return `${Math.round(seconds)} s`;
+  if (seconds < 6000) return `${Math.round(seconds / 60)} min`;
+  return seconds < 172800 ? `${Math.round(seconds / 3600)} h` : `${Math.round(seconds / 86400)} d`;
+}
+
+/** Local time of day. @param {number} unix_s @param {number} digits of a second */
+export function clock(unix_s, digits = 0) {
+  const date = new Date(unix_s * 1000);
+  const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
+  const text = `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
+  if (digits === 0) return text;
+  const rest = unix_s - Math.floor(unix_s);
+  return text + Math.min(rest, 0.999999).toFixed(6).slice(1, 2 + digits);
+}
+
+/** A quantity, its unit and its words out of a name like `torque_rate_Nm_per_s`. @param {string} name */
+export function nameAndUnit(name) {
+  const units = /_(Nm_per_s|rad_per_s|rad_s|kg_m2|Nm|Hz|rad|percent|ms|us|s|A|V|C|m|V_per_count)$/;
+  const unit = units.exec(name)?.[1] ?? "";
+  const words = (unit ? name.slice(0, -unit.length - 1) : name).replaceAll("_", " ");
+  return { words, unit: UNITS[unit] ?? unit };
+}
+
+/** @type {Record<string, string>} */
+const UNITS = {
+  Nm_per_s: "Nm/s", rad_per_s: "rad/s", rad_s: "rad/s", kg_m2: "kg m\u00b2", percent: "%",
+  us: "\u00b5s", C: "\u00b0C",
+};
+
+/** The step of 1, 2 or 5 by a power of ten that is next above `step`. @param {number} step */
+export function niceStep(step) {
+  const power = 10 ** Math.floor(Math.log10(step));
+  const times = step / power;
+  return (times <= 1.0000001 ? 1 : times <= 2.0000001 ? 2 : times <= 5.0000001 ? 5 : 10) * power;
+}
+
+/**
+ * A range of an axis that has `low` and `high` in it and moves seldom: it grows at once, and
+ * shrinks when less than 45 % of it is used.
+ * @param {number} low
+ * @param {number} high
+ * @param {Float64Array} range [from, to], changed in place; NaN before the first time
+ * @param {number} least the least width
+ * @returns {boolean} whether it changed
+ */
+export function steadyRange(low, high, range, least) {
+  if (!(low <= high)) return false;
+  const width = Math.max(high - low, least);
+  const held = range[1] - range[0];
+  if (low >= range[0] && high <= range[1] && width > 0.45 * held) return false;
+  const middle = (low + high) / 2;
+  const step = niceStep(width / 6);
+  const from = Math.floor((middle - 0.56 * width) / step) * step;
+  const to = Math.ceil((middle + 0.56 * width) / step) * step;
+  if (from === range[0] && to === range[1]) return false;
+  range[0] = from;
+  range[1] = to;
+  return true;
+}

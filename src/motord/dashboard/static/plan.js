@@ -1,0 +1,54 @@
+/** The plan under way: progress, and pause, resume, abort, discard. */
+
+import { allow, byId, setAttribute, setText } from "./dom.js";
+import { duration, number } from "./format.js";
+
+const WORDS = {
+  running: "\u25b6 running", pausing: "\u275a\u275a pausing", paused: "\u275a\u275a paused", ending: "ending",
+  done: "\u2714 done", aborted: "\u25a0 aborted", failed: "\u2716 failed", interrupted: "\u26a0 interrupted",
+};
+const ACTIVE = ["running", "pausing", "paused", "ending"];
+
+export class PlanProgress {
+  /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
+  constructor(bench, socket, messages) {
+    this._bench = bench;
+    for (const name of ["pause", "resume", "abort", "discard"]) {
+      byId(`plan-${name}`).addEventListener("click", () => socket.call(`plan/${name}`).catch(messages.failure(`plan ${name}`)));
+    }
+    for (const kind of /** @type {const} */ (["plan", "state", "lease", "link", "connection"])) bench.on(kind, () => this._show());
+  }
+
+  get active() {
+    return ACTIVE.includes(this._bench.plan?.state);
+  }
+
+  _show() {
+    const plan = this._bench.plan;
+    byId("plan-none").hidden = plan !== null;
+    byId("plan-progress").hidden = plan === null;
+    if (plan === null) return;
+    setAttribute(byId("plan-state"), "data-state", plan.state);
+    setText(byId("plan-state"), WORDS[/** @type {keyof typeof WORDS} */ (plan.state)] ?? plan.state);
+    setText(byId("plan-name"), plan.plan + (plan.detached ? " (detached)" : ""));
+    byId("plan-bar").value = this.active || plan.state === "interrupted" ? plan.fraction : plan.state === "done" ? 1 : plan.fraction;
+    setText(byId("plan-count"), `${plan.points_done} of ${plan.points} points \u00b7 ${number(100 * plan.fraction, 0)} %`);
+    setText(byId("plan-time"), `${duration(plan.elapsed_s)} elapsed${this.active ? ` \u00b7 ${duration(plan.eta_s)} to go` : ""}`);
+    setText(byId("plan-step"), plan.message || plan.step);
+    setText(byId("plan-recording"), plan.recording ? plan.recording.split("/").pop() : "");
+    setAttribute(byId("plan-recording"), "title", plan.recording || null);
+    this._buttons(plan.state);
+  }
+
+  /** @param {string} state */
+  _buttons(state) {
+    const why = this._bench.leaseObstacle;
+    const resumable = state === "paused" || ["interrupted", "aborted", "failed"].includes(state);
+    byId("plan-pause").hidden = !["running", "pausing"].includes(state);
+    byId("plan-resume").hidden = !resumable;
+    byId("plan-abort").hidden = !this.active;
+    byId("plan-discard").hidden = state !== "interrupted";
+    for (const name of ["pause", "resume", "abort", "discard"]) allow(byId(`plan-${name}`), why);
+    allow(byId("plan-pause"), why || (state === "pausing" ? "It is pausing." : ""));
+  }
+}

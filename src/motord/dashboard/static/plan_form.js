@@ -1,0 +1,175 @@
+/** The form that starts a plan, made from its settings: units, limits, defaults, help; first a dry run, then the start. */
+
+import { allow, byId, element, setText } from "./dom.js";
+import { duration, nameAndUnit } from "./format.js";
+
+/**
+ * A setting of a plan.
+ * @typedef {{name: string, type: "number" | "integer" | "numbers" | "boolean" | "choice" | "text" | "json", value: any, unit: string,
+ *   minimum: number | null, maximum: number | null, choices: string[], help: string, optional: boolean}} Field
+ */
+
+/** The type of a setting without a description, from its default. Pure. @param {any} value @returns {Field["type"]} */
+export function typeOf(value) {
+  if (typeof value === "boolean") return "boolean";
+  if (typeof value === "number" || value === null) return "number";
+  if (typeof value === "string") return "text";
+  if (Array.isArray(value) && value.every((one) => typeof one === "number")) return "numbers";
+  return "json";
+}
+
+/** The text of a field as the value of a setting. Pure. @param {Field} field @param {string} text @returns {any} @throws {Error} says what is wrong */
+export function parse(field, text) {
+  const trimmed = text.trim().replaceAll("\u2212", "-");
+  if (trimmed === "" && field.optional) return null;
+  if (field.type === "choice" || field.type === "text") return trimmed;
+  if (field.type === "json") return JSON.parse(trimmed);
+  if (field.type === "numbers") return trimmed.split(/[\s,;]+/).filter(Boolean).map((one) => checked(field, one));
+  return checked(field, trimmed);
+}
+
+/** @param {Field} field @param {string} text */
+function checked(field, text) {
+  const value = Number(text);
+  const { words } = nameAndUnit(field.name);
+  if (text === "" || !Number.isFinite(value)) throw new Error(`${words}: "${text}" is no number`);
+  if (field.type === "integer" && !Number.isInteger(value)) throw new Error(`${words}: a whole number, not ${text}`);
+  if (field.minimum !== null && value < field.minimum) throw new Error(`${words}: at least ${field.minimum}`);
+  if (field.maximum !== null && value > field.maximum) throw new Error(`${words}: at most ${field.maximum}`);
+  return value;
+}
+
+/** @param {any} value */
+export const shown = (value) => (value === null ? "" : Array.isArray(value) && value.every((v) => typeof v === "number") ? value.join(", ") : typeof value === "object" ? JSON.stringify(value) : String(value));
+
+/** The fields of a plan of `plan/list`. Pure. @param {any} plan @returns {Field[]} */
+export function fieldsOf(plan) {
+  const described = new Map((plan.fields ?? []).map((/** @type {any} */ field) => [field.name, field]));
+  return Object.entries(plan.settings).map(([name, value]) => {
+    const about = described.get(name) ?? {};
+    return {
+      name, value, type: about.type ?? typeOf(value), unit: about.unit || nameAndUnit(name).unit,
+      minimum: about.minimum ?? null, maximum: about.maximum ?? null, choices: about.choices ?? [],
+      help: about.help ?? "", optional: about.optional ?? value === null,
+    };
+  });
+}
+
+export class PlanForm {
+  /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
+  constructor(bench, socket, messages) {
+    this._bench = bench;
+    this._socket = socket;
+    this._messages = messages;
+    /** @type {any[]} */
+    this._plans = [];
+    /** @type {Field[]} */
+    this._fields = [];
+    this._checked = "";
+    byId("plan-choice").addEventListener("change", () => this._choose());
+    byId("plan-fields").addEventListener("input", () => this._changed());
+    byId("plan-form").addEventListener("submit", (/** @type {SubmitEvent} */ event) => {
+      event.preventDefault();
+      this._check();
+    });
+    byId("plan-start").addEventListener("click", () => this._start());
+    bench.on("hello", () => this._list());
+    for (const kind of /** @type {const} */ (["state", "plan", "lease", "link", "connection"])) bench.on(kind, () => this._buttons());
+  }
+
+  _list() {
+    this._socket.call("plan/list").then(({ plans }) => {
+      this._plans = plans;
+      const select = byId("plan-choice");
+      const before = select.value;
+      select.replaceChildren(...plans.map((/** @type {any} */ plan) => element("option", { value: plan.name }, plan.name)));
+      if (plans.some((/** @type {any} */ plan) => plan.name === before)) select.value = before;
+      else if (plans.some((/** @type {any} */ plan) => plan.name === "calibrate")) select.value = "calibrate";
+      if (select.value !== this._chosen) this._choose();
+    }, this._messages.failure("plans"));
+  }
+
+  _choose() {
+    this._chosen = byId("plan-choice").value;
+    const plan = this._plans.find((one) => one.name === this._chosen);
+    if (plan === undefined) return;
+    setText(byId("plan-summary"), plan.summary);
+    this._fields = fieldsOf(plan);
+    byId("plan-fields").replaceChildren(...this._fields.map((field) => row(field)));
+    this._changed();
+  }
+
+  _changed() {
+    this._checked = "";
+    setText(byId("plan-outline"), "");
+    this._buttons();
+  }
+
+  /** What differs from the settings of the bench file. @throws {Error} */
+  _settings() {
+    /** @type {Record<string, any>} */
+    const settings = {};
+    for (const field of this._fields) {
+      const input = byId(`setting-${field.name}`);
+      const value = field.type === "boolean" ? input.checked : parse(field, input.value);
+      if (JSON.stringify(value) !== JSON.stringify(field.value)) settings[field.name] = value;
+    }
+    return settings;
+  }
+
+  async _check() {
+    const outline = byId("plan-outline");
+    this._checked = "";
+    try {
+      const settings = this._settings();
+      setText(outline, "checking\u2026");
+      const name = byId("plan-choice").value;
+      const reply = await this._socket.call("plan/start", { name, settings, dry_run: true });
+      this._checked = JSON.stringify([name, settings]);
+      setText(outline, `\u2714 within the limits: ${reply.points.length} points, about ${duration(reply.estimate_s)}`);
+    } catch (error) {
+      setText(outline, `\u2716 ${/** @type {Error} */ (error).message}`);
+    }
+    this._buttons();
+  }
+
+  _start() {
+    const [name, settings] = JSON.parse(this._checked);
+    const args = { name, settings, detach: byId("plan-detach").checked, notes: byId("plan-notes").value };
+    this._checked = "";
+    this._buttons();
+    this._socket.call("plan/start", args).then(() => {
+      byId("plan-start-box").open = false;
+    }, this._messages.failure(`start ${name}`));
+  }
+
+  _buttons() {
+    const active = ["running", "pausing", "paused", "ending"].includes(this._bench.plan?.state) ? "A plan is under way." : "";
+    allow(byId("plan-check"), this._bench.link.status === "open" ? "" : "No connection.");
+    allow(byId("plan-start"), this._bench.leaseObstacle || active || (this._checked ? "" : "Check it first."));
+    setText(byId("plan-start-why"), byId("plan-start").disabled ? byId("plan-start").title : "");
+  }
+}
+
+/** @param {Field} field */
+function row(field) {
+  const { words } = nameAndUnit(field.name);
+  const id = `setting-${field.name}`;
+  const limits = [field.minimum !== null ? `from ${field.minimum}` : "", field.maximum !== null ? `to ${field.maximum}` : ""].filter(Boolean).join(" ");
+  const hint = [field.help, limits, field.optional ? "may be empty" : ""].filter(Boolean).join("; ");
+  const described = hint ? { "aria-describedby": `${id}-hint` } : {};
+  return element("div", { class: "field" },
+    element("label", { for: id }, words, field.unit ? element("span", { class: "unit" }, field.unit) : null),
+    input(field, id, described),
+    hint ? element("p", { class: "hint", id: `${id}-hint` }, hint) : null);
+}
+
+/** @param {Field} field @param {string} id @param {Record<string, string>} described */
+function input(field, id, described) {
+  if (field.type === "boolean") return element("input", { id, type: "checkbox", checked: field.value, ...described });
+  if (field.type === "choice") {
+    return element("select", { id, ...described }, ...field.choices.map((choice) => element("option", { value: choice, selected: choice === field.value }, choice)));
+  }
+  const numeric = field.type === "number" || field.type === "integer" || field.type === "numbers";
+  return element("input", { id, type: "text", inputmode: numeric ? "decimal" : null, autocomplete: "off", spellcheck: "false", value: shown(field.value), ...described });
+}

@@ -1,0 +1,131 @@
+/** The head of the page: state, lease, trips and connection, in words. */
+
+import { allow, byId, element, setAttribute, setText } from "./dom.js";
+import { age, clock, duration, significant } from "./format.js";
+import { STATES } from "./state.js";
+
+export class StatusBar {
+  /** @param {import("./state.js").Bench} bench @param {import("./messages.js").Messages} messages */
+  constructor(bench, messages) {
+    this._bench = bench;
+    this._messages = messages;
+    this._uptime_s = 0;
+    this._lostAt_ms = 0;
+    this._wasOpen = false;
+    this._alive = true;
+    this._trip = "";
+    bench.on("hello", (hello) => this._hello(hello));
+    bench.on("state", (state) => this._state(state));
+    bench.on("lease", () => this._lease());
+    bench.on("link", () => this._link());
+    bench.on("connection", () => this._connection());
+  }
+
+  /** @param {any} hello */
+  _hello(hello) {
+    setText(byId("bench-name"), hello.bench);
+    document.title = `${hello.bench} \u00b7 motord`;
+    byId("viewer-note").hidden = hello.role !== "viewer";
+    document.body.dataset.role = hello.role;
+  }
+
+  /** @param {any} state */
+  _state(state) {
+    const known = STATES[state.state] ?? { sign: "?", meaning: "" };
+    setAttribute(byId("state"), "data-state", state.state);
+    setText(byId("state-sign"), known.sign);
+    setText(byId("state-name"), state.state);
+    setText(byId("state-meaning"), state.fault || this._meaning(state, known.meaning));
+    setText(byId("motor"), state.motor + (state.simulated ? " \u00b7 simulated" : ""));
+    this._trips(state);
+    if (state.uptime_s < this._uptime_s - 1) {
+      this._messages.say("warning", `The daemon was restarted at ${clock(state.t_ns / 1e9 - state.uptime_s)}. It begins OFF; nothing was commanded.`);
+    }
+    this._uptime_s = state.uptime_s;
+    this._lease();
+  }
+
+  /** @param {any} state @param {string} meaning */
+  _meaning(state, meaning) {
+    if (state.state === "TRIPPED") return state.first_trip ? tripText(this._bench, state.first_trip) : meaning;
+    if (state.state !== "ENABLED" && this._bench.lease.held) return `${meaning} You may enable it.`;
+    return meaning;
+  }
+
+  /** @param {any} state */
+  _trips(state) {
+    const box = byId("trip");
+    const { trip } = state;
+    const key = state.state === "TRIPPED" ? JSON.stringify([trip, state.trips]) : "";
+    if (key === this._trip) return;
+    this._trip = key;
+    box.hidden = key === "";
+    if (key === "") return box.replaceChildren();
+    const causes = (trip?.causes ?? state.trips.map((/** @type {any} */ t) => t.name)).map(
+      (/** @type {string} */ name) => element("li", {}, element("b", {}, name), ` ${tripText(this._bench, name, state)}`));
+    const values = Object.entries(trip?.values ?? {}).map(([what, { value, limit }]) =>
+      element("li", {}, `${what}: ${significant(value)}${limit === null ? "" : ` (limit ${significant(limit)})`}`));
+    const action = trip?.action ?? this._bench.hello?.trips?.[state.first_trip]?.action ?? "find the cause";
+    box.replaceChildren(
+      element("strong", {}, `\u2716 Tripped${trip ? ` at ${clock(trip.t_ns / 1e9)}` : ""}`),
+      element("ul", {}, ...causes, ...values),
+      element("p", {}, element("b", {}, "What to do: "), `${action}; then Reset.`),
+      ...(trip?.blackbox ? [element("p", { class: "path" }, `Black box: ${trip.blackbox}`)] : []),
+    );
+  }
+
+  _lease() {
+    const { lease, state } = this._bench;
+    const holder = state?.lease?.holder ?? null;
+    setAttribute(byId("lease"), "data-held", String(lease.held));
+    setText(byId("lease-text"), lease.held ? "You are in command" : holder ? `${holder} is in command` : "Nobody is in command");
+    const lost = `Lost ${age(state?.lease?.duration_s)} after this page goes.`;
+    setText(byId("lease-why"), lease.held ? lost : lease.why ? `Lost: ${lease.why}` : "");
+    const take = byId("take");
+    setText(take, lease.held ? "Release" : holder && !holder.startsWith("plan ") ? "Take over\u2026" : "Take control");
+    allow(take, this._bench.commandObstacle);
+  }
+
+  _link() {
+    const { status, message } = this._bench.link;
+    if (status === "open") {
+      if (this._wasOpen) {
+        const away_s = (performance.now() - this._lostAt_ms) / 1000;
+        this._messages.say("info", `Connected again after ${duration(away_s)}. A lease held before is given up; nothing was commanded.`);
+      }
+      this._wasOpen = true;
+    } else if (status === "waiting" && this._lostAt_ms === 0) this._lostAt_ms = performance.now();
+    if (status === "open") this._lostAt_ms = 0;
+    byId("refused").hidden = status !== "refused";
+    if (status === "refused") setText(byId("refused-text"), message);
+    this.tick();
+    this._lease();
+  }
+
+  _connection() {
+    const { alive } = this._bench.connection;
+    if (alive !== this._alive && alive) this._messages.say("info", "The daemon publishes again.");
+    this._alive = alive;
+    this.tick();
+    this._lease();
+  }
+
+  /** Ten times a second: what is stale is grey within half a second, and says so. */
+  tick() {
+    const { link, connection, stale, age_s } = this._bench;
+    setAttribute(document.body, "data-stale", stale ? "true" : null);
+    const text =
+      link.status === "refused" ? "not let in"
+      : link.status !== "open" ? `no connection${link.message ? `: ${link.message}` : ""}; trying again`
+      : !connection.alive ? connection.message || "the daemon does not answer"
+      : stale ? `stale: last state ${age(age_s)} ago` : "live";
+    setText(byId("link-text"), text);
+    setAttribute(byId("link"), "data-stale", String(stale));
+  }
+}
+
+/** @param {import("./state.js").Bench} bench @param {string} name @param {any} [state] */
+function tripText(bench, name, state = bench.state) {
+  const known = state?.trips?.find((/** @type {any} */ trip) => trip.name === name);
+  return known?.meaning ?? bench.hello?.trips?.[name]?.meaning ?? name;
+}

@@ -1,0 +1,1 @@
+"""The page in a browser: Playwright with the Chromium of the system."""

@@ -1,0 +1,80 @@
+"""The system's Chromium, and what a person does with the page."""
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+PATH = shutil.which("chromium") or shutil.which("chromium-browser") or ""
+ARGUMENTS = [
+    "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update",
+]  # fmt: skip
+DESKTOP = {"width": 1440, "height": 900}
+PHONE = {"width": 390, "height": 844}
+PATIENCE_MS = 20_000
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Run a browser."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=PATH, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+def open_page(
+    browser: Browser,
+    url: str,
+    size: Any = DESKTOP,
+    *,
+    watch: Callable[[Page], None] | None = None,
+    live: bool = True,
+    **options: Any,
+) -> Page:
+    """Open the page in a context of its own, and wait until it is live."""
+    context = browser.new_context(viewport=size, **options)
+    context.set_default_timeout(PATIENCE_MS)
+    page = context.new_page()
+    if watch is not None:
+        watch(page)
+    page.goto(url)
+    if live:
+        shows(page, "#link-text", "live")
+    return page
+
+
+def shows(page: Page, selector: str, text: str) -> None:
+    """Wait until an element has a text in it."""
+    expect(page.locator(selector)).to_contain_text(text, timeout=PATIENCE_MS)
+
+
+def take_command(page: Page) -> None:
+    """Take the lease and enable the bench."""
+    page.click("#take")
+    shows(page, "#lease-text", "You are in command")
+    page.click("#enable")
+    shows(page, "#state-name", "ENABLED")
+
+
+def set_by_hand(page: Page, torque_Nm: float, speed_Hz: float) -> None:
+    """Set torque and speed with the keyboard."""
+    page.fill("#speed", str(speed_Hz))
+    page.press("#speed", "Enter")
+    page.fill("#torque", str(torque_Nm))
+    page.press("#torque", "Enter")
+
+
+def start_plan(page: Page, name: str = "calibrate", **settings: str) -> None:
+    """Fill the form of a plan, check it, start it."""
+    page.click("#plan-start-box > summary")
+    page.select_option("#plan-choice", name)
+    for setting, text in settings.items():
+        page.fill(f"#setting-{setting}", text)
+    page.click("#plan-check")
+    shows(page, "#plan-outline", "within the limits")
+    page.click("#plan-start")
+    shows(page, "#plan-state", "running")

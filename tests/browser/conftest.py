@@ -1,0 +1,64 @@
+"""A browser for the tests of a file, and pages whose console and requests are watched."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from tests.browser.chromium import DESKTOP, chromium, open_page
+
+OpenPage = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Run one browser for a file; Playwright's event loop would be in the way of other files."""
+    with chromium() as started:
+        yield started
+
+
+class Watched:
+    """Opens pages; collects what their consoles say and what they ask for."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.complaints: list[str] = []
+        self.expected = ""
+        """What a complaint may have in it."""
+        self._browser = browser
+        self._pages: list[Page] = []
+
+    def __call__(self, url: str, size: Any = DESKTOP, live: bool = True, **options: Any) -> Page:
+        """Open a page and wait until it is live, unless it will not be."""
+        page = open_page(self._browser, url, size, watch=self._watch, live=live, **options)
+        self._pages.append(page)
+        return page
+
+    def _watch(self, page: Page) -> None:
+        page.on("console", lambda said: self._note(said.type, said.text))
+        page.on("pageerror", lambda error: self._note("error", str(error)))
+        page.on("request", lambda request: self._asked(request.url))
+
+    def _note(self, kind: str, text: str) -> None:
+        if kind in ("error", "warning") and not (self.expected and self.expected in text):
+            self.complaints.append(f"{kind}: {text}")
+
+    def _asked(self, url: str) -> None:
+        parts = urlsplit(url)
+        if parts.hostname != "127.0.0.1" and parts.scheme not in ("data", "blob"):
+            self.complaints.append(f"asked another machine: {url}")
+
+    def close(self) -> None:
+        """Close the pages; none may have complained."""
+        for page in self._pages:
+            page.context.close()
+        assert self.complaints == []
+
+
+@pytest.fixture
+def visit(browser: Browser) -> Iterator[Watched]:
+    """Open pages; at the end no console has had an error, and nothing left this machine."""
+    watched = Watched(browser)
+    yield watched
+    watched.close()

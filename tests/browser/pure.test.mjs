@@ -1,0 +1,205 @@
+// The page's parts that need no browser: `node --test tests/browser`.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+const page = new URL("../../src/motord/dashboard/static/", import.meta.url);
+const load = (name) => import(new URL(name, page));
+const { decode, encode } = await load("protocol.js");
+const { Buckets } = await load("buckets.js");
+const { TimeWindow } = await load("window.js");
+const format = await load("format.js");
+const { tokenOf } = await load("session.js");
+const { StopTracker } = await load("stop.js");
+const { fieldsOf, parse, typeOf } = await load("plan_form.js");
+const { grid, shade } = await load("mesh.js");
+const { largest } = await load("turns.js");
+const { Marks } = await load("marks.js");
+const { traceOf } = await load("signals.js");
+
+test("a frame is a length, a padded header and floats", () => {
+  const made = encode({ kind: "pong", n: 7 });
+  assert.equal(made.length % 4, 0);
+  assert.deepEqual(decode(made.buffer), { header: { kind: "pong", n: 7 }, floats: new Float32Array(0) });
+  const whole = new Uint8Array(made.length + 8);
+  whole.set(made);
+  whole.set(new Uint8Array(new Float32Array([1.5, NaN]).buffer), made.length);
+  assert.deepEqual([...decode(whole.buffer).floats], [1.5, NaN]);
+});
+
+test("what is no frame is refused", () => {
+  const bad = [[], [1, 0, 0, 0, 32], [8, 0, 0, 0, 123, 125], [4, 0, 0, 0, 123, 125, 32, 32]];
+  for (const bytes of bad) assert.throws(() => decode(new Uint8Array(bytes).buffer));
+});
+
+function trace(first, values, whole, dt_s = 0.5) {
+  const header = { view: 1, signals: ["x"], live: true, whole, t0_s: first * dt_s, dt_s, buckets: values.length, lost: 0 };
+  return [header, new Float32Array([...values, ...values.map((v) => v + 1)])];
+}
+
+test("live traces go on from bucket to bucket, in the same arrays", () => {
+  const buckets = new Buckets();
+  assert.equal(buckets.take(...trace(10, [0, 1, 2, 3], true)), true);
+  const [low, high] = buckets.row("x");
+  assert.equal(buckets.take(...trace(13, [33, 4], false)), false);
+  assert.deepEqual([...low], [1, 2, 33, 4]);
+  assert.deepEqual([...high], [2, 3, 34, 5]);
+  assert.equal(buckets.row("x")[0], low);
+  assert.deepEqual([buckets.t0_s, buckets.end_s], [5.5, 7.5]);
+  assert.deepEqual([...buckets.time_s], [5.75, 6.25, 6.75, 7.25]);
+});
+
+test("buckets that were skipped have no ticks", () => {
+  const buckets = new Buckets();
+  buckets.take(...trace(0, [0, 1, 2, 3], true));
+  buckets.take(...trace(6, [6], false));
+  assert.deepEqual([...buckets.row("x")[0]], [3, NaN, NaN, 6]);
+  buckets.take(...trace(100, [7, 8], false));
+  assert.deepEqual([...buckets.row("x")[0]], [NaN, NaN, 7, 8]);
+  assert.equal(buckets.at(50.2), 2);
+  assert.equal(buckets.at(48.2), -1);
+});
+
+test("more than fits, and another width, do no harm", () => {
+  const buckets = new Buckets();
+  buckets.take(...trace(0, [0, 1], true));
+  buckets.take(...trace(1, [1, 2, 3, 4, 5], false));
+  assert.deepEqual([...buckets.row("x")[0]], [4, 5]);
+  assert.equal(buckets.take(...trace(9, [9], false, 0.25)), false);
+  assert.deepEqual([...buckets.row("x")[0]], [4, 5]);
+  assert.throws(() => buckets.take(trace(0, [0], true)[0], new Float32Array(3)));
+});
+
+test("the extent of a signal has its spikes and no gaps", () => {
+  const buckets = new Buckets();
+  buckets.take(...trace(0, [0, NaN, 80, 1], true));
+  const range = new Float64Array([Infinity, -Infinity]);
+  buckets.extend("x", range);
+  buckets.extend("unknown", range);
+  assert.deepEqual([...range], [0, 81]);
+  assert.equal(buckets.newest("x"), 3);
+});
+
+test("a window is held, zoomed about a time, moved, and live again", () => {
+  const window = new TimeWindow(10, 600);
+  window.zoom(-1);
+  assert.deepEqual([window.live, window.span_s], [true, 5]);
+  window.pause(100);
+  window.zoom(-1, 99);
+  assert.deepEqual([window.span_s, window.end_s], [2.5, 99.5]);
+  window.pan(-1, 100);
+  assert.equal(window.end_s, 97);
+  window.pan(1000, 100);
+  assert.equal(window.end_s, 100);
+  window.pan(-1000, 1000);
+  assert.equal(window.end_s, 1000 - 600 + 2.5);
+  window.select(3, 4);
+  assert.deepEqual([window.span_s, window.end_s], [1, 4]);
+  window.resume();
+  assert.equal(window.live, true);
+  for (let i = 0; i < 20; i++) window.zoom(1);
+  assert.equal(window.span_s, 600);
+});
+
+test("numbers, times and ages as an instrument shows them", () => {
+  assert.equal(format.number(-0.0004, 2), "0.00");
+  assert.equal(format.number(-1.5, 1), "\u22121.5");
+  assert.equal(format.number(null, 1), "\u2013");
+  assert.equal(format.significant(0.01234), "0.0123");
+  assert.equal(format.significant(1234), "1234");
+  assert.equal(format.duration(59.4), "59 s");
+  assert.equal(format.duration(65), "1:05 min");
+  assert.equal(format.duration(3725), "1:02:05 h");
+  assert.equal(format.age(0.0421), "42 ms");
+  assert.equal(format.age(240), "4 min");
+  assert.deepEqual(format.nameAndUnit("torque_rate_Nm_per_s"), { words: "torque rate", unit: "Nm/s" });
+  assert.deepEqual(format.nameAndUnit("turns"), { words: "turns", unit: "" });
+});
+
+test("an axis grows at once and shrinks seldom", () => {
+  const range = new Float64Array([NaN, NaN]);
+  assert.equal(format.steadyRange(0, 1, range, 0.1), true);
+  assert.ok(range[0] <= 0 && range[1] >= 1);
+  assert.equal(format.steadyRange(0.1, 0.9, range, 0.1), false);
+  assert.equal(format.steadyRange(0, 8, range, 0.1), true);
+  assert.ok(range[1] >= 8);
+  assert.equal(format.steadyRange(0, 1, range, 0.1), true);
+  assert.ok(range[1] < 3);
+  assert.equal(format.steadyRange(Infinity, -Infinity, range, 0.1), false);
+});
+
+test("the token leaves the address", () => {
+  const token = "A-b_3".repeat(8);
+  for (const tail of [`#token=${token}`, `#${token}`, `?token=${token}`]) {
+    assert.deepEqual(tokenOf(`http://127.0.0.1:8447/${tail}`), { token, clean: "http://127.0.0.1:8447/" });
+  }
+  assert.equal(tokenOf("http://127.0.0.1:8447/#plots").token, "");
+});
+
+test("stopped is what the daemon reported, and nothing else", () => {
+  const stop = new StopTracker();
+  stop.reported("OFF");
+  stop.asked(0, true);
+  assert.equal(stop.status, "stopping");
+  stop.replied();
+  assert.equal(stop.status, "stopping");
+  stop.reported("ENABLED");
+  assert.equal(stop.status, "stopping");
+  stop.tick(2);
+  assert.equal(stop.status, "unconfirmed");
+  stop.reported("OFF");
+  assert.equal(stop.status, "stopped");
+  stop.asked(10, false);
+  stop.reported("OFF");
+  assert.equal(stop.status, "not sent");
+  stop.asked(20, true);
+  stop.reported("OFF");
+  stop.failed("no answer in time");
+  assert.equal(stop.status, "not sent");
+});
+
+test("settings are checked before they are sent", () => {
+  const [torques, turns, stator] = fieldsOf({ settings: { torques_Nm: [1, 2], turns: 24, stator: false }, fields: [{ name: "turns", type: "integer", minimum: 2, maximum: null, help: "", choices: [], unit: "" }] });
+  assert.deepEqual(parse(torques, "1, 2.5  \u22123"), [1, 2.5, -3]);
+  assert.throws(() => parse(torques, "1, x"), /torques: "x" is no number/);
+  assert.throws(() => parse(turns, "1"), /turns: at least 2/);
+  assert.throws(() => parse(turns, "2.5"), /whole number/);
+  assert.deepEqual([torques.unit, stator.type, typeOf(null), typeOf([{}])], ["Nm", "boolean", "number", "json"]);
+  assert.equal(parse({ ...turns, optional: true }, " "), null);
+});
+
+test("a mesh has rows of torque, the largest on top, and keeps what was measured", () => {
+  const point = (torque_Nm, speed_Hz, error) => ({ torque_Nm, speed_Hz, rms_error_percent: error });
+  const made = grid([point(1, 0.5, 2), point(2, 0.6, null), point(1, 0.5, null), point(1, 0.6, 3)]);
+  assert.deepEqual([made.torques, made.speeds], [[2, 1], [0.5, 0.6]]);
+  assert.equal(made.at(1, 0.5).rms_error_percent, 2);
+  assert.equal(made.at(2, 0.5), undefined);
+});
+
+test("text on the mesh has contrast", () => {
+  for (let share = 0; share <= 1; share += 0.01) {
+    const { rgb, light } = shade(share);
+    const linear = rgb.match(/\d+/g).map((c) => (c / 255 <= 0.04045 ? c / 255 / 12.92 : ((c / 255 + 0.055) / 1.055) ** 2.4));
+    const luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+    assert.ok((light ? 1.05 / (luminance + 0.05) : (luminance + 0.05) / 0.05) >= 4.5, `${share}: ${rgb}`);
+  }
+});
+
+test("the largest orders, without the mean and what is small", () => {
+  const amplitude = [5, 0.1, NaN, 1, 0.5, 0.2];
+  assert.deepEqual(largest(6, (order) => amplitude[order], 4), [3, 4]);
+});
+
+test("marks are kept in time and found near it", () => {
+  const marks = new Marks();
+  marks.replace([{ t_ns: 12e9, kind: "note", message: "warm" }, { t_ns: 13e9, kind: "request", message: "set" }], 10);
+  assert.deepEqual(marks.all.map((mark) => mark.t_s), [2]);
+  assert.equal(marks.near(2.1, 0.2).text, "warm");
+  assert.equal(marks.near(3, 0.2), null);
+});
+
+test("phases and set-points differ by more than colour", () => {
+  const signal = (name) => traceOf({ name, label: "phase", unit: "A", group: "current" }, 0);
+  assert.deepEqual(["i_a_A", "i_b_A", "i_cmd_a_A"].map((name) => signal(name).tag), ["a", "b", "a*"]);
+  assert.notEqual(signal("i_cmd_a_A").dash, undefined);
+  assert.notEqual(signal("torque_set_Nm").dash, undefined);
+});

@@ -1,0 +1,380 @@
+"""The page before a stand-in of the daemon: what it shows, what it sends, and what it does not."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from motord.schema import State
+from tests.browser.chromium import (
+    PATH, PATIENCE_MS, PHONE, set_by_hand, shows, start_plan, take_command,
+)  # fmt: skip
+from tests.browser.conftest import Watched
+from tests.browser.stand_in import Server, StandIn
+
+AXE = Path(__file__).parents[1] / "node" / "node_modules" / "axe-core" / "axe.min.js"
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not PATH, reason="needs a browser: apt-get install chromium"),
+]
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with Server(StandIn()) as running:
+        yield running
+
+
+def names(server: Server) -> list[str]:
+    """Return the requests that the daemon got, but for those that renew."""
+    return [name for name, _ in server.stand_in.requests if name != "lease/renew"]
+
+
+def commands(server: Server) -> list[str]:
+    """Return those that move something."""
+    return [name for name in names(server) if name in ("enable", "set", "plan/start", "stop")]
+
+
+def readout(page: Page, plot: int, row: int = 0) -> float:
+    """Return a value beside a plot."""
+    text = page.locator(".trace-row").nth(plot).locator(".value").nth(row).inner_text()
+    return float(text.split("…")[0].replace("−", "-").replace("–", "nan"))
+
+
+def waits(page: Page, condition: str, argument: Any = None) -> None:
+    """Wait until a condition in JavaScript holds."""
+    page.wait_for_function(condition, arg=argument, timeout=PATIENCE_MS)
+
+
+def test_a_person_operates_by_hand(server, visit: Watched):
+    page = visit(server.urls.operator)
+    assert "token" not in page.url
+    shows(page, "#state-name", "OFF")
+    expect(page.locator("#torque-set")).to_be_disabled()
+    take_command(page)
+    page.fill("#torque-slider", "3")
+    assert page.input_value("#torque") == "3"
+    assert "set" not in names(server)  # a slider that was moved has sent nothing
+    set_by_hand(page, 2.5, 0.7)
+    shows(page, "#setpoint-now", "2.50")
+    waits(page, "() => Math.abs(parseFloat(document.querySelector('.value').textContent) - 2.5) < 0.5")
+    shows(page, "#turns-caption", "p-p about 2.50")
+    page.fill("#torque", "7")
+    page.press("#torque", "Enter")
+    assert [a["torque_Nm"] for n, a in server.stand_in.requests if n == "set" and "torque_Nm" in a] == [2.5]
+    page.click("#zero")
+    shows(page, "#setpoint-now", "0.00")
+    page.click("#take")
+    shows(page, "#lease-text", "Nobody is in command")
+    shows(page, "#state-name", "READY")
+
+
+def test_stop_by_key_says_stopped_when_the_daemon_has_reported_it(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    page.focus("#note")
+    page.keyboard.press("Escape")
+    shows(page, "#stop-status", "Stopped: the daemon reports OFF")
+    shows(page, "#state-name", "OFF")
+    assert "stop" in names(server)
+    take_command_again = page.locator("#enable")
+    take_command_again.click()
+    shows(page, "#state-name", "ENABLED")
+    server.stand_in.do(lambda: setattr(server.stand_in, "silent", True))
+    page.click("#stop")
+    shows(page, "#stop-status", "NOT STOPPED by this page")
+    expect(page.locator("#state-name")).to_have_text("ENABLED")
+    expect(page.locator("body")).to_have_attribute("data-stale", "true")
+
+
+def test_a_sweep_fills_its_mesh(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    page.click("#plan-start-box > summary")
+    page.fill("#setting-turns", "1")
+    page.click("#plan-check")
+    shows(page, "#plan-outline", "at least 2")
+    expect(page.locator("#plan-start")).to_be_disabled()
+    page.click("#plan-start-box > summary")
+    start_plan(page, torques_Nm="1, 2", speeds_Hz="0.5 0.75", turns="2")
+    expect(page.locator("#mesh td.done")).to_have_count(1, timeout=PATIENCE_MS)
+    page.click("#plan-pause")
+    shows(page, "#plan-state", "paused")
+    page.click("#plan-resume")
+    shows(page, "#plan-state", "done")
+    expect(page.locator("#mesh td.done")).to_have_count(4, timeout=PATIENCE_MS)
+    cell = page.locator("#mesh tbody tr").nth(1).locator("td").nth(0)
+    assert float(cell.inner_text()) == pytest.approx(1.1 + 0.42 + 0.15, abs=0.005)
+    assert cell.evaluate("e => e.style.backgroundColor").startswith("rgb(")
+    sent = [a for n, a in server.stand_in.requests if n == "plan/start" and not a.get("dry_run")]
+    assert sent[0]["settings"] == {"torques_Nm": [1, 2], "speeds_Hz": [0.5, 0.75], "turns": 2}
+
+
+def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(visit: Watched):
+    with Server(StandIn(10_000.0)) as server:
+        page = visit(server.urls.operator)
+        page.select_option("#span", "60")
+        waits(page, "() => document.querySelector('.value').textContent !== '\u2013'")
+        page.wait_for_timeout(600)
+        server.stand_in.do(lambda: setattr(server.stand_in.bench, "spike_Nm", 8.0))
+        page.wait_for_function(TALLEST + "> 0.45 * height; }", polling=500, timeout=PATIENCE_MS)
+
+
+TALLEST = """() => {
+  const shown = document.querySelector('.plot canvas');
+  const [width, height] = [shown.width, shown.height];
+  const canvas = new OffscreenCanvas(width, height);
+  canvas.getContext('2d', { willReadFrequently: true }).drawImage(shown, 0, 0);
+  const ink = getComputedStyle(document.querySelector('.trace-row .tag')).color.match(/\\d+/g);
+  const data = canvas.getContext('2d').getImageData(0, 0, width, height).data;
+  let tallest = 0;
+  for (let x = 60; x < width; x++) {
+    let [first, last] = [height, 0];
+    for (let y = 0; y < height; y++) {
+      const at = 4 * (y * width + x);
+      const off = Math.abs(data[at] - ink[0]) + Math.abs(data[at + 1] - ink[1]) + Math.abs(data[at + 2] - ink[2]);
+      if (data[at + 3] > 100 && off < 40) { first = Math.min(first, y); last = y; }
+    }
+    tallest = Math.max(tallest, last - first);
+  }
+  return tallest """
+
+
+def test_pause_zoom_and_cursor(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.wait_for_timeout(1200)
+    page.click("#pause-traces")
+    shows(page, "#held", "held at")
+    held = page.locator("#held").inner_text()
+    box = page.locator(".plot").nth(0).bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] - 30, box["y"] + 40
+    page.mouse.move(x, y)
+    shows(page, "#cursor-time", ":")
+    for plot in range(4):  # the same time in all of them
+        waits(page, "i => document.querySelectorAll('.trace-row')[i].querySelector('.u-cursor-x').style.transform !== ''", plot)
+    page.mouse.move(x - 100, y)
+    page.mouse.down()
+    page.mouse.move(x - 20, y, steps=3)
+    page.mouse.up()
+    waits(page, "() => !document.querySelector('#span-other').hidden")
+    assert page.locator("#held").inner_text() != ""
+    page.mouse.wheel(0, 100)
+    page.focus("#plots")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("-")
+    page.keyboard.press("PageUp")
+    waits(page, "held => document.querySelector('#held').textContent !== held", held)
+    page.keyboard.press("End")
+    expect(page.locator("#held")).to_have_text("")
+    page.keyboard.press("-")
+    expect(page.locator("#span")).to_have_value("20")
+
+
+def test_a_note_is_a_mark(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.locator("h1").click()
+    page.keyboard.press("n")
+    page.keyboard.type("bearing is warm, n")
+    page.keyboard.press("Enter")
+    shows(page, "#event-list", "bearing is warm, n")
+    shows(page, "#messages", "Noted, in the recording")
+    assert server.stand_in.requests[-1][1]["text"] == "bearing is warm, n"
+
+
+def test_a_trip_says_what_to_do(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    server.stand_in.do(server.stand_in.trip_over_current)
+    shows(page, "#state-name", "TRIPPED")
+    for text in ("OVER_CURRENT", "41.3 (limit 40.0)", "look for a short", "Black box"):
+        shows(page, "#trip", text)
+    page.click("#reset")
+    shows(page, "#state-name", "READY")
+    expect(page.locator("#trip")).to_be_hidden()
+
+
+def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    stand_in = server.stand_in
+    stand_in.do(lambda: setattr(stand_in, "silent", True))
+    expect(page.locator("body")).to_have_attribute("data-stale", "true")
+    assert float(page.locator("#plots").evaluate("e => getComputedStyle(e).opacity")) < 0.6
+    shows(page, "#link-text", "publishes nothing")
+    before = commands(server)
+    stand_in.do(lambda: (setattr(stand_in, "silent", False), stand_in.restart()))
+    shows(page, "#messages", "The daemon was restarted")
+    shows(page, "#link-text", "live")
+    shows(page, "#lease-text", "Nobody is in command")
+    assert commands(server) == before
+
+
+def test_ticks_that_were_lost_are_told(server, visit: Watched):
+    page = visit(server.urls.operator)
+    bench = server.stand_in.bench
+    server.stand_in.do(lambda: setattr(bench, "tick", bench.tick + 250))
+    shows(page, "#lost", "250 ticks lost")
+
+
+def test_two_operators(server, visit: Watched):
+    first, second = visit(server.urls.operator), visit(server.urls.operator)
+    take_command(first)
+    shows(second, "#lease-text", "page 1 is in command")
+    expect(second.locator("#enable")).to_be_disabled()
+    second.click("#take")
+    shows(second, "#take-over-text", "would lose it at once")
+    second.click("#cancel-take")
+    expect(second.locator("#take-over")).to_be_hidden()
+    shows(first, "#lease-text", "You are in command")
+    second.click("#take")
+    second.click("#confirm-take")
+    shows(second, "#lease-text", "You are in command")
+    shows(first, "#lease-text", "page 2 is in command")
+    shows(first, "#lease-why", "Lost:")
+    expect(first.locator("#disable")).to_be_disabled()
+
+
+def test_a_viewer_looks(server, visit: Watched):
+    page = visit(server.urls.viewer)
+    shows(page, "#viewer-note", "may look, not command")
+    expect(page.locator("#enable")).to_be_hidden()
+    page.keyboard.press("Escape")
+    shows(page, "#stop-status", "A viewer's page cannot stop")
+    assert commands(server) == []
+
+
+def test_who_is_not_let_in_is_told_why(server, visit: Watched):
+    visit.expected = "401"
+    address = server.urls.operator.split("#")[0]
+    page = visit(address, live=False)
+    shows(page, "#refused-text", "This page has no token")
+    page.goto(f"{address}?token=wrong-wrong-wrong-wrong")
+    shows(page, "#refused-text", "not, or no longer, that of the server")
+    assert "token" not in page.url
+    assert names(server) == ["config"]
+
+
+def test_a_reload_keeps_the_token(server, visit: Watched):
+    page = visit(server.urls.operator.replace("#token=", "?token="))
+    assert "token" not in page.url
+    page.reload()
+    shows(page, "#link-text", "live")
+
+
+def test_a_server_that_comes_back_finds_the_page_again(visit: Watched):
+    visit.expected = "ERR_CONNECTION_REFUSED"
+    stand_in = StandIn()
+    with Server(stand_in) as first:
+        page = visit(first.urls.operator)
+        take_command(page)
+    shows(page, "#link-text", "no connection")
+    page.keyboard.press("Escape")
+    shows(page, "#stop-status", "NOT SENT")
+    before = list(stand_in.requests)
+    with Server(stand_in, first.port, tokens=first.tokens) as second:
+        shows(page, "#link-text", "live")
+        shows(page, "#messages", "Connected again")
+        assert commands(second) == commands(first)
+        assert [name for name, _ in stand_in.requests[len(before) :] if name in ("set", "stop")] == []
+
+
+def test_a_hidden_page_gets_no_traces(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.evaluate(HIDE, True)
+    page.wait_for_timeout(400)  # what was under way
+    drawn = page.evaluate("performance.getEntriesByName('draw').length")
+    assert drawn == 0
+    frames: list[bytes] = []
+    server.stand_in.do(lambda: None)
+    cdp = page.context.new_cdp_session(page)
+    cdp.send("Network.enable")
+    cdp.on("Network.webSocketFrameReceived", lambda frame: frames.append(frame["response"]["payloadLength"] if "payloadLength" in frame["response"] else len(frame["response"]["payloadData"])))
+    page.wait_for_timeout(500)
+    assert frames, "the socket is still there"
+    assert max(frames) < 6000
+    page.evaluate(HIDE, False)
+    waits(page, "() => document.querySelector('.value').textContent !== '\u2013'")
+
+
+HIDE = """hidden => {
+  Object.defineProperty(document, 'hidden', { value: hidden, configurable: true });
+  document.dispatchEvent(new Event('visibilitychange'));
+}"""
+
+
+def test_all_of_it_by_keyboard(server, visit: Watched):
+    page = visit(server.urls.operator)
+    passed: list[str] = []
+
+    def tab_to(wanted: str) -> None:
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            passed.append(page.evaluate(FOCUSED))
+            if passed[-1] == wanted:
+                outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+                assert outline == "solid", wanted
+                return
+        raise AssertionError(f"{wanted} is not reached: {passed}")
+
+    tab_to("skip")
+    tab_to("take")
+    page.keyboard.press("Enter")
+    shows(page, "#lease-text", "You are in command")
+    tab_to("stop")
+    tab_to("enable")
+    page.keyboard.press("Enter")
+    shows(page, "#state-name", "ENABLED")
+    tab_to("torque-slider")
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.press("Enter")
+    shows(page, "#setpoint-now", "0.15")
+    tab_to("plots")
+    page.keyboard.press(" ")
+    shows(page, "#held", "held at")
+    tab_to("tab-calibration")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#panel-health")).to_be_visible()
+    tab_to("note")
+    tab_to("skip")  # round once: nothing holds the focus
+    page.keyboard.press("Escape")
+    shows(page, "#stop-status", "Stopped")
+
+
+FOCUSED = "(document.activeElement.id || document.activeElement.className).toString()"
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="needs packages: npm ci --prefix tests/node")
+def test_axe_has_no_serious_findings(server, visit: Watched):
+    page = visit(server.urls.operator, color_scheme="light")
+    take_command(page)
+    start_plan(page, torques_Nm="1, 2, 3", speeds_Hz="0.5 0.7 0.9")
+    expect(page.locator("#mesh td.done").nth(5)).to_be_visible(timeout=PATIENCE_MS)
+    server.stand_in.do(server.stand_in.trip_over_current)
+    shows(page, "#trip", "What to do")
+    page.click("#plan-start-box > summary")
+    page.evaluate(AXE.read_text())  # by the debugger: the page's policy lets no other script in
+    for tab in ("tab-health", "tab-page", "tab-calibration"):
+        page.click(f"#{tab}")
+        assert findings(page) == [], tab
+    page.emulate_media(color_scheme="dark")
+    assert findings(page) == [], "dark"
+    page.set_viewport_size(PHONE)
+    assert findings(page) == [], "dark, phone"
+    page.emulate_media(color_scheme="light")
+    assert findings(page) == [], "phone"
+
+
+def findings(page: Page) -> list[str]:
+    """Return what axe-core finds serious or critical."""
+    result = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+    return [
+        f"{one['id']}: {json.dumps([node['target'] for node in one['nodes']])}"
+        for one in result["violations"]
+        if one["impact"] in ("serious", "critical")
+    ]
