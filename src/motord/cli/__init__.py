@@ -18,7 +18,7 @@ COMMANDS = {
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
     "status": "motord.cli.bench.status:status",
-    "watch": "motord.cli.bench.status:watch",
+    "watch": "motord.cli.bench.watch.command:watch",
     "events": "motord.cli.bench.status:events",
     "enable": "motord.cli.bench.operate:enable",
     "disable": "motord.cli.bench.operate:disable",

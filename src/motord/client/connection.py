@@ -161,9 +161,19 @@ class Client:
         """
         return decode_reply(name, self._get(f"rpc/{name}", arguments, REPLY_S))
 
-    def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
-        """Return a lease: a context manager that acquires, renews and releases it."""
-        return Lease(self.rpc, holder or operator(), force=force)
+    def lease(
+        self,
+        holder: str | None = None,
+        *,
+        force: bool = False,
+        alive: Callable[[], bool] = lambda: True,
+    ) -> Lease:
+        """Return a lease: a context manager that acquires, renews and releases it.
+
+        It is renewed in a thread, only while `alive()` is true there: so a program that hangs can
+        lose it. It then runs out, and the bench ramps down.
+        """
+        return Lease(self.rpc, holder or operator(), force=force, alive=alive)
 
     def subscribe_state(
         self, callback: Callable[[BenchState], None] | None = None

@@ -14,13 +14,20 @@ Rpc = Callable[..., dict[str, Any]]
 
 
 class Lease:
-    """The lease while a `with` block runs, renewed by a thread.
+    """The lease while a `with` block runs, renewed by a thread, but only while `alive()`.
 
     `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
     longer than the lease lasts.
     """
 
-    def __init__(self, rpc: Rpc, holder: str, *, force: bool = False) -> None:
+    def __init__(
+        self,
+        rpc: Rpc,
+        holder: str,
+        *,
+        force: bool = False,
+        alive: Callable[[], bool] = lambda: True,
+    ) -> None:
         self.token = ""
         self.holder = holder
         self.took_over_from: str | None = None
@@ -29,6 +36,7 @@ class Lease:
         self._lease_s = 0.0
         self._rpc = rpc
         self._force = force
+        self._alive = alive
         self._done = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -75,6 +83,8 @@ class Lease:
     def _renew(self, lease_s: float, within_s: float) -> None:
         good_until_s = time.monotonic() + lease_s
         while not self._done.wait(within_s / RENEWALS):
+            if not self._alive():
+                continue
             begun_s = time.monotonic()
             try:
                 self._rpc("lease/renew", token=self.token)

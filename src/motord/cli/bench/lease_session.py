@@ -41,7 +41,7 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
     too, and no further signal keeps it from that.
     """
     with interrupted_once() as hold_off:
-        token = None if force else _token_in_force(client)
+        token = None if force else token_in_force(client)
         if token is not None:
             yield LeaseSession(token, None)
             return
@@ -70,7 +70,7 @@ def command(
         print_answer(answer, text(answer), as_json)
 
 
-def _token_in_force(client: "Client") -> str | None:
+def token_in_force(client: "Client") -> str | None:
     """Return the token of a command that runs and holds the lease now, if there is one."""
     from motord.client import ClientError
 
