@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from motord.cli.bench.watch.app import UNANSWERED_S, WatchApp
+from motord.cli.bench.watch.app import WatchApp
+from motord.cli.bench.watch.controls import UNANSWERED_S
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import UNICODE
-from motord.cli.bench.watch.keys import KEYS, pressed
+from motord.cli.bench.watch.keys import ACTIONS, KEYS
 from motord.cli.bench.watch.operator_session import OperatorSession
 from motord.client import ClientError
 from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, FakeClient, state, ticks
@@ -99,7 +100,7 @@ async def test_the_state_of_the_daemon_is_on_the_screen(client):
         assert "○ OFF" in watched.lines[1]
 
 
-@pytest.mark.parametrize("key", pressed(KEYS[0]))
+@pytest.mark.parametrize("key", sorted(key for key, action in ACTIONS.items() if action == "stop"))
 def test_each_stop_key_stops_without_a_lease_and_shows_off_only_once_it_is(key):
     async def stop():
         answered, client = threading.Event(), FakeClient()
@@ -126,7 +127,7 @@ async def test_a_stop_that_fails_or_is_not_answered_says_so(client):
     async with watching(client) as watched:
         await watched.press("s")
         await watched.sees("stop FAILED: the daemon is gone; use the emergency stop")
-        watched.app._stop_asked_s -= UNANSWERED_S + 1.0
+        watched.app._controls._stop_asked_s -= UNANSWERED_S + 1.0
         await watched.sees("stop NOT confirmed")
 
 
@@ -136,7 +137,7 @@ async def test_a_stop_without_an_answer_says_so(client):
     client.replies["stop"] = lambda: never.wait(PATIENCE_S) and {"state": "OFF"}
     async with watching(client) as watched:
         await watched.press("s")
-        watched.app._stop_asked_s -= UNANSWERED_S + 1.0
+        watched.app._controls._stop_asked_s -= UNANSWERED_S + 1.0
         await watched.sees("the daemon has not confirmed the stop: use the emergency stop")
         never.set()
 
@@ -146,10 +147,10 @@ def test_escape_stops_in_every_dialog_and_closes_it(dialog):
     async def stop():
         async with watching(FakeClient(), plan=PLAN) as watched:
             await watched.press(dialog)
-            assert len(watched.app.screen_stack) == 2
+            assert watched.app._controls.dialog is not None
             await watched.press("escape")
             await watched.asks("stop")
-            assert len(watched.app.screen_stack) == 1
+            assert watched.app._controls.dialog is None
 
     asyncio.run(stop())
 
@@ -287,7 +288,7 @@ async def test_a_viewer_is_told_why_nothing_is_done(client):
         for key in ("s", "p", "n", "t", "e"):
             await watched.press(key)
             await watched.sees("vera is a viewer and may only watch")
-            watched.app._say("")
+            watched.app._controls._say("")
         await watched.sees("vera: may only watch")
     assert [name for name, _ in client.requests] == ["config"]
 
@@ -347,4 +348,4 @@ async def test_the_help_has_every_key(client):
         for key in KEYS:
             await watched.sees(key.meaning)
         await watched.press("x")
-        assert len(watched.app.screen_stack) == 1
+        assert watched.app._controls.dialog is None

@@ -19,7 +19,7 @@ EVENTS = [
 
 def snapshot(bench_state, **changes):
     whole = {
-        "bench": "bench1", "endpoint": "tcp/127.0.0.1:7447", "state": bench_state, "age_s": 0.05,
+        "bench": "bench1", "state": bench_state, "age_s": 0.05,
         "events": EVENTS, "columns": no_columns, "ages_s": {"encoder": 0.0003, "currents": 0.0009},
         "scales": (6.0, 4.0, 25.0, 25.0, 25.0),
     }  # fmt: skip

@@ -1,95 +1,105 @@
-"""What the screen asks. Escape stops the bench in each of them: see `app`."""
+"""What the screen asks, drawn over its lower lines; keys come one after the other, none is lost.
+
+Escape never gets here: it stops the bench, and closes the dialog.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 from rich.text import Text
-from textual.app import ComposeResult
-from textual.containers import Vertical
-from textual.events import Key
-from textual.screen import ModalScreen
-from textual.widgets import Input, Static
 
 from motord.cli.bench.watch import keys
 
-CSS = """
-ModalScreen { align: center bottom; background: transparent; }
-ModalScreen > Vertical {
-    width: 76; max-width: 100%; height: auto; max-height: 100%; padding: 0 1;
-    border: ascii ansi_default; background: ansi_default; color: ansi_default;
-}
-ModalScreen Static { background: ansi_default; color: ansi_default; height: auto; }
-ModalScreen Input, ModalScreen Input:focus {
-    background: ansi_default; color: ansi_default; border: none; height: 1; padding: 0;
-}
-"""
+STOP_LETTERS = frozenset({"s", "S", "space"})
+NUMBER_LENGTH = 16
+NOTE_LENGTH = 1000
 
 
-class Confirmation(ModalScreen[bool]):
-    """A question that `y` answers with yes and every other key with no."""
+class Dialog(Protocol):
+    """A dialog: `stops` are the keys that stop the bench besides Escape."""
 
-    def __init__(self, question: str) -> None:
-        super().__init__()
-        self._question = question
+    stops: frozenset[str]
 
-    def compose(self) -> ComposeResult:
+    def lines(self) -> list[Text]:
+        """Return what is drawn."""
+        ...
+
+    def press(self, key: str, character: str | None) -> Callable[[], object] | None:
+        """Take a key; return what is to be done once the dialog is over, None before."""
+        ...
+
+
+def _nothing() -> None:
+    """Do nothing: the dialog was given up."""
+
+
+@dataclass
+class Confirmation:
+    """A question: y does it, every other key does not."""
+
+    question: str
+    then: Callable[[], object]
+    stops: frozenset[str] = frozenset({"s", "S"})
+
+    def lines(self) -> list[Text]:
         """Return question and keys."""
-        with Vertical():
-            yield Static(Text(self._question))
-            yield Static(Text("y: yes   any other key: no   Escape: stop the bench", "bold"))
+        answers = "y: yes   any other key: no   Escape, s: stop the bench"
+        return [Text(self.question, "bold"), Text(answers)]
 
-    def on_key(self, event: Key) -> None:
+    def press(self, key: str, character: str | None) -> Callable[[], object] | None:
         """Answer."""
-        event.stop()
-        self.dismiss(event.key in ("y", "Y"))
+        return self.then if key in ("y", "Y") else _nothing
 
 
-class Entry(ModalScreen[str]):
-    """A line of text; "" if it was given up. With `stops`, keys that end it and stop the bench."""
+@dataclass
+class Entry:
+    """A line of text."""
 
-    def __init__(self, prompt: str, stops: tuple[str, ...] = (), max_length: int = 0) -> None:
-        super().__init__()
-        self._prompt = prompt
-        self._stops = stops
-        self._max_length = max_length
+    prompt: str
+    then: Callable[[str], object]
+    length: int
+    stops: frozenset[str] = frozenset()
+    text: str = ""
 
-    def compose(self) -> ComposeResult:
-        """Return prompt and input."""
-        stop = "Escape, s, Space" if self._stops else "Escape"
-        with Vertical():
-            yield Static(Text(self._prompt))
-            yield _Line(self._stops, self._max_length)
-            yield Static(Text(f"Enter: done (empty: give up)   {stop}: stop the bench", "bold"))
+    def lines(self) -> list[Text]:
+        """Return prompt, text and keys."""
+        stop = "Escape, s, Space" if self.stops else "Escape"
+        entered = Text.assemble(f"{self.prompt} ", (self.text[-50:], "bold"), ("_", "blink"))
+        return [entered, Text(f"Enter: done (empty: nothing)   {stop}: stop the bench")]
 
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Answer."""
-        self.dismiss(event.value.strip())
+    def press(self, key: str, character: str | None) -> Callable[[], object] | None:
+        """Take a key of the line."""
+        if key == "enter":
+            text = self.text.strip()
+            return (lambda: self.then(text)) if text else _nothing
+        if key in ("backspace", "delete", "ctrl+h"):
+            self.text = self.text[:-1]
+        elif key == "ctrl+u":
+            self.text = ""
+        elif character is not None:
+            self.insert(character)
+        return None
 
-
-class _Line(Input):
-    """An input without the keys that stop the bench."""
-
-    def __init__(self, stops: tuple[str, ...], max_length: int) -> None:
-        super().__init__(max_length=max_length, select_on_focus=False)
-        self._stops = stops
-
-    async def _on_key(self, event: Key) -> None:
-        if event.key in self._stops:
-            event.stop()
-            event.prevent_default()
-            await self.app.run_action("stop")
-            return
-        await super()._on_key(event)
+    def insert(self, text: str) -> None:
+        """Take characters, also pasted ones, as far as they can be printed and there is room."""
+        printable = "".join(one for one in text if one.isprintable())
+        self.text = (self.text + printable)[: self.length]
 
 
-class Help(ModalScreen[None]):
+@dataclass
+class Help:
     """The keys."""
 
-    def compose(self) -> ComposeResult:
-        """Return the keys with what they do."""
-        with Vertical():
-            for key in keys.KEYS:
-                yield Static(Text.assemble((f"{keys.names(key):<17}", "bold"), key.meaning))
-            yield Static(Text("Escape: stop the bench   any other key: close", "bold"))
+    stops: frozenset[str] = frozenset({"s", "S"})
 
-    def on_key(self, event: Key) -> None:
+    def lines(self) -> list[Text]:
+        """Return the keys with what they do."""
+        listed = [
+            Text.assemble((f"{keys.names(key):<17}", "bold"), key.meaning) for key in keys.KEYS
+        ]
+        return [*listed, Text("Escape, s: stop the bench   any other key: close")]
+
+    def press(self, key: str, character: str | None) -> Callable[[], object] | None:
         """Close."""
-        event.stop()
-        self.dismiss()
+        return _nothing

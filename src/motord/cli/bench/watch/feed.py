@@ -11,6 +11,7 @@ import numpy as np
 
 from motord.api.messages import BenchState, Event
 from motord.cli.bench.watch.history import MinMaxHistory
+from motord.cli.bench.watch.snapshot import is_stale
 
 if TYPE_CHECKING:
     from motord.client import Client
@@ -93,6 +94,11 @@ class Feed:
         """Return the newest state, and how long ago it came (s)."""
         with self._lock:
             return self._state, self._now_s() - self._received_s
+
+    @property
+    def stale(self) -> bool:
+        """True if the newest state may not be the present one."""
+        return is_stale(*self.state())
 
     def events(self) -> list[Event]:
         """Return the newest events, the oldest first."""

@@ -26,11 +26,19 @@ KEYS = (
     Key(("e",), "enable", "Enable", "enable at zero torque, and keep the lease"),
     Key(("d",), "disable", "Disable", "ramp the torque to zero, then disable"),
     Key(("t",), "torque", "Torque", "set the torque, and keep the lease"),
-    Key(("up", "down", "end"), "scroll", "", "look at older events; End: the newest"),
+    Key(("up",), "older", "", "look at older events"),
+    Key(("down",), "newer", "", "go back to newer ones"),
+    Key(("end",), "newest", "", "go back to the newest"),
     Key(("q", "ctrl+c"), "quit", "Quit", "quit; asks first if the bench ramps down then"),
     Key(("question_mark", "h", "f1"), "help", "?", "show this list"),
 )  # fmt: skip
-"""Letters count in both cases: a caps lock must not be in the way of a stop."""
+ACTIONS = {
+    case: key.action
+    for key in KEYS
+    for one in key.keys
+    for case in ({one, one.upper()} if len(one) == 1 else {one})
+}
+"""Action by name of a key. Letters count in both cases: a caps lock must not prevent a stop."""
 
 _NAMES = {"escape": "Escape", "space": "Space", "question_mark": "?", "ctrl+c": "Ctrl-C"}
 
@@ -38,11 +46,6 @@ _NAMES = {"escape": "Escape", "space": "Space", "question_mark": "?", "ctrl+c": 
 def names(key: Key) -> str:
     """Return the keys as people call them: `s, Space, Escape`."""
     return ", ".join(_NAMES.get(one, one if len(one) == 1 else one.title()) for one in key.keys)
-
-
-def pressed(key: Key) -> list[str]:
-    """Return the names of all keys that do it, letters in both cases."""
-    return [case for one in key.keys for case in ((one, one.upper()) if len(one) == 1 else (one,))]
 
 
 def markdown_table() -> str:

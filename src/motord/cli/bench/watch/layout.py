@@ -25,6 +25,9 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
         for line in known:
             line.stylize("dim")
     whole = [title, *known, message, footer][:height]
+    if seen.dialog:
+        over = [Text(glyphs.rule * width), *(line.copy() for line in seen.dialog)]
+        whole[max(height - len(over), 2) :] = over[: max(height - 2, 0)]
     for line in whole:
         line.truncate(width, overflow="ellipsis" if glyphs.braille else "crop")
     return whole

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from rich.text import Text
 
 from motord.api.messages import BenchState, Event
 
@@ -24,7 +25,6 @@ class Snapshot:
     """
 
     bench: str
-    endpoint: str
     state: BenchState | None
     age_s: float
     events: Sequence[Event]
@@ -37,8 +37,14 @@ class Snapshot:
     message: str = ""
     alarming: bool = False  # the message
     events_back: int = 0
+    dialog: Sequence[Text] = ()
 
     @property
     def stale(self) -> bool:
         """True if the daemon is silent, or was never received."""
-        return self.state is None or self.age_s > STALE_S
+        return is_stale(self.state, self.age_s)
+
+
+def is_stale(state: BenchState | None, age_s: float) -> bool:
+    """Return whether a state that came `age_s` ago may not be the present one."""
+    return state is None or age_s > STALE_S
