@@ -55,7 +55,7 @@ def test_all_of_it_fits_into_80_by_24():
         "calibrate running  ███████░░░░░░░░░ 43 %  3.2 min left",
         "12 of 28 points; 3 Nm, 0.7 Hz: capturing",
         "10000 Hz, missed 3; late p50 12 p99 31 max 80 us, work p99 55 us",
-        "tick 2 ms, encoder 0.3 ms, currents 0.9 ms; brake ok 50 ms",
+        "tick 2, encoder 0.3, currents 0.9 ms; brake ok 50 ms",
         "3fa2c1, joint, 2 days old; compensation on",
         "/runs/bench1-calibrate.mcap.part",
         "note: brake squeals",
@@ -178,3 +178,9 @@ def test_any_size_will_do(size, changes):
 def test_text_of_others_is_text():
     shown(snapshot(state(fault="[red]not markup[/red]"), message="[bold]x"))
     assert "[red]not markup" in shown(snapshot(state(fault="[red]not markup")))[1]
+
+
+def test_of_a_long_path_the_end_is_shown():
+    path = "/var/lib/motord/" + "x" * 60 + "/bench1-calibrate.mcap.part"
+    lines = shown(snapshot(state(recording={"recording": True, "path": path})))
+    has(lines, "recording    …", "/bench1-calibrate.mcap.part")

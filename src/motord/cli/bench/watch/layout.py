@@ -18,7 +18,7 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
     known = [panels.drive_state(seen, width, glyphs)]
     room = height - 3
     if seen.state is not None:
-        known += panels.trip(seen.state, width) + panels.faults(seen.state)
+        known += panels.trip(seen.state, width, glyphs) + panels.faults(seen.state)
         known += _body(seen, width, room - len(known), glyphs)
     known = [*known, *[Text()] * (room - len(known))][: max(room, 1)]
     if seen.stale:
@@ -42,7 +42,7 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     state = seen.state
     assert state is not None
     below = panels.plan(state, glyphs) + panels.loop(state)
-    below += panels.devices(seen, state) + panels.kept(state)
+    below += panels.devices(seen, state) + panels.kept(state, width, glyphs)
     spare = room - len(below) - EVENTS_MIN - 1
     rows = min(max(spare // len(SIGNALS), 1), SIGNAL_ROWS_MAX)
     above = panels.signals(seen, width, rows, glyphs)

@@ -27,6 +27,7 @@ ALARM = "bold white on red"
 HEADING = "dim"
 FLOOR = 0.05
 """Least span of a sparkline, as a share of the limit: the noise of a bench at rest stays small."""
+TRIP_ROWS = 7
 MARKS = {"note": "n", "trip": "!"}
 """Kinds of event that are marked below the sparklines."""
 
@@ -77,7 +78,7 @@ def drive_state(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
     return spread(line, who, width)
 
 
-def trip(state: BenchState, width: int, rows: int = 7) -> list[Text]:
+def trip(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
     """Return causes, values with limits, what to do, and the black box; nothing without a trip."""
     if state.state != "TRIPPED":
         return []
@@ -87,8 +88,8 @@ def trip(state: BenchState, width: int, rows: int = 7) -> list[Text]:
     if state.trip is not None:
         lines += wrapped("do this", f"{state.trip.action}; then r (reset)", width)
         if state.trip.blackbox:
-            lines.append(row("black box", state.trip.blackbox))
-    return lines[:rows]
+            lines.append(row("black box", end_of(state.trip.blackbox, width - LABEL_WIDTH, glyphs)))
+    return lines[:TRIP_ROWS]
 
 
 def wrapped(label: str, text: str, width: int) -> list[Text]:
@@ -219,13 +220,18 @@ def plan(state: BenchState, glyphs: Glyphs) -> list[Text]:
     return [head, row("", f"{p.points_done} of {p.points} points; {p.step or p.state}{how}")]
 
 
-def kept(state: BenchState) -> list[Text]:
+def kept(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
     """Return calibration and recording."""
     applied = state.setpoint.compensate
     return [
         row("calibration", f"{wording.calibration(state)}; compensation {applied}"),
-        row("recording", wording.recording(state)),
+        row("recording", end_of(wording.recording(state), width - LABEL_WIDTH, glyphs)),
     ]
+
+
+def end_of(path: str, room: int, glyphs: Glyphs) -> str:
+    """Return as much of the end of a path as there is room for: its name says most."""
+    return path if len(path) <= room else glyphs.ellipsis + path[len(path) - max(room - 1, 0) :]
 
 
 def loop(state: BenchState) -> list[Text]:
@@ -235,23 +241,19 @@ def loop(state: BenchState) -> list[Text]:
 
 def devices(seen: Snapshot, state: BenchState) -> list[Text]:
     """Return health of the devices, and how old each signal is."""
-    ages = {"tick": state.loop.age_s, **seen.ages_s}
-    parts = [f"{name} {_age(age_s)}" for name, age_s in ages.items() if age_s is not None]
-    line = row("ages", ", ".join(parts) or "-")
+    ages_s = {"tick": state.loop.age_s, **seen.ages_s}
+    known = [f"{name} {1e3 * age_s:.3g}" for name, age_s in ages_s.items() if age_s is not None]
+    line = row("ages", ", ".join(known) + " ms" if known else "-")
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         if device.health == "none":
             continue
         bad = device.health in ("failing", "stale")
-        age = f" {_age(device.age_s)}" if device.age_s is not None else ""
+        age = f" {1e3 * device.age_s:.3g} ms" if device.age_s is not None else ""
         why = f" ({device.error})" if device.error else ""
         line.append("; ").append(f"{name} {device.health}{age}{why}", "bold" if bad else "none")
-    if (drift := state.bridge_clock) is not None:
-        line.append(f"; bridge clock {drift.drift_ppm:.0f} ppm")
+    if (clock := state.bridge_clock) is not None:
+        line.append(f"; bridge clock {clock.drift_ppm:.0f} ppm")
     return [line]
-
-
-def _age(age_s: float) -> str:
-    return f"{age_s * 1e3:.3g} ms" if age_s < 1.0 else f"{age_s:.3g} s"
 
 
 def events(seen: Snapshot, rows: int) -> list[Text]:
