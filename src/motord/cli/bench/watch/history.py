@@ -65,8 +65,7 @@ class MinMaxHistory:
         Together the columns are the last `SPAN_S` before `now_ns`. Their edges are multiples of
         their width in Unix time, so a value stays in its column while the picture moves on.
         """
-        each = column_buckets(columns)
-        count = -(-BUCKETS // each)
+        each, count = column_buckets(columns), column_count(columns)
         end = now_ns // BUCKET_NS // each + 1
         wanted = np.arange((end - count) * each, end * each)
         known = (wanted > self._newest - self._size) & (wanted <= self._newest)
@@ -81,10 +80,14 @@ def column_buckets(columns: int) -> int:
     return max(1, -(-BUCKETS // max(columns, 1)))
 
 
+def column_count(columns: int) -> int:
+    """Return how many columns make up the span if there may be at most `columns`."""
+    return -(-BUCKETS // column_buckets(columns))
+
+
 def column_of(t_ns: int, now_ns: int, columns: int) -> int | None:
     """Return the column of `MinMaxHistory.columns` that a time falls into, None if into none."""
-    each = column_buckets(columns)
-    count = -(-BUCKETS // each)
+    each, count = column_buckets(columns), column_count(columns)
     column = count - 1 - (now_ns // BUCKET_NS // each - t_ns // BUCKET_NS // each)
     return int(column) if 0 <= column < count else None
 

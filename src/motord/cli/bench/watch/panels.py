@@ -10,7 +10,7 @@ from motord.api.messages import BenchState
 from motord.cli.bench import wording
 from motord.cli.bench.watch import keys
 from motord.cli.bench.watch.glyphs import Glyphs
-from motord.cli.bench.watch.history import SIGNALS, column_of
+from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
 from motord.cli.bench.watch.snapshot import Snapshot
 from motord.cli.bench.watch.sparkline import axis_limits, columns_per_character, sparkline
 
@@ -54,10 +54,8 @@ def title(seen: Snapshot, width: int) -> Text:
     if seen.viewer:
         name.append(f"  {seen.viewer}: may only watch")
     if seen.stale:
-        since = (
-            f"NO DATA for {wording.duration(seen.age_s)}" if state is not None else "NO DATA yet"
-        )
-        return spread(name, Text(f" {since}: is the daemon gone? trying again ", ALARM), width)
+        since = f"for {wording.duration(seen.age_s)}" if state is not None else "yet"
+        return spread(name, Text(f" NO DATA {since}: is the daemon gone? ", ALARM), width)
     assert state is not None
     return spread(name, Text(wording.clock(state.t_ns)), width)
 
@@ -122,8 +120,9 @@ def signals(seen: Snapshot, width: int, rows: int, glyphs: Glyphs) -> list[Text]
     for signal, (low, high) in enumerate(zip(lows, highs, strict=True)):
         scale = seen.scales[signal]
         limits = axis_limits(low, high, FLOOR * scale)
-        drawn = sparkline(low, high, limits, rows, braille=glyphs.braille)
-        edges = _edges(low, high, rows, decimals(scale))
+        gap = int(rows > 2)  # between sparklines that would touch
+        drawn = sparkline(low, high, limits, rows - gap, braille=glyphs.braille) + [""] * gap
+        edges = _edges(low, high, rows - gap, decimals(scale)) + [""] * gap
         values = _values(seen.state, signal, decimals(scale))
         for index, (part, edge) in enumerate(zip(drawn, edges, strict=True)):
             label, value = values[index] if index < len(values) else ("", "")
@@ -190,15 +189,15 @@ def fixed(value: float | None, digits: int, unit: str = "") -> str:
 
 def time_axis(seen: Snapshot, width: int, glyphs: Glyphs) -> Text:
     """Return the axis below the sparklines, with a mark at each note (n) and trip (!)."""
-    characters = sparkline_width(width)
-    columns = characters * columns_per_character(glyphs.braille)
+    characters, each = sparkline_width(width), columns_per_character(glyphs.braille)
+    columns = characters * each
+    used = column_count(columns)
+    axis = list(f"{glyphs.rule * -(-used // each):>{characters}}")
     now_ns = seen.state.t_ns if seen.state is not None else 0
-    used = len(seen.columns(now_ns, columns)[0][0])
-    axis = list(glyphs.rule * characters)
     for event in seen.events:
         column = column_of(event.t_ns, now_ns, columns)
         if column is not None and event.kind in MARKS:
-            behind = (used - 1 - column) // columns_per_character(glyphs.braille)
+            behind = (used - 1 - column) // each
             axis[characters - 1 - behind] = MARKS[event.kind]
     left = f"{'':<{LABEL_WIDTH}}{'last 60 s':>{VALUE_WIDTH - 1}} "
     return Text(f"{left}{''.join(axis)} now", HEADING)
