@@ -4,7 +4,7 @@ Types are strict; fields that a model does not name are passed on, so that repli
 """
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -94,12 +94,43 @@ class PlanOutline(RpcReply):
     recording: Text = ""
 
 
+class SettingField(RpcReply):
+    """A setting of a plan, as a form shows it; in `plan/list`.
+
+    minimum, maximum: of the value, or of each value of a list, themselves excluded if `*_excluded`;
+    length_*: of a list or a table; columns: of a table, whose rows are objects. optional: null is a
+    value, too.
+    """
+
+    name: Text
+    type: Literal["number", "integer", "boolean", "text", "choice", "list", "table", "other"]
+    unit: Text = ""
+    default: Any = None
+    minimum: Number | None = None
+    minimum_excluded: bool = False
+    maximum: Number | None = None
+    maximum_excluded: bool = False
+    choices: list[Text] = []
+    length_min: int = 0
+    length_max: int | None = None
+    columns: list[Text] = []
+    optional: bool = False
+    help: Text = ""
+
+
 class AvailablePlan(RpcReply):
-    """A plan in `plan/list`."""
+    """A plan in `plan/list`: its settings as the bench file has them, and as `fields` of a form.
+
+    needs: the device that it cannot do without; obstacle: why it cannot run with these settings,
+    "" if nothing is known to be in its way.
+    """
 
     name: Text
     summary: Text
     settings: dict[str, Any]
+    fields: list[SettingField] = []
+    needs: Text = ""
+    obstacle: Text = ""
 
 
 class PlanList(RpcReply):
@@ -122,6 +153,51 @@ class InstalledCalibration(RpcReply):
     age: Text
     path: Text
     created: Text = ""
+
+
+Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
+"""From, to."""
+
+
+class CalibrationEntry(RpcReply):
+    """A calibration in `calibration/list`; `motor` is what has to agree with `[motor]`."""
+
+    id: Text
+    created: Text
+    age_s: Number
+    age: Text
+    method: Text
+    motor: dict[str, Any]
+    in_force: bool
+    path: Text
+
+
+class CalibrationList(RpcReply):
+    """`calibration/list`: the newest first; `unreadable` says which files are none, and why."""
+
+    calibrations: list[CalibrationEntry]
+    unreadable: list[Text]
+
+
+class CalibrationDetails(CalibrationEntry):
+    """`calibration/show`: as in the file, with 95 % intervals and the cogging torque in short."""
+
+    runs: list[str]
+    alpha: list[Number]
+    alpha_stderr: list[Number]
+    alpha_95: list[Interval]
+    beta_A: list[Number]
+    beta_stderr_A: list[Number]
+    beta_95_A: list[Interval]
+    delta_epsilon: Number
+    delta_epsilon_source: str
+    condition_number: Number
+    observable: list[str]
+    learned: bool
+    rms_error_percent: dict[str, Any]
+    tau_cog_harmonics: list[dict[str, Any]]
+    angle_rad: list[Number]
+    tau_cog_Nm: list[Number]
 
 
 class ErrorReply(RpcReply):
