@@ -18,7 +18,7 @@ COMMANDS = {
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
     "status": "motord.cli.bench.status:status",
-    "watch": "motord.cli.bench.status:watch",
+    "watch": "motord.cli.bench.watch.command:watch",
     "events": "motord.cli.bench.status:events",
     "dashboard": "motord.cli.dashboard:dashboard",
     "enable": "motord.cli.bench.operate:enable",

@@ -95,12 +95,20 @@ class Client(DaemonConnection):
         """Put a remark with its time into the events and, if one is running, the recording."""
         return self.call(rpc.NOTE, text=text, by=operator() if by is None else by)
 
-    def lease(self, holder: str | None = None, *, force: bool = False) -> Lease:
+    def lease(
+        self,
+        holder: str | None = None,
+        *,
+        force: bool = False,
+        alive: Callable[[], bool] = lambda: True,
+    ) -> Lease:
         """Return a lease: a context manager that acquires, renews and releases it.
 
-        holder: shown to others. force: take over from whoever is in command; it is logged.
+        holder: shown to others. force: take over from whoever is in command; it is logged. alive:
+        asked in the thread that renews; a program that hangs can lose the lease so, and the bench
+        then ramps down.
         """
-        return Lease(self, holder or operator(), force=force)
+        return Lease(self, holder or operator(), force=force, alive=alive)
 
     def subscribe_state(
         self, callback: Callable[[BenchState], None] | None = None, *, latest: bool = True

@@ -15,7 +15,9 @@ RENEWALS = 4
 
 
 class Lease(Commander):
-    """The lease while a `with` block runs, renewed by a thread, and what its holder may ask for.
+    """The lease while a `with` block runs, and what its holder may ask for.
+
+    A thread renews it, only while `alive()` is true there.
 
     `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
     longer than the lease lasts; `on_lost` is called then, in that thread.
@@ -25,7 +27,14 @@ class Lease(Commander):
     ('anna', False)
     """
 
-    def __init__(self, daemon: RpcTarget, holder: str, *, force: bool = False) -> None:
+    def __init__(
+        self,
+        daemon: RpcTarget,
+        holder: str,
+        *,
+        force: bool = False,
+        alive: Callable[[], bool] = lambda: True,
+    ) -> None:
         super().__init__(daemon)
         self.holder = holder
         self.took_over_from: str | None = None
@@ -34,6 +43,7 @@ class Lease(Commander):
         self.on_lost: Callable[[], None] = lambda: None
         self._lease_s = 0.0
         self._force = force
+        self._alive = alive
         self._done = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -77,6 +87,8 @@ class Lease(Commander):
     def _renew(self, grant: LeaseGrant) -> None:
         good_until_s = time.monotonic() + grant.lease_s
         while not self._done.wait(grant.renew_within_s / RENEWALS):
+            if not self._alive():
+                continue
             begun_s = time.monotonic()
             try:
                 self._daemon.call(LEASE_RENEW, token=self.token)

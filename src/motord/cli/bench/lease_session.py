@@ -45,7 +45,7 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
     from motord.client import Commander
 
     with interrupted_once() as hold_off:
-        token = None if force else _token_in_force(client)
+        token = None if force else token_in_force(client)
         if token is not None:
             yield LeaseSession(Commander(client, token), None)
             return
@@ -74,7 +74,7 @@ def command(
         print_answer(answer.content(), text(answer), as_json)
 
 
-def _token_in_force(client: "Client") -> str | None:
+def token_in_force(client: "Client") -> str | None:
     """Return the token of a command that runs and holds the lease now, if there is one."""
     from motord.api.requests import LEASE_RENEW
     from motord.client import ClientError

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from motord.cli.bench.status import number, sensor_in_words
+from motord.cli.bench.status import sensor_in_words
+from motord.cli.bench.wording import number
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState

@@ -1,13 +1,13 @@
-"""`motord status`, `watch`, `events`: what a bench does, now and as it goes on."""
+"""`motord status` and `motord events`: what a bench does now, and what happened."""
 
-import time
-from collections.abc import Callable
 from contextlib import suppress
 from datetime import datetime
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.bench import wording
+from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import nobody_reads, plain_console, print_line
@@ -16,13 +16,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from motord.api.messages import BenchState, Event
-    from motord.client import Client
 
 LOOK_S = 1.0
-
-ForS = Annotated[
-    float | None, typer.Option("--for-s", min=0, metavar="S", help="End after this time.")
-]
 
 
 def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
@@ -33,34 +28,6 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
         if as_json:
             typer.echo(state.model_dump_json(indent=2))
         else:
-            show(state)
-
-
-def watch(connection: Connection = DEFAULT, for_s: ForS = None, as_json: AsJson = False) -> None:
-    """Show the state as it changes, until Ctrl-C; with --json one line each."""
-    from rich.live import Live
-
-    with connection.open() as client, suppress(KeyboardInterrupt):
-        if as_json:
-            _each_state(client, for_s, lambda state: print_line(state.model_dump_json()))
-        else:
-            with Live(
-                table(client.state()), console=plain_console(), refresh_per_second=10
-            ) as live:
-                _each_state(client, for_s, lambda state: live.update(table(state)))
-
-
-def _each_state(
-    client: "Client", for_s: float | None, show: "Callable[[BenchState], None]"
-) -> None:
-    from motord.client import ClientError
-
-    end_s = None if for_s is None else time.monotonic() + for_s
-    with client.subscribe_state() as states:
-        while (end_s is None or time.monotonic() < end_s) and not nobody_reads():
-            state = states.get(LOOK_S)
-            if state is None:
-                raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
             show(state)
 
 
@@ -131,28 +98,13 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
         rows.append(("then", "`motord reset` starts the loop again"))
     rows += _trip(state)
     rows += _measured(state)
-    holder = state.lease.holder
-    rows.append(("command", f"{holder}" if holder else "nobody"))
-    if state.plan is not None:
-        p = state.plan
-        step = "" if p.over else f", {p.step}"
-        rows.append(("plan", f"{p.plan} {p.state}, {p.points_done}/{p.points} points{step}"))
-    c = state.calibration
-    rows.append(("calibration", f"{c.id}, {c.method}, {c.age} old" if c is not None else "none"))
-    recording = state.recording
-    trouble = recording.error or recording.obstacle
-    idle = f"not recording: {trouble}" if trouble else "not recording"
-    rows.append(("recording", recording.path if recording.recording else idle))
+    rows.append(("lease", state.lease.holder or "nobody"))
+    if (plan := state.plan) is not None:
+        rows.append(("plan", f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}"))
+    rows.append(("calibration", wording.calibration(state)))
+    rows.append(("recording", wording.recording(state)))
     rows += [("fault", said) for said in state.faults.values()]
-    loop = state.loop
-    rows.append(
-        (
-            "loop",
-            f"{loop.rate_Hz:g} Hz, {loop.missed} missed of {loop.ticks}, "
-            f"late {number(loop.wake_late_us_p50)} us (99 %: {number(loop.wake_late_us_p99)}), "
-            f"work {number(loop.work_us_p99)} us",
-        )
-    )
+    rows.append(("loop", wording.loop(state)))
     if state.realtime and not state.realtime.get("granted", True):
         rows.append(("real time", "not all rights granted: `motord check --rt` says which"))
     if (clock := state.bridge_clock) is not None:
@@ -165,12 +117,10 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
 
 def _trip(state: "BenchState") -> list[tuple[str, str]]:
     """Return causes (the first one first), values and limits, what to do, and the black box."""
-    causes = sorted(state.trips, key=lambda trip: trip.name != state.first_trip)
-    rows = [("cause", f"{trip.name}: {trip.meaning}") for trip in causes]
+    rows = [("cause", cause) for cause in wording.causes(state)]
     if state.trip is None:
         return rows
-    for what, value in state.trip.values.items():
-        rows.append(("", f"{what}: {number(value.value)}, limit {number(value.limit)}"))
+    rows += [("", value) for value in wording.trip_values(state)]
     rows.append(("suggested", f"{state.trip.action}; then `motord reset`"))
     if state.trip.blackbox:
         rows.append(("black box", state.trip.blackbox))
@@ -205,8 +155,3 @@ def _measured(state: "BenchState") -> list[tuple[str, str]]:
         ("currents", f"{currents} A"),
         ("bus", f"{number(tick.u_bus_V)} V, inverter {number(tick.temperature_C)} degC"),
     ]  # fmt: skip
-
-
-def number(value: float | None) -> str:
-    """Return a number in three digits, "-" for none."""
-    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,163 @@
+"""`motord watch`: the screen on a terminal, a line a second into a pipe, all states as JSON."""
+
+import asyncio
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.bench import wording
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection
+from motord.cli.console import nobody_reads, print_line, remark
+
+if TYPE_CHECKING:
+    from motord.api.messages import BenchState
+    from motord.cli.bench.watch.app import WatchApp
+    from motord.cli.bench.watch.operator_session import OperatorSession
+    from motord.client import Client
+
+LOOK_S = 1.0
+LINE_NS = 1_000_000_000
+GIVE_UP_S = 5.0
+"""A screen that has not ended so long after a signal is hung: the process ends without it."""
+
+ForS = Annotated[
+    float | None, typer.Option("--for-s", min=0, metavar="S", help="End after this time.")
+]
+Plain = Annotated[
+    bool, typer.Option("--plain", help="A line a second, as into a pipe, in place of the screen.")
+]
+AsciiOnly = Annotated[bool, typer.Option("--ascii", help="Draw with ASCII characters only.")]
+
+
+def watch(
+    connection: Connection = DEFAULT,
+    for_s: ForS = None,
+    plain: Plain = False,
+    ascii_only: AsciiOnly = False,
+    as_json: AsJson = False,
+) -> None:
+    """Watch and operate a bench on one screen of the terminal; ? shows the keys.
+
+    Into a pipe, or on a dumb terminal, it prints a line a second; with --json every state, one line
+    each.
+    """
+    with connection.open() as client, suppress(KeyboardInterrupt):
+        if as_json:
+            _each_state(client, for_s, lambda state: print_line(state.model_dump_json()))
+        elif plain or not _has_screen():
+            _each_state(client, for_s, Lines().show)
+        else:
+            _on_screen(client, for_s, ascii_only=ascii_only)
+
+
+def _has_screen() -> bool:
+    streams = (sys.stdin, sys.stdout, sys.stderr)  # Textual draws on stderr
+    capable = os.environ.get("TERM", "dumb") not in ("dumb", "unknown", "")
+    return capable and all(stream.isatty() for stream in streams)
+
+
+def _each_state(
+    client: "Client", for_s: float | None, show: "Callable[[BenchState], None]"
+) -> None:
+    from motord.client import ClientError
+
+    end_s = None if for_s is None else time.monotonic() + for_s
+    with client.subscribe_state() as states:
+        while (end_s is None or time.monotonic() < end_s) and not nobody_reads():
+            state = states.get(LOOK_S)
+            if state is None:
+                raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
+            show(state)
+
+
+class Lines:
+    """Prints a state in one line, once a second and when state, plan or lease change."""
+
+    def __init__(self) -> None:
+        self._shown: tuple[object, ...] = ()
+
+    def show(self, state: "BenchState") -> None:
+        """Print a line if it is time."""
+        plan = state.plan
+        now = (
+            state.t_ns // LINE_NS,
+            state.state,
+            state.lease.holder,
+            (plan.plan, plan.state) if plan is not None else None,
+        )
+        if now != self._shown:
+            self._shown = now
+            print_line(in_one_line(state))
+
+
+def in_one_line(state: "BenchState") -> str:
+    """Return the state in one line."""
+    tick, plan = state.tick, state.plan
+    parts = [f"{wording.clock(state.t_ns)} {state.state}"]
+    if tick is not None:
+        torque = f"torque {wording.number(tick.torque_Nm)} Nm"
+        parts.append(f"{torque} (set {wording.number(tick.torque_set_Nm)} Nm)")
+        parts.append(f"speed {wording.number(tick.speed_Hz)} Hz")
+    parts.append(f"lease {state.lease.holder or 'nobody'}")
+    if plan is not None and not plan.over:
+        parts.append(f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}")
+    parts += wording.causes(state)
+    if state.fault:
+        parts.append(state.fault)
+    return "; ".join(parts)
+
+
+async def _run(app: "WatchApp", session: "OperatorSession") -> None:
+    """Run the screen until it ends or SIGTERM or SIGHUP (a terminal that is closed) come.
+
+    The handlers are Python's own, not those of the event loop: a screen whose terminal takes no
+    more output does not get to the latter.
+    """
+    loop = asyncio.get_running_loop()
+
+    def end(number: int, frame: object) -> None:
+        loop.call_soon_threadsafe(app.exit)
+        hung = threading.Timer(GIVE_UP_S, _give_up, (session, number))
+        hung.daemon = True
+        hung.start()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        await app.run_async(mouse=False)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _give_up(session: "OperatorSession", number: int) -> None:
+    session.give()
+    os._exit(128 + number)
+
+
+def _on_screen(client: "Client", for_s: float | None, *, ascii_only: bool) -> None:
+    from motord.cli.bench.watch import glyphs
+    from motord.cli.bench.watch.app import WatchApp
+    from motord.cli.bench.watch.feed import Feed
+    from motord.cli.bench.watch.operator_session import OperatorSession
+
+    session = OperatorSession(client)
+    drawn_with = glyphs.ASCII if ascii_only else glyphs.suitable()
+    try:
+        with Feed(client) as feed:
+            app = WatchApp(client, feed, session, drawn_with, for_s)
+            asyncio.run(_run(app, session))
+    finally:
+        held = session.holds
+        session.give()
+        if held:
+            remark("the lease was given back: an enabled bench ramps down and is disabled")
+    if app.return_code:
+        raise typer.Exit(app.return_code)

@@ -1,0 +1,54 @@
+"""The keys of the screen, in one table: bindings, footer, help and docs/watch.md are made of it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Key:
+    """Keys (names of Textual) that do `action`; `label` is for the footer, "" if not there."""
+
+    keys: tuple[str, ...]
+    action: str
+    label: str
+    meaning: str
+
+
+KEYS = (
+    Key(
+        ("s", "space", "escape"), "stop", "Stop",
+        "zero current now, and OFF, whoever has the lease",
+    ),
+    Key(("p",), "pause", "Pause", "pause the plan (ramps to zero), or resume it"),
+    Key(("a",), "abort", "Abort", "abort the plan: ramps down, disables; asks first"),
+    Key(("n",), "note", "Note", "put a note into events and recording"),
+    Key(("r",), "reset", "Reset", "leave a trip whose cause is gone"),
+    Key(("l",), "lease", "Lease", "take the lease, or give it back; asks to take over"),
+    Key(("e",), "enable", "Enable", "enable at zero torque, and keep the lease"),
+    Key(("d",), "disable", "Disable", "ramp the torque to zero, then disable"),
+    Key(("t",), "torque", "Torque", "set the torque, and keep the lease"),
+    Key(("up",), "older", "", "look at older events"),
+    Key(("down",), "newer", "", "go back to newer ones"),
+    Key(("end",), "newest", "", "go back to the newest"),
+    Key(("q", "ctrl+c"), "quit", "Quit", "quit; asks first if the bench ramps down then"),
+    Key(("question_mark", "h", "f1"), "help", "?", "show this list"),
+)  # fmt: skip
+ACTIONS = {
+    case: key.action
+    for key in KEYS
+    for one in key.keys
+    for case in ({one, one.upper()} if len(one) == 1 else {one})
+}
+"""Action by name of a key. Letters count in both cases: a caps lock must not prevent a stop."""
+
+_NAMES = {"escape": "Escape", "space": "Space", "question_mark": "?", "ctrl+c": "Ctrl-C"}
+
+
+def names(key: Key) -> str:
+    """Return the keys as people call them: `s, Space, Escape`."""
+    return ", ".join(_NAMES.get(one, one if len(one) == 1 else one.title()) for one in key.keys)
+
+
+def markdown_table() -> str:
+    """Return the keys as a table of Markdown."""
+    rows = [f"| {names(key)} | {key.meaning} |" for key in KEYS]
+    return "\n".join(["| keys | what they do |", "|---|---|", *rows])

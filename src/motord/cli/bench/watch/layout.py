@@ -1,0 +1,52 @@
+"""The whole screen as lines of text: what fits into its size, the most important first."""
+
+from rich.text import Text
+
+from motord.cli.bench.watch import panels
+from motord.cli.bench.watch.glyphs import Glyphs
+from motord.cli.bench.watch.history import SIGNALS
+from motord.cli.bench.watch.snapshot import Snapshot
+
+EVENTS_MIN = 3
+SIGNAL_ROWS_MAX = 6
+"""Lines of a sparkline on the largest screen; more are given to the events."""
+
+
+def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]:
+    """Return `height` lines of at most `width` cells; what is no longer true for sure is dimmed."""
+    title, message, footer = panels.title(seen, width), _message(seen), panels.footer()
+    known = [panels.drive_state(seen, width, glyphs)]
+    room = height - 3
+    if seen.state is not None:
+        known += panels.trip(seen.state, width, glyphs) + panels.faults(seen.state)
+        known += _body(seen, width, room - len(known), glyphs)
+    known = [*known, *[Text()] * (room - len(known))][: max(room, 1)]
+    if seen.stale:
+        for line in known:
+            line.stylize("dim")
+    whole = [title, *known, message, footer][:height]
+    if seen.dialog:
+        over = [Text(glyphs.rule * width), *(line.copy() for line in seen.dialog)]
+        whole[max(height - len(over), 2) :] = over[: max(height - 2, 0)]
+    for line in whole:
+        line.truncate(width, overflow="ellipsis" if glyphs.braille else "crop")
+    return whole
+
+
+def _message(seen: Snapshot) -> Text:
+    return Text(seen.message, panels.ALARM if seen.alarming else "bold")
+
+
+def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
+    """Return what is between state and message, as much of it as there is room for."""
+    state = seen.state
+    assert state is not None
+    below = panels.plan(state, glyphs) + panels.loop(state)
+    below += panels.devices(seen, state) + panels.kept(state, width, glyphs)
+    spare = room - len(below) - EVENTS_MIN - 1
+    rows = min(max(spare // len(SIGNALS), 1), SIGNAL_ROWS_MAX)
+    above = panels.signals(seen, width, rows, glyphs)
+    above.append(panels.time_axis(seen, width, glyphs))
+    for_events = room - len(above) - len(below)
+    shown = panels.events(seen, for_events) if for_events > 0 else []
+    return above + below + shown

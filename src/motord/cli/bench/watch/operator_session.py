@@ -1,0 +1,114 @@
+"""Commands from the screen: with the lease that it holds, or with one for a single command."""
+
+import threading
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+from motord.cli.bench.lease_session import token_in_force
+from motord.cli.bench.shared_token import shared
+
+if TYPE_CHECKING:
+    from motord.client import Client, Lease
+
+BEAT_S = 0.25
+"""How often the screen has to show that it lives."""
+HUNG_S = 1.0
+"""A screen without a beat for so long does not renew the lease any more."""
+
+
+class OperatorSession:
+    """Who operates the bench from the screen. Its methods wait, so they are called in threads.
+
+    The lease is renewed only while `beat` is called: a screen that hangs, for instance because its
+    terminal takes no more output, loses it as a program that has ended does.
+    """
+
+    def __init__(self, client: "Client") -> None:
+        self._client = client
+        self._lease: Lease | None = None
+        self._shared = ExitStack()
+        self._changing = threading.Lock()
+        self._beat_s = time.monotonic()
+
+    def beat(self) -> None:
+        """Show that the screen lives."""
+        self._beat_s = time.monotonic()
+
+    def _alive(self) -> bool:
+        return time.monotonic() - self._beat_s < HUNG_S
+
+    @property
+    def holds(self) -> bool:
+        """True while the lease is held here."""
+        return self._lease is not None and not self._lease.lost.is_set()
+
+    def lost(self) -> str:
+        """Return, once, why the lease that was held here is no longer, "" if nothing was lost."""
+        lease = self._lease
+        if lease is None or not lease.lost.is_set() or not self._changing.acquire(blocking=False):
+            return ""
+        try:
+            self._shared.close()
+            self._lease = None
+        finally:
+            self._changing.release()
+        return lease.why
+
+    def stop(self) -> dict[str, Any]:
+        """Zero current now and OFF, whoever is in command. Raises ClientError."""
+        from motord.client import operator
+
+        return self._client.rpc("stop", by=operator())
+
+    def note(self, text: str) -> dict[str, Any]:
+        """Put a note into events and recording. Raises ClientError."""
+        from motord.client import operator
+
+        return self._client.rpc("note", text=text, by=operator())
+
+    def command(self, rpc: str, *, keep: bool = False, **arguments: Any) -> dict[str, Any]:
+        """Call an RPC with the lease that is held here or by another command of this user.
+
+        Without one a lease is acquired, and given back afterwards unless `keep`. Raises
+        ClientError.
+        """
+        with self._changing:
+            if self._lease is not None and self.holds:
+                return self._client.rpc(rpc, token=self._lease.token, **arguments)
+            if (token := token_in_force(self._client)) is not None:
+                return self._client.rpc(rpc, token=token, **arguments)
+            lease = self._acquire(force=False)
+            try:
+                return self._client.rpc(rpc, token=lease.token, **arguments)
+            except BaseException:
+                keep = False
+                raise
+            finally:
+                if not keep:
+                    self._release()
+
+    def take(self, *, force: bool) -> None:
+        """Take the lease and keep it. Raises ClientError if somebody holds it, unless `force`."""
+        with self._changing:
+            if not self.holds:
+                self._acquire(force=force)
+
+    def give(self) -> None:
+        """Give the lease back, if it is held here: an enabled bench ramps down."""
+        with self._changing:
+            self._release()
+
+    def _acquire(self, *, force: bool) -> "Lease":
+        self._shared.close()
+        lease = self._client.lease(force=force, alive=self._alive)
+        lease.acquire()
+        self._lease = lease
+        self._shared.enter_context(shared(self._client.bench, lease.token))
+        return lease
+
+    def _release(self) -> None:
+        lease, self._lease = self._lease, None
+        self._shared.close()
+        if lease is not None:
+            lease.release()

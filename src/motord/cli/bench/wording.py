@@ -1,0 +1,76 @@
+"""Parts of a state as words, which `motord watch`, `status` and `plan status` share."""
+
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from motord.api.messages import BenchState, PlanView
+
+
+def number(value: float | None) -> str:
+    """Return a number in three digits, "-" for none."""
+    return "-" if value is None else f"{value:.3g}"
+
+
+def clock(t_ns: int) -> str:
+    """Return the local time of day."""
+    return f"{datetime.fromtimestamp(t_ns / 1e9).astimezone():%H:%M:%S}"
+
+
+def duration(seconds: float) -> str:
+    """Return a time as `45 s`, `3.2 min` or `1.5 h`."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def causes(state: "BenchState") -> list[str]:
+    """Return the causes of a trip with their meaning, the first one first."""
+    ordered = sorted(state.trips, key=lambda trip: trip.name != state.first_trip)
+    return [f"{trip.name}: {trip.meaning}" for trip in ordered]
+
+
+def trip_values(state: "BenchState") -> list[str]:
+    """Return what each quantity was at the trip, and its limit."""
+    values = state.trip.values if state.trip is not None else {}
+    return [
+        f"{what}: {number(value.value)}, limit {number(value.limit)}"
+        for what, value in values.items()
+    ]
+
+
+def calibration(state: "BenchState") -> str:
+    """Return the calibration in force."""
+    c = state.calibration
+    return f"{c.id}, {c.method}, {c.age} old" if c is not None else "none"
+
+
+def recording(state: "BenchState") -> str:
+    """Return where it is recorded, or why not."""
+    r = state.recording
+    trouble = r.error or r.obstacle
+    return r.path if r.recording else "not recording" + (f": {trouble}" if trouble else "")
+
+
+def loop(state: "BenchState") -> str:
+    """Return the timing of the loop over the last second."""
+    t = state.loop
+    late = (t.wake_late_us_p50, t.wake_late_us_p99, t.wake_late_us_max)
+    return (
+        f"{t.rate_Hz:g} Hz, missed {t.missed}; "
+        + "late p50 {} p99 {} max {} us".format(*map(_whole, late))
+        + f", work p99 {_whole(t.work_us_p99)} us"
+    )
+
+
+def _whole(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
+def plan_progress(plan: "PlanView") -> str:
+    """Return points, time left and what the plan does now, or how it ended."""
+    counted = f"{plan.points_done} of {plan.points} points"
+    if plan.over:
+        return counted + (f": {plan.message}" if plan.message else "")
+    left = f", {duration(plan.eta_s)} left" if plan.state == "running" else ""
+    return f"{counted}{left}" + (f", {plan.step}" if plan.step else "")

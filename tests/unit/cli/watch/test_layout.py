@@ -1,0 +1,186 @@
+"""The screen as lines: what is on it, in which size."""
+
+import numpy as np
+import pytest
+
+from motord.api.messages import Event
+from motord.cli.bench.watch import layout
+from motord.cli.bench.watch.glyphs import ASCII, UNICODE
+from motord.cli.bench.watch.history import MinMaxHistory
+from motord.cli.bench.watch.snapshot import Snapshot
+from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, no_columns, state, ticks
+
+EVENTS = [
+    Event(t_ns=NOW_NS - 50_000_000_000, kind="state", message="READY -> ENABLED"),
+    Event(t_ns=NOW_NS - 30_000_000_000, kind="note", message="brake squeals"),
+    Event(t_ns=NOW_NS - 1_000_000_000, kind="missed", message="the loop skipped 3 ticks"),
+]
+
+
+def snapshot(bench_state, **changes):
+    whole = {
+        "bench": "bench1", "state": bench_state, "age_s": 0.05,
+        "events": EVENTS, "columns": no_columns, "ages_s": {"encoder": 0.0003, "currents": 0.0009},
+        "scales": (6.0, 4.0, 25.0, 25.0, 25.0),
+    }  # fmt: skip
+    return Snapshot(**{**whole, **changes})
+
+
+def shown(seen, width=80, height=24, glyphs=UNICODE):
+    """Return the lines as text, all of which fit."""
+    drawn = layout.lines(seen, width, height, glyphs)
+    assert len(drawn) == height
+    assert all(line.cell_len <= width for line in drawn)
+    return [line.plain for line in drawn]
+
+
+def has(lines, *words):
+    assert all(any(word in line for line in lines) for word in words), "\n".join(lines)
+
+
+def test_all_of_it_fits_into_80_by_24():
+    lines = shown(snapshot(state(plan=PLAN)))
+    has(
+        lines,
+        "bench1  axial-flux 48/16 sim-1, simulated",
+        "● ENABLED",
+        "lease: anna@bench pts/3 4711",
+        "3.013 Nm",
+        "3.00 of 3.00",
+        "0.700 Hz",
+        "12.25 A",
+        "24.0 V",
+        "41 degC",
+        "40%, 63 degC",
+        "calibrate running  ███████░░░░░░░░░ 43 %  3.2 min left",
+        "12 of 28 points; 3 Nm, 0.7 Hz: capturing",
+        "10000 Hz, missed 3; late p50 12 p99 31 max 80 us, work p99 55 us",
+        "tick 2, encoder 0.3, currents 0.9 ms; brake ok 50 ms",
+        "3fa2c1, joint, 2 days old; compensation on",
+        "/runs/bench1-calibrate.mcap.part",
+        "note: brake squeals",
+        "missed: the loop skipped 3 ticks",
+        "Stop Pause Abort Note Reset Lease Enable Disable Torque Quit ? help",
+    )
+
+
+def test_a_trip_is_told_with_value_limit_and_what_to_do_and_nothing_else_is_lost():
+    lines = shown(snapshot(state(plan=PLAN, **TRIP)))
+    has(lines, "✕ TRIPPED", "speed, rad/s: 25.7, limit 25", "black box    /runs/blackbox.mcap")
+    causes = [line for line in lines if "OVER_" in line]
+    assert causes[0].startswith("cause        OVER_SPEED: the rotor turned faster")  # the first
+    advice = " ".join(line[13:].strip() for line in lines[5:8])
+    assert "check that the brake answers and holds" in advice
+    assert "then r (reset)" in advice
+    has(lines, "current c", "calibrate running", "recording", "missed: the loop")
+
+
+@pytest.mark.parametrize("name", ["OFF", "READY", "ENABLED", "TRIPPED"])
+@pytest.mark.parametrize("glyphs", [UNICODE, ASCII])
+def test_the_state_is_a_symbol_and_a_word(name, glyphs):
+    assert f" {glyphs.state[name]} {name} " in shown(snapshot(state(state=name)), glyphs=glyphs)[1]
+
+
+def test_in_ascii_all_of_it_is_ascii():
+    history = MinMaxHistory()
+    history.add(ticks(60.0, 2.0))
+    seen = snapshot(state(plan=PLAN, **TRIP), columns=history.columns)
+    assert "".join(shown(seen, glyphs=ASCII)).isascii()
+    assert "".join(shown(snapshot(None), glyphs=ASCII)).isascii()
+
+
+@pytest.mark.parametrize("rows", [24, 34, 60])
+def test_a_spike_of_one_tick_is_seen_with_its_value(rows):
+    block = ticks(60.0, 1.0)
+    block["torque_Nm"][30_000] = 5.875
+    with_spike, without = MinMaxHistory(), MinMaxHistory()
+    with_spike.add(block)
+    without.add(ticks(60.0, 1.0))
+    lines = shown(snapshot(state(), columns=with_spike.columns), height=rows)
+    assert "max 5.875" in lines[2]
+    assert lines[2] != shown(snapshot(state(), columns=without.columns), height=rows)[2]
+
+
+def test_more_space_is_used_by_sparklines_and_events():
+    many = [Event(t_ns=NOW_NS, kind="state", message=f"number {n}") for n in range(100)]
+    small = shown(snapshot(state(), events=many))
+    large = shown(snapshot(state(), events=many), 160, 60)
+    assert sum("number" in line for line in small) == 4
+    assert sum("number" in line for line in large) > 10
+    distance = [
+        [n for n, line in enumerate(lines) if line.startswith(("torque", "speed"))]
+        for lines in (small, large)
+    ]
+    assert np.diff(distance[1]) > np.diff(distance[0])
+
+
+def test_events_scroll():
+    many = [Event(t_ns=NOW_NS, kind="state", message=f"number {n}.") for n in range(100)]
+    has(shown(snapshot(state(), events=many, events_back=50)), "number 49.")
+    first = shown(snapshot(state(), events=many, events_back=1000))
+    has(first, "number 0.", "number 3.")
+
+
+def test_notes_and_trips_are_marked_below_the_sparklines():
+    axis = next(line for line in shown(snapshot(state())) if "last 60 s" in line)
+    assert axis.count("n") == 2  # the mark and "now"
+    assert axis.index("n") < len(axis) - 10
+
+
+def test_what_is_not_the_present_is_said_to_be_so():
+    seen = snapshot(state(), age_s=3.0)
+    lines = shown(seen)
+    has(lines, "NO DATA for 3 s: is the daemon gone?", "● ENABLED (last known)", "3.013 Nm")
+    drawn = layout.lines(seen, 80, 24, UNICODE)
+    assert all(
+        any(span.style == "dim" for span in line.spans) for line in drawn[1:-2] if line.plain
+    )
+    has(shown(snapshot(None)), "NO DATA yet")
+
+
+def test_before_the_first_tick_there_are_no_values():
+    has(shown(snapshot(state(tick=None))), "torque       -")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"faults": {"publisher": "publisher: no memory"}}, "fault        publisher: no memory"),
+        ({"fault": "the loop ended", "state": "OFF"}, "the loop ended"),
+        (
+            {"processes": {"loop": {"pid": None, "running": False, "restarts": 0, "exit": "9"}}},
+            "process      loop does not run: 9",
+        ),
+        ({"realtime": {"granted": False}}, "motord check --rt"),
+        ({"telemetry_dropped": 5}, "telemetry    5 messages dropped"),
+        ({"brake": {"health": "stale", "error": "no answer"}}, "brake stale (no answer)"),
+        ({"calibration": None}, "calibration  none"),
+        ({"recording": {"recording": False, "path": "", "obstacle": "disk full"}}, "disk full"),
+        ({"torque_sensor": {"highpass_time_constant_s": 2.0}}, "torque (AC)"),
+        (
+            {"plan": {**PLAN, "state": "failed", "message": "it tripped"}},
+            "12 of 28 points: it trip",
+        ),
+    ],
+)
+def test_what_is_wrong_is_on_the_screen(changes, words):
+    has(shown(snapshot(state(**changes))), words)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (20, 2), (40, 3), (40, 10), (79, 23), (300, 100)])
+@pytest.mark.parametrize("changes", [{}, TRIP])
+def test_any_size_will_do(size, changes):
+    lines = shown(snapshot(state(**changes)), *size)
+    if size[1] > 2 and size[0] > 20:
+        assert "ENABLED" in lines[1] or "TRIPPED" in lines[1]
+
+
+def test_text_of_others_is_text():
+    shown(snapshot(state(fault="[red]not markup[/red]"), message="[bold]x"))
+    assert "[red]not markup" in shown(snapshot(state(fault="[red]not markup")))[1]
+
+
+def test_of_a_long_path_the_end_is_shown():
+    path = "/var/lib/motord/" + "x" * 60 + "/bench1-calibrate.mcap.part"
+    lines = shown(snapshot(state(recording={"recording": True, "path": path})))
+    has(lines, "recording    …", "/bench1-calibrate.mcap.part")
