@@ -62,6 +62,7 @@ EXPLAINED = frozenset(
         "motord.config.base.ConfigError",
         "motord.emulate.EmulatorError",
         "motord.experiments.subject.AnalysisError",
+        "motord.foxglove.server.FoxgloveError",
         "motord.hal.base.DeviceError",
         "motord.identification.IdentifyError",
         "motord.loop.latency.LatencyError",
