@@ -33,7 +33,7 @@ GAP_LIMIT_S = 0.1
 GROWTH_LIMIT_MB = 64.0
 """Allocators keep some of what they had; 50 MB parsed by the supervisor left more than a GB."""
 SESSIONS = 2
-DOCUMENTS = ("state", "event", "plan")
+DOCUMENTS = ("state", "event", "plan", "mesh")
 ASK_EVERY_S = 0.2
 SETTLE_S = 12.0
 """Longer than Zenoh keeps the session of somebody who has gone."""

@@ -31,24 +31,24 @@ dispatcher = Dispatcher(bench, ManualOperation(bench, lambda: None))
 
 def ask(**fields):
     replies = []
-    request = parse(RPCS["note"], json.dumps(fields).encode())
-    dispatcher.handle(Call("note", request, on_reply=replies.append), 0)
+    request = parse(RPCS["mounted"], json.dumps(fields).encode())
+    dispatcher.handle(Call("mounted", request, on_reply=replies.append), 0)
     return replies[0]
 
 token = bench.lease.acquire("anna", 0).token
-assert RPCS["note"].needs_lease
-assert ask(token="guess", text="x").code == "no_lease"
-assert ask(token=token, text="x").code == "refused"
+assert RPCS["mounted"].needs_lease
+assert ask(token="guess", serial="x").code == "no_lease"
+assert ask(token=token, serial="x").code == "refused"
 bench.loop_up()
-assert decode_reply("note", ask(token=token, text="bearing replaced").to_json()) == {"t_ns": 42}
+assert decode_reply("mounted", ask(token=token, serial="A-17").to_json()) == {"t_ns": 42}
 event = bench.events.recent()[-1]
-assert (event.kind, event.message, event.data) == ("note", "bearing replaced", {"holder": "anna"})
+assert (event.kind, event.message, event.data) == ("mounted", "A-17", {"holder": "anna"})
 try:
-    ask(token=token, text="")
+    ask(token=token, serial="")
 except RpcError as error:
     assert error.code == "invalid"
 else:
-    raise AssertionError("an empty note was taken")
+    raise AssertionError("an empty serial number was taken")
 """
 
 
@@ -93,7 +93,7 @@ def test_the_types_of_a_handler_are_those_of_its_row(edited):
     assert done.returncode == 0, done.stdout
     handler = edited / "src/motord/service/rpc/operation.py"
     text = handler.read_text(encoding="utf-8")
-    handler.write_text(text.replace("request: rpc.Note,", "request: rpc.PlanStart,"))
+    handler.write_text(text.replace("request: rpc.Mounted,", "request: rpc.PlanStart,"))
     done = run(edited, "-m", "mypy", *modules)
     handler.write_text(text)
     assert done.returncode == 1

@@ -85,18 +85,27 @@ def test_a_plan_is_recorded_with_its_points_in_a_file_of_its_own(running):
                 "plan/start", token=lease.token, name="calibrate", settings=SHORT_PLAN,
                 detach=True, notes="a short one",
             )  # fmt: skip
+        wait_for(client, lambda s: s.recording.recording, "the recording to begin")
+        noted = client.rpc("note", text="fan switched on", by="anna")
         view = progress.get(PATIENCE_S)
         while not view.over:
             view = progress.get(PATIENCE_S)
         assert (view.state, view.points_done) == ("done", 2)
         wait_for(client, lambda s: not s.recording.recording, "the recording to end")
+        mesh = client.mesh()
     assert running.end() == 0
     [plan_run] = [run for run in running.runs() if run.metadata["plan"]]
     assert str(plan_run.path) == view.recording
     assert plan_run.metadata["plan"]["name"] == "calibrate"
     assert "a short one" in plan_run.metadata["notes"]
+    assert noted["recording"] == view.recording
+    [note] = [event for event in plan_run.events() if event["kind"] == "note"]
+    assert (note["message"], note["t_ns"]) == ("fan switched on", noted["t_ns"])
     points = plan_run.operating_points()
     assert [p["index"] for p in points] == [0, 1]
+    assert [(p.point, p.state, p.rms_error_percent) for p in mesh.points] == [
+        (p["index"], "done", p["rms_error_percent"]) for p in points
+    ]
     ticks = plan_run.ticks(("tick", "plan_point", "missed", "flags"))
     check_ticks(ticks)
     for point in points:

@@ -1,4 +1,4 @@
-"""Published messages, JSON: `state`, `event` and `plan`. Readers skip unknown fields."""
+"""Published messages, JSON: `state`, `event`, `plan` and `mesh`. Readers skip unknown fields."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -198,6 +198,43 @@ class PlanView(PublishedMessage):
     def over(self) -> bool:
         """True once the plan is no longer under way, well or not."""
         return self.state in ("done", "aborted", "failed", "interrupted")
+
+
+MESH_POINTS_MAX = 1024
+"""Points in a published mesh."""
+
+
+class MeshPoint(PublishedMessage):
+    """An operating point of a plan, and what has become of it.
+
+    takes: how often it was taken; quality: "" before the first take, "ok", or what is wrong with
+    the last one. The errors, in percent of rated torque, are of the last take, None where not
+    measured; see docs/api.md.
+    """
+
+    point: int  # `plan_point` of its ticks
+    torque_Nm: float
+    speed_Hz: float
+    turns: int = 0
+    aim: str = ""  # what is done there, if that is no torque held at a speed
+    induced: dict[str, Any] = {}  # errors that are induced there on purpose
+    state: Literal["planned", "taking", "done", "poor"] = "planned"
+    takes: int = 0
+    quality: str = ""
+    rms_error_percent: float | None = None
+    mean_error_percent: float | None = None
+
+
+class MeshView(PublishedMessage):
+    """`motord/<bench>/mesh`: the operating points of the plan under way, or of the last one.
+
+    Of more than `MESH_POINTS_MAX` points, `points_total` in all, those about the one under way.
+    """
+
+    plan: str
+    run_id: str
+    points_total: int
+    points: list[MeshPoint]
 
 
 class RecordingView(PublishedMessage):

@@ -67,6 +67,13 @@ class SetpointReply(StateReply):
     reached_in_s: Duration
 
 
+class NoteReply(RpcReply):
+    """`note`: its time (Unix ns), and the recording that it is in ("": none, an event only)."""
+
+    t_ns: int
+    recording: Text
+
+
 class PlanName(RpcReply):
     """`plan/discard`."""
 

@@ -6,7 +6,15 @@ A request is a JSON object. Unknown fields, other types and numbers that are not
 from dataclasses import dataclass
 from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    model_validator,
+)
 
 from motord.api import replies
 from motord.api.errors import RpcError
@@ -17,6 +25,13 @@ from motord.sequencing.settings import Compensation
 Token = Annotated[str, Field(min_length=1, max_length=128)]
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[\w.@:/ -]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _printable(text: str) -> str:
+    """Return text. Raises ValueError unless all of it, in any language, can be printed."""
+    if not text.isprintable():
+        raise ValueError("only printable characters, in one line")
+    return text
 
 
 class RpcRequest(BaseModel):
@@ -46,6 +61,19 @@ class StopNow(RpcRequest):
     """`stop`: from anyone, no token; `by` is for the log."""
 
     by: Annotated[str, Field(max_length=64)] = ""
+
+
+class Note(RpcRequest):
+    """`note`: a remark for events and recording, from anyone who may command; `by` says who."""
+
+    text: Annotated[
+        str,
+        StringConstraints(strip_whitespace=True, min_length=1, max_length=1000),
+        AfterValidator(_printable),
+    ]
+    by: Annotated[
+        str, StringConstraints(strip_whitespace=True, max_length=64), AfterValidator(_printable)
+    ] = ""
 
 
 class SetpointChange(WithToken):
@@ -128,6 +156,7 @@ ENABLE = Rpc("enable", WithToken, replies.StateReply)
 DISABLE = Rpc("disable", WithToken, replies.StateReply)
 STOP = Rpc("stop", StopNow, replies.StateReply)
 RESET = Rpc("reset", WithToken, replies.StateReply)
+NOTE = Rpc("note", Note, replies.NoteReply)
 SET = Rpc("set", SetpointChange, replies.SetpointReply)
 PLAN_START = Rpc("plan/start", PlanStart, replies.PlanOutline)
 PLAN_PAUSE = Rpc("plan/pause", WithToken, replies.PlanProgress)

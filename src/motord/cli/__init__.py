@@ -25,6 +25,7 @@ COMMANDS = {
     "stop": "motord.cli.bench.operate:stop",
     "reset": "motord.cli.bench.operate:reset",
     "set": "motord.cli.bench.operate:set_",
+    "note": "motord.cli.bench.operate:note",
     "plan": "motord.cli.plan.commands:app",
     "learn": "motord.cli.plan.learn:learn",
     "analyse": "motord.cli.analysis_command:app",

@@ -12,11 +12,13 @@ import zenoh
 from motord import DEFAULT_ENDPOINT
 from motord.api.endpoints import KEY_ROOT, client_config, key
 from motord.api.errors import RpcError
-from motord.api.messages import BenchState, Event, PlanView
+from motord.api.messages import BenchState, Event, MeshView, PlanView
 from motord.api.requests import CALIBRATION_INSTALL, RPCS, STOP, check_size
 from motord.client.decoding import (
     decode_event,
     decode_events,
+    decode_mesh,
+    decode_mesh_or_none,
     decode_plan,
     decode_plan_or_none,
     decode_reply,
@@ -154,6 +156,10 @@ class Client:
         """Return the progress of the plan under way or of the last one."""
         return decode_plan_or_none(self._get("plan", None, QUERY_S))
 
+    def mesh(self) -> MeshView | None:
+        """Return the operating points of the plan under way or of the last one."""
+        return decode_mesh_or_none(self._get("mesh", None, QUERY_S))
+
     def rpc(self, name: str, /, **arguments: Any) -> dict[str, Any]:
         """Call `rpc/<name>` (docs/api.md lists them) and return the reply.
 
@@ -182,6 +188,12 @@ class Client:
     ) -> Subscription[PlanView]:
         """Receive the progress of plans."""
         return self._subscribe("plan", decode_plan, callback)
+
+    def subscribe_mesh(
+        self, callback: Callable[[MeshView], None] | None = None
+    ) -> Subscription[MeshView]:
+        """Receive the operating points of a plan whenever something becomes of one."""
+        return self._subscribe("mesh", decode_mesh, callback)
 
     def subscribe_ticks(
         self, callback: Callable[[np.ndarray], None] | None = None

@@ -12,7 +12,7 @@ import zenoh
 from pydantic import TypeAdapter, ValidationError
 
 from motord.api.endpoints import MAX_REPLY_BYTES
-from motord.api.messages import BenchState, Event, PlanView
+from motord.api.messages import BenchState, Event, MeshView, PlanView
 from motord.api.replies import ErrorReply, RpcReply
 from motord.api.requests import RPCS
 from motord.client.error import ClientError
@@ -24,6 +24,7 @@ _Item = TypeVar("_Item")
 _CODEC = BlockCodec(TICK)
 _EVENTS: TypeAdapter[list[Event]] = TypeAdapter(list[Event])
 _PLAN: TypeAdapter[PlanView | None] = TypeAdapter(PlanView | None)
+_MESH: TypeAdapter[MeshView | None] = TypeAdapter(MeshView | None)
 _TIMEOUT = b"Timeout"
 """Zenoh's own error reply."""
 
@@ -47,6 +48,8 @@ decode_event: Callable[[bytes], Event] = _decoder(Event.model_validate_json, "an
 decode_events: Callable[[bytes], list[Event]] = _decoder(_EVENTS.validate_json, "events")
 decode_plan: Callable[[bytes], PlanView] = _decoder(PlanView.model_validate_json, "a plan")
 decode_plan_or_none: Callable[[bytes], PlanView | None] = _decoder(_PLAN.validate_json, "a plan")
+decode_mesh: Callable[[bytes], MeshView] = _decoder(MeshView.model_validate_json, "a mesh")
+decode_mesh_or_none: Callable[[bytes], MeshView | None] = _decoder(_MESH.validate_json, "a mesh")
 decode_ticks: Callable[[bytes], np.ndarray] = _decoder(_CODEC.decode_list, "ticks")
 _decode_error: Callable[[bytes], ErrorReply] = _decoder(ErrorReply.model_validate_json, "an error")
 

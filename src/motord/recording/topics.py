@@ -111,6 +111,10 @@ OPERATING_POINTS = _json_topic(
         "take": _property(
             "integer", "which take of the point this is; of several the last good one counts"
         ),
+        "rms_error_percent": _property(
+            "number", "RMS of measured less set torque, percent of rated, as seen while taken"
+        ),
+        "mean_error_percent": _property("number", "mean of the same, if the sensor passes it"),
     },
 )
 ALL = (TICKS, TRUTHS, EVENTS, PLANS, OPERATING_POINTS)

@@ -11,7 +11,7 @@ from typing import Any
 
 from motord.security.roles import Role
 
-WATCHED = ("state", "tick", "ticks", "event", "plan")
+WATCHED = ("state", "tick", "ticks", "event", "plan", "mesh")
 """Keys that are subscribed to, or asked for the newest."""
 READ = ("rpc/plan/list", "rpc/config")
 """Requests that change nothing."""
@@ -29,7 +29,7 @@ _ALL = (
     "declare_liveliness_subscriber",
 )
 
-DOCUMENTS = ("state", "event", "plan")
+DOCUMENTS = ("state", "event", "plan", "mesh")
 """Keys that are asked for the newest, also by whoever does not know the bench's name."""
 _SENDS = ("declare_subscriber", "liveliness_query", "declare_liveliness_subscriber")
 """What a client sends besides queries."""

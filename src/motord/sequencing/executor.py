@@ -53,6 +53,11 @@ class Executor:
         """True once nothing more will be demanded."""
         return self.state in (PlanState.DONE, PlanState.ABORTED, PlanState.FAILED)
 
+    @property
+    def over(self) -> bool:
+        """True once no further point will be taken."""
+        return self.finished or self.state is PlanState.ENDING
+
     def advance(self, seen: Observation) -> Demand:
         """Return what the bench should do now."""
         self._now_ns = seen.t_ns
@@ -103,7 +108,7 @@ class Executor:
 
     def _under_way_s(self) -> float:
         """Return how much of the estimated time of the point under way has passed."""
-        if self._point_began_ns == 0 or self.finished or self.state is PlanState.ENDING:
+        if self._point_began_ns == 0 or self.over:
             return 0.0
         left = self.plan.points[self.points_done :]
         part_s = self.plan.point_s(left[0]) if left else self.plan.ends_s

@@ -31,6 +31,7 @@ from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
+from motord.service.rpc.notes import Notes
 from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plans import PlanControl
 from motord.service.supervisor import Supervisor
@@ -103,7 +104,8 @@ def build(
     plans = PlanControl(bench, resumption, recording.obstacle)
     installation = Installation(bench, store, tables.write, toml)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
-    dispatcher = Dispatcher(bench, operation, plans, installation)
+    notes = Notes(events, recording.file)
+    dispatcher = Dispatcher(bench, operation, plans, installation, notes)
     longest = max_request_bytes(config.motor.counts)
     offloaded = {
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
@@ -167,5 +169,5 @@ def show_interrupted_plan(journal: Journal, resumption: Resumption, bench: Bench
     if journal.error:
         bench.events.emit("journal", f"cannot read it: {journal.error}")
     if summary := resumption.summary():
-        bench.plans.show(resumption.view())
+        bench.plans.show(resumption.view(), resumption.mesh())
         bench.events.emit("plan", summary)

@@ -68,7 +68,7 @@ class Rpc:
         self._installation = Installation(service.bench, store, lambda *tables: None, "text", read)
         self._store = store
         service.dispatcher = Dispatcher(
-            service.bench, service.operation, service.plans, self._installation
+            service.bench, service.operation, service.plans, service.notes, self._installation
         )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])
@@ -106,6 +106,7 @@ class Rpc:
         forms: dict[str, dict[str, Any]] = {
             "lease/acquire": {"holder": "fuzz", "force": rng.random() < 0.5},
             "stop": {"by": "fuzz"},
+            "note": {"text": "a note", "by": "fuzz"},
             "set": {"token": token, **_values(rng)},
             "plan/start": {
                 "name": kind,

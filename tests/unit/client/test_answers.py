@@ -16,6 +16,8 @@ from motord.client import Client, ClientError, connect
 from motord.client.decoding import (
     decode_event,
     decode_events,
+    decode_mesh,
+    decode_mesh_or_none,
     decode_plan,
     decode_plan_or_none,
     decode_reply,
@@ -41,7 +43,7 @@ class FalseDaemon:
         self.replies = lambda query: query.reply(query.key_expr, b"{}")
         self.session = zenoh.open(router_config([self.where]))
         self.token = self.session.liveliness().declare_token(f"{ROOT}/alive")
-        for name in ("rpc/**", "state", "event", "plan"):
+        for name in ("rpc/**", "state", "event", "plan", "mesh"):
             self.session.declare_queryable(f"{ROOT}/{name}", self._answer, complete=True)
 
     def _answer(self, query):
@@ -69,6 +71,7 @@ ASKS = {
     "state": Client.state,
     "events": Client.events,
     "plan": Client.plan,
+    "mesh": Client.mesh,
 }
 
 
@@ -138,6 +141,8 @@ DECODERS = {
     "events": decode_events,
     "plan": decode_plan,
     "plan or none": decode_plan_or_none,
+    "mesh": decode_mesh,
+    "mesh or none": decode_mesh_or_none,
     "ticks": decode_ticks,
 }
 json_values = st.recursive(

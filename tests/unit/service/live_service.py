@@ -43,7 +43,9 @@ class LiveService(VirtualService):
         )
         self.events.listeners.append(self.publisher.event)
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
-        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans, installation)
+        self.dispatcher = Dispatcher(
+            self.bench, self.operation, self.plans, self.notes, installation
+        )
         longest = max_request_bytes(self.config.motor.counts)
         offloaded = {
             CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),

@@ -71,6 +71,16 @@ def test_status_as_table_and_as_json(motord):
     assert printed(motord("status", "--json"))["state"] == "OFF"
 
 
+def test_a_note_says_where_it_is(motord, live):
+    live.recording_file = ""
+    assert "the events alone: nothing is being recorded" in motord("note", "fan", "on").stdout
+    live.recording_file = "/runs/cli-000.mcap"
+    assert motord("note", "door open").stdout == "noted in /runs/cli-000.mcap\n"
+    assert printed(motord("note", "x", "--json"))["recording"] == "/runs/cli-000.mcap"
+    assert "fan on" in motord("events", "--no-follow").stdout
+    assert "printable" in failed(motord("note", "a\nb"))
+
+
 def test_watch_shows_states_for_a_while(motord):
     lines = motord("watch", "--json", "--for-s", "0.3").stdout.splitlines()
     assert all(json.loads(line)["bench"] == "cli" for line in lines)

@@ -150,9 +150,12 @@ def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
     with connect(None, gated.remote, who(folder, "ben")) as client:
         assert client.state().state == "OFF"
         assert client.rpc("plan/list")["plans"]
+        assert client.mesh() is None
         with pytest.raises(ClientError, match=r"not permitted for ben \(viewer\)\?") as caught:
             client.rpc("stop")
         assert caught.value.code == "forbidden"
+        with pytest.raises(ClientError, match=r"not permitted for ben"):
+            client.rpc("note", text="a viewer's")
         with pytest.raises(ClientError, match="this daemon has no rpc/dance"):
             client.rpc("dance")
     assert gated.opened.said()[0].endswith("for 1 viewers and 1 operators")

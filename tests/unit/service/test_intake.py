@@ -126,7 +126,7 @@ GUARDED = sorted(name for name in RPCS if RPCS[name].needs_lease)
 
 def test_all_but_these_need_the_lease():
     assert set(RPCS) - set(GUARDED) == {
-        "lease/acquire", "stop", "plan/start", "plan/list", "config",
+        "lease/acquire", "stop", "note", "plan/start", "plan/list", "config",
     }  # fmt: skip
 
 

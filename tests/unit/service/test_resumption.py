@@ -93,11 +93,18 @@ def test_a_plan_goes_on_with_what_is_missing(days):
     assert (view.state, view.over, view.points_done, view.points) == ("interrupted", True, 1, 3)
     assert "interrupted with 1 of 3 points taken; motord plan resume" in again.messages()[-1]
     assert view.run_id == first.bench.plans.view.run_id != ""
+    assert [p.state for p in again.bench.plans.mesh.points] == ["done", "planned", "planned"]
     token = again.acquire()
     answer = again.ask("plan/resume", token=token)
     assert (answer["state"], answer["points_done"], answer["points"]) == ("running", 1, 3)
+    first_error = first.sink.points[0]["rms_error_percent"]
+    shown = again.bench.plans.mesh.points
+    assert [p.state for p in shown] == ["done", "planned", "planned"]
+    assert (shown[0].takes, shown[0].rms_error_percent) == (1, first_error)
     view = run_to_end(again, token)
     assert (view.state, view.points_done, view.points) == ("done", 3, 3)
+    assert [p.state for p in again.bench.plans.mesh.points] == ["done"] * 3
+    assert again.bench.plans.mesh.run_id == view.run_id
     assert [p["index"] for p in [*first.sink.points, *again.sink.points]] == [0, 1, 2]
     assert view.run_id == first.bench.plans.view.run_id
     [(plan, started, notes)] = again.sink.started
@@ -133,6 +140,7 @@ def test_with_an_interrupted_plan_no_other_begins_until_it_is_discarded(days):
     assert service.ask("plan/start", name="calibrate", settings=SHORT, dry_run=True)
     assert service.ask("plan/discard", token=token) == {"plan": "calibrate"}
     assert service.bench.plans.view is None
+    assert service.bench.plans.mesh is None
     assert "interrupted" in refused(service, "plan/resume", token=token)
     assert "no interrupted plan" in refused(service, "plan/discard", token=token)
     start(service, token)

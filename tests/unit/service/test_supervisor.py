@@ -236,6 +236,24 @@ def test_a_bench_is_recorded_from_before_it_was_enabled_until_after_it_no_longer
     assert played.recorders[0].told("start") == []
 
 
+def test_a_note_goes_into_the_file_that_is_being_recorded(played):
+    played.up()
+    assert played.ask("note", text="before")["recording"] == ""
+    played.step(2, State.ENABLED)
+    [start] = played.recorders[0].told("start")
+    name = f"{start['out']}-000.mcap"
+    assert played.ask("note", text="first")["recording"] == name
+    later = f"{start['out']}-001.mcap"
+    played.recorders[0].report(file=later)
+    played.step(1, State.ENABLED)
+    assert played.ask("note", text="second")["recording"] == later
+    notes = [e["content"] for e in played.recorders[0].told("event")]
+    assert [n["message"] for n in notes if n["kind"] == "note"] == ["first", "second"]
+    played.recorders[0].report(recording=False, error="the disk is full")
+    played.step(1, State.ENABLED)
+    assert played.ask("note", text="third")["recording"] == ""
+
+
 def test_a_bench_that_an_external_drive_turns_is_recorded(played):
     played.up()
     played.step(5, State.READY)

@@ -14,6 +14,7 @@ from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
 from motord.service.rpc.dispatcher import Call, Dispatcher
+from motord.service.rpc.notes import Notes
 from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plans import PlanControl
 from motord.virtual import VirtualBench
@@ -132,7 +133,9 @@ class VirtualService:
         self.restarts = 0
         self.operation = ManualOperation(self.bench, self._restart)
         self.plans = PlanControl(self.bench, self.resumption)
-        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans)
+        self.recording_file = ""
+        self.notes = Notes(self.events, lambda: self.recording_file)
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans, self.notes)
         self.bench.loop_up()
         self.step(2)
 

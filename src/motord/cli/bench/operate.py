@@ -62,6 +62,20 @@ def reset(connection: Connection = DEFAULT, force: Force = False, as_json: AsJso
     command("reset", connection, itemgetter("state"), force=force, as_json=as_json)
 
 
+def note(
+    text: Annotated[list[str], typer.Argument(metavar="TEXT", help="What is to be remembered.")],
+    connection: Connection = DEFAULT,
+    as_json: AsJson = False,
+) -> None:
+    """Put a remark with its time into events and recording; needs no lease."""
+    from motord.client import operator
+
+    with connection.open() as client:
+        answer = client.rpc("note", text=" ".join(text), by=operator())
+    where = answer["recording"] or "the events alone: nothing is being recorded"
+    print_answer(answer, f"noted in {where}", as_json)
+
+
 def set_(
     torque_Nm: Annotated[
         float | None, typer.Option("--torque-Nm", metavar="T", help="Torque set-point.")

@@ -22,6 +22,7 @@ from motord.service.host.events import EventLog
 from motord.service.host.log import log_error
 from motord.service.plans.resume import Resumption
 from motord.service.plans.runner import PlanRunner
+from motord.service.plans.torque_error import TorqueError
 from motord.service.setpoint import RAD_PER_TURN, Setpoint
 from motord.shm.mailbox import MailboxWriter
 
@@ -59,7 +60,8 @@ class Bench:
         self.injected = InjectedFaults(config, events)
         self.lease = CommandLease(config.zenoh.lease_s)
         self.manual = ManualControl(config, self.setpoint)
-        self.plans = PlanRunner(self.setpoint, journal)
+        self._torque_error = TorqueError(config)
+        self.plans = PlanRunner(self.setpoint, journal, lambda point: self._torque_error.of(point))
         self.calibrated = False
         self.loop_fault = LOOP_STARTS
         self.loop_starting = True
@@ -170,6 +172,7 @@ class Bench:
         self.manual.rest()
         self.monitor.forget()
         self._watcher, self._pending = TickWatcher(), []
+        self._torque_error = TorqueError(self.config)
         self._state, self._stalled = State.OFF, False
 
     def _expire_lease(self, now_ns: int) -> None:
@@ -249,7 +252,9 @@ class Bench:
         if not self._pending or now_ns - self._updated_ns < UPDATE_NS:
             return
         self._updated_ns = now_ns
-        seen = self._watcher.take(np.concatenate(self._pending))
+        ticks = np.concatenate(self._pending)
+        seen = self._watcher.take(ticks)
+        self._torque_error.update(ticks, seen)
         self._pending.clear()
         try:
             self.plans.look(seen) if self.plans.active else self.manual.update(seen)

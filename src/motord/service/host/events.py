@@ -25,8 +25,8 @@ class EventLog:
         self.listeners: list[Listener] = []
         self._failed: list[Listener] = []  # whose error has been logged
 
-    def emit(self, kind: str, message: str, t_ns: int | None = None, **data: Any) -> None:
-        """Note that something happened, now or at `t_ns` (Unix ns)."""
+    def emit(self, kind: str, message: str, t_ns: int | None = None, **data: Any) -> Event:
+        """Note that something happened, now or at `t_ns` (Unix ns), and return the event."""
         event = Event(
             t_ns=self._unix_ns() if t_ns is None else t_ns, kind=kind, message=message, data=data
         )
@@ -34,6 +34,7 @@ class EventLog:
         _LOG.log(10 * event_level(kind), "%s: %s", kind, _one_line(message))
         for listener in self.listeners:
             self._notify(listener, event)
+        return event
 
     def _notify(self, listener: Listener, event: Event) -> None:
         """Pass an event on; a listener that fails keeps it from nobody else."""

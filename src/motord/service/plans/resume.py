@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from motord.api.errors import RpcError
-from motord.api.messages import PlanView
+from motord.api.messages import MeshView, PlanView
 from motord.config import Config
 from motord.experiments.plans import build as build_plan
 from motord.recorder.launch import RecorderLink
@@ -25,6 +25,7 @@ from motord.recording.reader import open_run_unfinished_or_not
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
 from motord.service.host.events import EventLog
+from motord.service.plans import mesh
 from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote
 from motord.service.plans.journal_file import Journal
 from motord.service.recording.control import RecordingControl
@@ -82,13 +83,27 @@ def _whole_points(path: Path) -> set[int]:
     }
 
 
+def _mesh_of(log: PlanLog, plan: Plan, taken: set[int]) -> MeshView:
+    """Return all points of a plan, with what the journal and `taken` say of them."""
+    whole = mesh.planned(plan.name, log.plan.run_id, plan.points)
+    captures = [
+        point
+        for segment in log.segments
+        for point in segment.points
+        if int(point["index"]) in taken or not final(point)  # else it died with the recorder
+    ]
+    known = mesh.with_captures(whole, captures)
+    return mesh.with_under_way(mesh.with_taken(known, taken), None)
+
+
 @dataclass(frozen=True)
 class RemainingPlan:
-    """What is missing of a plan, which may be nothing."""
+    """What is missing of a plan, which may be nothing; `mesh` has all of its points."""
 
     log: PlanLog
     plan: Plan
     taken: int
+    mesh: MeshView
 
 
 class Resumption:
@@ -229,7 +244,18 @@ class Resumption:
         plan = self._same_plan(log.plan)
         taken = set[int]().union(*map(recorded, log.segments))
         missing = tuple(point for point in plan.points if point.index not in taken)
-        return RemainingPlan(log, plan.part(missing), len(plan.points) - len(missing))
+        mesh = _mesh_of(log, plan, taken)
+        return RemainingPlan(log, plan.part(missing), len(plan.points) - len(missing), mesh)
+
+    def mesh(self) -> MeshView | None:
+        """Return the points of the plan in the journal, None if it cannot be made again."""
+        log = self._journal.log
+        if log is None:
+            return None
+        try:
+            return _mesh_of(log, self._same_plan(log.plan), log.taken)
+        except RpcError:
+            return None
 
     def _same_plan(self, note: PlanNote) -> Plan:
         """Return the whole plan as it was. Raises RpcError if it would not be the same."""

@@ -5,29 +5,40 @@ held by the plan, and losing a lease does not end it. Any other plan ends with t
 is in command.
 """
 
+from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any, Literal
 from uuid import uuid4
 
-from motord.api.messages import PlanView
+from motord.api.messages import MeshView, PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
+from motord.sequencing.motions import Capture
+from motord.service.plans import mesh
 from motord.service.plans.resume import RemainingPlan, Resumption
+from motord.service.plans.torque_error import MeasuredError
 from motord.service.setpoint import RAD_PER_TURN, Setpoint
 
 
 class PlanRunner:
-    """The plan under way, or the last one."""
+    """The plan under way, or the last one; `torque_error` is that of the capture of a point."""
 
-    def __init__(self, setpoint: Setpoint, journal: Resumption) -> None:
+    def __init__(
+        self, setpoint: Setpoint, journal: Resumption, torque_error: Callable[[int], MeasuredError]
+    ) -> None:
         self._setpoint = setpoint
         self._journal = journal
+        self._torque_error = torque_error
         self._executor: Executor | None = None
         self._demand = Demand()
         self._points_passed_on = 0
         self._compensate_before = Compensate(0)
         self._points_before = 0
+        self._under_way: int | None = None
         self.view: PlanView | None = None
         """Progress of the plan under way or of the last one."""
+        self.mesh: MeshView | None = None
+        """Its operating points."""
         self.active = False
 
     @property
@@ -35,9 +46,9 @@ class PlanRunner:
         """True while a detached plan runs."""
         return self.active and self.view is not None and self.view.detached
 
-    def show(self, view: PlanView | None) -> None:
+    def show(self, view: PlanView | None, mesh: MeshView | None) -> None:
         """Show the progress of a plan of which there is no more than that, or of none."""
-        self._executor, self.view = None, view
+        self._executor, self.view, self.mesh = None, view, mesh
 
     def start(
         self,
@@ -62,6 +73,11 @@ class PlanRunner:
             run_id=before.log.plan.run_id if before is not None else uuid4().hex,
             continues=before.log.recordings[-1] if before is not None else "",
         )
+        self.mesh = (
+            before.mesh
+            if before is not None
+            else mesh.planned(plan.name, self.view.run_id, plan.points)
+        )
         self.active = True
         self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
@@ -75,9 +91,7 @@ class PlanRunner:
         if executor is None or not self.active:
             return
         self._apply(executor.advance(seen))
-        for point in executor.points[self._points_passed_on :]:
-            self._journal.plan_point(point)
-        self._points_passed_on = len(executor.points)
+        self._pass_on_points(executor)
         self._show(executor.progress())
         if executor.finished:
             self._finish()
@@ -107,6 +121,21 @@ class PlanRunner:
         self._show({**self._executor.progress(), "state": state, "message": why, "eta_s": 0.0})
         self._finish()
 
+    def _pass_on_points(self, executor: Executor) -> None:
+        new = [self._measured(point) for point in executor.points[self._points_passed_on :]]
+        for point in new:
+            self._journal.plan_point(point)
+        self._points_passed_on = len(executor.points)
+        under_way = mesh.under_way(executor)
+        if self.mesh is not None and (new or under_way != self._under_way):
+            self._under_way = under_way
+            self.mesh = mesh.with_under_way(mesh.with_captures(self.mesh, new), under_way)
+
+    def _measured(self, point: Capture) -> Capture:
+        """Return a captured point with its torque error, as far as that is measured."""
+        errors = asdict(self._torque_error(int(point["index"])))
+        return {**point, **{name: value for name, value in errors.items() if value is not None}}
+
     def _apply(self, demand: Demand) -> None:
         s, before = self._setpoint, self._demand
         s.torque_Nm, s.speed_Hz = demand.torque_Nm, demand.speed_Hz or None
@@ -132,5 +161,7 @@ class PlanRunner:
         self.active = False
         self._setpoint.rest()
         self._setpoint.compensate = self._compensate_before
+        if self.mesh is not None:
+            self.mesh, self._under_way = mesh.with_under_way(self.mesh, None), None
         if self.view is not None:
             self._journal.plan_over(self.view)

@@ -12,6 +12,7 @@ from motord.api.messages import (
     DeviceView,
     Event,
     LeaseView,
+    MeshView,
     PlanView,
     TorqueSensorView,
 )
@@ -22,6 +23,7 @@ from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
 from motord.service.host import scheduling
 from motord.service.host.children import Children
+from motord.service.plans.mesh import window
 from motord.service.publish.telemetry import Telemetry
 from motord.service.recording.control import RecordingControl
 
@@ -32,8 +34,8 @@ STATE_NS = 100_000_000
 class Publisher:
     """Feeds the telemetry, and keeps the newest documents for any thread that asks.
 
-    Ticks are published as they come, state and plan ten times a second and on change. Times are
-    monotonic ns, but for `unix_ns`.
+    Ticks are published as they come, state and plan ten times a second and on change, the mesh on
+    change. Times are monotonic ns, but for `unix_ns`.
     """
 
     bench: Bench
@@ -49,6 +51,7 @@ class Publisher:
     _plan_ns: int = 0
     _change_key: tuple[object, ...] = ()
     _plan: PlanView | None = None
+    _mesh: MeshView | None = None
     _state_json: bytes = b"null"
 
     def step(self, block: np.ndarray, now_ns: int) -> None:
@@ -60,6 +63,10 @@ class Publisher:
             self._state_json = self.state(now_ns).to_json()
             self.telemetry.json("state", self._state_json)
         self._publish_plan(now_ns)
+        mesh, before = self.bench.plans.mesh, self._mesh
+        if mesh is not None and mesh is not before:
+            self._mesh = mesh
+            self.telemetry.json("mesh", window(mesh).to_json())
 
     def event(self, event: Event) -> None:
         """Publish an event."""
@@ -73,6 +80,7 @@ class Publisher:
             "state": lambda: self._state_json,
             "event": lambda: b"[%b]" % b",".join(event.to_json() for event in events.recent()),
             "plan": lambda: view.to_json() if (view := plans.view) is not None else b"null",
+            "mesh": lambda: window(mesh).to_json() if (mesh := plans.mesh) is not None else b"null",
         }
 
     def _publish_plan(self, now_ns: int) -> None:

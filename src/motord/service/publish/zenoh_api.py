@@ -30,6 +30,7 @@ ENCODINGS = {
     "state": JSON,
     "event": JSON,
     "plan": JSON,
+    "mesh": JSON,
 }
 """What is published, and how it is encoded."""
 
@@ -42,7 +43,7 @@ class Api:
     """The Zenoh session of the daemon of `bench`.
 
     `offloaded` has the RPCs with work that must not delay the supervisor. `documents` answer
-    queries for the newest state, events and plan progress. `max_request_bytes` is that of the
+    queries for the newest state, events, plan progress and mesh. `max_request_bytes` is that of the
     longest request; `in_command` tells whether a payload holds the token of the lease in force.
     """
 

@@ -125,6 +125,14 @@ class RecordingControl:
             detail=report.model_dump(include={"ticks", "bytes", "lost"}, exclude_unset=True),
         )
 
+    def file(self) -> str:
+        """Return the file that events go into now, by its final name; "" for none."""
+        recorder = self.recorder
+        if recorder.link is None or recorder.task is None or recorder.error:
+            return ""
+        begun = recorder.recording_task  # else its first report is still to come
+        return recorder.report.file if begun else str(file_name(recorder.task.stem, 0))
+
     def about(self) -> dict[str, Any]:
         """Return the metadata of a recording that begins now."""
         now = {"calibration": self._calibration_id(), "realtime": self._realtime()}

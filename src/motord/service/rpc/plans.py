@@ -110,7 +110,7 @@ class PlanControl:
             self._start_remaining(remaining, context.holder, detached=request.detach)
         else:
             self._resumption.complete()
-            bench.plans.show(self._resumption.view())
+            bench.plans.show(self._resumption.view(), remaining.mesh)
         return self._progress()
 
     def _start_remaining(self, remaining: RemainingPlan, holder: str, *, detached: bool) -> None:
@@ -131,7 +131,7 @@ class PlanControl:
         name = self._resumption.discard()
         message = f"{name} discarded by {context.holder}: it cannot be resumed any more"
         self._bench.events.emit("plan", message)
-        self._bench.plans.show(None)
+        self._bench.plans.show(None, None)
         return PlanName(plan=name)
 
     @handles(rpc.PLAN_LIST)
