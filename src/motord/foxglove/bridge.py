@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from motord.api.messages import BenchState, Event, PlanView
+from motord.api.messages import BenchState, Event, MeshView, PlanView
 from motord.client import Client, ClientError
 from motord.foxglove import topics
 from motord.foxglove.decimation import Decimator
@@ -16,7 +16,8 @@ from motord.wire.ticks.blocks import Block
 
 SILENT_S = 2.0
 """Without a state for so long the daemon counts as gone; ten come a second."""
-LOOK_S = 0.25
+REPEAT_S = 1.0
+"""Documents that come on change are sent again so often."""
 RETRY_S = 1.0
 _PERIOD_NS = round(1e9 / topics.RATE_HZ)
 
@@ -34,6 +35,7 @@ class Feed:
         self._t_ns = 0  # the newest of the bench
         self._shown: tuple[object, ...] = ()
         self._state_ns = self._plan_ns = 0
+        self._newest: dict[str, bytes] = {}
         self.received_s = time.monotonic()
 
     def ticks(self, block: Block) -> None:
@@ -65,7 +67,18 @@ class Feed:
         if not plan.over and 0 <= self._t_ns - self._plan_ns < _PERIOD_NS:
             return
         self._plan_ns = self._t_ns
-        self._server.log(topics.PLAN.name, plan.to_json(), self._t_ns)
+        self._newest[topics.PLAN.name] = plan.to_json()
+        self._server.log(topics.PLAN.name, self._newest[topics.PLAN.name], self._t_ns)
+
+    def mesh(self, mesh: MeshView) -> None:
+        """Send the operating points of a plan; they come when one of them changes."""
+        self._newest[topics.MESH.name] = mesh.to_json()
+        self._server.log(topics.MESH.name, self._newest[topics.MESH.name], self._t_ns)
+
+    def repeat(self) -> None:
+        """Send plan and mesh again, for viewers that came late."""
+        for topic, content in list(self._newest.items()):
+            self._server.log(topic, content, self._t_ns)
 
     def event(self, event: Event) -> None:
         """Send an event."""
@@ -81,10 +94,16 @@ def feed(client: Client, server: FoxgloveServer, stopping: threading.Event) -> N
         client.subscribe_state(one.state),
         client.subscribe_events(one.event),
         client.subscribe_plan(one.plan),
+        client.subscribe_mesh(one.mesh),
         client.subscribe_ticks(one.ticks),
     ):
         server.say_connected()
-        while not stopping.wait(LOOK_S):
+        if (plan := client.plan()) is not None:
+            one.plan(plan)
+        if (mesh := client.mesh()) is not None:
+            one.mesh(mesh)
+        while not stopping.wait(REPEAT_S):
+            one.repeat()
             if time.monotonic() - one.received_s > SILENT_S:
                 raise ClientError("unreachable", f"bench {client.bench} is silent: has it ended?")
 

@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 
-from motord.api.messages import BenchState, PlanView
+from motord.api.messages import BenchState, MeshView, PlanView, PublishedMessage
 from motord.foxglove.decimation import EXTREMES_NAME, extremes_descriptor_set
 from motord.foxglove.json_schema import viewer_schema
 from motord.recording import topics as recorded
@@ -30,7 +30,7 @@ def _recorded(topic: recorded.Topic) -> ServedTopic:
     )
 
 
-def _document(name: str, title: str, model: type[BenchState] | type[PlanView]) -> ServedTopic:
+def _document(name: str, title: str, model: type[PublishedMessage]) -> ServedTopic:
     schema = json.dumps(viewer_schema(model, title)).encode()
     return ServedTopic(name, recorded.JSON, title, recorded.JSON_SCHEMA, schema)
 
@@ -46,4 +46,5 @@ EXTREMES = ServedTopic(
 STATE = _document("/state", "motord.State", BenchState)
 EVENT = _recorded(recorded.EVENTS)
 PLAN = _document("/plan", "motord.Plan", PlanView)
-SERVED = (TICK, EXTREMES, STATE, EVENT, PLAN)
+MESH = _document("/mesh", "motord.Mesh", MeshView)
+SERVED = (TICK, EXTREMES, STATE, EVENT, PLAN, MESH)

@@ -51,13 +51,14 @@ def in_any_second(times_ns):
 
 def test_topics_are_advertised_with_their_schemas(server):
     with Viewer(server.url) as viewer:
-        wanted = {"/tick", "/tick_extremes", "/state", "/event", "/plan"}
+        wanted = {"/tick", "/tick_extremes", "/state", "/event", "/plan", "/mesh"}
         viewer.receive_until(lambda: wanted <= viewer.channels.keys(), "topics")
         assert viewer.info["name"] == "motord test"
         assert viewer.info["capabilities"] == ["parameters", "parametersSubscribe"]  # no commands
         assert {t: c["schemaName"] for t, c in viewer.channels.items()} == {
             "/tick": "motord.Tick", "/tick_extremes": "motord.TickExtremes",
             "/state": "motord.State", "/event": "foxglove.Log", "/plan": "motord.Plan",
+            "/mesh": "motord.Mesh",
         }  # fmt: skip
 
 
