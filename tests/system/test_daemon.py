@@ -74,6 +74,11 @@ def test_a_run_by_hand_from_enable_to_sigterm(running):
     assert (np.diff(live["tick"].astype(int)) >= 1).all()
     kinds = [event["kind"] for event in run.events()]
     assert {"lease", "request", "state", "daemon"} <= set(kinds)
+    names = [state["state"] for state in run.states()]
+    assert names[0] == "OFF"
+    assert "ENABLED" in names
+    assert names[-1] == "OFF"
+    assert {"anna", ""} == {state["holder"] for state in run.states()}
     assert run.metadata["bench"] == "system"
     assert "[motor]" in run.metadata["config"]
 

@@ -122,6 +122,21 @@ class LoopView(PublishedMessage):
     age_s: float | None  # of the newest tick
 
 
+class LinksView(PublishedMessage):
+    """The links to bridge and inverter, over the last second or, `errors`, since the loop started.
+
+    errors: frames lost or corrupt, both links together; without_*: ticks in which nothing new had
+    come, as in every other one of an inverter that sends half as often.
+    """
+
+    errors: int
+    errors_last_s: int
+    ticks_last_s: int
+    without_encoder_last_s: int
+    without_inverter_last_s: int
+    bus_off: bool
+
+
 Health = Literal["none", "simulated", "ok", "failing", "stale"]
 """Of a slow device; `failing` does not answer now, `stale` has not for its `stale_after_s`."""
 
@@ -272,6 +287,8 @@ class BenchState(PublishedMessage):
     lease: LeaseView
     plan: PlanView | None
     loop: LoopView
+    ages: dict[str, float] = {}  # s, by signal; see docs/api.md
+    links: LinksView | None = None  # None without a loop
     realtime: dict[str, Any]
     recording: RecordingView
     calibration: CalibrationView | None

@@ -124,6 +124,51 @@ class InstalledCalibration(RpcReply):
     created: Text = ""
 
 
+Interval = Annotated[list[Number], Field(min_length=2, max_length=2)]
+"""From, to."""
+
+
+class CalibrationEntry(RpcReply):
+    """A calibration in `calibration/list`; `motor` is what has to agree with `[motor]`."""
+
+    id: Text
+    created: Text
+    age_s: Number
+    age: Text
+    method: Text
+    motor: dict[str, Any]
+    in_force: bool
+    path: Text
+
+
+class CalibrationList(RpcReply):
+    """`calibration/list`: the newest first; `unreadable` says which files are none, and why."""
+
+    calibrations: list[CalibrationEntry]
+    unreadable: list[Text]
+
+
+class CalibrationDetails(CalibrationEntry):
+    """`calibration/show`: as in the file, with 95 % intervals and the cogging torque in short."""
+
+    runs: list[str]
+    alpha: list[Number]
+    alpha_stderr: list[Number]
+    alpha_95: list[Interval]
+    beta_A: list[Number]
+    beta_stderr_A: list[Number]
+    beta_95_A: list[Interval]
+    delta_epsilon: Number
+    delta_epsilon_source: str
+    condition_number: Number
+    observable: list[str]
+    learned: bool
+    rms_error_percent: dict[str, Any]
+    tau_cog_harmonics: list[dict[str, Any]]
+    angle_rad: list[Number]
+    tau_cog_Nm: list[Number]
+
+
 class ErrorReply(RpcReply):
     """The body of an error reply."""
 

@@ -41,7 +41,7 @@ class RpcRequest(BaseModel):
 
 
 class NoArguments(RpcRequest):
-    """`config`, `plan/list`: nothing."""
+    """`config`, `plan/list`, `calibration/list`: nothing."""
 
 
 class LeaseAcquire(RpcRequest):
@@ -131,6 +131,12 @@ class CalibrationInstall(WithToken):
         return self
 
 
+class CalibrationShow(RpcRequest):
+    """`calibration/show`: which, by its id; "" is the one in force."""
+
+    id: Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")] = ""
+
+
 RequestT = TypeVar("RequestT", bound=RpcRequest)
 ReplyT = TypeVar("ReplyT", bound=RpcReply)
 
@@ -166,6 +172,8 @@ PLAN_DISCARD = Rpc("plan/discard", WithToken, replies.PlanName)
 PLAN_LIST = Rpc("plan/list", NoArguments, replies.PlanList)
 CONFIG = Rpc("config", NoArguments, replies.ConfigReply)
 CALIBRATION_INSTALL = Rpc("calibration/install", CalibrationInstall, replies.InstalledCalibration)
+CALIBRATION_LIST = Rpc("calibration/list", NoArguments, replies.CalibrationList)
+CALIBRATION_SHOW = Rpc("calibration/show", CalibrationShow, replies.CalibrationDetails)
 
 RPCS: dict[str, Rpc[Any, Any]] = {
     value.name: value for value in tuple(globals().values()) if isinstance(value, Rpc)

@@ -1,16 +1,14 @@
 """`motord calibration`: calibration files, and which of them the daemon applies."""
 
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
-
-if TYPE_CHECKING:
-    from motord.calibration import Calibration
 
 app = group("Show calibration files, list those kept, install one.")
 
@@ -21,12 +19,27 @@ def show(
         Path | None,
         typer.Argument(metavar="[FILE]", help="A calibration file; default: the one in force."),
     ] = None,
+    calibration_id: Annotated[
+        str | None,
+        typer.Option("--id", metavar="ID", help="Ask the daemon for one that it keeps."),
+    ] = None,
     connection: Connection = DEFAULT,
     as_json: AsJson = False,
 ) -> None:
-    """Check a calibration file, or that which the daemon applies, and show what is in it."""
+    """Check a calibration file, or that which the daemon applies, and show what is in it.
+
+    With --id the daemon reads it, which may be on another machine; its JSON has 95 % intervals and
+    at most 2048 values of the cogging torque.
+    """
     from motord.calibration import load
 
+    if calibration_id is not None:
+        if file is not None:
+            raise typer.BadParameter("give a file or --id")
+        with connection.open() as client:
+            kept = client.rpc("calibration/show", id=calibration_id)
+        print_result(kept, "\n".join(_lines(kept, kept["age"])), as_json)
+        return
     if file is None:
         with connection.open() as client:
             view = client.state().calibration
@@ -34,7 +47,8 @@ def show(
             fail("no calibration is in force; name a file, or install one")
         file = Path(view.path)
     calibration = load(file)
-    print_result(calibration.to_json(), "\n".join(_lines(calibration)), as_json)
+    content = calibration.to_json()
+    print_result(content, "\n".join(_lines(content, calibration.age())), as_json)
 
 
 @app.command("list")
@@ -47,23 +61,32 @@ def list_(
     as_json: AsJson = False,
 ) -> None:
     """List the calibrations that the daemon keeps, or those in a folder; * is in force."""
-    in_force = ""
-    if directory is None:
-        with connection.open() as client:
-            view = client.state().calibration
-        if view is None:
-            print_answer([], "no calibration is in force", as_json)
-            return
-        directory, in_force = Path(view.path).parent, view.id
-    rows = _rows(directory, in_force)
+    rows = _kept(connection) if directory is None else _rows(directory)
     lines = [
         f"{' *'[row['in_force']]} {row['id']}  {row['age']} old  {row['motor']}  {row['file']}"
         for row in rows
     ]
-    print_result(rows, "\n".join(lines) or f"no calibration in {directory}", as_json)
+    where = f"no calibration in {directory}" if directory else "no calibration is kept"
+    print_result(rows, "\n".join(lines) or where, as_json)
 
 
-def _rows(directory: Path, in_force: str) -> list[dict[str, Any]]:
+def _kept(connection: Connection) -> list[dict[str, Any]]:
+    """Return the calibrations that the daemon keeps, the newest first."""
+    with connection.open() as client:
+        found = client.rpc("calibration/list")["calibrations"]
+    return [
+        {
+            **{name: one[name] for name in ("id", "created", "age")},
+            "motor": one["motor"]["name"],
+            "method": one["method"],
+            "file": one["path"],
+            "in_force": one["in_force"],
+        }
+        for one in found
+    ]
+
+
+def _rows(directory: Path) -> list[dict[str, Any]]:
     """Return the calibrations in a folder, the newest first; other files are passed over."""
     from motord.calibration import CalibrationError, load
 
@@ -84,7 +107,7 @@ def _rows(directory: Path, in_force: str) -> list[dict[str, Any]]:
             "motor": calibration.motor.name,
             "method": calibration.method,
             "file": str(path),
-            "in_force": calibration.id == in_force,
+            "in_force": False,
         }
         for calibration, path in found
     ]
@@ -109,32 +132,33 @@ def install(
     print_answer(answer, f"{answer['id']} is in force, kept in {answer['path']}", as_json)
 
 
-def _lines(c: "Calibration") -> list[str]:
-    motor = c.motor
+def _lines(c: dict[str, Any], age: str) -> list[str]:
+    """Return the content of a calibration file, or the daemon's answer, in words."""
+    motor = c["motor"]
     lines = [
-        f"calibration  {c.id}, {c.age()} old ({c.created:%Y-%m-%d %H:%M} UTC)",
-        f"motor        {motor.name} {motor.serial}: {motor.slots} slots, {2 * motor.pole_pairs} "
-        f"poles, {motor.counts} counts, {motor.rated_torque_Nm:g} Nm, {motor.connection}",
-        f"method       {c.method}, condition number {c.condition_number:.3g}",
-        f"recordings   {', '.join(c.runs)}",
+        f"calibration  {c['id']}, {age} old ({datetime.fromisoformat(c['created']):%Y-%m-%d %H:%M} "
+        "UTC)",
+        f"motor        {motor['name']} {motor['serial']}: {motor['slots']} slots, "
+        f"{2 * motor['pole_pairs']} poles, {motor['counts']} counts, "
+        f"{motor['rated_torque_Nm']:g} Nm, {motor['connection']}",
+        f"method       {c['method']}, condition number {c['condition_number']:.3g}",
+        f"recordings   {', '.join(c['runs'])}",
     ]
     lines += [
-        f"phase {'abc'[phase]}      alpha {c.alpha[phase]:.4f} +- "
-        f"{1.96 * c.alpha_stderr[phase]:.4f}, beta {c.beta_A[phase]:+.4f} +- "
-        f"{1.96 * c.beta_stderr_A[phase]:.4f} A"
+        f"phase {'abc'[phase]}      alpha {c['alpha'][phase]:.4f} +- "
+        f"{1.96 * c['alpha_stderr'][phase]:.4f}, beta {c['beta_A'][phase]:+.4f} +- "
+        f"{1.96 * c['beta_stderr_A'][phase]:.4f} A"
         for phase in range(3)
     ]
-    lines.append(f"delta eps    {c.delta_epsilon:.4f} ({c.delta_epsilon_source})")
+    lines.append(f"delta eps    {c['delta_epsilon']:.4f} ({c['delta_epsilon_source']})")
     lines += [
-        f"order {h.order:4d}   {1e3 * h.amplitude_Nm:.2f} +- {1.96e3 * h.stderr_Nm:.2f} mNm, "
-        f"phase {h.phase_rad:+.3f} rad"
-        for h in c.tau_cog_harmonics
+        f"order {h['order']:4d}   {1e3 * h['amplitude_Nm']:.2f} +- {1.96e3 * h['stderr_Nm']:.2f} "
+        f"mNm, phase {h['phase_rad']:+.3f} rad"
+        for h in c["tau_cog_harmonics"]
     ]
-    for name, summary in (
-        ("before", c.rms_error_percent.before),
-        ("after", c.rms_error_percent.after),
-    ):
-        if summary is not None:
-            lines.append(f"RMS {name:<8} {summary.mean:.2f} % mean, {summary.max:.2f} % worst")
-    lines += [f"- {words}" for words in c.observable]
+    for name in ("before", "after"):
+        if summary := c["rms_error_percent"][name]:
+            mean, worst = summary["mean"], summary["max"]
+            lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
+    lines += [f"- {words}" for words in c["observable"]]
     return lines

@@ -47,6 +47,9 @@ def _carry_out(session: Session, command: Command, now_s: float) -> None:
         case "event":
             event = checked_event(_timed(command))
             session.write(lambda writer: writer.event(**event))
+        case "state":
+            state = _timed(command)
+            session.write(lambda writer: writer.state(state["t_ns"], state))
         case "plan":
             progress = _timed(command)
             session.write(lambda writer: writer.plan(progress["t_ns"], progress))

@@ -77,6 +77,10 @@ class RecorderLink:
         content = {"kind": kind, "message": message, "data": data or {}}
         self._send({"do": "event", "t_ns": t_ns, "content": content})
 
+    def state(self, t_ns: int, state: Mapping[str, object]) -> None:
+        """Record the bench's state by name."""
+        self._send({"do": "state", "t_ns": t_ns, "content": state})
+
     def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
         """Record a plan's progress."""
         self._send({"do": "plan", "t_ns": t_ns, "content": progress})

@@ -107,6 +107,10 @@ class Run:
         """Return the events in the order in which they were written."""
         return self._objects(topics.EVENTS)
 
+    def states(self) -> list[dict[str, Any]]:
+        """Return the bench's states by name, in order; none in files from before they had them."""
+        return self._objects(topics.STATES)
+
     def plan(self) -> list[dict[str, Any]]:
         """Return the plan's messages in the order in which they were written."""
         return self._objects(topics.PLANS)

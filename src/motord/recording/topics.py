@@ -117,5 +117,27 @@ OPERATING_POINTS = _json_topic(
         "mean_error_percent": _property("number", "mean of the same, if the sensor passes it"),
     },
 )
-ALL = (TICKS, TRUTHS, EVENTS, PLANS, OPERATING_POINTS)
+STATES = _json_topic(
+    6,
+    "/state",
+    "motord.State",
+    {
+        "state": _property("string", "OFF, READY, ENABLED or TRIPPED"),
+        "fault": _property("string", "what is wrong with the bench, or nothing"),
+        "trips": {
+            "type": "array",
+            "items": {"type": "string"},
+            "description": "latched causes; in OFF: what bars enabling",
+        },
+        "first_trip": _property("string", "the first cause"),
+        "holder": _property("string", "who is in command, or nobody"),
+        "plan": _property("string", "plan under way, or none"),
+        "plan_state": _property("string", "running, pausing, paused or ending"),
+        "torque_Nm": _property("number", "torque set-point"),
+        "speed_Hz": _property("number", "speed that the brake holds, turns a second; 0: none"),
+        "drive_Hz": _property("number", "speed of the external drive, turns a second"),
+        "compensate": _property("integer", "what is compensated: 1 currents, 2 cogging, 4 learned"),
+    },
+)
+ALL = (TICKS, TRUTHS, EVENTS, PLANS, OPERATING_POINTS, STATES)
 """All topics. Their numbers are promises: a file whose beginning is damaged is read by them."""

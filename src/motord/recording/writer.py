@@ -101,6 +101,10 @@ class RunWriter:
         """Write an event: what happened at `t_ns` (Unix ns), of which kind, with particulars."""
         self._message(topics.EVENTS, t_ns, event_message(t_ns, kind, message, data))
 
+    def state(self, t_ns: int, state: Mapping[str, object]) -> None:
+        """Write the bench's state by name, which it has from `t_ns` (Unix ns) on."""
+        self._message(topics.STATES, t_ns, state)
+
     def plan(self, t_ns: int, progress: Mapping[str, object]) -> None:
         """Write a plan's progress at `t_ns` (Unix ns)."""
         self._message(topics.PLANS, t_ns, progress)

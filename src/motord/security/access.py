@@ -13,7 +13,7 @@ from motord.security.roles import Role
 
 WATCHED = ("state", "tick", "ticks", "event", "plan", "mesh")
 """Keys that are subscribed to, or asked for the newest."""
-READ = ("rpc/plan/list", "rpc/config")
+READ = ("rpc/plan/list", "rpc/config", "rpc/calibration/list", "rpc/calibration/show")
 """Requests that change nothing."""
 COMMANDS = "rpc/**"
 

@@ -5,7 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
+from motord.api.requests import (
+    CALIBRATION_INSTALL,
+    CALIBRATION_LIST,
+    CALIBRATION_SHOW,
+    PLAN_RESUME,
+    max_request_bytes,
+)
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config
 from motord.control import parameters
@@ -24,11 +30,13 @@ from motord.service.host.systemd import Notifier
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
 from motord.service.processes import PROCESSES
+from motord.service.publish.named_state import named_state
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
 from motord.service.rpc.notes import Notes
@@ -76,6 +84,7 @@ def build(
         calibration_id=store.current_id,
         realtime=loop.realtime,
         driven=lambda: bench.setpoint.drive_Hz != 0.0,
+        state=lambda now_ns: named_state(bench, now_ns),
         on_plan_unrecorded=lambda why: bench.plans.abort(why),
     )
     boxes = BlackBoxTrigger(config, events, recording.about, clock.now_ns)
@@ -104,11 +113,13 @@ def build(
     plans = PlanControl(bench, resumption, recording.obstacle)
     installation = Installation(bench, store, tables.write, toml)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
-    notes = Notes(events, recording.file)
-    dispatcher = Dispatcher(bench, operation, plans, installation, notes)
+    kept, notes = CalibrationFiles(store), Notes(events, recording.file)
+    dispatcher = Dispatcher(bench, operation, plans, installation, kept, notes)
     longest = max_request_bytes(config.motor.counts)
     offloaded = {
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+        CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
+        CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
         PLAN_RESUME.name: Offloaded(plans.read_remaining),
     }
     api = Api(

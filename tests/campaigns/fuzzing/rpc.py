@@ -18,7 +18,8 @@ from motord.config.experiments import plan_kinds
 from motord.schema import Trip
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.rpc.calibration import Installation
-from motord.service.rpc.calibration_reader import read
+from motord.service.rpc.calibration_files import CalibrationFiles
+from motord.service.rpc.calibration_reader import read, read_files
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from tests.campaigns.fuzzing.mutate import (
     ODD_NUMBERS,
@@ -32,7 +33,10 @@ from tests.unit.service.virtual_service import VirtualService
 
 CODES = set(get_args(Code))
 STATES = ("off", "enabled", "turning", "plan", "tripped")
-FREE = {"stop", "plan/list", "config", "lease/acquire", "plan/start"}
+FREE = (
+    "lease/acquire", "stop", "note", "plan/start", "plan/list", "config", "calibration/list",
+    "calibration/show",
+)  # fmt: skip
 """Need no token: stop; those that change nothing; a lease to be had; a plan's dry run."""
 NEW_AFTER = 200
 WAIT_STEPS = 400
@@ -66,9 +70,15 @@ class Rpc:
         service = self.service = VirtualService()
         store = CalibrationStore(service.config, Path(self._folder.name))
         self._installation = Installation(service.bench, store, lambda *tables: None, "text", read)
-        self._store = store
+        self._store, kept = store, CalibrationFiles(store, read_files)
+        self._prepare = {
+            "calibration/install": self._installation.prepare,
+            "calibration/list": kept.prepare_list,
+            "calibration/show": kept.prepare_show,
+        }
         service.dispatcher = Dispatcher(
-            service.bench, service.operation, service.plans, service.notes, self._installation
+            *(service.bench, service.operation, service.plans, service.notes),
+            *(self._installation, kept),
         )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])
@@ -116,6 +126,8 @@ class Rpc:
             },
             "plan/list": {},
             "config": {},
+            "calibration/list": {},
+            "calibration/show": {"id": rng.choice(("", "0123", self._calibration["id"]))},
             "calibration/install": rng.choice(
                 (
                     {"token": token, "calibration": mutate_json(rng, self._calibration)},
@@ -144,8 +156,8 @@ class Rpc:
         before = self._snapshot()
         in_force = self.token
         try:
-            if name == "calibration/install":
-                request, prepared = self._installation.prepare(payload)
+            if name in self._prepare:
+                request, prepared = self._prepare[name](payload)
             else:
                 request, prepared = parse(RPCS[name], payload), None
             call = Call(name, request, prepared)

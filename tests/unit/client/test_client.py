@@ -194,7 +194,9 @@ def test_whatever_comes_in_is_answered_with_json(live, name, payload):
     if reply.err is not None:
         assert json.loads(content).keys() == {"code", "message"}
     else:
-        assert (payload, name) in [(b"", n) for n in ("stop", "plan/list", "config")]
+        assert (payload, name) in [
+            (b"", n) for n in ("stop", "plan/list", "config", "calibration/list")
+        ]
 
 
 def test_a_wildcard_commands_nothing(live, client):

@@ -43,6 +43,7 @@ def test_all_of_it_reads_back():
     [point] = run.operating_points()
     assert (point["torque_Nm"], point["speed_Hz"], point["quality"]) == (2.0, 1.5, "ok")
     assert (point["tick_start"], point["tick_end"]) == (295, 434)
+    assert run.states() == []
 
 
 @pytest.mark.parametrize("whole_chunks", [0, 1, 4])

@@ -82,6 +82,23 @@ def test_the_mcap_library_reads_the_same_content(tmp_path, compression, make_rea
     }  # fmt: skip
 
 
+def test_states_by_name_follow_a_schema_of_plain_types(tmp_path):
+    path = tmp_path / "run.mcap"
+    with RunWriter(path, METADATA) as writer:
+        writer.ticks(tick_block(10))
+        writer.state(START_NS, {"state": "ENABLED", "trips": [], "holder": "anna"})
+    [state] = open_run(path).states()
+    assert state == {"t_ns": START_NS, "state": "ENABLED", "trips": [], "holder": "anna"}
+    with path.open("rb") as file:
+        [(schema, channel, message)] = [
+            found for found in SeekingReader(file).iter_messages() if found[1].topic == "/state"
+        ]
+    assert (schema.name, channel.message_encoding) == ("motord.State", "json")
+    assert message.log_time == START_NS
+    properties = json.loads(schema.data)["properties"]
+    assert {type(one["type"]) for one in properties.values()} == {str}  # as viewers understand
+
+
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_indexes_and_statistics_agree_with_the_chunks(tmp_path, compression):
     path = tmp_path / "run.mcap"

@@ -5,13 +5,20 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 from motord.api.messages import RecordingView
-from motord.api.requests import CALIBRATION_INSTALL, PLAN_RESUME, max_request_bytes
+from motord.api.requests import (
+    CALIBRATION_INSTALL,
+    CALIBRATION_LIST,
+    CALIBRATION_SHOW,
+    PLAN_RESUME,
+    max_request_bytes,
+)
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.rpc.calibration import Installation
-from motord.service.rpc.calibration_reader import read
+from motord.service.rpc.calibration_files import CalibrationFiles
+from motord.service.rpc.calibration_reader import read, read_files
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
 from tests.support.ports import free_port
@@ -43,12 +50,15 @@ class LiveService(VirtualService):
         )
         self.events.listeners.append(self.publisher.event)
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
+        kept, self.store = CalibrationFiles(store, read_files), store
         self.dispatcher = Dispatcher(
-            self.bench, self.operation, self.plans, self.notes, installation
+            self.bench, self.operation, self.plans, self.notes, installation, kept
         )
         longest = max_request_bytes(self.config.motor.counts)
         offloaded = {
             CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+            CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
+            CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
             PLAN_RESUME.name: Offloaded(self.plans.read_remaining),
         }
         self.api = Api(

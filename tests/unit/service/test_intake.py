@@ -126,7 +126,8 @@ GUARDED = sorted(name for name in RPCS if RPCS[name].needs_lease)
 
 def test_all_but_these_need_the_lease():
     assert set(RPCS) - set(GUARDED) == {
-        "lease/acquire", "stop", "note", "plan/start", "plan/list", "config",
+        "lease/acquire", "stop", "note", "plan/start", "plan/list", "config", "calibration/list",
+        "calibration/show",
     }  # fmt: skip
 
 
@@ -325,7 +326,7 @@ def test_a_calibration_is_read_at_the_priority_of_ordinary_programs(monkeypatch,
     monkeypatch.setattr(os, "getpriority", lambda which, who: inherited)
     monkeypatch.setattr(os, "nice", increments.append)
     monkeypatch.setattr(resource, "setrlimit", lambda *limits: None)
-    payload = pickle.dumps((b"no request", config.load().motor))
+    payload = pickle.dumps(("request", (b"no request", config.load().motor)))
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(payload)))
     monkeypatch.setattr(sys, "stdout", SimpleNamespace(buffer=answers))
     assert calibration_reader.main() == 0

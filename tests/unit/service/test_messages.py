@@ -32,6 +32,8 @@ VALID = {
     "plan/discard": {"token": "t"},
     "plan/list": {},
     "config": {},
+    "calibration/list": {},
+    "calibration/show": {"id": "0123abcd"},
     "calibration/install": {"token": "t", "calibration": {"id": "x"}},
 }
 

@@ -254,6 +254,32 @@ def test_a_note_goes_into_the_file_that_is_being_recorded(played):
     assert played.ask("note", text="third")["recording"] == ""
 
 
+def test_the_state_by_name_goes_into_every_file_from_its_beginning(played):
+    played.up()
+    played.step(300)
+    played.step(2, State.ENABLED)
+    recorder = played.recorders[0]
+    told = recorder.told()
+    [start] = [c for c in told if c["do"] == "start"]
+    states = [(c["t_ns"], c["content"]["state"]) for c in told if c["do"] == "state"]
+    assert [name for _, name in states] == ["OFF", "ENABLED"]
+    seconds = (states[1][0] - states[0][0]) / 1e9
+    assert 0.0 < seconds < 10.0  # the played loop has no clock
+    token = played.ask("lease/acquire", holder="anna")["token"]
+    assert recorder.told("state")[-1]["content"]["holder"] == "anna"
+    played.step(2, State.ENABLED)
+    assert recorder.told("state")
+    recorder.report(file=f"{start['out']}-000.mcap")
+    played.step(5, State.ENABLED)
+    assert recorder.told("state") == []
+    recorder.report(file=f"{start['out']}-001.mcap")
+    played.step(2, State.ENABLED)
+    [again] = recorder.told("state")
+    assert (again["content"]["state"], again["content"]["holder"]) == ("ENABLED", "anna")
+    played.ask("lease/release", token=token)
+    assert recorder.told("state")[-1]["content"]["holder"] == ""
+
+
 def test_a_bench_that_an_external_drive_turns_is_recorded(played):
     played.up()
     played.step(5, State.READY)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_text
-from motord.api.messages import LoopView, TickView, TripReport, TripView
+from motord.api.messages import LinksView, LoopView, TickView, TripReport, TripView
 from motord.config import Config
 from motord.schema import State, Trip
+from motord.service.bench import link_health
 from motord.service.bench.recent_ticks import RecentTicks
 from motord.service.bench.trip_report import trip_values
 from motord.service.host.events import EventLog
@@ -59,6 +60,11 @@ class TickMonitor:
     def trip_bits(self) -> int:
         """Latched causes; in OFF, the conditions that prevent enabling."""
         return self._newest("trip_bits")
+
+    @property
+    def first_trip(self) -> int:
+        """The first of the latched causes, as a bit; 0 without any."""
+        return self._newest("first_trip")
 
     @property
     def setpoint_seq(self) -> int:
@@ -169,10 +175,9 @@ class TickMonitor:
     def trips(self) -> tuple[list[TripView], str]:
         """Return the causes that are latched (in OFF: that prevent enabling) and the first one."""
         bits = self.trip_bits
-        first = self._newest("first_trip")
         causes = [Trip[name] for name in trip_names(bits)]
         views = [TripView(name=str(t.name), meaning=TRIP_MEANING[t]) for t in causes]
-        return views, "".join(trip_names(first)[:1])
+        return views, "".join(trip_names(self.first_trip)[:1])
 
     def tick_view(self) -> TickView | None:
         """Return the newest tick in short."""
@@ -197,6 +202,17 @@ class TickMonitor:
     def _ripple_Nm(self) -> float | None:
         with np.errstate(invalid="ignore"):  # the measured torque may be anything
             return _finite(np.std(self._recent.last_second("torque_Nm").astype(float)))
+
+    def ages_s(self, now_ns: int) -> dict[str, float]:
+        """Return the age (s) of each signal of the loop; {} without a loop."""
+        if self.last is None:
+            return {}
+        read_s = (now_ns - self.read_ns) / 1e9
+        return link_health.ages_s(self._recent.last_second, self._rate_Hz, read_s)
+
+    def links_view(self) -> LinksView | None:
+        """Return the errors of the loop's links; None without a loop."""
+        return link_health.links(self._recent.last_second) if self.last is not None else None
 
     def loop_view(self, now_ns: int) -> LoopView:
         """Return the timing of the loop."""

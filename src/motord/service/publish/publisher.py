@@ -124,6 +124,8 @@ class Publisher:
             ),
             plan=bench.plans.view,
             loop=bench.monitor.loop_view(now_ns),
+            ages=ages_s(bench, now_ns),
+            links=bench.monitor.links_view(),
             realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
             recording=self.recording.view(),
             calibration=self.calibrations.view(),
@@ -134,6 +136,13 @@ class Publisher:
             faults=dict(self.guard.faults),
             telemetry_dropped=self.telemetry.dropped,
         )
+
+
+def ages_s(bench: Bench, now_ns: int) -> dict[str, float]:
+    """Return the age (s) of every signal that there is: of the loop, and of slow devices."""
+    devices = {name: device.view(now_ns).age_s for name, device in bench.devices.items()}
+    known = {name: age_s for name, age_s in devices.items() if age_s is not None}
+    return {**bench.monitor.ages_s(now_ns), **known}
 
 
 def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceView:

@@ -24,6 +24,7 @@ from motord.sequencing import Plan
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.recording.session import RecorderSession, RecordingTask
+from motord.service.recording.state_log import Destination, NamedState, StateLog
 from motord.service.recording.timing_log import TimingLog
 
 BEFORE_S = 2.0
@@ -40,7 +41,8 @@ class RecordingControl:
 
     The loop counts its timing in the file `timing`. `calibration_id` and `realtime` go into the
     metadata of the next recording; `driven` says whether the external drive turns the bench;
-    `on_plan_unrecorded` is called with the reason when a plan has to end.
+    `state` is recorded whenever it changes; `on_plan_unrecorded` is called with the reason when a
+    plan has to end.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class RecordingControl:
         calibration_id: Callable[[], str] = str,
         realtime: Callable[[], dict[str, Any]] = dict,
         driven: Callable[[], bool] = bool,
+        state: Callable[[int], NamedState] | None = None,
         on_plan_unrecorded: Callable[[str], None] = lambda why: None,
     ) -> None:
         self._config = config
@@ -67,6 +70,7 @@ class RecordingControl:
         self._enabled = self._loop_up = False
         self.recorder = RecorderSession(children, events, unix_ns)
         self._timing = TimingLog(timing, self.recorder.event)
+        self._states, self._state = StateLog(self.recorder.state), state
         self._calibration_id, self._realtime = calibration_id, realtime
         self._driven, self._on_plan_unrecorded = driven, on_plan_unrecorded
 
@@ -106,6 +110,7 @@ class RecordingControl:
         self._check_plan(now_ns)
         if self.recorder.link is not None and self.recorder.task is not None:
             self._timing.step(self._unix_ns())
+        self._log_state(now_ns)
         self.recorder.step(now_ns)
 
     def stop(self) -> None:
@@ -174,6 +179,14 @@ class RecordingControl:
             self._begin("", {})
         else:
             self.end(f"plan {view.plan} {view.state}")
+
+    def _log_state(self, now_ns: int) -> None:
+        if self._state is None:
+            return
+        task, file = self.recorder.task, self.file()
+        destination = Destination(str(task.stem), file) if task is not None and file else None
+        before_ns = round(BEFORE_S * 1e9)
+        self._states.step(self._state(now_ns), destination, self._unix_ns(), before_ns)
 
     def _follow_power(self, block: np.ndarray, now_ns: int) -> None:
         """Begin and end the recordings of manual operation."""

@@ -121,6 +121,11 @@ class RecorderSession:
         else:
             self.link.event(event.t_ns, event.kind, event.message, event.data)
 
+    def state(self, t_ns: int, state: Mapping[str, Any]) -> None:
+        """Record the bench's state by name at `t_ns` (Unix ns), if something is recorded."""
+        if self.link is not None and self.task is not None:
+            self.link.state(t_ns, state)
+
     def stop(self) -> None:
         """End the process, once it has closed its file or `CLOSE_S` is over."""
         if self.link is not None:

@@ -1,4 +1,4 @@
-"""Reads the calibration of a request in a process of its own.
+"""Reads calibrations, of a request and on disk, in a process of its own.
 
 Parsing megabytes in the supervisor would delay its heartbeat. Input and output are pickled: both
 ends of the pipe are this module.
@@ -9,24 +9,34 @@ import pickle
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
 
 from motord.api.errors import RpcError
+from motord.api.replies import CalibrationDetails
 from motord.api.requests import (
     CALIBRATION_INSTALL,
     max_request_bytes,
     parse,
 )
-from motord.calibration import Calibration, CalibrationError
+from motord.calibration import Calibration, CalibrationError, load
 from motord.config import MotorConfig
 from motord.service.bench.calibrations import check_given
+from motord.service.rpc.calibration_details import details
 
 READ_S = 30.0
 """Reading takes a second or two, most of it to start the process."""
+FILES_S = 20.0
+"""Files on disk that are not read by then are left for the next request."""
 MEMORY_BYTES = 1024**3
 """For the process and what it makes of the longest calibration, several times over."""
 Read = Callable[[bytes, MotorConfig], tuple[str, Calibration]]
 """Returns token and calibration of a request to install one. Raises RpcError."""
+ReadFiles = Callable[[Sequence[Path]], dict[Path, CalibrationDetails | str]]
+"""Returns what is in each file, or why that cannot be read, as far as there is time. Raises
+RpcError."""
 
 
 def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
@@ -38,13 +48,40 @@ def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
         raise RpcError("invalid", str(error)) from None
 
 
+def read_files(paths: Sequence[Path]) -> dict[Path, CalibrationDetails | str]:
+    """Read calibration files, here and now, for `FILES_S` at most and one in any case."""
+    end_s, found = time.monotonic() + FILES_S, dict[Path, CalibrationDetails | str]()
+    for path in paths:
+        try:
+            found[path] = details(load(path), path)
+        except CalibrationError as error:
+            found[path] = str(error)
+        if time.monotonic() > end_s:
+            break
+    return found
+
+
 def read_elsewhere(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
     """Read a request in a process of its own, which ends with it; for a thread that may wait."""
+    token, calibration = _elsewhere("request", payload, motor)
+    return token, calibration
+
+
+def read_files_elsewhere(paths: Sequence[Path]) -> dict[Path, CalibrationDetails | str]:
+    """Read files in a process of its own, which ends with it; for a thread that may wait."""
+    found: dict[Path, CalibrationDetails | str] = _elsewhere("files", paths)
+    return found
+
+
+_TASKS: dict[str, Callable[..., Any]] = {"request": read, "files": read_files}
+
+
+def _elsewhere(task: Literal["request", "files"], *arguments: Any) -> Any:
     command = (sys.executable, "-m", "motord.service.rpc.calibration_reader")
     try:
         done = subprocess.run(
             command,
-            input=pickle.dumps((payload, motor)),
+            input=pickle.dumps((task, arguments)),
             stdout=subprocess.PIPE,
             timeout=READ_S,
             check=True,
@@ -56,8 +93,7 @@ def read_elsewhere(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration
         raise RpcError("failed", f"no process could read the calibration: {error}") from None
     if isinstance(outcome, RpcError):
         raise outcome
-    token, calibration = outcome
-    return token, calibration
+    return outcome
 
 
 def main() -> int:
@@ -68,14 +104,14 @@ def main() -> int:
     """
     os.nice(max(0, -os.getpriority(os.PRIO_PROCESS, 0)))
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
-    payload, motor = pickle.load(sys.stdin.buffer)
-    outcome: RpcError | tuple[str, Calibration]
+    task, arguments = pickle.load(sys.stdin.buffer)
+    outcome: Any
     try:
-        outcome = read(payload, motor)
+        outcome = _TASKS[task](*arguments)
     except RpcError as error:
         outcome = error
     except MemoryError:
-        outcome = RpcError("invalid", "calibration/install: takes too much memory to read")
+        outcome = RpcError("invalid", "the calibration takes too much memory to read")
     pickle.dump(outcome, sys.stdout.buffer)
     return 0
 

@@ -1,0 +1,62 @@
+"""What clients see of a calibration: its figures with intervals, its cogging torque in short."""
+
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+
+from motord.api.replies import CalibrationDetails, Interval
+from motord.calibration import Calibration, in_words
+
+CURVE_MAX = 2048
+"""Values of the cogging torque over a turn; of more counts every so many-th one is given."""
+INTERVAL_STDERR = 1.96
+"""Half of a 95 % interval, in standard errors."""
+
+
+def details(calibration: Calibration, path: Path) -> CalibrationDetails:
+    """Return what is in a calibration, which is not known to be in force."""
+    c, content = calibration, calibration.to_json()
+    stride = math.ceil(c.motor.counts / CURVE_MAX)
+    shown = range(0, c.motor.counts, stride)
+    return CalibrationDetails(
+        id=c.id,
+        created=c.created.isoformat(),
+        age_s=0.0,
+        age="",
+        method=c.method,
+        motor=content["motor"],
+        in_force=False,
+        path=str(path),
+        runs=list(c.runs),
+        alpha=list(c.alpha),
+        alpha_stderr=list(c.alpha_stderr),
+        alpha_95=_intervals(c.alpha, c.alpha_stderr),
+        beta_A=list(c.beta_A),
+        beta_stderr_A=list(c.beta_stderr_A),
+        beta_95_A=_intervals(c.beta_A, c.beta_stderr_A),
+        delta_epsilon=c.delta_epsilon,
+        delta_epsilon_source=c.delta_epsilon_source,
+        condition_number=c.condition_number,
+        observable=list(c.observable),
+        learned=c.learned is not None,
+        rms_error_percent={
+            name: content["rms_error_percent"][name] for name in ("before", "after")
+        },
+        tau_cog_harmonics=content["tau_cog_harmonics"],
+        angle_rad=[2 * math.pi * count / c.motor.counts for count in shown],
+        tau_cog_Nm=[c.tau_cog_Nm[count] for count in shown],
+    )
+
+
+def aged(found: CalibrationDetails, in_force: str) -> CalibrationDetails:
+    """Return the same now: how old it is, and whether it is the one `in_force`."""
+    age_s = (datetime.now(UTC) - datetime.fromisoformat(found.created)).total_seconds()
+    now = {"age_s": age_s, "age": in_words(age_s), "in_force": found.id == in_force}
+    return found.model_copy(update=now)
+
+
+def _intervals(values: tuple[float, ...], stderr: tuple[float, ...]) -> list[Interval]:
+    return [
+        [value - INTERVAL_STDERR * error, value + INTERVAL_STDERR * error]
+        for value, error in zip(values, stderr, strict=True)
+    ]
