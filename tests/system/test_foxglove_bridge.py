@@ -65,8 +65,8 @@ def test_a_bridge_serves_survives_the_daemon_and_harms_nobody(folder, path, brid
     with daemon(folder, path) as running:
         wait_until(lambda: "bench bridged is back" in program.said(), "the connection")
         with Viewer(ready["url"]) as viewer:
-            viewer.subscribe("/state")
-            assert viewer.next("/state").content["bench"] == "bridged"
+            viewer.subscribe("/bench")
+            assert viewer.next("/bench").content["bench"] == "bridged"
         assert program.end() == 0
         flooded_and_killed(running, bridge)
 

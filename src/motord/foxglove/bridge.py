@@ -9,6 +9,7 @@ from motord.api.messages import BenchState, Event, MeshView, PlanView
 from motord.client import Client, ClientError
 from motord.foxglove import topics
 from motord.foxglove.decimation import Decimator
+from motord.foxglove.named_state import named_state
 from motord.foxglove.parameters import flat
 from motord.foxglove.server import FoxgloveServer
 from motord.recording.event_log import event_message
@@ -19,6 +20,8 @@ SILENT_S = 2.0
 REPEAT_S = 1.0
 """Documents that come on change are sent again so often."""
 RETRY_S = 1.0
+_NAMES = ("state", "fault", "trips", "holder", "plan", "plan_state")
+"""A state in which one of these has changed is always sent."""
 _PERIOD_NS = round(1e9 / topics.RATE_HZ)
 
 
@@ -33,7 +36,7 @@ class Feed:
         self._server = server
         self._decimator = Decimator(topics.RATE_HZ)
         self._t_ns = 0  # the newest of the bench
-        self._shown: tuple[object, ...] = ()
+        self._shown: list[object] = []
         self._state_ns = self._plan_ns = 0
         self._newest: dict[str, bytes] = {}
         self.received_s = time.monotonic()
@@ -55,12 +58,13 @@ class Feed:
     def state(self, state: BenchState) -> None:
         """Send a state, unless one that shows the same was sent just before."""
         self.received_s = time.monotonic()
-        plan = state.plan.state if state.plan is not None else ""
-        shown = (state.state, state.first_trip, len(state.trips), state.lease.holder, plan)
+        named = named_state(state)
+        shown = [named[key] for key in _NAMES]
         if shown == self._shown and 0 <= state.t_ns - self._state_ns < _PERIOD_NS:
             return
         self._shown, self._state_ns = shown, state.t_ns
-        self._server.log(topics.STATE.name, state.to_json(), state.t_ns)
+        self._server.log(topics.STATE.name, json.dumps(named).encode(), state.t_ns)
+        self._server.log(topics.BENCH.name, state.to_json(), state.t_ns)
 
     def plan(self, plan: PlanView) -> None:
         """Send a plan's progress, unless it was sent just before."""

@@ -43,8 +43,9 @@ EXTREMES = ServedTopic(
     recorded.PROTOBUF,
     extremes_descriptor_set(),
 )
-STATE = _document("/state", "motord.State", BenchState)
+STATE = _recorded(recorded.STATES)
+BENCH = _document("/bench", "motord.BenchState", BenchState)
 EVENT = _recorded(recorded.EVENTS)
 PLAN = _document("/plan", "motord.Plan", PlanView)
 MESH = _document("/mesh", "motord.Mesh", MeshView)
-SERVED = (TICK, EXTREMES, STATE, EVENT, PLAN, MESH)
+SERVED = (TICK, EXTREMES, STATE, BENCH, EVENT, PLAN, MESH)

@@ -13,6 +13,7 @@ from motord.foxglove import topics
 from motord.foxglove.bridge import Feed, run
 from motord.foxglove.server import FoxgloveError, FoxgloveServer
 from motord.schema import TICK
+from motord.service.publish.named_state import named_state as recorded_state
 from tests.support.foxglove_client import Viewer
 from tests.unit.foxglove.test_decimation import RATE_HZ, START_NS, ticks
 from tests.unit.service.live_service import live_service
@@ -51,14 +52,14 @@ def in_any_second(times_ns):
 
 def test_topics_are_advertised_with_their_schemas(server):
     with Viewer(server.url) as viewer:
-        wanted = {"/tick", "/tick_extremes", "/state", "/event", "/plan", "/mesh"}
+        wanted = {"/tick", "/tick_extremes", "/state", "/event", "/plan", "/mesh", "/bench"}
         viewer.receive_until(lambda: wanted <= viewer.channels.keys(), "topics")
         assert viewer.info["name"] == "motord test"
         assert viewer.info["capabilities"] == ["parameters", "parametersSubscribe"]  # no commands
         assert {t: c["schemaName"] for t, c in viewer.channels.items()} == {
             "/tick": "motord.Tick", "/tick_extremes": "motord.TickExtremes",
             "/state": "motord.State", "/event": "foxglove.Log", "/plan": "motord.Plan",
-            "/mesh": "motord.Mesh",
+            "/mesh": "motord.Mesh", "/bench": "motord.BenchState",
         }  # fmt: skip
 
 
@@ -127,8 +128,21 @@ def test_the_state_comes_by_name_and_the_trip_too(bridged):
             client.rpc("enable", token=lease.token)
             while (state := viewer.next("/state").content)["state"] != "ENABLED":
                 pass
-            assert state["lease"]["holder"] == "test"
+            assert state["holder"] == "test"
             client.rpc("stop")
+
+
+def test_the_state_is_the_one_of_recordings(bridged):
+    bench = bridged.live.bench
+    with Viewer(bridged.server.url) as viewer, connect("live", bridged.live.listen) as client:
+        viewer.subscribe("/state", "/bench")
+        with client.lease("test") as lease:
+            client.rpc("set", token=lease.token, speed_Hz=0.5)
+            while (state := viewer.next("/state").content)["speed_Hz"] != 0.5:
+                pass
+            recorded = {**recorded_state(bench, bridged.live.now_ns), "t_ns": state["t_ns"]}
+            assert state == recorded
+        assert viewer.next("/bench").content["loop"]["rate_Hz"] == bridged.live.config.loop.rate_Hz
 
 
 def test_the_rate_of_states_is_bounded_and_a_change_is_never_left_out(bridged):
@@ -140,7 +154,9 @@ def test_the_rate_of_states_is_bounded_and_a_change_is_never_left_out(bridged):
     for i in range(2000):  # a thousand a second
         name = "READY" if i == 1001 else "OFF"
         feed.state(state.model_copy(update={"t_ns": START_NS + i * 10**6, "state": name}))
-    assert 40 <= in_any_second(np.array([t_ns for t_ns, _ in sent])) <= 60
+    assert (
+        40 <= in_any_second(np.array([t_ns for t_ns, content in sent if "loop" in content])) <= 60
+    )
     assert "READY" in [content["state"] for _, content in sent]
 
 
@@ -168,7 +184,7 @@ def test_commands_of_a_viewer_are_nothing_but_a_complaint(bridged):
         )
         viewer.receive_until(lambda: viewer.statuses, "a complaint")
         viewer.subscribe("/state")
-        assert viewer.next("/state").content["lease"]["holder"] is None
+        assert viewer.next("/state").content["holder"] == ""
 
 
 def test_a_port_that_is_taken_is_said():

@@ -15,8 +15,8 @@ from tests.support.foxglove_client import Viewer, field_names
 
 LAYOUT = json.loads((Path(__file__).parents[3] / "config" / "foxglove" / "motord.json").read_text())
 PANELS = LAYOUT["configById"]
-LIVE_ONLY = {"/tick_extremes", "/state"}
-"""A recording has every tick, so it needs no extremes."""
+LIVE_ONLY = {"/tick_extremes", "/bench"}
+"""A recording has every tick, so it needs no extremes, and says in `/event` what a trip was."""
 
 
 def shown(node: Any) -> Iterator[str]:
