@@ -1,12 +1,13 @@
-"""Payloads of `tick` and `ticks` decoded in C and JavaScript, from the .proto file alone.
+"""Ticks in C and JavaScript, from the .proto file alone.
 
-The payloads are those that a daemon publishes, byte for byte; every field of every tick has the
-value that Python decodes.
+The payloads are those that a daemon publishes, byte for byte, and in JavaScript those of its own
+session of Zenoh; every field of every tick has the value that Python decodes.
 """
 
 import shutil
 import struct
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import zenoh
 
 from motord.api.endpoints import client_config, key
+from motord.client import connect
 from motord.proto import FOLDER
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import BlockCodec
@@ -66,23 +68,30 @@ def framed(kind, payload):
     return kind.encode() + struct.pack("<I", len(payload)) + payload
 
 
-def decoded(command, data):
-    """Return what a decoder printed: for each tick the values by name, as text."""
-    done = subprocess.run(
-        [*command, str(PROTO)], input=data, capture_output=True, check=False, timeout=PATIENCE_S
-    )
+def output(command, data=None):
+    """Return the lines that a program prints."""
+    done = subprocess.run(command, input=data, capture_output=True, check=False, timeout=PATIENCE_S)
     assert done.returncode == 0, done.stderr
-    lines = done.stdout.decode().splitlines()
-    return [dict(item.split("=") for item in line.split(" ")) for line in lines]
+    return done.stdout.decode().splitlines()
+
+
+def values(line):
+    """Return the values of a tick by name, as text."""
+    return dict(item.split("=") for item in line.split(" "))
+
+
+def decoded(command, data):
+    """Return what a decoder prints of each tick."""
+    return [values(line) for line in output([*command, str(PROTO)], data)]
 
 
 def compare(found, block):
     assert len(found) == len(block)
-    for values, row in zip(found, block, strict=True):
-        assert list(values) == [field.name for field in TICK.fields]
+    for texts, row in zip(found, block, strict=True):
+        assert list(texts) == [field.name for field in TICK.fields]
         for field in TICK.fields:
             dtype = TICK_DTYPE[field.name]
-            value = values[field.name].replace("Infinity", "inf")
+            value = texts[field.name].replace("Infinity", "inf")
             read = dtype.type(float(value)) if dtype.kind == "f" else int(value)
             np.testing.assert_equal(read, row[field.name].item(), err_msg=field.name)
 
@@ -121,3 +130,30 @@ def test_a_field_that_is_not_written_is_zero(decoder):
     """proto3 leaves zeros out: a message of google.protobuf has none of them."""
     assert decoded(decoder, framed("t", b""))[0].keys() == {f.name for f in TICK.fields}
     assert set(decoded(decoder, framed("t", b""))[0].values()) == {"0"}
+
+
+@needs_node
+@pytest.mark.parametrize("batch_size", [65535, 4096])
+def test_a_session_of_zenoh_in_javascript(tmp_path, batch_size):
+    """With small batches the blocks come in fragments."""
+    blocks = []
+    program = ["node", str(TESTS / "node" / "subscribe.mjs"), "127.0.0.1"]
+    with (
+        live_service(tmp_path) as live,
+        connect("live", live.listen) as client,
+        client.subscribe_ticks(blocks.append),
+    ):
+        port = live.listen.rpartition(":")[2]
+        lines = output([*program, port, "live", str(PROTO), "500", str(batch_size)])
+        pairs = [line.split(" ", 1) for line in lines]
+        newest = max(int(values(text)["tick"]) for _, text in pairs)
+        end_s = time.monotonic() + PATIENCE_S
+        while not blocks or blocks[-1]["tick"][-1] < newest:
+            assert time.monotonic() < end_s
+            time.sleep(0.02)
+    rows = {int(row["tick"]): row for row in np.concatenate(blocks)}
+    for name, least in (("tick", 20), ("ticks", 200)):
+        found = [values(text) for topic, text in pairs if topic == key("live", name)]
+        both = [one for one in found if int(one["tick"]) in rows]  # a busy computer drops some
+        assert len(both) >= least
+        compare(both, [rows[int(one["tick"])] for one in both])
