@@ -92,6 +92,8 @@ PROGRAMS = {
     "install": "tests/system/test_systemd_unit.py does it; what is copied has to be there",
     "udevadm": "needs root",
     "python3": "sets up an environment",
+    "node": "tests/languages runs it",
+    "rerun": "needs rerun-sdk; tests/campaigns/rerun_loader.py reads recordings with its loader",
     ".venv/bin/python": "tests/docs/test_how_to.py does it",
     "/opt/motord/bin/pip": "sets up an environment",
     "pip": "sets up an environment",

@@ -34,6 +34,7 @@ COMMANDS = {
     "calibration": "motord.cli.calibration:app",
     "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",
+    "bridge": "motord.cli.bridge:app",
     "latency": "motord.cli.latency:latency",
 }
 """Command to `module:object`; the object is a function or a typer app."""

@@ -63,6 +63,7 @@ EXPLAINED = frozenset(
         "motord.dashboard.server.DashboardError",
         "motord.emulate.EmulatorError",
         "motord.experiments.subject.AnalysisError",
+        "motord.foxglove.server.FoxgloveError",
         "motord.hal.base.DeviceError",
         "motord.identification.IdentifyError",
         "motord.loop.latency.LatencyError",

@@ -6,6 +6,7 @@ from typing import Any
 
 from mcap.records import Channel, Schema
 
+from motord.recording import event_log
 from motord.schema import TICK, TRUTH, Record
 from motord.wire.ticks.blocks import BlockCodec
 from motord.wire.ticks.proto_text import descriptor_set
@@ -48,7 +49,9 @@ def _block_topic(number: int, record: Record) -> Topic:
     )
 
 
-def _json_topic(number: int, name: str, title: str, properties: dict[str, Any]) -> Topic:
+def _json_topic(
+    number: int, name: str, title: str, properties: dict[str, Any], schema_name: str = ""
+) -> Topic:
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": title,
@@ -58,7 +61,7 @@ def _json_topic(number: int, name: str, title: str, properties: dict[str, Any]) 
     }
     data = json.dumps(schema, indent=1).encode()
     return Topic(
-        Schema(data=data, encoding=JSON_SCHEMA, id=number, name=title),
+        Schema(data=data, encoding=JSON_SCHEMA, id=number, name=schema_name or title),
         Channel(id=number, message_encoding=JSON, metadata={}, schema_id=number, topic=name),
     )
 
@@ -77,7 +80,16 @@ EVENTS = _json_topic(
         "kind": _property("string", "what sort of event, one word"),
         "message": _property("string", "what happened"),
         "data": {"type": "object", "description": "its particulars"},
+        "timestamp": {
+            "type": "object",
+            "title": "time",
+            "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
+            "description": "t_ns, as foxglove.Log has it",
+        },
+        "level": _property("integer", "2 information, 3 warning, 4 error"),
+        "name": _property("string", "kind, as foxglove.Log has it"),
     },
+    event_log.SCHEMA_NAME,
 )
 PLANS = _json_topic(4, "/plan", "motord.Plan", {})
 OPERATING_POINTS = _json_topic(

@@ -8,6 +8,7 @@ import numpy as np
 from motord.config import RecordingConfig
 from motord.recording import topics
 from motord.recording.errors import RecordError
+from motord.recording.event_log import event_message
 from motord.recording.json_encoding import to_json, to_strings
 from motord.recording.mcap.chunk_builder import ChunkBuilder
 from motord.recording.mcap.compression import compressor
@@ -98,8 +99,7 @@ class RunWriter:
         self, t_ns: int, kind: str, message: str, data: Mapping[str, object] | None = None
     ) -> None:
         """Write an event: what happened at `t_ns` (Unix ns), of which kind, with particulars."""
-        content = {"kind": kind, "message": message, "data": data or {}}
-        self._message(topics.EVENTS, t_ns, content)
+        self._message(topics.EVENTS, t_ns, event_message(t_ns, kind, message, data))
 
     def state(self, t_ns: int, state: Mapping[str, object]) -> None:
         """Write the bench's state by name, which it has from `t_ns` (Unix ns) on."""

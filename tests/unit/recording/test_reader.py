@@ -29,6 +29,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from motord.recording import topics
 from motord.recording.damage import Damage, Loss, damage_of, utc
 from motord.recording.errors import RecordError
+from motord.recording.event_log import event_message
 from motord.recording.file_names import newest_first, part_of
 from motord.recording.mcap.chunk_builder import ChunkBuilder
 from motord.recording.mcap.chunk_source import Span
@@ -77,10 +78,8 @@ def test_everything_comes_back(whole):
     assert same(run.truth(), truth_block(COUNT))
     assert same(np.concatenate(list(run.blocks())), tick_block(COUNT))
     assert same(np.concatenate(list(run.truth_table.blocks())), truth_block(COUNT))
-    assert run.events() == [
-        {"t_ns": START_NS + 100 * PERIOD_NS, "kind": "state", "message": "ENABLED",
-         "data": {"tick": 100, "x": None}}
-    ]  # fmt: skip
+    t_ns = START_NS + 100 * PERIOD_NS
+    assert run.events() == [event_message(t_ns, "state", "ENABLED", {"tick": 100, "x": None})]
     assert run.plan() == [{"t_ns": START_NS + 300 * PERIOD_NS, "plan": "calibrate", "step": 3}]
     assert run.operating_points() == [
         {"t_ns": START_NS + 500 * PERIOD_NS, "index": 0, "torque_Nm": 3.0, "quality": "ok"}

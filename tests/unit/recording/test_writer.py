@@ -74,9 +74,11 @@ def test_the_mcap_library_reads_the_same_content(tmp_path, compression, make_rea
     np.testing.assert_array_equal(truths, truth_block(600)["angle_rad"])
     schema, event = found["/event"][0]
     assert json.loads(schema.data)["title"] == "motord.Event"
+    assert schema.name == "foxglove.Log"  # so that log panels show it
+    t_ns = START_NS + 100 * PERIOD_NS
     assert json.loads(event.data) == {
-        "t_ns": START_NS + 100 * PERIOD_NS, "kind": "state", "message": "ENABLED",
-        "data": {"tick": 100, "x": None},
+        "t_ns": t_ns, "kind": "state", "message": "ENABLED", "data": {"tick": 100, "x": None},
+        "timestamp": {"sec": t_ns // 10**9, "nsec": t_ns % 10**9}, "level": 2, "name": "state",
     }  # fmt: skip
 
 

@@ -6,21 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 from motord.api.messages import Event
+from motord.recording.event_log import event_level
 from motord.service.host.log import log_error
 
 KEPT = 500
 _LOG = logging.getLogger("motord")
 
-_LOG_LEVEL = {
-    "trip": logging.ERROR,
-    "fault": logging.ERROR,
-    "fault_injected": logging.WARNING,
-    "process": logging.WARNING,
-    "access": logging.WARNING,
-    "device": logging.WARNING,
-    "missed": logging.WARNING,
-    "ring_loss": logging.WARNING,
-}
 
 Listener = Callable[[Event], None]
 
@@ -40,7 +31,7 @@ class EventLog:
             t_ns=self._unix_ns() if t_ns is None else t_ns, kind=kind, message=message, data=data
         )
         self._kept.append(event)
-        _LOG.log(_LOG_LEVEL.get(kind, logging.INFO), "%s: %s", kind, _one_line(message))
+        _LOG.log(10 * event_level(kind), "%s: %s", kind, _one_line(message))
         for listener in self.listeners:
             self._notify(listener, event)
         return event

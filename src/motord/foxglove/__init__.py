@@ -1,0 +1,1 @@
+"""A Foxglove WebSocket server as a client of the daemon: shows everything, commands nothing."""

@@ -1,0 +1,127 @@
+"""Ticks for viewers: the last of each interval, and the extremes of every signal within it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from google.protobuf import descriptor_pb2
+
+from motord.schema import TICK, TICK_DTYPE
+from motord.wire.ticks.blocks import Block, BlockCodec, varint
+from motord.wire.ticks.proto_text import descriptor_set
+
+EXTREMES_NAME = "motord.TickExtremes"
+_BITS = frozenset({"encoder_gray", "trip_bits", "flags", "inverter_status", "bridge_status"})
+"""Words of bits: their minimum is what was set in every tick, their maximum what was in any."""
+_HEAD = ("t_ns", "t_start_ns", "ticks", "lost")
+_CODEC = BlockCodec(TICK)
+_FIXED64, _LEN = 1, 2  # protobuf wire types
+
+
+class Decimated(NamedTuple):
+    """Whole intervals: the last tick of each (n,), minima (n,), maxima (n,), and counts (n, 4).
+
+    The columns of `counts` (int64) are `t_ns` and `t_start_ns` (last and first tick of the
+    interval), `ticks` in it, and `lost`: those that the loop made and that did not arrive, in all.
+    """
+
+    ticks: Block
+    minima: Block
+    maxima: Block
+    counts: Block
+
+    def messages(self) -> tuple[list[bytes], list[bytes]]:
+        """Return the messages `motord.Tick` and `motord.TickExtremes` of the intervals."""
+        ticks, minima, maxima = (
+            [row.tobytes() for row in _CODEC.encode(block)]
+            for block in (self.ticks, self.minima, self.maxima)
+        )
+        return ticks, list(map(_extremes_message, self.counts.tolist(), minima, maxima))
+
+
+def _extremes_message(counts: list[int], low: bytes, high: bytes) -> bytes:
+    head = b"".join(
+        varint(number << 3 | _FIXED64) + value.to_bytes(8, "little", signed=True)
+        for number, value in enumerate(counts, start=1)
+    )
+    size = varint(len(low))
+    return head + varint(5 << 3 | _LEN) + size + low + varint(6 << 3 | _LEN) + size + high
+
+
+@dataclass
+class Decimator:
+    """Decimates blocks of ticks to `rate_Hz` intervals a second of tick time.
+
+    An interval is complete when a tick of a later one has arrived.
+    """
+
+    rate_Hz: float
+    lost: int = 0
+
+    def __post_init__(self) -> None:
+        self._period_ns = round(1e9 / self.rate_Hz)
+        self._pending = np.empty(0, TICK_DTYPE)
+        self._newest: Block | None = None
+
+    def take(self, block: Block) -> Decimated:
+        """Return the intervals that `block` (shape (n,), `TICK_DTYPE`) completes."""
+        self._count_lost(block)
+        ticks = np.concatenate([self._pending, block])
+        interval = ticks["t_ns"] // self._period_ns
+        starts = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1 if len(ticks) else 0))
+        complete = starts[:-1]
+        end = int(starts[-1]) if len(starts) else 0
+        self._pending = ticks[end:]
+        whole = ticks[:end]
+        last = starts[1:] - 1
+        counts = np.empty((len(complete), len(_HEAD)), np.int64)
+        counts[:, 0], counts[:, 1] = whole["t_ns"][last], whole["t_ns"][complete]
+        counts[:, 2], counts[:, 3] = starts[1:] - complete, self.lost
+        return Decimated(whole[last], *_extremes(whole, complete), counts)
+
+    def skip(self, block: Block) -> None:
+        """Pass over `block`, and what is pending: nobody looks."""
+        self._count_lost(block)
+        self._pending = block[:0]
+
+    def _count_lost(self, block: Block) -> None:
+        """Count gaps in `tick` that no skipped period of the loop explains."""
+        if not len(block):
+            return
+        known = block[:1] if self._newest is None else self._newest
+        first, last = known[-1], block[-1]
+        gap = int(last["tick"]) - int(first["tick"]) - (int(last["missed"]) - int(first["missed"]))
+        arrived = len(block) - (1 if self._newest is None else 0)
+        self.lost += max(gap - arrived, 0)  # negative: another loop has begun
+        self._newest = block[-1:].copy()
+
+
+def _extremes(ticks: Block, starts: Block) -> tuple[Block, Block]:
+    minima, maxima = (np.empty(len(starts), TICK_DTYPE) for _ in range(2))
+    if len(starts):
+        for field in TICK.fields:
+            bits = field.name in _BITS
+            low, high = (np.bitwise_and, np.bitwise_or) if bits else (np.fmin, np.fmax)
+            minima[field.name] = low.reduceat(ticks[field.name], starts)
+            maxima[field.name] = high.reduceat(ticks[field.name], starts)
+    return minima, maxima
+
+
+def extremes_descriptor_set() -> bytes:
+    """Return the FileDescriptorSet of `motord.TickExtremes`."""
+    files = descriptor_pb2.FileDescriptorSet.FromString(descriptor_set(TICK))
+    label = descriptor_pb2.FieldDescriptorProto.LABEL_OPTIONAL
+    file = files.file.add(
+        name="motord/tick_extremes.proto", package="motord", syntax="proto3",
+        dependency=[files.file[0].name],
+    )  # fmt: skip
+    message = file.message_type.add(name=EXTREMES_NAME.partition(".")[2])
+    for number, name in enumerate(_HEAD, start=1):
+        kind = descriptor_pb2.FieldDescriptorProto.TYPE_SFIXED64
+        message.field.add(name=name, number=number, type=kind, label=label)
+    for number, name in ((5, "min"), (6, "max")):
+        kind = descriptor_pb2.FieldDescriptorProto.TYPE_MESSAGE
+        message.field.add(
+            name=name, number=number, type=kind, type_name=".motord.Tick", label=label
+        )
+    return bytes(files.SerializeToString())
