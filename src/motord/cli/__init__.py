@@ -12,6 +12,7 @@ from motord.cli.console import CommandGroup, lost_output, outlive_readers, remar
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
+    "new": "motord.cli.new:new",
     "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
     "emulate": "motord.cli.emulate:emulate",

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from motord.config.base import ConfigError, Section
+from motord.config.base import ConfigError, Section, what_is_wrong
 from motord.config.bench import Config
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
@@ -52,6 +52,21 @@ def resolve(base: Path, file: Path) -> Path:
 
 
 _Model = TypeVar("_Model", bound=Section)
+
+
+def check_text(path: Path, text: str) -> Config:
+    """Check the text of a bench file that is to be at `path`. Raises ConfigError."""
+    data = tomllib.loads(text)
+    _resolve_files(path, data)
+    return validate(Config, path, text, data)
+
+
+def check_table(model: type[_Model], name: str, content: dict[str, Any]) -> _Model:
+    """Check one table by itself. Raises ConfigError naming its keys."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError("; ".join(f"[{name}] {one}" for one in what_is_wrong(error))) from None
 
 
 def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -> _Model:

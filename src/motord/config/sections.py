@@ -21,6 +21,9 @@ from motord.config.timing import (
     SUPERVISOR_ACTS_S,
 )
 
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
+"""Of a bench: it is part of keys, folders and file names."""
+
 
 class BenchConfig(Section):
     """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth.
@@ -32,7 +35,7 @@ class BenchConfig(Section):
     inject (`config.faults`), for a simulated or an emulated bench.
     """
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
+    name: Annotated[str, Field(pattern=NAME)] = "bench"
     rig: Path | None = None
     faults: Path | None = None
     rig_patience_s: Positive | None = None
