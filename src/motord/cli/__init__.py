@@ -18,6 +18,7 @@ COMMANDS = {
     "emulate": "motord.cli.emulate:emulate",
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
+    "service": "motord.cli.service:app",
     "status": "motord.cli.bench.status:status",
     "watch": "motord.cli.bench.status:watch",
     "events": "motord.cli.bench.status:events",

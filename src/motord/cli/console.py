@@ -60,6 +60,7 @@ EXPLAINED = frozenset(
         "motord.calibration.CalibrationError",
         "motord.client.error.ClientError",
         "motord.config.base.ConfigError",
+        "motord.deployment.files.DeploymentError",
         "motord.emulate.EmulatorError",
         "motord.experiments.subject.AnalysisError",
         "motord.hal.base.DeviceError",

@@ -2,6 +2,7 @@
 
 import difflib
 import tomllib
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -83,20 +84,30 @@ def _load(path: Path, model: type[_Model]) -> _Model:
     return validate(model, path, text, data)
 
 
+_FILES = (
+    ("bench", "rig"),
+    ("bench", "faults"),
+    ("inverter", "can", "dbc"),
+    ("motor", "back_emf"),
+    *(("zenoh", "tls", name) for name in ("ca", "certificate", "key", "roles")),
+)
+"""Keys that name files, if they hold text."""
+
+
+def named_files(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]:
+    """Yield table, key and name of each file that the content of a bench file names."""
+    for *tables, key in _FILES:
+        table: Any = data
+        for name in tables:
+            table = table.get(name) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(table.get(key), str):
+            yield table, key, table[key]
+
+
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:
     """Make the file names of a bench absolute: they are relative to the bench file."""
-    for keys in (
-        ("bench", "rig"),
-        ("bench", "faults"),
-        ("inverter", "can", "dbc"),
-        ("motor", "back_emf"),
-        *(("zenoh", "tls", name) for name in ("ca", "certificate", "key", "roles")),
-    ):
-        table: Any = data
-        for key in keys[:-1]:
-            table = table.get(key) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(table.get(keys[-1]), str):
-            table[keys[-1]] = resolve(path, Path(table[keys[-1]]))
+    for table, key, name in named_files(data):
+        table[key] = resolve(path, Path(name))
 
 
 def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:
