@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from motord.bench_file.templates import Tables, Template
+from motord.bench_file.templates import Notes, Tables, Template
 from motord.config import Config
 from motord.config.descriptions import description, section_of, summary
 from motord.config.toml_text import toml_key, toml_value
@@ -26,17 +26,19 @@ NOT_OF_DEVICES = (
 
 @dataclass(frozen=True)
 class _Comments:
-    """What is said of values. notes: the example's own words, for keys without a description."""
+    """What is said of values: descriptions, or the example's own words where there are none."""
 
-    notes: Mapping[str, str]
+    notes: Notes
     answered: frozenset[str]
     real: bool
 
     def of(self, section: type[BaseModel], key: str, place: str, value: Any) -> str:
         """Return the comment of a value. place: the key with its tables."""
-        field = section.model_fields[_name(section, key)]
-        own = "" if field.description else self.notes.get(place, "")
-        meaning = own or description(section, _name(section, key))
+        meaning = (
+            self.notes.own.get(place)
+            or description(section, _name(section, key))
+            or self.notes.general.get(place, "")
+        )
         if self.real and self._is_unchecked(place):
             return f"{CHECK}: {meaning}" if meaning else CHECK
         return meaning
@@ -48,9 +50,7 @@ class _Comments:
         )
 
 
-def commented(
-    tables: Tables, template: Template, notes: Mapping[str, str], answered: frozenset[str]
-) -> str:
+def commented(tables: Tables, template: Template, notes: Notes, answered: frozenset[str]) -> str:
     """Return the text of a bench file.
 
     notes: comments of the example by key; answered: keys whose value is not the example's.

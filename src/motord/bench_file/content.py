@@ -1,7 +1,7 @@
 """The answers put into an example's tables, and what follows from them."""
 
-import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,6 @@ from motord.bench_file.questions import BACK_EMF, QUESTIONS, Question, get, is_r
 from motord.bench_file.templates import Tables, Template, inverter_tables
 from motord.config import ConfigError, MotorConfig, resolve
 from motord.config.reading import check_table
-from motord.config.sections import NAME
 
 Answers = Mapping[str, str]
 """What was answered, as text, by key."""
@@ -30,8 +29,8 @@ def adapt(
     ConfigError for an answer that is wrong, or to a question that this bench does not have.
     """
     tables = template.tables()
-    if re.fullmatch(NAME, where.stem):
-        tables["bench"]["name"] = where.stem
+    with suppress(ConfigError):  # not every file name is good for a bench
+        tables["bench"]["name"] = QUESTIONS[0].parse(where.stem)
     if template.real:
         tables["loop"].pop("cpu", None)  # one that this computer may not have
         tables["bench"].pop("notes", None)

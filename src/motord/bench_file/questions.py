@@ -50,7 +50,8 @@ class Question:
             raise ConfigError(f"one of {', '.join(self.choices)}, not {text!r}")
         value = text if _takes_text(self.key) else _value(text)
         try:
-            checked = _adapter(self.key).validate_python(value)
+            strict = field_of(self.key).annotation in (int, float)  # a bool is no number
+            checked = _adapter(self.key).validate_python(value, strict=strict)
         except ValidationError as error:
             raise ConfigError(f"{'; '.join(what_is_wrong(error))}, not {text!r}") from None
         return value if isinstance(checked, Path) else checked

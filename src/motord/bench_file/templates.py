@@ -92,11 +92,22 @@ def inverter_tables(name: str) -> Tables:
     return {"driver": own["driver"], **times, **own}
 
 
-def notes(template: Template, inverter: str) -> dict[str, str]:
-    """Return the comments of the files that a bench file begins as, by key."""
-    file = _inverter_file(inverter)
-    own = {key: note for key, note in _notes(file) if key.startswith("inverter.")}
-    return {**dict(_notes(template.file)), **(own if template.real else {})}
+@dataclass(frozen=True)
+class Notes:
+    """Comments of the files that a bench file begins as, by key.
+
+    general: those of an example; own: those of the file of one inverter, which say more of its
+    values than any description of the key.
+    """
+
+    general: dict[str, str]
+    own: dict[str, str]
+
+
+def notes(template: Template, inverter: str) -> Notes:
+    """Return the comments of the files that a bench file begins as."""
+    own = _notes(_inverter_file(inverter)) if template.real and known(inverter) else ()
+    return Notes(dict(_notes(template.file)), dict(own))
 
 
 def known(inverter: str) -> frozenset[str]:

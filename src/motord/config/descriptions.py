@@ -1,7 +1,13 @@
 """What the keys of a bench file mean, for people: from the models themselves."""
 
+import ast
 import inspect
 import re
+import textwrap
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from itertools import pairwise
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -41,10 +47,35 @@ def summary(section: type[BaseModel]) -> str:
 
 
 def description(section: type[BaseModel], name: str) -> str:
-    """Return what a key means: its own description, or what the section's docstring says of it."""
-    own = section.model_fields[name].description
-    if own:
-        return " ".join(own.split()).removesuffix(".")
+    """Return what a key means, "" if nothing says so.
+
+    The field's description, or the string below it in the source, or what the docstring of the
+    section says of it.
+    """
+    own = section.model_fields[name].description or _below_fields(section).get(name, "")
+    return " ".join(own.split()).removesuffix(".") or _in_docstring(section, name)
+
+
+@cache
+def _below_fields(section: type[BaseModel]) -> dict[str, str]:
+    """Return the strings below the fields of a section and its bases, from their source."""
+    found: dict[str, str] = {}
+    for each in reversed(section.__mro__):
+        if issubclass(each, BaseModel) and each.__module__.startswith("motord."):
+            with suppress(OSError, SyntaxError):  # made when the program runs
+                [tree] = ast.parse(textwrap.dedent(inspect.getsource(each))).body
+                found |= dict(_strings_below(getattr(tree, "body", [])))
+    return found
+
+
+def _strings_below(statements: list[ast.stmt]) -> Iterator[tuple[str, str]]:
+    for statement, below in pairwise(statements):
+        match statement, below:
+            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(text))):
+                yield name, text
+
+
+def _in_docstring(section: type[BaseModel], name: str) -> str:
     paragraphs = inspect.cleandoc(section.__doc__ or "").split("\n\n")[1:]
     clauses = re.split(r"(?<=[.;])\s+", " ".join(" ".join(paragraphs).split()))
     about = re.compile(rf"`?{re.escape(name)}`?:?( is)? (.*?)[.;]?")

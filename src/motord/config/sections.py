@@ -21,9 +21,6 @@ from motord.config.timing import (
     SUPERVISOR_ACTS_S,
 )
 
-NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
-"""Of a bench: it is part of keys, folders and file names."""
-
 
 class BenchConfig(Section):
     """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth.
@@ -35,7 +32,7 @@ class BenchConfig(Section):
     inject (`config.faults`), for a simulated or an emulated bench.
     """
 
-    name: Annotated[str, Field(pattern=NAME)] = "bench"
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
     rig: Path | None = None
     faults: Path | None = None
     rig_patience_s: Positive | None = None
@@ -226,7 +223,7 @@ class Sections(Section):
         return 1.0 / min(loop_Hz, self.bridge.rate_Hz or loop_Hz)
 
     @property
-    def order_s(self) -> float:
+    def setpoint_valid_s(self) -> float:
         """For this long after a step of the supervisor its set-points for slow devices are good."""
         return min(self.loop.supervisor_timeout_s, ORDER_S)
 

@@ -46,7 +46,6 @@ def files_of(request: ServiceRequest) -> tuple[DeployedFile, ...]:
         DeployedFile(Path("/etc/systemd/system", UNIT), system_unit(request.program, BENCH, bench)),
         _shipped("60-motord.rules", "/etc/udev/rules.d/60-motord.rules"),
         _shipped("motord.sysusers.conf", "/etc/sysusers.d/motord.conf"),
-        _shipped("motord.tmpfiles.conf", "/etc/tmpfiles.d/motord.conf"),
         *(_can_networks(bench, *request.can_bitrates) if request.can_bitrates else ()),
     )
 
@@ -60,7 +59,6 @@ def activation(request: ServiceRequest, *, now: bool) -> Commands:
     folder = ("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750", str(runs))
     return (
         ("systemd-sysusers", "/etc/sysusers.d/motord.conf"),
-        ("systemd-tmpfiles", "--create", "/etc/tmpfiles.d/motord.conf"),
         *((folder,) if runs.is_absolute() and not runs.is_relative_to(STATE) else ()),
         ("udevadm", "control", "--reload"),
         ("udevadm", "trigger", "--action=add", "--subsystem-match=tty",

@@ -34,7 +34,6 @@ rm -rf "$whole"/etc/systemd/system/* "$whole/etc/systemd/system.conf.d"
 chroot "$whole" /opt/motord/bin/motord service install --root / -c /etc/motord/bench.toml \
     --program /opt/motord/bin/motord
 chroot "$whole" systemd-sysusers /etc/sysusers.d/motord.conf
-chroot "$whole" systemd-tmpfiles --create /etc/tmpfiles.d/motord.conf
 mkdir "$whole/etc/systemd/system/motord.service.d"
 cat > "$whole/etc/systemd/system/motord.service.d/record.conf" <<'UNIT'
 [Service]

@@ -20,7 +20,6 @@ PROGRAM = "/usr/bin/env"
 WRITTEN = (
     "etc/systemd/system/motord.service",
     "etc/sysusers.d/motord.conf",
-    "etc/tmpfiles.d/motord.conf",
     "etc/udev/rules.d/60-motord.rules",
 )
 KEPT = ("etc/motord/bench.toml",)
