@@ -71,9 +71,8 @@ def install(
     if obstacles:
         fail(obstacles[0])
     written = deployment.write(files, asdict(request), force=force)
-    host.carry_out(commands)
     lines = [f"wrote {deployment.place(path)}" for path in written] or ["every file was there"]
-    lines += [f"ran {shlex.join(words)}" for words in commands]
+    lines += host.carry_out(commands)
     lines += _next_steps(user, root, changed=bool(written))
     result = {"written": list(map(str, written)), "ran": list(map(shlex.join, commands))}
     print_result(result, "\n".join(lines), as_json)
@@ -108,19 +107,18 @@ def uninstall(
              "is it one of --user?"))  # fmt: skip
     before = () if root else before_removal(user=user)
     after = () if root else after_removal(user=user)
+    verb = "remove" if dry_run else "removed"
     if dry_run:
         removed, left = deployment.removable()
+        first, last = ([f"run {shlex.join(words)}" for words in part] for part in (before, after))
     else:
         if obstacles := _obstacles(user, root):
             fail(obstacles[0])
-        host.carry_out(before, may_fail=True)
+        first = host.carry_out(before, may_fail=True)
         removed, left = deployment.remove()
-        host.carry_out(after)
-    to_do, done = ("run", "remove") if dry_run else ("ran", "removed")
-    lines = [f"{to_do} {shlex.join(words)}" for words in before]
-    lines += [f"{done} {deployment.place(path)}" for path in removed]
-    lines += [f"left {deployment.place(path)}: it was edited" for path in left]
-    lines += [f"{to_do} {shlex.join(words)}" for words in after]
+        last = host.carry_out(after)
+    lines = [*first, *(f"{verb} {deployment.place(path)}" for path in removed)]
+    lines += [*(f"left {deployment.place(path)}: it was edited" for path in left), *last]
     lines += [] if user else ["bench file, recordings, calibrations and the user motord stay"]
     result = {"removed": list(map(str, removed)), "left": list(map(str, left))}
     print_result(result, "\n".join(lines), as_json)

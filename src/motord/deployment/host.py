@@ -1,5 +1,7 @@
 """What systemd on this computer does and says."""
 
+import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -24,9 +26,18 @@ def is_systemd() -> bool:
     return RUNNING.is_dir()
 
 
-def carry_out(commands: Commands, *, may_fail: bool = False) -> None:
-    """Run commands one after the other. Raises DeploymentError with what the first failing says."""
+def carry_out(commands: Commands, *, may_fail: bool = False) -> list[str]:
+    """Run commands one after the other; return what was done.
+
+    Without udev, as in a container, what is for udev is left out. Raises DeploymentError with what
+    the first failing command says.
+    """
+    steps = []
     for words in commands:
+        if words[0] == "udevadm" and shutil.which("udevadm") is None:
+            steps.append(f"left out {shlex.join(words)}: there is no udev")
+            continue
+        steps.append(f"ran {shlex.join(words)}")
         try:
             done = _run(words, START_TIMEOUT_S)
         except (OSError, subprocess.TimeoutExpired) as error:
@@ -37,6 +48,7 @@ def carry_out(commands: Commands, *, may_fail: bool = False) -> None:
                 f"`{' '.join(words)}` failed: {said or f'exit code {done.returncode}'}. What was "
                 "written stays; the same command goes on from here"
             )
+    return steps
 
 
 def unit_state(*, user: bool) -> dict[str, str]:
