@@ -8,6 +8,7 @@ import typer
 from motord.cli.analysis_command import print_text
 from motord.cli.browser import open_page
 from motord.cli.common_options import ResultAsJson
+from motord.cli.compilation import explain_first_run
 from motord.cli.console import fail, print_json
 from motord.cli.reproduce import stage_progress
 
@@ -46,6 +47,7 @@ def demo(
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
     from motord.reproduce.demo import STAGES, run_demo, write_report
 
+    explain_first_run(silent=silent)
     with stage_progress(STAGES, silent) as progress:
         found = run_demo(out, seed, quick, progress)
         write_report(found)

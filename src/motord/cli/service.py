@@ -5,18 +5,16 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.console import fail, group, print_result
+from motord.cli.service_text import described, dry_run_text, status_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from motord.deployment.files import DeployedFile, Deployment
-    from motord.deployment.plan import Commands
+    from motord.deployment.files import Deployment
 
 app = group("Run a bench as a systemd service: install, remove, look.")
 
@@ -65,8 +63,8 @@ def install(
     commands = () if root else activation(request, now=not no_start)
     obstacles = _obstacles(user, root, check_program=program is None, config=config)
     if dry_run:
-        result = _described(deployment, files, commands, obstacles)
-        print_result(result, _dry_run(deployment, files, commands, obstacles), as_json)
+        result = described(deployment, files, commands, obstacles)
+        print_result(result, dry_run_text(deployment, files, commands, obstacles), as_json)
         return
     if obstacles:
         fail(obstacles[0])
@@ -138,7 +136,7 @@ def status(user: OfUser = False, root: Root = None, as_json: AsJson = False) -> 
         "files": _differences(deployment, root),
         "log": [] if root else host.recent_lines(LOG_LINES, user=user),
     }
-    print_result(result, "\n".join(_status_lines(result, ask_systemd=root is None)), as_json)
+    print_result(result, "\n".join(status_lines(result, ask_systemd=root is None)), as_json)
 
 
 def _deployment(user: bool, root: Path | None) -> "Deployment":
@@ -179,34 +177,6 @@ def _obstacles(
     return found
 
 
-def _described(
-    deployment: "Deployment", files: "Sequence[DeployedFile]", commands: "Commands",
-    obstacles: list[str],
-) -> dict[str, Any]:  # fmt: skip
-    return {
-        "files": [
-            {"path": str(f.path), "difference": deployment.difference(f), "text": f.text}
-            for f in files
-        ],
-        "commands": list(map(shlex.join, commands)),
-        "obstacles": obstacles,
-    }
-
-
-def _dry_run(
-    deployment: "Deployment", files: "Sequence[DeployedFile]", commands: "Commands",
-    obstacles: list[str],
-) -> str:  # fmt: skip
-    lines = []
-    for file in files:
-        lines.append(f"{deployment.difference(file)} {deployment.place(file.path)}")
-        if diff := deployment.diff(file):
-            lines.append(diff)
-    lines += [f"run {shlex.join(words)}" for words in commands]
-    lines += [f"in the way: {obstacle}" for obstacle in obstacles]
-    return "\n".join([*lines, "nothing was changed"])
-
-
 def _differences(deployment: "Deployment", root: Path | None) -> dict[str, str]:
     """Return how the files that are there differ from those that would be installed now."""
     from motord.deployment.plan import BENCH, ServiceRequest, files_of
@@ -220,31 +190,3 @@ def _differences(deployment: "Deployment", root: Path | None) -> dict[str, str]:
     return {
         str(file.path): deployment.difference(file) for file in files_of(request) if not file.kept
     }
-
-
-def _status_lines(result: dict[str, Any], *, ask_systemd: bool) -> list[str]:
-    unit, limits, files = result["unit"], result["limits"], result["files"]
-    lines = []
-    if ask_systemd and not unit:
-        lines.append("unit     systemd does not answer")
-    elif unit.get("LoadState") == "not-found":
-        lines.append("unit     not installed")
-    elif unit:
-        lines.append(
-            f"unit     {unit.get('ActiveState')} ({unit.get('SubState')}) since "
-            f"{unit.get('ActiveEnterTimestamp') or 'never'}, {unit.get('UnitFileState')}, "
-            f"{unit.get('NRestarts')} restarts, result {unit.get('Result')}"
-        )
-    if limits:
-        lines.append(
-            f"limits   real-time priority {limits['rt_priority'] or '?'}, locked memory "
-            f"{limits['locked_memory_bytes'] or '?'}"
-        )
-    words = {"same": "as installed", "new": "missing", "changed": "of another version",
-             "edited": "edited"}  # fmt: skip
-    lines += [f"file     {path}: {words[difference]}" for path, difference in files.items()]
-    if not files:
-        lines.append("file     none that `motord service install` wrote")
-    if unit.get("NeedDaemonReload") == "yes":
-        lines.append("         changed on disk: systemctl daemon-reload")
-    return lines + [f"log      {line}" for line in result["log"]]
