@@ -8,14 +8,12 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from motord.bench_file.templates import Notes, Tables, Template
+from motord.bench_file.templates import CHECK, Notes, Tables, Template
 from motord.config import Config
 from motord.config.descriptions import description, section_of, summary
 from motord.config.toml_text import toml_key, toml_value
 
 WIDTH = 100
-CHECK = "CHECK"
-"""Begins the comment of a value that is the example's and was not asked for."""
 OF_DEVICES = ("inverter", "torque_sensor", "brake", "drive", "motor", "limits")
 """Tables whose values are right for one bench alone."""
 NOT_OF_DEVICES = (

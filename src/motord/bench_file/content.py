@@ -5,6 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from motord.bench_file.parsing import parse
 from motord.bench_file.questions import BACK_EMF, QUESTIONS, Question, get, is_real
 from motord.bench_file.templates import Tables, Template, inverter_tables
 from motord.config import ConfigError, MotorConfig, resolve
@@ -14,7 +15,7 @@ Answers = Mapping[str, str]
 """What was answered, as text, by key."""
 
 Ask = Callable[[Question, str], str]
-"""Asks one question, with a default; the answer is one that its `parse` takes."""
+"""Asks one question, with a default; the answer is one that `parse` takes."""
 
 SMALL = 1 / 3
 """Of the rated torque, to begin with."""
@@ -30,7 +31,7 @@ def adapt(
     """
     tables = template.tables()
     with suppress(ConfigError):  # not every file name is good for a bench
-        tables["bench"]["name"] = QUESTIONS[0].parse(where.stem)
+        tables["bench"]["name"] = parse(QUESTIONS[0], where.stem)
     if template.real:
         tables["loop"].pop("cpu", None)  # one that this computer may not have
         tables["bench"].pop("notes", None)
@@ -61,7 +62,7 @@ def adapt(
 
 def _parsed(question: Question, text: str) -> Any:
     try:
-        return question.parse(text)
+        return parse(question, text)
     except ConfigError as error:
         raise ConfigError(f"{question.option}: {error}") from None
 

@@ -1,13 +1,17 @@
-"""What a new bench file begins as: an example of motord's, with the tables of an inverter."""
+"""What a new bench file begins as: an example of motord's, with the tables of an inverter.
+
+The command line lists them, so that nothing heavy is imported before one is read.
+"""
 
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from motord.config import ConfigError, packaged, read_toml
-
 Tables = dict[str, Any]
+
+CHECK = "CHECK"
+"""Begins the comment of a value that is the example's and was not asked for."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,7 @@ class Template:
 
     def tables(self) -> Tables:
         """Return the example's content."""
-        tables = read_toml(packaged(self.file))[1]
+        tables = _read(self.file)[1]
         rig = tables["bench"].get("rig", "")
         if rig and not rig.startswith("package:"):  # seen from the package's folder
             tables["bench"]["rig"] = f"package:{rig}"
@@ -79,12 +83,14 @@ INVERTERS = {
 
 def inverter_tables(name: str) -> Tables:
     """Return the table `[inverter]` for one of INVERTERS. Raises ConfigError."""
+    from motord.config import ConfigError
+
     if name not in INVERTERS:
         raise ConfigError(f"no inverter {name}; there are {', '.join(INVERTERS)}")
-    real: Tables = read_toml(packaged("examples/bench.toml"))[1]["inverter"]
+    real: Tables = _read("examples/bench.toml")[1]["inverter"]
     if name == "phase-currents":
         return real
-    own: Tables = read_toml(packaged(_inverter_file(name)))[1]["inverter"]
+    own: Tables = _read(_inverter_file(name))[1]["inverter"]
     times = {key: value for key, value in real.items() if key.endswith("_s")}
     if name == "dq":  # its times are those of an emulated bench
         own = {"driver": own["driver"], "dq": own["dq"], "can": own["can"]}
@@ -126,11 +132,18 @@ def _inverter_file(name: str) -> str:
 def _notes(file: str) -> Iterator[tuple[str, str]]:
     """Yield keys and the comments behind their values."""
     table = ""
-    for line in read_toml(packaged(file))[0].splitlines():
+    for line in _read(file)[0].splitlines():
         if head := re.match(r"\[([^]]+)\]", line):
             table = head[1]
         elif note := re.match(r'("[^"]+"|\w+) = .*?  # (.*)', line):
             yield f"{table}.{note[1]}", note[2]
+
+
+def _read(file: str) -> tuple[str, Tables]:
+    """Return text and content of a packaged file."""
+    from motord.config import packaged, read_toml
+
+    return read_toml(packaged(file))
 
 
 def _bridge_on_can(serial: Tables) -> Tables:

@@ -4,15 +4,17 @@ import inspect
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.bench_file import CHECK, INVERTERS, TEMPLATES, new_bench_file
 from motord.bench_file.questions import QUESTIONS, Question
+from motord.bench_file.templates import CHECK, INVERTERS, TEMPLATES
 from motord.cli.common_options import AsJson
 from motord.cli.console import fail, print_result, remark
-from motord.config import Config, ConfigError
+
+if TYPE_CHECKING:
+    from motord.config import Config
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The bench file to write.")]
 TemplateOption = Annotated[
@@ -43,6 +45,8 @@ def _new(
     What is not answered has the example's value, marked CHECK for a real bench. The file is
     checked before it is written.
     """
+    from motord.bench_file.new import new_bench_file
+
     if file.exists() and not force:
         fail(f"{file}: is there already; name another file, or say --force to write over it")
     answers = {q.key: text for q in QUESTIONS if (text := named[_parameter(q)]) is not None}
@@ -57,8 +61,11 @@ def _new(
 
 def _by_questions(
     file: Path, template: str, inverter: str, answers: Mapping[str, str]
-) -> tuple[str, str, Config]:
+) -> tuple[str, str, "Config"]:
     """Ask until the answers make a bench; what was said before is the next default."""
+    from motord.bench_file.new import new_bench_file
+    from motord.config import ConfigError
+
     template = template or _choose("Which bench", {n: t.summary for n, t in TEMPLATES.items()})
     if template in TEMPLATES and TEMPLATES[template].real:
         inverter = inverter or _choose("Inverter", INVERTERS)
@@ -91,9 +98,12 @@ def _choose(words: str, choices: Mapping[str, str]) -> str:
 
 
 def _prompt(question: Question, default: str) -> str:
+    from motord.bench_file.parsing import parse
+    from motord.config import ConfigError
+
     def checked(text: str) -> str:
         try:
-            question.parse(text)
+            parse(question, text)
         except ConfigError as error:
             raise typer.BadParameter(str(error)) from None
         return text
@@ -102,7 +112,7 @@ def _prompt(question: Question, default: str) -> str:
     return str(typer.prompt(words, default=default, value_proc=checked, err=True))
 
 
-def _write(file: Path, template: str, text: str, bench: Config, as_json: bool) -> None:
+def _write(file: Path, template: str, text: str, bench: "Config", as_json: bool) -> None:
     from motord.atomic_write import write_whole
 
     write_whole(file, text)

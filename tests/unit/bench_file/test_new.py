@@ -3,15 +3,16 @@
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from motord.bench_file import INVERTERS, TEMPLATES, new_bench_file
-from motord.bench_file.questions import QUESTIONS, get
+from motord.bench_file.new import new_bench_file
+from motord.bench_file.questions import QUESTIONS, Question, get
+from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
 from motord.config import ConfigError, load, packaged
 from motord.config.descriptions import field_of
@@ -145,6 +146,13 @@ def test_what_was_answered_needs_no_check() -> None:
     assert re.search(r"^slots = 48$", text, re.M)
     assert re.search(r"^counts = 4096  # CHECK", text, re.M)
     assert re.search(r'^\[brake\]\ndriver = "none"$', text, re.M)
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda q: q.key)
+def test_choices_are_those_of_the_key(question: Question) -> None:
+    annotation = field_of(question.key).annotation
+    if question.key != "motor.back_emf" and get_origin(annotation) is Literal:
+        assert set(question.choices) == set(get_args(annotation))
 
 
 def run(*arguments: str) -> Any:
