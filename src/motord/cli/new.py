@@ -49,6 +49,8 @@ def _new(
 
     if file.exists() and not force:
         fail(f"{file}: is there already; name another file, or say --force to write over it")
+    if file.is_dir() or not file.parent.is_dir():
+        fail(f"{file}: {'is a folder' if file.is_dir() else f'there is no folder {file.parent}'}")
     answers = {q.key: text for q in QUESTIONS if (text := named[_parameter(q)]) is not None}
     if yes or as_json or not sys.stdin.isatty():
         if not template:
