@@ -9,6 +9,7 @@ from motord.bench_file.parsing import parse
 from motord.bench_file.questions import BACK_EMF, QUESTIONS, Question, get, is_real
 from motord.bench_file.templates import Tables, Template, inverter_tables
 from motord.config import ConfigError, MotorConfig, resolve
+from motord.config.descriptions import field_of
 from motord.config.reading import check_table
 
 Answers = Mapping[str, str]
@@ -95,7 +96,7 @@ def _default(key: str, tables: Tables, where: Path) -> str:
         part = tables["limits"]["torque_Nm"] / motor.rated_torque_Nm
         return f"{_three_digits(motor.rated_current_A() * max(0.75, 1.25 * part)):g}"
     value = get(tables, key)
-    return "" if value is None else str(value)
+    return str(field_of(key).get_default() if value is None else value)
 
 
 def _motor(tables: Tables, where: Path) -> MotorConfig:
@@ -114,6 +115,9 @@ def _of_a_real_bench(tables: Tables) -> Tables:
     for name in ("brake", "drive"):
         if tables[name]["driver"] == "none":
             tables[name] = {"driver": "none"}
+        elif tables[name]["modbus"]["transport"] == "tcp":
+            for key in ("serial_port", "baud", "parity"):
+                tables[name]["modbus"].pop(key, None)
     torque_Nm, current_A = tables["limits"]["torque_Nm"], tables["limits"]["current_A"]
     largest_Nm = max(torque_Nm, tables["motor"]["rated_torque_Nm"])
     torques_Nm = [_three_digits(torque_Nm * part / 4) for part in (1, 2, 3, 4)]

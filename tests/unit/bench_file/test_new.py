@@ -95,6 +95,13 @@ def test_any_answers_are_a_bench_or_a_reason(
     assert config.limits.trip_current_A > config.limits.current_A
 
 
+@pytest.mark.parametrize("template", REAL)
+@pytest.mark.parametrize("question", [q for q in QUESTIONS if q.choices], ids=lambda q: q.key)
+def test_every_choice_goes_with_the_example(template: str, question: Question) -> None:
+    for choice in question.choices:
+        assert bench(template, **{question.key: choice})
+
+
 def test_limits_begin_small_and_follow_the_motor() -> None:
     _, config = bench("serial-bridge", motor__rated_torque_Nm="30", motor__back_emf="0.5")
     assert config.limits.torque_Nm == 10.0
@@ -139,6 +146,17 @@ def test_a_wrong_answer_is_refused_with_the_reason(
 ) -> None:
     with pytest.raises(ConfigError, match=words):
         bench(template, inverter, **answers)
+
+
+@pytest.mark.parametrize("device", ["brake", "drive"])
+def test_a_device_on_modbus_tcp(device: str) -> None:
+    answers = {f"{device}__modbus__transport": "tcp", f"{device}__modbus__host": "192.168.7.20"}
+    text, config = bench("serial-bridge", **answers)
+    modbus = getattr(config, device).modbus
+    assert (modbus.transport, modbus.host, modbus.tcp_port) == ("tcp", "192.168.7.20", 502)
+    table = text.partition(f"[{device}.modbus]")[2].partition("\n\n")[0]
+    assert "serial_port" not in table
+    assert "baud" not in table
 
 
 def test_what_was_answered_needs_no_check() -> None:
