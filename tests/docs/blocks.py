@@ -44,11 +44,6 @@ READ_BY = {
 """Blocks of TOML that are not part of a bench file; by the beginning of their first line."""
 
 RUN = {
-    ("README.md", "import json, time, zenoh"): {
-        "tcp/127.0.0.1:7447": "{endpoint}",
-        "motord/emulated/": "motord/sim/",
-        "time.sleep(10)": "time.sleep(1)",
-    },
     ("docs/api.md", "from motord.client import connect"): {
         "with connect() as": 'with connect("sim", "{endpoint}") as'
     },
@@ -62,7 +57,6 @@ RUN = {
 """Blocks of Python, and what is put in place of what only a reader has. `PRINTED` says more."""
 
 PRINTED = {
-    ("README.md", "import json, time, zenoh"): ("'state': '", " bytes of motord.Tick"),
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
     ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state": "OFF"'),
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): (),
@@ -75,7 +69,6 @@ LISTED = {
     "text": {"docs/bring-up.md": _PRINTED},
     "ini": {
         "docs/security.md": "a drop-in of systemd with an address of a network that is not here",
-        "docs/service.md": "a drop-in of systemd with an address of a network that is not here",
     },
     "": {"docs/architecture.md": "a drawing"},
 }

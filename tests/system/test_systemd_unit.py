@@ -50,11 +50,10 @@ def command() -> list[str]:
 
 def install(layer: Path) -> None:
     """Put together what the manager's script takes (`manager.sh`)."""
-    for name in ("memory", "whole", "out", "cache", "opt/bin", "opt/repo"):
+    for name in ("memory", "whole", "out", "cache", "opt/bin"):
         (layer / name).mkdir(parents=True)
     opt = layer / "opt"
     shutil.copytree(ROOT / "src", opt / "src", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(ROOT / "systemd", opt / "repo" / "systemd")
     shutil.copy(HERE / "scenario.py", opt / "scenario.py")
     for name in ("packages", "python"):  # mounted there; the interpreter may be in somebody's home
         (opt / name).mkdir()
@@ -129,3 +128,19 @@ def test_it_stops_by_itself_and_leaves_nothing(facts: dict[str, Any]) -> None:
     assert stopped["ExecMainStatus"] == "0"
     assert facts["results"] == ["watchdog", "success"]
     assert facts["left"] == []
+
+
+def test_its_status_is_that_of_the_running_unit(facts: dict[str, Any]) -> None:
+    unit, limits = facts["status"]["unit"], facts["status"]["limits"]
+    assert (unit["ActiveState"], unit["MainPID"]) == ("active", facts["started"]["MainPID"])
+    assert limits["rt_priority"].isdigit()  # how high is for the computer to say
+    assert limits["locked_memory_bytes"]
+    assert set(facts["status"]["files"].values()) == {"same"}
+
+
+def test_uninstalling_leaves_what_is_the_bench_s(facts: dict[str, Any]) -> None:
+    code, said = facts["uninstall"]
+    assert code == 0, said
+    assert facts["unit left"] == "not-found"
+    assert facts["bench left"]
+    assert facts["recordings"]

@@ -12,11 +12,13 @@ from motord.cli.console import CommandGroup, lost_output, outlive_readers, remar
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
+    "new": "motord.cli.new:new",
     "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
     "emulate": "motord.cli.emulate:emulate",
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
+    "service": "motord.cli.service:app",
     "status": "motord.cli.bench.status:status",
     "watch": "motord.cli.bench.watch.command:watch",
     "events": "motord.cli.bench.status:events",

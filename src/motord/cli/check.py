@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson, BenchFile
+from motord.cli.compilation import explain_first_run
 from motord.cli.console import fail, print_result
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ def check(
     from motord.config import load
 
     bench = load(config)
+    explain_first_run(silent=as_json)
     findings: list[Finding] = [
         {"what": "config", "ok": True, "message": f"bench {bench.bench.name}"}
     ]

@@ -62,6 +62,7 @@ EXPLAINED = frozenset(
         "motord.config.base.ConfigError",
         "motord.dashboard.server.DashboardError",
         "motord.emulate.EmulatorError",
+        "motord.deployment.files.DeploymentError",
         "motord.experiments.subject.AnalysisError",
         "motord.foxglove.server.FoxgloveError",
         "motord.hal.base.DeviceError",

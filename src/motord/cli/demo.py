@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.analysis_command import print_text
+from motord.cli.browser import open_page
 from motord.cli.common_options import ResultAsJson
+from motord.cli.compilation import explain_first_run
 from motord.cli.console import fail, print_json
 from motord.cli.reproduce import stage_progress
 
@@ -21,22 +23,31 @@ def demo(
     ),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Four operating points, 8 turns.")] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Do not open the report.")
+    ] = False,
     json: ResultAsJson = False,
 ) -> None:
-    """Calibrate the simulated rig in virtual time; show the torque ripple before and after."""
+    """Calibrate the simulated rig in virtual time; show the torque ripple before and after.
+
+    On a computer with a display the report is opened in the browser at the end.
+    """
     try:
         found = _run(out, seed, quick, silent=json)
     except OSError as error:
         fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if json:
         print_json(found.summary)
-    else:
-        _print(found)
+        return
+    _print(found)
+    if not no_browser:
+        open_page(found.files["report"].absolute().as_uri())
 
 
 def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
     from motord.reproduce.demo import STAGES, run_demo, write_report
 
+    explain_first_run(silent=silent)
     with stage_progress(STAGES, silent) as progress:
         found = run_demo(out, seed, quick, progress)
         write_report(found)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import ResultAsJson
+from motord.cli.compilation import explain_first_run
 from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def reproduce(
 def _run(out: Path, seed: int, quick: bool, keep_recordings: bool, silent: bool) -> "Results":
     from motord.reproduce.run import STAGES, reproduce
 
+    explain_first_run(silent=silent)
     with stage_progress(STAGES, silent) as progress:
         return reproduce(out, seed, quick, keep_recordings, progress)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import BenchFile
+from motord.cli.compilation import explain_first_run
 
 if TYPE_CHECKING:
     from motord.config import Config
@@ -27,4 +28,5 @@ def run(
         where = ", ".join(bench.zenoh.listen)
         typer.echo(json.dumps(ready) if as_json else f"ready: bench {bench.bench.name} at {where}")
 
+    explain_first_run(silent=as_json)
     run_daemon(config or packaged("sim.toml"), say_ready)

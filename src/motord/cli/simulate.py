@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import PlanSettings, ResultAsJson
+from motord.cli.compilation import explain_first_run
 from motord.cli.console import fail, print_result, progress_bar, text_column
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def simulate(
     path = output or Path(f"{name}.mcap")
     if path.exists():
         fail(f"{path}: exists; name another file with -o, nothing is overwritten")
+    explain_first_run(silent=as_json)
     try:
         source = PlanSource.of(config)
         plan = _plan(source, name, settings or [])

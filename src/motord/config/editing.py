@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Mapping
 
 from motord.config.base import ConfigError
+from motord.config.toml_text import toml_value
 
 Value = str | int | float
 
@@ -26,9 +27,9 @@ def with_values(text: str, table: str, values: Mapping[str, Value], where: str) 
     for key, value in values.items():
         place = _line_of(lines, head, key)
         if place is None:
-            missing.append(f"{key} = {_toml(value)}")
+            missing.append(f"{key} = {toml_value(value)}")
         else:
-            lines[place] = f"{key} = {_toml(value)}{_comment(lines[place])}"
+            lines[place] = f"{key} = {toml_value(value)}{_comment(lines[place])}"
         wanted[table][key] = value
     lines[head + 1 : head + 1] = missing
     edited = "\n".join(lines) + "\n"
@@ -37,7 +38,7 @@ def with_values(text: str, table: str, values: Mapping[str, Value], where: str) 
     except tomllib.TOMLDecodeError:
         understood = False
     if not understood:
-        keys = ", ".join(f"{key} = {_toml(value)}" for key, value in values.items())
+        keys = ", ".join(f"{key} = {toml_value(value)}" for key, value in values.items())
         raise ConfigError(f"{where}: cannot be changed safely; write into [{table}]: {keys}")
     return edited
 
@@ -59,7 +60,3 @@ def _comment(line: str) -> str:
     """Return the comment of a line with a value that has no # in it, with two spaces before."""
     found = re.search(r"#.*$", line)
     return f"  {found.group()}" if found else ""
-
-
-def _toml(value: Value) -> str:
-    return f'"{value}"' if isinstance(value, str) else repr(value)

@@ -2,13 +2,14 @@
 
 import difflib
 import tomllib
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from motord.config.base import ConfigError, Section
+from motord.config.base import ConfigError, Section, what_is_wrong
 from motord.config.bench import Config
 from motord.config.experiments import PlansConfig, plans_model
 from motord.config.motor import MotorFile
@@ -54,6 +55,21 @@ def resolve(base: Path, file: Path) -> Path:
 _Model = TypeVar("_Model", bound=Section)
 
 
+def check_text(path: Path, text: str) -> Config:
+    """Check the text of a bench file that is to be at `path`. Raises ConfigError."""
+    data = tomllib.loads(text)
+    _resolve_files(path, data)
+    return validate(Config, path, text, data)
+
+
+def check_table(model: type[_Model], name: str, content: dict[str, Any]) -> _Model:
+    """Check one table by itself. Raises ConfigError naming its keys."""
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError("; ".join(f"[{name}] {one}" for one in what_is_wrong(error))) from None
+
+
 def validate(model: type[_Model], path: Path, text: str, data: dict[str, Any]) -> _Model:
     """Build `model` from the content of a TOML file. Raises ConfigError naming file and line."""
     try:
@@ -68,20 +84,30 @@ def _load(path: Path, model: type[_Model]) -> _Model:
     return validate(model, path, text, data)
 
 
+_FILES = (
+    ("bench", "rig"),
+    ("bench", "faults"),
+    ("inverter", "can", "dbc"),
+    ("motor", "back_emf"),
+    *(("zenoh", "tls", name) for name in ("ca", "certificate", "key", "roles")),
+)
+"""Keys that name files, if they hold text."""
+
+
+def named_files(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str]]:
+    """Yield table, key and name of each file that the content of a bench file names."""
+    for *tables, key in _FILES:
+        table: Any = data
+        for name in tables:
+            table = table.get(name) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(table.get(key), str):
+            yield table, key, table[key]
+
+
 def _resolve_files(path: Path, data: dict[str, Any]) -> None:
     """Make the file names of a bench absolute: they are relative to the bench file."""
-    for keys in (
-        ("bench", "rig"),
-        ("bench", "faults"),
-        ("inverter", "can", "dbc"),
-        ("motor", "back_emf"),
-        *(("zenoh", "tls", name) for name in ("ca", "certificate", "key", "roles")),
-    ):
-        table: Any = data
-        for key in keys[:-1]:
-            table = table.get(key) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(table.get(keys[-1]), str):
-            table[keys[-1]] = resolve(path, Path(table[keys[-1]]))
+    for table, key, name in named_files(data):
+        table[key] = resolve(path, Path(name))
 
 
 def _explain(error: ValidationError, model: type[Section], path: Path, text: str) -> str:

@@ -1,10 +1,10 @@
 #!/bin/sh
 # Becomes Debian's systemd as PID 1 of namespaces of its own, on a layer of memory above this
-# computer's files. It installs the unit as docs/service.md says, runs `scenario` and ends.
+# computer's files. It has `motord service install` write the unit, runs `scenario` and ends.
 #
 #   unshare --pid --fork --mount --cgroup --net --ipc --uts sh manager.sh LAYER
 #
-# LAYER has what it needs: repo/ (systemd/), opt/ (sources, packages), bench.toml, cache/, out/
+# LAYER has what it needs: opt/ (sources, packages), bench.toml, cache/, out/
 set -e
 layer=$1 whole=$1/whole
 mount --make-rprivate /
@@ -31,10 +31,9 @@ cp "$layer/bench.toml" "$whole/etc/motord/bench.toml"
 # nothing of this computer's own services starts here
 rm -rf "$whole"/etc/systemd/system/* "$whole/etc/systemd/system.conf.d"
 : > "$whole/etc/machine-id"
-repo=$whole/opt/motord/repo
-install -D -m 644 "$repo/systemd/motord.sysusers.conf" "$whole/usr/lib/sysusers.d/motord.conf"
-chroot "$whole" systemd-sysusers /usr/lib/sysusers.d/motord.conf
-install -m 644 "$repo/systemd/motord.service" "$whole/etc/systemd/system/"
+chroot "$whole" /opt/motord/bin/motord service install --root / -c /etc/motord/bench.toml \
+    --program /opt/motord/bin/motord
+chroot "$whole" systemd-sysusers /etc/sysusers.d/motord.conf
 mkdir "$whole/etc/systemd/system/motord.service.d"
 cat > "$whole/etc/systemd/system/motord.service.d/record.conf" <<'UNIT'
 [Service]

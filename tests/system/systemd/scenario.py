@@ -59,6 +59,11 @@ def loop_of(found: dict[int, str]) -> int:
     return pid
 
 
+def motord(*arguments: str) -> "subprocess.CompletedProcess[str]":
+    words = ["/opt/motord/bin/motord", *arguments]
+    return subprocess.run(words, capture_output=True, text=True, check=False)
+
+
 def main() -> None:
     loopback_up()
     bench = config.load(Path("/etc/motord/bench.toml"))
@@ -73,6 +78,7 @@ def main() -> None:
     facts["started"] = shown()
     if facts["start"] == 0:
         facts["state"] = state()
+        facts["status"] = json.loads(motord("service", "status", "--json").stdout)
         facts["uid"] = Path(f"/proc/{shown()['MainPID']}").stat().st_uid
         with connect(bench.bench.name, endpoint) as client, client.lease("scenario") as lease:
             facts["enabled"] = client.rpc("enable", token=lease.token)["state"]
@@ -90,6 +96,10 @@ def main() -> None:
         facts["stop"] = systemctl("stop", UNIT).returncode
     facts["stopped"] = shown()
     facts["left"] = list(processes().values())
+    removed = motord("service", "uninstall")
+    facts["uninstall"] = [removed.returncode, removed.stdout + removed.stderr]
+    facts["unit left"] = systemctl("show", UNIT, "--property=LoadState", "--value").stdout.strip()
+    facts["bench left"] = Path("/etc/motord/bench.toml").exists()
     facts["recordings"] = sorted(p.name for p in Path("/var/lib/motord").rglob("*.mcap*"))
     OUT.write_text(json.dumps(facts))
 

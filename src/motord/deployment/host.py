@@ -1,0 +1,94 @@
+"""What systemd on this computer does and says."""
+
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+from motord.deployment.files import DeploymentError
+from motord.deployment.plan import UNIT, Commands
+
+RUNNING = Path("/run/systemd/system")
+"""There if systemd is the init of this computer (sd_booted(3))."""
+
+SHOWN = (
+    "LoadState", "ActiveState", "SubState", "UnitFileState", "Result", "MainPID", "NRestarts",
+    "ActiveEnterTimestamp", "NeedDaemonReload",
+)  # fmt: skip
+LIMITS = {"Max realtime priority": "rt_priority", "Max locked memory": "locked_memory_bytes"}
+TIMEOUT_S = 30.0
+START_TIMEOUT_S = 360.0
+"""Enabling starts the unit, whose first start compiles the kernels."""
+
+
+def is_systemd() -> bool:
+    """Return whether systemd runs this computer."""
+    return RUNNING.is_dir()
+
+
+def carry_out(commands: Commands, *, may_fail: bool = False) -> list[str]:
+    """Run commands one after the other; return what was done.
+
+    Without udev, as in a container, what is for udev is left out. Raises DeploymentError with what
+    the first failing command says.
+    """
+    steps = []
+    for words in commands:
+        if words[0] == "udevadm" and shutil.which("udevadm") is None:
+            steps.append(f"left out {shlex.join(words)}: there is no udev")
+            continue
+        steps.append(f"ran {shlex.join(words)}")
+        try:
+            done = _run(words, START_TIMEOUT_S)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            done = subprocess.CompletedProcess(words, 1, "", str(error))
+        if done.returncode != 0 and not may_fail:
+            said = (done.stderr or done.stdout).strip().replace("\n", "; ")
+            raise DeploymentError(
+                f"`{' '.join(words)}` failed: {said or f'exit code {done.returncode}'}. What was "
+                "written stays; the same command goes on from here"
+            )
+    return steps
+
+
+def unit_state(*, user: bool) -> dict[str, str]:
+    """Return properties of the unit, empty without systemd."""
+    words = ("systemctl", *_user(user), "show", UNIT, f"--property={','.join(SHOWN)}")
+    lines = _said(words).splitlines()
+    return dict(line.split("=", 1) for line in lines if "=" in line)
+
+
+def limits_of(pid: int) -> dict[str, str]:
+    """Return the real-time limits of a running process, "" for each that cannot be read."""
+    try:
+        lines = Path(f"/proc/{pid}/limits").read_text().splitlines()
+    except OSError:
+        lines = []
+    found = {words: line.removeprefix(words).split()[0] for line in lines for words in LIMITS
+             if line.startswith(words)}  # fmt: skip
+    return {name: found.get(words, "") for words, name in LIMITS.items()}
+
+
+def recent_lines(count: int, *, user: bool) -> list[str]:
+    """Return the newest lines of the unit's log."""
+    whose = ("--user-unit", UNIT) if user else ("--unit", UNIT)
+    said = _said(("journalctl", *whose, f"--lines={count}", "--no-pager", "--output=short-iso"))
+    return [line for line in said.splitlines() if not line.startswith("-- ")]
+
+
+def _user(user: bool) -> tuple[str, ...]:
+    return ("--user",) if user else ()
+
+
+def _said(words: tuple[str, ...]) -> str:
+    try:
+        return _run(words, TIMEOUT_S).stdout
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+
+
+def _run(words: tuple[str, ...], timeout_s: float) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        words, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL,
+        check=False,
+    )  # fmt: skip

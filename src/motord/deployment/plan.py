@@ -1,0 +1,167 @@
+"""What a service consists of: its files, and the commands that put them in force."""
+
+import os
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from motord.config import Config, load, packaged
+from motord.config.reading import named_files
+from motord.deployment.files import DeployedFile, DeploymentError
+from motord.deployment.unit import STATE, system_unit, user_unit
+
+UNIT = "motord.service"
+ETC = Path("/etc/motord")
+BENCH = ETC / "bench.toml"
+HOMES = ("/home", "/root", "/run/user")
+"""What `ProtectHome=` hides from the unit."""
+
+Commands = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class ServiceRequest:
+    """What is asked for. program: what starts motord; can_bitrates: nominal, data (bit/s).
+
+    With can_bitrates its CAN channels are set up at boot; user: in the user's own systemd.
+    """
+
+    bench_file: str
+    program: tuple[str, ...]
+    user: bool = False
+    can_bitrates: tuple[int, int] | None = None
+
+
+def files_of(request: ServiceRequest) -> tuple[DeployedFile, ...]:
+    """Return the files of a service. Raises ConfigError, DeploymentError."""
+    bench_file = Path(request.bench_file)
+    bench = load(bench_file)
+    if request.user:
+        unit = user_unit(request.program, bench_file.absolute())
+        return (DeployedFile(user_units() / UNIT, unit),)
+    return (
+        *_bench_files(bench_file),
+        DeployedFile(Path("/etc/systemd/system", UNIT), system_unit(request.program, BENCH, bench)),
+        _shipped("60-motord.rules", "/etc/udev/rules.d/60-motord.rules"),
+        _shipped("motord.sysusers.conf", "/etc/sysusers.d/motord.conf"),
+        *(_can_networks(bench, *request.can_bitrates) if request.can_bitrates else ()),
+    )
+
+
+def activation(request: ServiceRequest, *, now: bool) -> Commands:
+    """Return the commands that put the files in force; now: the service is started, too."""
+    enable = ("enable", *(("--now",) if now else ()), UNIT)
+    if request.user:
+        return (("systemctl", "--user", "daemon-reload"), ("systemctl", "--user", *enable))
+    runs = load(Path(request.bench_file)).recording.directory
+    folder = ("install", "-d", "-o", "motord", "-g", "motord", "-m", "0750", str(runs))
+    return (
+        ("systemd-sysusers", "/etc/sysusers.d/motord.conf"),
+        *((folder,) if runs.is_absolute() and not runs.is_relative_to(STATE) else ()),
+        ("udevadm", "control", "--reload"),
+        ("udevadm", "trigger", "--action=add", "--subsystem-match=tty",
+         "--subsystem-match=usb-serial", "--subsystem-match=misc"),
+        *((("networkctl", "reload"),) if request.can_bitrates else ()),
+        ("systemctl", "daemon-reload"),
+        ("systemctl", *enable),
+    )  # fmt: skip
+
+
+def before_removal(*, user: bool) -> Commands:
+    """Return the commands that stop a service: the bench ramps down and is disabled."""
+    return (("systemctl", *(("--user",) if user else ()), "disable", "--now", UNIT),)
+
+
+def after_removal(*, user: bool) -> Commands:
+    """Return the commands after the files are gone."""
+    if user:
+        return (("systemctl", "--user", "daemon-reload"),)
+    return (("systemctl", "daemon-reload"), ("udevadm", "control", "--reload"))
+
+
+def manifest(*, user: bool) -> Path:
+    """Return where it is remembered what was written."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state, "motord", "service.json") if user else ETC / ".service.json"
+
+
+def user_units() -> Path:
+    """Return the folder of a user's own units (systemd.unit(5))."""
+    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config", "systemd", "user")
+
+
+def this_program() -> tuple[str, ...]:
+    """Return what starts this motord."""
+    script = Path(sys.executable).with_name("motord")
+    return (str(script),) if script.exists() else (sys.executable, "-m", "motord")
+
+
+def hidden_parts() -> list[str]:
+    """Return what of this motord a service of the system could not see."""
+    own = (sys.prefix, sys.base_prefix, str(Path(__file__).parents[1]))
+    return [place for place in dict.fromkeys(own) if is_hidden(Path(place))]
+
+
+def is_hidden(path: Path) -> bool:
+    """Return whether the system's unit cannot see a path, or what it leads to."""
+    return any(one.is_relative_to(home) for one in (path, path.resolve()) for home in HOMES)
+
+
+def _shipped(name: str, path: str) -> DeployedFile:
+    return DeployedFile(Path(path), packaged(f"systemd/{name}").read_text())
+
+
+def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
+    """Yield the bench file and what it names by relative paths, as files beside it."""
+    text = bench_file.read_text(encoding="utf-8")
+    yield DeployedFile(BENCH, text, kept=True)
+    for table, key, name in named_files(tomllib.loads(text)):
+        named = Path(name)
+        if name.startswith("package:"):
+            continue
+        if key in ("ca", "certificate", "key", "roles") and "key" in table:
+            if not named.is_absolute():
+                raise DeploymentError(
+                    f"{bench_file}: [zenoh.tls] {key} = {name!r} is not copied, it decides who "
+                    f"gets in: name it by its whole path, in a folder below {ETC}"
+                )
+        elif named.is_absolute():
+            if is_hidden(named):
+                raise DeploymentError(
+                    f"{bench_file}: {key} = {name!r} is in a home, which the service cannot see: "
+                    "put it beside the bench file and name it without a folder"
+                )
+        elif ".." in named.parts:
+            raise DeploymentError(
+                f"{bench_file}: {key} = {name!r} is outside of its folder and would not be found "
+                f"from {ETC}: put it beside the bench file"
+            )
+        else:
+            yield DeployedFile(ETC / named, _text(bench_file.parent / named), kept=True)
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise DeploymentError(
+            f"{path}: not a text file in UTF-8: convert it, or put it into {ETC} and name it by "
+            "its whole path"
+        ) from None
+
+
+def _can_networks(bench: Config, bitrate: int, data_bitrate: int) -> Iterator[DeployedFile]:
+    """Yield what brings the CAN channels of a bench up at boot (systemd-networkd)."""
+    buses = [bench.inverter.can if bench.inverter.driver.startswith("can") else None,
+             bench.bridge.can if bench.bridge.driver == "can" else None]  # fmt: skip
+    channels = dict.fromkeys(b.channel for b in buses if b and b.interface == "socketcan")
+    if not channels:
+        raise DeploymentError("--can-bitrate: this bench has no CAN channel of the kernel")
+    shipped = packaged("systemd/80-motord-can.network").read_text()
+    for channel in channels:
+        text = shipped.replace("Name=can0", f"Name={channel}")
+        text = text.replace("BitRate=1M\n", f"BitRate={bitrate}\n", 1)
+        text = text.replace("DataBitRate=4M", f"DataBitRate={data_bitrate}")
+        yield DeployedFile(Path(f"/etc/systemd/network/80-motord-{channel}.network"), text)
