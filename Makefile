@@ -58,7 +58,8 @@ unit-quick: $(VENV)/dev.stamp
 
 pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	@out=$$(mktemp -d) && $(BIN)/motord demo --json --out $$out >/dev/null && \
-	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
+	    $(BIN)/python tools/pictures.py $$out && \
+	    $(BIN)/python tools/ripple_picture.py $$out && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
 
