@@ -73,7 +73,9 @@ def turn_of(path: Path) -> Turn:
     """Return the first turn at the operating point of a recording."""
     run = open_run(path)
     [point] = [
-        p for p in run.operating_points() if (p["torque_Nm"], p["speed_Hz"]) == (TORQUE_NM, SPEED_HZ)
+        p
+        for p in run.operating_points()
+        if (p["torque_Nm"], p["speed_Hz"]) == (TORQUE_NM, SPEED_HZ)
     ]
     truth = run.truth(("angle_rad", "speed_rad_s", "torque_Nm"), **bounds_of(point))
     ticks = run.ticks(("angle_rad", "i_cmd_a_A"), **bounds_of(point))

@@ -156,6 +156,7 @@ def check(command: str) -> None:
     while re.fullmatch(r"[A-Z_]+=.*", words[0]):
         words = words[1:]
     program, *rest = words
+    program = "motord" if program.endswith("/motord") else program
     for word in rest:
         if word.startswith(KEPT_HERE):
             assert (ROOT / word).exists(), f"{word} is not there"

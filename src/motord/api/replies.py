@@ -32,45 +32,60 @@ class LeaseTerms(RpcReply):
     """`lease/renew`: how long the lease lasts and within what time it is never lost."""
 
     lease_s: _LeaseTime
+    """After the last renewal no torque is left so soon."""
     renew_within_s: _LeaseTime
+    """A lease that is renewed within this time is never lost."""
 
 
 class LeaseGrant(LeaseTerms):
     """`lease/acquire`."""
 
     token: Annotated[str, Field(min_length=1, max_length=128)]
+    """For the requests of this lease."""
     took_over_from: Text | None
+    """Who was in command until now."""
     holder: Text = ""
+    """Who is in command."""
 
 
 class StateReply(RpcReply):
     """`enable`, `disable`, `stop`, `reset`: the state of the drive."""
 
     state: Text
+    """State of the drive, or of the plan."""
 
 
 class AcceptedSetpoint(RpcReply):
     """The set-point after `set`; the torque is on its way to its target."""
 
     torque_Nm: Number
+    """Asked of the loop now; 0 while the brake rises."""
     torque_target_Nm: Number
+    """What was set."""
     speed_Hz: Number | None
+    """Speed that the brake holds, turns per second."""
     brake: Number
+    """Excitation of the brake."""
     drive_Hz: Number
+    """Speed of the external drive, turns per second."""
     compensate: Text
+    """Which parts of the calibration are applied."""
 
 
 class SetpointReply(StateReply):
     """`set`."""
 
     setpoint: AcceptedSetpoint
+    """What is in force now."""
     reached_in_s: Duration
+    """How long brake and ramp take from now."""
 
 
 class PlanName(RpcReply):
     """`plan/discard`."""
 
     plan: Text
+    """Name of the plan."""
 
 
 class PlanProgress(StateReply, PlanName):
@@ -81,40 +96,55 @@ class PlanOutline(RpcReply):
     """`plan/start`: what the plan will do."""
 
     points: list[dict[str, Any]]
+    """The operating points, as they will be taken."""
     estimate_s: Duration
+    """How long it will take, about."""
     settings: dict[str, Any]
+    """With which it starts, defaults included."""
     plan: Text = ""
+    """Name of the plan."""
     recording: Text = ""
+    """Path of its recording once it is whole."""
 
 
 class AvailablePlan(RpcReply):
     """A plan in `plan/list`."""
 
     name: Text
+    """For `plan/start`."""
     summary: Text
+    """What it does."""
     settings: dict[str, Any]
+    """`[plans.<name>]` with all defaults."""
 
 
 class PlanList(RpcReply):
     """`plan/list`."""
 
     plans: list[AvailablePlan]
+    """In their order."""
 
 
 class ConfigReply(RpcReply):
     """`config`: the bench file as text, and with all defaults."""
 
     toml: str
+    """The bench file."""
     config: dict[str, Any]
+    """The same with all defaults."""
 
 
 class InstalledCalibration(RpcReply):
     """`calibration/install`; `path` once it is on disk."""
 
     id: Text
+    """Its hash."""
     age: Text
+    """As text."""
     path: Text
+    """Where the daemon keeps it."""
     created: Text = ""
+    """When it was made."""
 
 
 class ErrorReply(RpcReply):
