@@ -11,7 +11,7 @@ FOLLOWED = "docs/how-to/"
 """Pages whose Python and changes of the source are followed by `test_how_to`."""
 COMMANDS = ("sh", "console")
 
-__all__ = ["COMMANDS", "FOLLOWED", "ROOT", "Block", "blocks", "commands", "named", "of"]
+__all__ = ["COMMANDS", "FOLLOWED", "ROOT", "Block", "blocks", "commands", "named", "of", "pages"]
 
 READ_BY = {
     ("docs/faults.md", "[[fault]]"): "faults",

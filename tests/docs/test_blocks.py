@@ -30,6 +30,7 @@ from tests.docs.blocks import (
     commands,
     named,
     of,
+    pages,
 )
 
 KEPT_HERE = ("config/", "systemd/", "tests/", "docs/", "tools/")
@@ -45,6 +46,12 @@ def test_every_block_is_read_run_or_listed() -> None:
             assert block.key in RUN, f"{where} is not run: put it into RUN"
         elif block.language not in ("toml", *COMMANDS):
             assert block.file in LISTED.get(block.language, {}), f"{where} is not listed"
+
+
+def test_commands_are_in_blocks_that_say_so() -> None:
+    """Indented text is for formulas: nothing would read a command there."""
+    for page in pages():
+        assert not re.search(r"^    (\$ |motord |make |python|sudo )", page.read_text(), re.M), page
 
 
 def test_nothing_is_listed_that_is_not_there() -> None:

@@ -1,5 +1,6 @@
 """Tables and headings of Markdown."""
 
+import re
 from collections.abc import Iterable, Sequence
 
 NOTE = "<!-- Made by `make reference` from {source}. Do not edit. -->"
@@ -17,7 +18,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+    return re.sub(r"[ \n]+", " ", text).strip().replace("|", "\\|")
 
 
 def code(text: object) -> str:

@@ -1,6 +1,7 @@
 """Pydantic models as tables: key, type, unit, default, limits, meaning."""
 
 import json
+import re
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -28,9 +29,6 @@ UNITS = {
     "_MB": "MB",
     "_ns": "ns",
     "_us": "µs",
-    "_us_p50": "µs",
-    "_us_p99": "µs",
-    "_us_max": "µs",
     "_s": "s",
     "_m": "m",
     "_A": "A",
@@ -48,16 +46,17 @@ TYPES = {
 }
 FORMATS = {"path": "path", "date-time": "date and time"}
 BOUNDS = {
-    "minimum": "≥ {}",
-    "exclusiveMinimum": "> {}",
-    "maximum": "≤ {}",
-    "exclusiveMaximum": "< {}",
+    "minimum": "≥\N{NO-BREAK SPACE}{}",
+    "exclusiveMinimum": ">\N{NO-BREAK SPACE}{}",
+    "maximum": "≤\N{NO-BREAK SPACE}{}",
+    "exclusiveMaximum": "<\N{NO-BREAK SPACE}{}",
 }
 COUNTS = {"minItems": "at least {}", "maxItems": "at most {}", "maxLength": "at most {} characters"}
 
 
 def unit_of(name: str) -> str:
     """Return the unit that a name ends with, "" if it has none."""
+    name = re.sub(r"_(min|max|p50|p99)$", "", name)
     return next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
 
 

@@ -73,7 +73,7 @@ class LimitsConfig(Section):
     torque_Nm: Positive = 6.0
     """Largest torque set-point, of either sign."""
     torque_rate_Nm_per_s: Positive = 10.0
-    """Of the ramp to a new set-point. Down to zero on disable it takes a second at most."""
+    """Rate of the ramp to a new set-point; down to zero, on disable, it takes a second at most."""
     current_A: Positive = 25.0
     """Largest commanded phase current."""
     trip_current_A: Positive = 35.0
