@@ -29,9 +29,9 @@ class ModbusConfig(Section):
     stop_bits: Literal[1, 2] = 1
     """Stop bits."""
     unit: Annotated[int, Field(ge=1, le=247)] = 1
-    """Address of the device."""
+    """Address of the device on the line, or behind a gateway."""
     timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
-    """Longest time for one request."""
+    """Time for one request; longer than the device ever takes."""
     watchdog_s: NonNegative = 0.0
     """As set in the device: it drops its set-point to zero after so long without one. 0: never,
     which a drive must not have."""
