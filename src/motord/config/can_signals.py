@@ -138,8 +138,8 @@ class DqConfig(Section):
     d_axis_rad: Finite = 0.0
     """Electrical angle by which the drive's d axis is ahead of the flux, in its own direction."""
     scale: Positive = 1.0
-    """What the drive calls 1 A, or 1 V, of phase amplitude: 1.2247 where its transformation keeps the
-    power, 0.7071 where it says r.m.s., 1000 / rated current where it takes thousandths."""
+    """What the drive calls 1 A, or 1 V, of phase amplitude: 1.2247 where its transformation keeps
+    the power, 0.7071 where it says r.m.s., 1000 / rated current where it takes thousandths."""
     angle: Literal["turning", "latched"] = "turning"
     """`"turning"`: it turns its set-point with the rotor between commands, as field orientation
     does; `"latched"`: it makes phase currents of it once, when it arrives."""
