@@ -31,8 +31,9 @@ class Block:
 
 
 def pages() -> list[Path]:
-    """Return README, CONTRIBUTING and every page of the documentation, in this order."""
-    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+    """Return README, CONTRIBUTING, every page of the documentation, and the firmware's."""
+    firmware = sorted((ROOT / "firmware_bridge").rglob("README.md"))
+    return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md")), *firmware]
 
 
 def blocks(files: Iterable[Path]) -> list[Block]:

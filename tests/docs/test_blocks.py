@@ -146,8 +146,8 @@ def check_motord(words: list[str]) -> None:
         build(plan, config.load(), settings_of(words))
 
 
-def check_make(words: list[str]) -> None:
-    folder = ROOT / words[words.index("-C") + 1] if "-C" in words else ROOT
+def check_make(words: list[str], folder: Path) -> None:
+    folder = ROOT / words[words.index("-C") + 1] if "-C" in words else folder
     files = (folder / "Makefile", *folder.glob("boards/*.mk"))
     makefile = "".join(path.read_text() for path in files)
     targets = [w for at, w in enumerate(words) if w != "-C" and words[at - 1] != "-C"]
@@ -157,8 +157,8 @@ def check_make(words: list[str]) -> None:
             assert re.search(rule, makefile, re.M), f"no target {target}"
 
 
-def check(command: str) -> None:
-    """Raise AssertionError for a command that cannot be meant as it stands."""
+def check(command: str, folder: Path = ROOT) -> None:
+    """Raise AssertionError for a command that cannot be meant as it stands in a folder."""
     words = shlex.split(command)
     while re.fullmatch(r"[A-Z_]+=.*", words[0]):
         words = words[1:]
@@ -176,7 +176,7 @@ def check(command: str) -> None:
             text = getattr(error, "message", None) or str(error)
             raise AssertionError(f"{command}: {text}") from error
     elif program == "make":
-        check_make(rest)
+        check_make(rest, folder)
     elif Path(program).name != "pytest":
         assert program in PROGRAMS, f"{program}: neither a command that is read nor listed"
 
@@ -184,8 +184,9 @@ def check(command: str) -> None:
 @pytest.mark.parametrize("block", of(*COMMANDS), ids=named)
 def test_commands_can_be_given(block: Block) -> None:
     assert commands(block), "no command: is this another language?"
+    own = (ROOT / block.file).parent  # a README is about its folder, a page about the project
     for command in commands(block):
-        check(command)
+        check(command, own if (own / "Makefile").exists() else ROOT)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from tools.code_blocks import DOCS, ROOT, pages
 
 IMAGES = DOCS / "images"
-OTHERS = ("CHANGELOG.md", "tests/README.md", "firmware_bridge/README.md")
+OTHERS = ("CHANGELOG.md", "tests/README.md")
 LOADED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
 """What a browser loads by itself, unlike the `href` of `a`."""
 BUILD_S = 120.0
@@ -90,8 +90,7 @@ def test_the_search_index_has_the_reference(site: Path) -> None:
 
 def written() -> list[Path]:
     """Return all pages that are written or made, as they lie in the repository."""
-    firmware = (ROOT / "firmware_bridge").rglob("README.md")
-    return sorted({*pages(), *(ROOT / name for name in OTHERS), *firmware})
+    return [*pages(), *(ROOT / name for name in OTHERS)]
 
 
 def links(page: Path) -> Iterator[tuple[bool, str, str]]:
