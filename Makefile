@@ -7,11 +7,11 @@ BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 JOBS   ?= 2
 
-.PHONY: help demo test long quick lint types layers unit unit-quick bench soak oldest pictures lock clean
+.PHONY: help demo test long quick lint types layers unit unit-quick bench soak oldest pictures reference docs docs-serve lock clean
 .DEFAULT_GOAL := help
 
 help:           ## list the targets
-	@sed -n 's/^\([a-z]*\):[^#]*##/\1:/p' $(MAKEFILE_LIST) | column -t -s: 2>/dev/null
+	@sed -n 's/^\([a-z-]*\):[^#]*##/\1:/p' $(MAKEFILE_LIST) | column -t -s: 2>/dev/null
 
 $(VENV)/demo.stamp: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "motord needs Python 3.11 or newer; try make PYTHON=python3.12")'
@@ -58,10 +58,20 @@ unit-quick: $(VENV)/dev.stamp
 
 pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	@out=$$(mktemp -d) && $(BIN)/motord demo --json --out $$out >/dev/null && \
-	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
+	    $(BIN)/python tools/pictures.py $$out && \
+	    $(BIN)/python tools/ripple_picture.py $$out && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
 	@$(BIN)/python tools/watch_pictures.py
+
+reference: $(VENV)/dev.stamp ## write docs/reference anew, from the code
+	@$(BIN)/python -m tools.reference
+
+docs: reference           ## build the documentation into site/; a warning is an error
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet && echo "site/index.html"
+
+docs-serve: reference     ## the documentation at http://127.0.0.1:8000, built anew when a page changes
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs serve --quiet
 
 bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 	@$(BIN)/python -m tests.benchmarks.run --json bench.json
@@ -83,4 +93,4 @@ lock:                     ## pin the newest versions that fit pyproject.toml
 	@tools/lock
 
 clean:                    ## remove what the targets made
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage* htmlcov
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage* htmlcov site

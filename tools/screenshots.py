@@ -25,7 +25,9 @@ COLOURS = 255
 def save(png: bytes, name: str, folder: Path) -> None:
     """Write a picture with as many colours as it needs."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / f"dashboard-{name}.png", optimize=True)
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(
+        folder / f"dashboard-{name}.png", optimize=True
+    )
 
 
 def main(folder: Path) -> None:
@@ -51,7 +53,9 @@ def pictures() -> dict[str, bytes]:
         page.emulate_media(color_scheme="dark")
         page.wait_for_timeout(300)
         taken["dark"] = page.screenshot()
-        phone = open_page(browser, server.urls.viewer, PHONE, color_scheme="light", device_scale_factor=2)
+        phone = open_page(
+            browser, server.urls.viewer, PHONE, color_scheme="light", device_scale_factor=2
+        )
         phone.wait_for_timeout(1_500)
         taken["phone"] = phone.screenshot()
         start_plan(page)

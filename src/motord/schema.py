@@ -56,10 +56,10 @@ class Record:
 class State(IntEnum):
     """State of the drive, decided in the loop."""
 
-    OFF = 0
-    READY = 1
-    ENABLED = 2
-    TRIPPED = 3
+    OFF = 0  # off; a cause bars enabling and trips nothing
+    READY = 1  # disabled, but supervised: a cause trips
+    ENABLED = 2  # power stage on, torque as set
+    TRIPPED = 3  # zero current until a reset
 
 
 class Request(IntEnum):
@@ -75,9 +75,9 @@ class Request(IntEnum):
 class Compensate(IntFlag):
     """Which parts of the calibration the reference currents use."""
 
-    CURRENTS = 1 << 0
-    COGGING = 1 << 1
-    LEARNED = 1 << 2
+    CURRENTS = 1 << 0  # alpha and beta
+    COGGING = 1 << 1  # the cogging torque
+    LEARNED = 1 << 2  # the learned torque
 
 
 class Trip(IntFlag):
@@ -112,16 +112,16 @@ class Flag(IntFlag):
 
     LATE = 1 << 0  # woke later than half a period
     AFTER_GAP = 1 << 1  # at least one tick before this one was skipped
-    CURRENT_LIMITED = 1 << 2
-    TORQUE_LIMITED = 1 << 3
+    CURRENT_LIMITED = 1 << 2  # the command was cut to limits.current_A
+    TORQUE_LIMITED = 1 << 3  # the set-point was cut to what the limits allow
     CURRENTS_COMPENSATED = 1 << 4  # alpha and beta of the calibration applied
-    COGGING_COMPENSATED = 1 << 5
+    COGGING_COMPENSATED = 1 << 5  # cogging torque of the calibration applied
     RAMPING = 1 << 6  # torque set-point not yet at the one asked for
-    BRAKE_READY = 1 << 7
+    BRAKE_READY = 1 << 7  # not used
     NEW_ENCODER = 1 << 8  # encoder sample newer than the tick before
-    NEW_INVERTER = 1 << 9
-    SIMULATED = 1 << 10
-    SUPERVISOR_ABSENT = 1 << 11
+    NEW_INVERTER = 1 << 9  # feedback newer than the tick before
+    SIMULATED = 1 << 10  # the rig runs in the loop
+    SUPERVISOR_ABSENT = 1 << 11  # it gave no sign of life in time
     LEARNED_COMPENSATED = 1 << 12  # the learned torque of the calibration applied
     POSITION_AGED = 1 << 13  # enabled, but no current: the newest position is too old
 

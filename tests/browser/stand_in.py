@@ -271,7 +271,9 @@ class StandIn:
     def _at(self, done: int, elapsed_s: float) -> None:
         count = len(self._points)
         if done == count:
-            self._show_plan(state="done", points_done=count, fraction=1.0, message="all points taken")
+            self._show_plan(
+                state="done", points_done=count, fraction=1.0, message="all points taken"
+            )
             self.enter(State.READY)
             return
         point = self._points[done]
@@ -311,8 +313,12 @@ class Server:
         app = application(pages, self.tokens, stand_in)  # type: ignore[arg-type]
         self._server = uvicorn.Server(
             uvicorn.Config(
-                app, ws="websockets-sansio", log_level="error", access_log=False,
-                ws_ping_interval=None, timeout_graceful_shutdown=1,
+                app,
+                ws="websockets-sansio",
+                log_level="error",
+                access_log=False,
+                ws_ping_interval=None,
+                timeout_graceful_shutdown=1,
             )  # fmt: skip
         )
         self._thread = threading.Thread(

@@ -61,11 +61,15 @@ def test_a_person_operates_by_hand(server, visit: Watched):
     assert "set" not in names(server)  # a slider that was moved has sent nothing
     set_by_hand(page, 2.5, 0.7)
     shows(page, "#setpoint-now", "2.50")
-    waits(page, "() => Math.abs(parseFloat(document.querySelector('.value').textContent) - 2.5) < 0.5")
+    waits(
+        page, "() => Math.abs(parseFloat(document.querySelector('.value').textContent) - 2.5) < 0.5"
+    )
     shows(page, "#turns-caption", "p-p about 2.50")
     page.fill("#torque", "7")
     page.press("#torque", "Enter")
-    assert [a["torque_Nm"] for n, a in server.stand_in.requests if n == "set" and "torque_Nm" in a] == [2.5]
+    assert [
+        a["torque_Nm"] for n, a in server.stand_in.requests if n == "set" and "torque_Nm" in a
+    ] == [2.5]
     page.click("#zero")
     shows(page, "#setpoint-now", "0.00")
     page.click("#take")
@@ -156,7 +160,11 @@ def test_pause_zoom_and_cursor(server, visit: Watched):
     page.mouse.move(x, y)
     shows(page, "#cursor-time", ":")
     for plot in range(4):  # the same time in all of them
-        waits(page, "i => document.querySelectorAll('.trace-row')[i].querySelector('.u-cursor-x').style.transform !== ''", plot)
+        waits(
+            page,
+            "i => document.querySelectorAll('.trace-row')[i].querySelector('.u-cursor-x').style.transform !== ''",
+            plot,
+        )
     page.mouse.move(x - 100, y)
     page.mouse.down()
     page.mouse.move(x - 20, y, steps=3)
@@ -280,7 +288,9 @@ def test_a_server_that_comes_back_finds_the_page_again(visit: Watched):
         shows(page, "#link-text", "live")
         shows(page, "#messages", "Connected again")
         assert commands(second) == commands(first)
-        assert [name for name, _ in stand_in.requests[len(before) :] if name in ("set", "stop")] == []
+        assert [
+            name for name, _ in stand_in.requests[len(before) :] if name in ("set", "stop")
+        ] == []
 
 
 def test_a_hidden_page_gets_no_traces(server, visit: Watched):
@@ -293,7 +303,14 @@ def test_a_hidden_page_gets_no_traces(server, visit: Watched):
     server.stand_in.do(lambda: None)
     cdp = page.context.new_cdp_session(page)
     cdp.send("Network.enable")
-    cdp.on("Network.webSocketFrameReceived", lambda frame: frames.append(frame["response"]["payloadLength"] if "payloadLength" in frame["response"] else len(frame["response"]["payloadData"])))
+    cdp.on(
+        "Network.webSocketFrameReceived",
+        lambda frame: frames.append(
+            frame["response"]["payloadLength"]
+            if "payloadLength" in frame["response"]
+            else len(frame["response"]["payloadData"])
+        ),
+    )
     page.wait_for_timeout(500)
     assert frames, "the socket is still there"
     assert max(frames) < 6000

@@ -40,7 +40,9 @@ def test_a_person_operates_a_bench(tmp_path: Path, visit: Watched) -> None:
         shows(page, "#event-list", "by hand")
         page.click("#disable")
         shows(page, "#state-name", "READY")
-        start_plan(page, torques_Nm="2", speeds_Hz="0.8 0.9", turns="2", settle_s="0.3", gain_steps="")
+        start_plan(
+            page, torques_Nm="2", speeds_Hz="0.8 0.9", turns="2", settle_s="0.3", gain_steps=""
+        )
         done = page.locator("#mesh td.done")
         expect(done.first).to_be_visible(timeout=SWEEP_MS)
         assert 0.1 < float(done.first.inner_text().rstrip(" !")) < 20

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from motord.config.faults import KINDS, Timeline
-from motord.control.interlock_table import INTERLOCKS, EvidenceSource
 from motord.control.observer import POSITION_AGE_MAX_S
 from motord.schema import Request, State, Trip
 from tests.campaigns import fault_wire, seeds
@@ -155,13 +154,7 @@ def static_part() -> str:
         told = ", ".join(f"{key} = {value!r}" for key, value in kind.parameters.items())
         where = ", ".join(sorted(kind.places))
         lines.append(f"| `{name}` | {kind.meaning} | {kind.for_s:g} s | {told} | {where} |")
-    lines += ["", _INTERLOCKS, "| cause | trips when | limit | may last | evidence |"]
-    lines.append("|---|---|---|---|---|")
-    for lock in INTERLOCKS:
-        limit = ", ".join(f"`{key}`" for key in lock.limit.split(", ") if key)
-        lasts = f"`{lock.lasts}`" if isinstance(lock.lasts, str) else f"{1e3 * lock.lasts:g} ms"
-        debounce = f"{lasts} | {SOURCES[lock.source]}" if lock.lasts else " | "
-        lines.append(f"| {lock.trip.name} | {lock.meaning} | {limit} | {debounce} |")
+    lines += ["", _INTERLOCKS]
     lines += ["", _MATRIX, f"| fault | {' | '.join(STATES)} | if it does not trip, it shows in |"]
     lines.append("|---" * (len(STATES) + 2) + "|")
     for row in TABLE:
@@ -224,29 +217,24 @@ A supervisor, recorder or loop that is killed or stopped is a matter of signals,
 
 _INTERLOCKS = """## Interlocks
 
-All of them, in the order in which the first of several causes of one tick is chosen. They are
-evaluated in every tick, in compiled code; a cause takes current and enable away in the same tick
-and stays until a reset. A condition that may last a while (debounce) trips with the first evidence
-that it has held for so long, so at every rate within this time and two intervals of its evidence;
-evidence that does not come has interlocks of its own. Speed is known up to @LAG ms late under a
-constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest that is allowed).
-Where the newest position is older than @AGE ms no torque is commanded (flag `POSITION_AGED`). Bench
-files whose limits, ages, rates and timeouts would not leave every interlock its time are refused.
-Currents are compared with the commands that can have been in force when they were measured
-(`i_age_ns`), and between these while a current settles: wrong ones trip as much later as their
-feedback is late, right ones not at any age up to `inverter.stale_after_s`. The measured torque is
-compared with the set-point as the sensor's high-pass shows it, besides a fifth of the set-point;
-this only where torque is applied and the currents are not limited. An encoder track is stuck if it
-has not changed over 2.5 times its pattern; tracks too fine for the speed are left out.
+[All of them](reference/interlocks.md), with their limits and what to do, are in the reference.
+They are evaluated in every tick, in compiled code; a cause takes current and enable away in the
+same tick and stays until a reset. A condition that may last a while (debounce) trips with the
+first evidence that it has held for so long, so at every rate within this time and two intervals of
+its evidence; evidence that does not come has interlocks of its own. Speed is known up to @LAG ms
+late under a constant acceleration (2 over `loop.observer_bandwidth_Hz` in rad/s, at the lowest
+that is allowed). Where the newest position is older than @AGE ms no torque is commanded (flag
+`POSITION_AGED`). Bench files whose limits, ages, rates and timeouts would not leave every
+interlock its time are refused. Currents are compared with the commands that can have been in force
+when they were measured (`i_age_ns`), and between these while a current settles: wrong ones trip as
+much later as their feedback is late, right ones not at any age up to `inverter.stale_after_s`. The
+measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
+of the set-point; this only where torque is applied and the currents are not limited. An encoder
+track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for the speed are
+left out.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )
-
-SOURCES = {
-    EvidenceSource.LOOP: "ticks",
-    EvidenceSource.BRIDGE: "samples of the bridge",
-    EvidenceSource.INVERTER: "feedback of the inverter",
-}
 
 _MATRIX = f"""## What each leads to
 

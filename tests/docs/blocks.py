@@ -4,36 +4,14 @@ A block of TOML is read by what it is for (`READ_BY`), one of commands by the tr
 one of Python is run (`RUN`). All others stand in `LISTED`, with the reason why nothing is done.
 """
 
-import re
-from dataclasses import dataclass
-from pathlib import Path
+from tools import code_blocks
+from tools.code_blocks import ROOT, Block, commands, pages
 
-ROOT = Path(__file__).parents[2]
-PAGES = sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/how-to/*.md")])
-FILES = ("README.md", "CONTRIBUTING.md", *(str(page.relative_to(ROOT)) for page in PAGES))
 FOLLOWED = "docs/how-to/"
 """Pages whose Python and changes of the source are followed by `test_how_to`."""
 COMMANDS = ("sh", "console")
 
-
-@dataclass(frozen=True)
-class Block:
-    """A block: where it is, in which language, its text."""
-
-    file: str
-    line: int
-    language: str
-    text: str
-
-    @property
-    def first(self) -> str:
-        return self.text.split("\n", 1)[0]
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Return file and first line, which stay when text above the block grows."""
-        return self.file, self.first
-
+__all__ = ["COMMANDS", "FOLLOWED", "ROOT", "Block", "blocks", "commands", "named", "of", "pages"]
 
 READ_BY = {
     ("docs/faults.md", "[[fault]]"): "faults",
@@ -78,6 +56,10 @@ PROGRAMS = {
     "sudo": "changes the computer",
     "apt": "changes the computer",
     "st-flash": "needs a board",
+    "openocd": "needs a board",
+    "dfu-util": "needs a board",
+    "stm32flash": "needs a board",
+    "cd": "goes to what make has built",
     "ip": "needs a CAN interface, and root",
     "sysctl": "needs root",
     "systemctl": "tests/system/test_systemd_unit.py does it",
@@ -104,14 +86,7 @@ PROGRAMS = {
 
 
 def blocks() -> list[Block]:
-    found = []
-    for file in FILES:
-        text = (ROOT / file).read_text()
-        for match in re.finditer(r"^```(\w*)\n(.*?)^```$", text, re.M | re.S):
-            line = text.count("\n", 0, match.start()) + 1
-            prompts = not match[1] and re.search(r"^\$ ", match[2], re.M)
-            found.append(Block(file, line, "console" if prompts else match[1], match[2]))
-    return found
+    return code_blocks.blocks(pages())
 
 
 def of(*languages: str) -> list[Block]:
@@ -122,12 +97,3 @@ def of(*languages: str) -> list[Block]:
 
 def named(block: Block) -> str:
     return f"{block.file}:{block.line}"
-
-
-def commands(block: Block) -> list[str]:
-    """Return the single commands of a block: prompts, comments and what they print left out."""
-    lines = block.text.replace("\\\n", " ").splitlines()
-    if any(line.startswith("$ ") for line in lines):
-        lines = [line[2:] for line in lines if line.startswith(("$ ", "# "))]
-    whole = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
-    return [part.strip() for line in whole for part in re.split(r"&&|\|", line) if part.strip()]

@@ -30,6 +30,7 @@ from tests.docs.blocks import (
     commands,
     named,
     of,
+    pages,
 )
 
 KEPT_HERE = ("config/", "systemd/", "tests/", "docs/", "tools/")
@@ -45,6 +46,12 @@ def test_every_block_is_read_run_or_listed() -> None:
             assert block.key in RUN, f"{where} is not run: put it into RUN"
         elif block.language not in ("toml", *COMMANDS):
             assert block.file in LISTED.get(block.language, {}), f"{where} is not listed"
+
+
+def test_commands_are_in_blocks_that_say_so() -> None:
+    """Indented text is for formulas: nothing would read a command there."""
+    for page in pages():
+        assert not re.search(r"^    (\$ |motord |make |python|sudo )", page.read_text(), re.M), page
 
 
 def test_nothing_is_listed_that_is_not_there() -> None:
@@ -139,8 +146,8 @@ def check_motord(words: list[str]) -> None:
         build(plan, config.load(), settings_of(words))
 
 
-def check_make(words: list[str]) -> None:
-    folder = ROOT / words[words.index("-C") + 1] if "-C" in words else ROOT
+def check_make(words: list[str], folder: Path) -> None:
+    folder = ROOT / words[words.index("-C") + 1] if "-C" in words else folder
     files = (folder / "Makefile", *folder.glob("boards/*.mk"))
     makefile = "".join(path.read_text() for path in files)
     targets = [w for at, w in enumerate(words) if w != "-C" and words[at - 1] != "-C"]
@@ -150,12 +157,13 @@ def check_make(words: list[str]) -> None:
             assert re.search(rule, makefile, re.M), f"no target {target}"
 
 
-def check(command: str) -> None:
-    """Raise AssertionError for a command that cannot be meant as it stands."""
+def check(command: str, folder: Path = ROOT) -> None:
+    """Raise AssertionError for a command that cannot be meant as it stands in a folder."""
     words = shlex.split(command)
     while re.fullmatch(r"[A-Z_]+=.*", words[0]):
         words = words[1:]
     program, *rest = words
+    program = "motord" if program.endswith("/motord") else program
     for word in rest:
         if word.startswith(KEPT_HERE):
             assert (ROOT / word).exists(), f"{word} is not there"
@@ -168,7 +176,7 @@ def check(command: str) -> None:
             text = getattr(error, "message", None) or str(error)
             raise AssertionError(f"{command}: {text}") from error
     elif program == "make":
-        check_make(rest)
+        check_make(rest, folder)
     elif Path(program).name != "pytest":
         assert program in PROGRAMS, f"{program}: neither a command that is read nor listed"
 
@@ -176,8 +184,9 @@ def check(command: str) -> None:
 @pytest.mark.parametrize("block", of(*COMMANDS), ids=named)
 def test_commands_can_be_given(block: Block) -> None:
     assert commands(block), "no command: is this another language?"
+    own = (ROOT / block.file).parent  # a README is about its folder, a page about the project
     for command in commands(block):
-        check(command)
+        check(command, own if (own / "Makefile").exists() else ROOT)
 
 
 @pytest.mark.parametrize(

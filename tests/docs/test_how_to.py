@@ -46,6 +46,8 @@ def changed(page: str, copy: Path) -> Path:
     """Return a copy of the source in which the changes of a page are made."""
     for folder in ("src", "tests/unit/control", "tools", "docs"):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("README.md", "CONTRIBUTING.md"):
+        shutil.copy(ROOT / file, copy / file)
     for block in blocks_of(page, "diff"):
         change(copy, block.text)
     return copy
@@ -153,5 +155,5 @@ def test_a_field_by_the_page_is_in_tick_proto_and_docs(tmp_path: Path) -> None:
     field, before, error, proto = out.splitlines()
     assert (field, before, proto) == (f"i2t_s {len(schema.TICK.fields) + 1} True", "3", "True")
     assert "i2t_s" in error
-    assert run("tools/record_tables.py", path=copy, cwd=copy) == ""
-    assert "| `i2t_s` | float | s |" in (copy / "docs/recording.md").read_text()
+    assert "recording.md" in run("-m", "tools.reference", path=copy, cwd=copy)
+    assert "| `i2t_s` | float | s |" in (copy / "docs/reference/recording.md").read_text()

@@ -22,29 +22,37 @@ class TripView(PublishedMessage):
     """A cause of a trip: its name in `schema.Trip`, and what it means."""
 
     name: str
+    """As in [interlocks](interlocks.md)."""
     meaning: str
+    """What it means."""
 
 
 class TripValue(PublishedMessage):
     """A quantity that an interlock watches, at the trip, and its limit."""
 
     value: float | None
+    """At the trip."""
     limit: float | None
+    """What it must not pass."""
 
 
 class TripReport(PublishedMessage):
-    """A trip: causes, values, what to do, and the path of the black box ("": none).
-
-    `values` are by quantity and unit; `first` are the causes of the tick that tripped.
-    """
+    """A trip: causes, values, what to do, and the path of the black box."""
 
     t_ns: int
+    """Unix time of the tick that tripped."""
     reason: str
+    """One line of text."""
     first: list[str]
+    """Causes of that tick."""
     causes: list[str]
+    """All causes since."""
     values: dict[str, TripValue]
+    """By quantity and unit."""
     action: str
+    """What to do before a reset."""
     blackbox: str
+    """Path of the black box; "": none."""
 
     def extended(
         self, causes: list[str], values: Mapping[str, Mapping[str, float]]
@@ -65,23 +73,36 @@ class TickView(PublishedMessage):
     """The newest tick in short."""
 
     tick: int
+    """Counter of the loop's periods."""
     t_ns: int
+    """Unix time of the sample."""
     angle_rad: float | None
+    """Mechanical angle."""
     speed_Hz: float | None
+    """Turns per second."""
     torque_Nm: float | None
+    """As the sensor gives it."""
     torque_set_Nm: float | None
+    """Set-point in force after ramp and limits."""
     i_A: tuple[float | None, float | None, float | None]
+    """Sensed currents of phases a, b, c."""
     u_bus_V: float | None
+    """DC bus."""
     temperature_C: float | None
+    """Of the inverter."""
     brake_temperature_C: float | None
+    """Of the brake's disc."""
     flags: list[str]
-    torque_ripple_Nm: float | None = None  # measured: RMS about its mean over the last second
+    """Names of [flags](recording.md#flags)."""
+    torque_ripple_Nm: float | None = None
+    """Measured: RMS about its mean over the last second."""
 
 
 class TorqueSensorView(PublishedMessage):
     """High-pass of the torque sensor; 0 s passes the mean."""
 
     highpass_time_constant_s: float = 0.0
+    """0: the mean passes."""
 
     @property
     def passes_mean(self) -> bool:
@@ -90,51 +111,71 @@ class TorqueSensorView(PublishedMessage):
 
 
 class SetpointView(PublishedMessage):
-    """The set-point in force; torque_target_Nm follows once the brake has risen."""
+    """The set-point in force."""
 
     torque_Nm: float
+    """Asked of the loop now."""
     torque_target_Nm: float | None = None
+    """What was set; follows once the brake has risen."""
     speed_Hz: float | None
+    """Speed that the brake holds, turns per second."""
     brake: float
+    """Excitation of the brake."""
     drive_Hz: float
+    """Speed of the external drive, turns per second."""
     compensate: Compensation
+    """Which parts of the calibration are applied."""
 
 
 class LeaseView(PublishedMessage):
     """The holder of the lease; a detached plan without one is shown as `plan NAME`."""
 
     holder: str | None
+    """Who is in command."""
     remaining_s: float
+    """Until the lease is lost without a renewal."""
     duration_s: float
+    """`[zenoh] lease_s`."""
 
 
 class LoopView(PublishedMessage):
     """Timing of the loop: over the last second, and since it started."""
 
     rate_Hz: float
+    """Rate of the loop."""
     ticks: int
+    """Since it started."""
     missed: int
+    """Periods skipped since it started."""
     lost_by_supervisor: int
+    """Ticks that the supervisor did not read in time."""
     wake_late_us_p50: float | None
+    """Lateness of wake-up, median."""
     wake_late_us_p99: float | None
+    """Lateness of wake-up, 99th percentile."""
     wake_late_us_max: float | None
+    """Lateness of wake-up, largest."""
     work_us_p99: float | None
-    age_s: float | None  # of the newest tick
+    """Work in a period, 99th percentile."""
+    age_s: float | None
+    """Of the newest tick."""
 
 
 class LinksView(PublishedMessage):
-    """The links to bridge and inverter, over the last second or, `errors`, since the loop started.
-
-    errors: frames lost or corrupt, both links together; without_*: ticks in which nothing new had
-    come, as in every other one of an inverter that sends half as often.
-    """
+    """The links to bridge and inverter."""
 
     errors: int
+    """Frames lost or corrupt since the loop started, both links together."""
     errors_last_s: int
+    """Frames lost or corrupt over the last second."""
     ticks_last_s: int
+    """Ticks of the last second."""
     without_encoder_last_s: int
+    """Ticks of the last second in which no new sample of the bridge had come."""
     without_inverter_last_s: int
+    """The same of the inverter; one that sends half as often is missing in every other tick."""
     bus_off: bool
+    """The CAN controller is off the bus."""
 
 
 Health = Literal["none", "simulated", "ok", "failing", "stale"]
@@ -145,71 +186,104 @@ class DeviceView(PublishedMessage):
     """A slow device."""
 
     health: Health
+    """`failing` does not answer now, `stale` has not for its `stale_after_s`."""
     status: int | None = None
+    """Its status register."""
     setpoint: float | None = None
+    """What it was last asked for."""
     value: float | None = None
+    """Temperature of the brake (°C), speed of the drive (rad/s)."""
     error: str = ""
+    """Why it does not answer."""
     age_s: float | None = None
+    """Of the last answer."""
 
 
 class ClockView(PublishedMessage):
     """The bridge board's clock: drift against the host's, jitter of its samples' delay."""
 
     drift_ppm: float
+    """Against the host's clock."""
     jitter_us: float
+    """Of the delay of its samples."""
 
 
 class ProcessView(PublishedMessage):
-    """A child process. bad_messages: lines of it that were no messages; dropped_messages: what it
-    did not take in time."""
+    """A child process."""
 
     pid: int | None
+    """Number of the process."""
     running: bool
+    """It runs."""
     restarts: int
-    exit: str  # how it ended last, "" if it never did
+    """How often it was started again."""
+    exit: str
+    """How it ended last; "": it never did."""
     bad_messages: int = 0
+    """Lines of it that were no messages."""
     dropped_messages: int = 0
+    """What it did not take in time."""
 
 
 class CalibrationView(PublishedMessage):
     """The calibration in force."""
 
     id: str
+    """Its hash."""
     created: str
+    """When it was made."""
     age_s: float
-    age: str  # as text
+    """Since then."""
+    age: str
+    """The same as text."""
     method: str
+    """`joint` or `residual`."""
     path: str
+    """Where the daemon keeps it."""
 
 
 class PlanView(PublishedMessage):
-    """`motord/<bench>/plan`: a plan's progress. It is over in done, aborted and failed.
-
-    In interrupted the daemon had ended meanwhile; it can be resumed. `run_id` stays the same then,
-    and `continues` names the recording that the present one continues. `t_ns` (Unix) is when the
-    document was made; 0 in recordings.
-    """
+    """`motord/<bench>/plan`: a plan's progress. One that was interrupted can be resumed."""
 
     plan: str
+    """Name of the plan."""
     state: Literal[
         "running", "pausing", "paused", "ending", "done", "aborted", "failed", "interrupted"
     ]
+    """It is over in `done`, `aborted`, `failed` and, the daemon having ended meanwhile,
+    `interrupted`."""
     step: str = ""
+    """What it does now."""
     message: str = ""
+    """Why it ended, or is paused."""
     points: int = 0
+    """Operating points, all."""
     points_done: int = 0
+    """Operating points taken."""
     fraction: float = 0.0
+    """Of all the work, 0 to 1."""
     elapsed_s: float = 0.0
+    """Since its start."""
     eta_s: float = 0.0
+    """Until its end, about."""
     speed_set_Hz: float = 0.0
+    """Of the point under way, turns per second."""
     torque_set_Nm: float = 0.0
+    """Of the point under way."""
     detached: bool = False
+    """It goes on without a lease."""
     started_by: str = ""
+    """Holder of the lease at its start."""
     recording: str = ""
+    """Path of its recording once it is whole."""
     settings: dict[str, Any] = {}
+    """With which it was started."""
     run_id: str = ""
+    """Stays the same when it is resumed."""
     continues: str = ""
+    """The recording that the present one continues."""
     t_ns: int = 0
+    """Unix time at which the document was made; 0 in recordings."""
 
     @property
     def over(self) -> bool:
@@ -222,24 +296,30 @@ MESH_POINTS_MAX = 1024
 
 
 class MeshPoint(PublishedMessage):
-    """An operating point of a plan, and what has become of it.
+    """An operating point of a plan, and what has become of it."""
 
-    takes: how often it was taken; quality: "" before the first take, "ok", or what is wrong with
-    the last one. The errors, in percent of rated torque, are of the last take, None where not
-    measured; see docs/api.md.
-    """
-
-    point: int  # `plan_point` of its ticks
+    point: int
+    """`plan_point` of its ticks."""
     torque_Nm: float
+    """Its torque."""
     speed_Hz: float
+    """Its speed, turns per second."""
     turns: int = 0
-    aim: str = ""  # what is done there, if that is no torque held at a speed
-    induced: dict[str, Any] = {}  # errors that are induced there on purpose
+    """Turns to be captured."""
+    aim: str = ""
+    """What is done there, if that is no torque held at a speed."""
+    induced: dict[str, Any] = {}
+    """Errors that are induced there on purpose."""
     state: Literal["planned", "taking", "done", "poor"] = "planned"
+    """What has become of it."""
     takes: int = 0
+    """How often it was taken."""
     quality: str = ""
+    """"" before the first take, "ok", or what is wrong with the last one."""
     rms_error_percent: float | None = None
+    """RMS of measured less set torque about its mean in the last take, percent of rated torque."""
     mean_error_percent: float | None = None
+    """Mean of measured less set torque in the last take, percent of rated; null if not sensed."""
 
 
 class MeshView(PublishedMessage):
@@ -249,63 +329,101 @@ class MeshView(PublishedMessage):
     """
 
     plan: str
+    """Name of the plan."""
     run_id: str
+    """Of its progress."""
     points_total: int
+    """Operating points, all."""
     points: list[MeshPoint]
+    """The points, in the order in which they are taken."""
 
 
 class RecordingView(PublishedMessage):
-    """State of the recorder.
-
-    path: the newest file by its present name, with `.part` until it is complete; final_path: its
-    name from then on. error: why the recording failed; obstacle: why one could not begin now.
-    """
+    """State of the recorder."""
 
     recording: bool
+    """It records now."""
     path: str
+    """The newest file by its present name, with `.part` until it is complete."""
     final_path: str = ""
+    """Its name from then on."""
     error: str = ""
+    """Why the recording failed."""
     obstacle: str = ""
+    """Why one could not begin now."""
     detail: dict[str, Any] = {}
+    """What the recorder reports of it."""
 
 
 class BenchState(PublishedMessage):
     """`motord/<bench>/state`: the full state of bench and daemon."""
 
     bench: str
+    """`[bench] name`."""
     motor: str
+    """`[motor] name`."""
     simulated: bool
+    """No device is real."""
     version: str
+    """Of motord."""
     t_ns: int
+    """Unix time of this state."""
     uptime_s: float
+    """Of the daemon."""
     state: Literal["OFF", "READY", "ENABLED", "TRIPPED"]
+    """State of the drive."""
     fault: str
+    """Why the loop does not run; "": it does."""
     trips: list[TripView]
+    """Latched causes; in OFF: what bars enabling."""
     first_trip: str
+    """The first cause alone."""
     trip: TripReport | None = None
+    """The trip in force."""
     tick: TickView | None
+    """The newest tick."""
     torque_sensor: TorqueSensorView = TorqueSensorView()
+    """What of the torque the sensor shows."""
     setpoint: SetpointView
+    """The set-point in force."""
     lease: LeaseView
+    """Who is in command."""
     plan: PlanView | None
+    """The plan under way, or how the last one ended."""
     loop: LoopView
-    ages: dict[str, float] = {}  # s, by signal; see docs/api.md
-    links: LinksView | None = None  # None without a loop
+    """Timing of the loop."""
+    ages: dict[str, float] = {}
+    """Seconds since each signal was sampled, by name."""
+    links: LinksView | None = None
+    """Errors of the links; none without a loop."""
     realtime: dict[str, Any]
+    """Rights that the loop got."""
     recording: RecordingView
+    """State of the recorder."""
     calibration: CalibrationView | None
+    """The calibration in force."""
     brake: DeviceView
+    """The brake."""
     drive: DeviceView
+    """The external drive."""
     bridge_clock: ClockView | None = None
+    """The bridge board's clock."""
     processes: dict[str, ProcessView]
-    faults: dict[str, str] = {}  # by part of the daemon
+    """Children of the daemon, by name."""
+    faults: dict[str, str] = {}
+    """By part of the daemon."""
     telemetry_dropped: int
+    """Messages dropped before they reached the network."""
 
 
 class Event(PublishedMessage):
     """`motord/<bench>/event`, at `t_ns` (Unix)."""
 
     t_ns: int
+    """Unix time."""
     kind: str
+    """As listed above."""
     message: str
+    """What happened."""
     data: dict[str, Any] = {}
+    """Its particulars."""

@@ -45,51 +45,58 @@ class NoArguments(RpcRequest):
 
 
 class LeaseAcquire(RpcRequest):
-    """`lease/acquire`: who asks; `force` takes over from whoever is in command."""
+    """`lease/acquire`: who asks."""
 
     holder: Name
+    """Who asks, for people: user, host, terminal."""
     force: bool = False
+    """Take over from whoever is in command; it is an event."""
 
 
 class WithToken(RpcRequest):
     """`lease/renew`, `lease/release`, `enable`, `disable`, `reset`, `plan/pause|abort|discard`."""
 
     token: Token
+    """That of the lease in force, as it was granted, without escapes."""
 
 
 class StopNow(RpcRequest):
-    """`stop`: from anyone, no token; `by` is for the log."""
+    """`stop`: from anyone, no token."""
 
     by: Annotated[str, Field(max_length=64)] = ""
+    """Who asks, for the log."""
 
 
 class Note(RpcRequest):
-    """`note`: a remark for events and recording, from anyone who may command; `by` says who."""
+    """`note`: a remark for events and recording, from anyone who may command."""
 
     text: Annotated[
         str,
         StringConstraints(strip_whitespace=True, min_length=1, max_length=1000),
         AfterValidator(_printable),
     ]
+    """The remark, of printable characters."""
     by: Annotated[
         str, StringConstraints(strip_whitespace=True, max_length=64), AfterValidator(_printable)
     ] = ""
+    """Who made it."""
 
 
 class SetpointChange(WithToken):
-    """`set`: fields that are left out stay as they are.
-
-    With `speed_Hz` the brake is servoed until the rotor turns at that speed (turns per second);
-    `brake` sets the excitation itself, 0 to 1, and ends the servo. `drive_Hz` turns the rotor with
-    the external drive. `enable`: enable the bench first, if all of it can be done.
-    """
+    """`set`: fields that are left out stay as they are."""
 
     enable: bool = False
+    """Enable the bench first, if all of it can be done."""
     torque_Nm: Finite | None = None
+    """Torque that the ramp goes to."""
     speed_Hz: Finite | None = None
+    """The brake is servoed until the rotor turns at that speed, turns per second."""
     brake: Annotated[float, Field(ge=0, le=1)] | None = None
+    """Excitation of the brake itself; ends the servo."""
     drive_Hz: Finite | None = None
+    """Speed of the external drive, turns per second."""
     compensate: Compensation | None = None
+    """Which parts of the calibration are applied; `calibration`: all but what was learned."""
 
     @model_validator(mode="after")
     def _something_to_set(self) -> "SetpointChange":
@@ -105,24 +112,33 @@ class PlanStart(RpcRequest):
     """`plan/start`: a plan by name; a dry run moves nothing and needs no token."""
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
+    """As `plan/list` names it."""
     token: Annotated[str, Field(max_length=128)] = ""
+    """That of the lease in force; not for a dry run."""
     settings: dict[str, Any] = {}
+    """Changes to `[plans.<name>]`."""
     detach: bool = False
+    """The plan goes on when the lease ends."""
     dry_run: bool = False
+    """Check it against the limits, and move nothing."""
     notes: Annotated[str, Field(max_length=4000)] = ""
+    """For the recording."""
 
 
 class PlanResume(WithToken):
-    """`plan/resume`: after a pause, or a plan that was interrupted; `detach` is for the latter."""
+    """`plan/resume`: after a pause, or a plan that was interrupted."""
 
     detach: bool = False
+    """The plan goes on when the lease ends; for one that was interrupted."""
 
 
 class CalibrationInstall(WithToken):
     """`calibration/install`: the file's content, or its path as the daemon's host sees it."""
 
     calibration: dict[str, Any] | None = None
+    """The file's content."""
     path: Annotated[str, Field(max_length=4096)] | None = None
+    """The file, as the daemon's host sees it."""
 
     @model_validator(mode="after")
     def _one_source(self) -> "CalibrationInstall":
@@ -132,9 +148,10 @@ class CalibrationInstall(WithToken):
 
 
 class CalibrationShow(RpcRequest):
-    """`calibration/show`: which, by its id; "" is the one in force."""
+    """`calibration/show`."""
 
     id: Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")] = ""
+    """Which; "" is the one in force."""
 
 
 RequestT = TypeVar("RequestT", bound=RpcRequest)
@@ -143,11 +160,12 @@ ReplyT = TypeVar("ReplyT", bound=RpcReply)
 
 @dataclass(frozen=True)
 class Rpc(Generic[RequestT, ReplyT]):
-    """A request `rpc/<name>`, the model of its body and that of its reply."""
+    """A request `rpc/<name>`, the model of its body, that of its reply, and what it does."""
 
     name: str
     request: type[RequestT]
     reply: type[ReplyT]
+    meaning: str = ""
 
     @property
     def needs_lease(self) -> bool:
@@ -155,25 +173,60 @@ class Rpc(Generic[RequestT, ReplyT]):
         return issubclass(self.request, WithToken)
 
 
-LEASE_ACQUIRE = Rpc("lease/acquire", LeaseAcquire, replies.LeaseGrant)
-LEASE_RENEW = Rpc("lease/renew", WithToken, replies.LeaseTerms)
-LEASE_RELEASE = Rpc("lease/release", WithToken, RpcReply)
-ENABLE = Rpc("enable", WithToken, replies.StateReply)
-DISABLE = Rpc("disable", WithToken, replies.StateReply)
-STOP = Rpc("stop", StopNow, replies.StateReply)
-RESET = Rpc("reset", WithToken, replies.StateReply)
-NOTE = Rpc("note", Note, replies.NoteReply)
-SET = Rpc("set", SetpointChange, replies.SetpointReply)
-PLAN_START = Rpc("plan/start", PlanStart, replies.PlanOutline)
-PLAN_PAUSE = Rpc("plan/pause", WithToken, replies.PlanProgress)
-PLAN_RESUME = Rpc("plan/resume", PlanResume, replies.PlanProgress)
-PLAN_ABORT = Rpc("plan/abort", WithToken, replies.PlanProgress)
-PLAN_DISCARD = Rpc("plan/discard", WithToken, replies.PlanName)
-PLAN_LIST = Rpc("plan/list", NoArguments, replies.PlanList)
-CONFIG = Rpc("config", NoArguments, replies.ConfigReply)
-CALIBRATION_INSTALL = Rpc("calibration/install", CalibrationInstall, replies.InstalledCalibration)
-CALIBRATION_LIST = Rpc("calibration/list", NoArguments, replies.CalibrationList)
-CALIBRATION_SHOW = Rpc("calibration/show", CalibrationShow, replies.CalibrationDetails)
+LEASE_ACQUIRE = Rpc(
+    "lease/acquire", LeaseAcquire, replies.LeaseGrant, "Take command, if nobody has it."
+)
+LEASE_RENEW = Rpc("lease/renew", WithToken, replies.LeaseTerms, "Stay in command.")
+LEASE_RELEASE = Rpc(
+    "lease/release", WithToken, RpcReply,
+    "Give command up; a bench that is enabled ramps down and is disabled.",
+)  # fmt: skip
+ENABLE = Rpc(
+    "enable", WithToken, replies.StateReply, "Enable at zero torque; replies once it is ENABLED."
+)
+DISABLE = Rpc(
+    "disable", WithToken, replies.StateReply,
+    "Ramp the torque to zero, then disable; ends a plan. Replies once the torque is zero.",
+)  # fmt: skip
+STOP = Rpc("stop", StopNow, replies.StateReply, "Zero current at once, and OFF; ends a plan.")
+NOTE = Rpc(
+    "note", Note, replies.NoteReply, "Put a remark with its time into events and recording."
+)
+RESET = Rpc(
+    "reset", WithToken, replies.StateReply,
+    "Leave TRIPPED if no cause is left; start a loop that has ended.",
+)  # fmt: skip
+SET = Rpc(
+    "set", SetpointChange, replies.SetpointReply,
+    "Set what is named and leave the rest; with `enable`, replies once it is ENABLED.",
+)  # fmt: skip
+PLAN_START = Rpc(
+    "plan/start", PlanStart, replies.PlanOutline, "Start a plan; a dry run moves nothing."
+)
+PLAN_PAUSE = Rpc("plan/pause", WithToken, replies.PlanProgress, "Ramp to zero and wait.")
+PLAN_RESUME = Rpc(
+    "plan/resume", PlanResume, replies.PlanProgress,
+    "Go on after a pause, or with a plan that was interrupted.",
+)  # fmt: skip
+PLAN_ABORT = Rpc("plan/abort", WithToken, replies.PlanProgress, "Ramp down, disable, end the plan.")
+PLAN_DISCARD = Rpc(
+    "plan/discard", WithToken, replies.PlanName,
+    "Forget the plan that was interrupted; its recordings stay.",
+)  # fmt: skip
+PLAN_LIST = Rpc("plan/list", NoArguments, replies.PlanList, "The plans, with their settings.")
+CONFIG = Rpc("config", NoArguments, replies.ConfigReply, "The bench file.")
+CALIBRATION_INSTALL = Rpc(
+    "calibration/install", CalibrationInstall, replies.InstalledCalibration,
+    "Put a calibration in force, now and after a restart; either of both fields.",
+)  # fmt: skip
+CALIBRATION_LIST = Rpc(
+    "calibration/list", NoArguments, replies.CalibrationList,
+    "The calibrations that the daemon keeps, the newest first.",
+)  # fmt: skip
+CALIBRATION_SHOW = Rpc(
+    "calibration/show", CalibrationShow, replies.CalibrationDetails,
+    "A calibration with its 95 % intervals.",
+)  # fmt: skip
 
 RPCS: dict[str, Rpc[Any, Any]] = {
     value.name: value for value in tuple(globals().values()) if isinstance(value, Rpc)

@@ -17,15 +17,11 @@ from motord.config.base import (
 from motord.config.bench import Config
 from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.devices import (
-    BrakeConfig,
     BridgeCanConfig,
     BridgeConfig,
     CanBusConfig,
     CanConfig,
-    DriveConfig,
     InverterConfig,
-    ModbusConfig,
-    RegisterKind,
 )
 from motord.config.experiments import PlansConfig
 from motord.config.inertia import (
@@ -66,6 +62,7 @@ from motord.config.sections import (
     TlsConfig,
     ZenohConfig,
 )
+from motord.config.slow_devices import BrakeConfig, DriveConfig, ModbusConfig, RegisterKind
 
 __all__ = [
     "SEQUENCE",

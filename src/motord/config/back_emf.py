@@ -14,8 +14,11 @@ class BackEmfHarmonic(Section):
     """One order h of the back-EMF of phase a: k_a = A sin(h pole_pairs theta + phase)."""
 
     order: Annotated[int, Field(ge=1)]
+    """Electrical order."""
     amplitude_V_s_per_rad: Finite
+    """Peak voltage over mechanical speed."""
     phase_rad: Finite = 0.0
+    """Phase, in the electrical angle of that order."""
 
 
 class BackEmfTable(Section):
@@ -26,7 +29,9 @@ class BackEmfTable(Section):
     """
 
     file: str = ""
+    """Where it was read from."""
     k_V_s_per_rad: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(min_length=1)]
+    """Of phases a, b, c at each encoder count."""
 
     @property
     def values(self) -> np.ndarray:

@@ -12,43 +12,67 @@ Phases = tuple[str, str, str] | tuple[()]
 class CanSignalMap(Section):
     """Names in the DBC of what motord sends and reads: `Message.Signal`.
 
-    The command is one message, of phase currents (`command_i_A`) or of currents along the rotor's
-    axes (`command_i_q_A`, and `command_i_d_A` if the drive takes one). The feedback may lie in
-    several messages, each with a counter and a CRC of its own, or none. A drive that is always on,
-    or says nothing of its state, has "" for `command_enable` or `feedback_status`.
-    `command_constants` sets other signals of the command. The masks are which bits of the drive's
-    status word mean what (0 = the drive has none): all of them for ready, any for the others;
-    or, with a value besides, that the bits of the mask have that value.
+    The command is one message, of phase currents or of currents along the rotor's axes. The
+    feedback may lie in several messages, each with a counter and a CRC of its own, or none. The
+    masks are which bits of the drive's status word mean what.
     """
 
     command_i_A: Phases = ()
+    """Current command of phases a, b, c, in one message."""
     command_i_d_A: str = ""
+    """Current command along d, if the drive takes one."""
     command_i_q_A: str = ""
+    """Current command along q, in place of phase currents."""
     command_enable: str
+    """Signal that enables; "" for a drive that is always on."""
     command_enable_value: Annotated[int, Field(ge=0)] = 1
+    """What enables."""
     command_disable_value: Annotated[int, Field(ge=0)] = 0
+    """What disables."""
     command_constants: dict[str, Finite] = Field(default_factory=dict)
+    """Other signals of the command and their values."""
     command_counter: str = ""
+    """Signal that counts commands up."""
     command_crc: str = ""
+    """Signal with the command's CRC."""
     feedback_i_A: Phases = ()
+    """Sensed currents of phases a, b, c."""
     feedback_i_d_A: str = ""
+    """Sensed current along d."""
     feedback_i_q_A: str = ""
+    """Sensed current along q, in place of phase currents."""
     feedback_u_V: Phases = ()
+    """Voltages of phases a, b, c."""
     feedback_u_d_V: str = ""
+    """Voltage along d."""
     feedback_u_q_V: str = ""
+    """Voltage along q, in place of phase voltages."""
     feedback_u_bus_V: str = ""
+    """Voltage of the DC bus."""
     feedback_temperature_C: str = ""
+    """Temperature of the power stage."""
     feedback_status: str
+    """Status word; "" for a drive that says nothing of its state."""
     feedback_counter: tuple[str, ...] = ()
+    """Counters, of each message of feedback that has one."""
     feedback_crc: tuple[str, ...] = ()
+    """CRCs, of each message of feedback that has one."""
     status_ready_mask: Annotated[int, Field(ge=0)] = 1
+    """Bits that are all set while the power stage follows commands; 0: it does not say."""
     status_fault_mask: Annotated[int, Field(ge=0)] = 2
+    """Bits of which any means a fault; 0: it does not say."""
     status_timeout_mask: Annotated[int, Field(ge=0)] = 4
+    """Bits of which any means that commands were missing; 0: it does not say."""
     status_enable_line_mask: Annotated[int, Field(ge=0)] = 8
+    """Bits of which any means that the enable line is closed; 0: it does not say."""
     status_ready_value: Annotated[int, Field(ge=0)] | None = None
+    """The masked bits have this value when ready, instead."""
     status_fault_value: Annotated[int, Field(ge=0)] | None = None
+    """The masked bits have this value at a fault, instead."""
     status_timeout_value: Annotated[int, Field(ge=0)] | None = None
+    """The masked bits have this value when commands were missing, instead."""
     status_enable_line_value: Annotated[int, Field(ge=0)] | None = None
+    """The masked bits have this value while the line is closed, instead."""
 
     @property
     def rotating(self) -> bool:
@@ -106,18 +130,18 @@ class DqConfig(Section):
     """`[inverter.dq]`: how the drive's d and q axes lie, as it uses them itself.
 
     With all defaults d points along the magnets' flux as the configured back-EMF has it, and
-    positive current along q makes torque in the bench's positive direction. direction -1: the
-    drive's own positive direction is the bench's negative one. d_axis_rad: electrical angle by
-    which the drive's d axis is ahead of the flux, in its own direction. scale: what the drive calls
-    1 A, or 1 V, of phase amplitude (1.2247 where it keeps the power, 0.7071 where it says r.m.s.).
-
-    angle: "turning" for a drive that turns its set-point with the rotor between commands, as field
-    orientation does; "latched" for one that makes phase currents of it once, when it arrives.
-    angle_age_s: how old the angle that the drive uses is when its current flows.
+    positive current along q makes torque in the bench's positive direction.
     """
 
     direction: Literal[1, -1] = 1
+    """-1: the drive's own positive direction is the bench's negative one."""
     d_axis_rad: Finite = 0.0
+    """Electrical angle by which the drive's d axis is ahead of the flux, in its own direction."""
     scale: Positive = 1.0
+    """What the drive calls 1 A, or 1 V, of phase amplitude: 1.2247 where its transformation keeps
+    the power, 0.7071 where it says r.m.s., 1000 / rated current where it takes thousandths."""
     angle: Literal["turning", "latched"] = "turning"
+    """`"turning"`: it turns its set-point with the rotor between commands, as field orientation
+    does; `"latched"`: it makes phase currents of it once, when it arrives."""
     angle_age_s: NonNegative = 0.0
+    """How old the angle that the drive uses is when its current flows."""

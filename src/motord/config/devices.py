@@ -1,7 +1,7 @@
-"""`[inverter] [bridge] [brake] [drive]`: drivers, wires and timing of the devices."""
+"""`[inverter] [bridge]`: drivers, wires and timing of the devices in the loop."""
 
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from pydantic import (
     Field,
@@ -11,7 +11,7 @@ from pydantic import (
     model_validator,
 )
 
-from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.base import NonNegative, Positive, Section
 from motord.config.can_signals import CanSignalMap, DqConfig
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
 
@@ -28,15 +28,20 @@ class CanBusConfig(Section):
     """A CAN channel: of the kernel (`socketcan`), or by any other interface of python-can.
 
     The bit rates are set when the bus is opened, but not on `socketcan`: there `ip link` sets them.
-    `options` are python-can's for that interface; `socketcan` has none.
     """
 
     interface: str = "socketcan"
+    """`socketcan`, the kernel's, or any other interface of python-can."""
     channel: str = "can0"
+    """Name of the interface, as that kind of interface has it."""
     bitrate: Annotated[int, Field(gt=0)] | None = None
+    """Nominal bit rate (bit/s); `socketcan` has it from `ip link`."""
     fd: bool = True
+    """CAN FD."""
     data_bitrate: Annotated[int, Field(gt=0)] | None = None
+    """Bit rate of the data of FD frames (bit/s)."""
     options: dict[str, str | int | float | bool] = Field(default_factory=dict)
+    """Passed to python-can as they are; `socketcan` has none."""
 
     @property
     def place(self) -> str:
@@ -48,21 +53,22 @@ class CanConfig(CanBusConfig):
     """`[inverter.can]`: the bus, and the DBC with its signal map."""
 
     connect_timeout_s: Positive = 2.0
+    """Feedback has to come within this time of the start."""
     dbc: Path
+    """The drive's DBC; beside the bench file, or `package:NAME`."""
     signals: CanSignalMap
+    """Which signals of the DBC are command and feedback."""
 
 
 class DeviceConfig(Section):
-    """What the tables of all devices share.
-
-    `settings` are those of a driver of another package, which states what they are
-    (`hal.driver_settings`); motord's own drivers (`OWN`) have none.
-    """
+    """What the tables of all devices share; motord's own drivers (`OWN`) have no settings."""
 
     OWN: ClassVar[tuple[str, ...]] = ()
 
     driver: str = "sim"
+    """A driver of motord, or of another package by the name of its entry point."""
     settings: dict[str, JsonValue] = Field(default_factory=dict)
+    """Settings of a driver of another package, which states what they are."""
 
     @model_validator(mode="after")
     def _settings_are_of_a_driver_that_has_them(self) -> "DeviceConfig":
@@ -85,21 +91,27 @@ class DeviceConfig(Section):
 class InverterConfig(DeviceConfig):
     """`[inverter]`: the drive's driver and timing.
 
-    actuation_delay_s is from the start of a tick until its current flows, dead time and the lag
-    of the current loops together; lag_s is how much of it is that lag (1 / (2 pi bandwidth)).
-    driver "can" is for a drive that takes phase currents, "can-dq" for one that takes currents
-    along the rotor's axes, which `dq` describes.
+    Driver `sim` is simulated in the loop, `can` is for a drive that takes phase currents, `can-dq`
+    for one that takes currents along the rotor's axes.
     """
 
     OWN = ("sim", "can", "can-dq")
 
     can: CanConfig | None = None
+    """Bus, DBC and signals of a drive on CAN."""
     dq: DqConfig = DqConfig()
+    """Axes of a drive that takes currents along d and q."""
     stale_after_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.02
+    """Without feedback for so long it trips."""
     timeout_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.05
+    """As set in the drive: it zeroes its currents after so long without a command."""
     actuation_delay_s: Annotated[float, Field(ge=0, le=DELAY_MAX_S)] = 0.0008
+    """From the start of a tick until its current flows: dead time and the lag of the current loops.
+    """
     lag_s: NonNegative = 0.0
+    """How much of actuation_delay_s is that lag, 1 / (2 pi bandwidth)."""
     feedback_age_s: NonNegative = 0.0
+    """From the sampling of the currents until their frame arrives."""
 
     @model_validator(mode="after")
     def _lag_is_part_of_the_delay(self) -> "InverterConfig":
@@ -151,8 +163,11 @@ class BridgeCanConfig(CanBusConfig):
     """`[bridge.can]`: the bus of the board, and the identifiers (11 bit) of both directions."""
 
     fd: bool = False
+    """CAN FD; false: classical frames."""
     host_id: Annotated[int, Field(ge=0, le=0x7FF)] = 0x110
+    """Identifier of frames to the board."""
     board_id: Annotated[int, Field(ge=0, le=0x7FF)] = 0x190
+    """Identifier of frames from the board."""
 
     @model_validator(mode="after")
     def _identifiers_apart(self) -> "BridgeCanConfig":
@@ -174,13 +189,21 @@ class BridgeConfig(DeviceConfig):
     OWN = ("sim", "can", "serial")
 
     can: BridgeCanConfig | None = None
+    """Bus and identifiers of a board on CAN."""
     port: str = ""
+    """Serial port; better one of `/dev/serial/by-id/`, which survives a reboot."""
     baud: Annotated[int, Field(gt=0)] = 2_000_000
+    """Baud rate of the serial port."""
     rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] | None = None
+    """Samples of encoder and torque; left out: the loop's rate."""
     stale_after_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.02
+    """Without a sample for so long it trips."""
     heartbeat_timeout_s: Annotated[float, Field(ge=0.001, le=SILENCE_MAX_S)] = 0.05
+    """Without a heartbeat for so long the board opens the enable line."""
     connect_timeout_s: Positive = 2.0
+    """The board has to answer within this time of the start."""
     adc_V_per_count: Positive = 10.0 / 32768
+    """Volts per count of the torque sensor's converter."""
 
     @property
     def place(self) -> str:
@@ -198,99 +221,3 @@ class BridgeConfig(DeviceConfig):
         if self.driver == "can" and self.can is None:
             raise ValueError('driver = "can" needs a table [bridge.can]')
         return self
-
-
-RegisterKind = Literal["u16", "i16", "u32", "i32"]
-"""How a number lies in registers: unsigned or two's complement, one register or two."""
-
-
-class ModbusConfig(Section):
-    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device.
-
-    `timeout_s` is for one request. `watchdog_s` is when the device itself drops its set-point
-    to zero if nobody writes it (0 = never, not for a drive): set in the device, and followed by
-    the emulated one.
-    """
-
-    transport: Literal["tcp", "rtu"] = "tcp"
-    host: str = "127.0.0.1"
-    tcp_port: Annotated[int, Field(ge=1, le=65535)] = 502
-    serial_port: str = ""
-    baud: Annotated[int, Field(gt=0)] = 115_200
-    parity: Literal["N", "E", "O"] = "N"
-    stop_bits: Literal[1, 2] = 1
-    unit: Annotated[int, Field(ge=1, le=247)] = 1
-    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
-    watchdog_s: NonNegative = 0.0
-    word_order: Literal["big", "little"] = "big"
-    setpoint_register: Annotated[int, Field(ge=0, le=65535)] = 0
-    setpoint_kind: RegisterKind = "u16"
-    setpoint_scale: Positive = 0.0001
-    read_table: Literal["holding", "input"] = "holding"
-    status_register: Annotated[int, Field(ge=0, le=65535)] = 16
-    status_ready_mask: Annotated[int, Field(ge=0, le=65535)] = 1
-    status_fault_mask: Annotated[int, Field(ge=0, le=65535)] = 2
-    value_register: Annotated[int, Field(ge=0, le=65535)] = 17
-    value_kind: RegisterKind = "i16"
-    value_scale: Positive = 0.1
-
-    @property
-    def place(self) -> str:
-        """Where the device is, for messages."""
-        return f"{self.host}:{self.tcp_port}" if self.transport == "tcp" else self.serial_port
-
-    @model_validator(mode="after")
-    def _needs_serial_port(self) -> "ModbusConfig":
-        if self.transport == "rtu" and not self.serial_port:
-            raise ValueError('transport = "rtu" needs serial_port')
-        return self
-
-    @model_validator(mode="after")
-    def _registers_apart(self) -> "ModbusConfig":
-        taken: dict[int, str] = {}
-        blocks = [
-            ("status_register", self.status_register, "u16"),
-            ("value_register", self.value_register, self.value_kind),
-        ]
-        if self.read_table == "holding":
-            blocks.append(("setpoint_register", self.setpoint_register, self.setpoint_kind))
-        for name, first, kind in blocks:
-            for address in range(first, first + (2 if kind.endswith("32") else 1)):
-                if address in taken:
-                    raise ValueError(f"{name} and {taken[address]} both use register {address}")
-                taken[address] = name
-        return self
-
-
-def shares_line(one: ModbusConfig, other: ModbusConfig) -> bool:
-    """Return whether two devices are on one serial line, where one waits for the other."""
-    return one.transport == other.transport == "rtu" and one.serial_port == other.serial_port
-
-
-class _ModbusDevice(DeviceConfig):
-    OWN = ("sim", "none", "modbus")
-
-    modbus: ModbusConfig | None = None
-    poll_s: Positive = 0.05
-    stale_after_s: Positive = 1.0
-
-    @model_validator(mode="after")
-    def _needs_modbus(self) -> "_ModbusDevice":
-        if self.driver == "modbus" and self.modbus is None:
-            raise ValueError('driver = "modbus" needs a table [brake.modbus] or [drive.modbus]')
-        return self
-
-
-class BrakeConfig(_ModbusDevice):
-    """`[brake]`: eddy-current brake, T = excitation^2 2 Tmax / (w/wc + wc/w)."""
-
-    torque_max_Nm: Positive = 20.0
-    critical_speed_rad_s: Positive = 20.0
-    excitation_time_constant_s: NonNegative = 0.2
-    temperature_max_C: Finite = 150.0
-
-
-class DriveConfig(_ModbusDevice):
-    """`[drive]`: the external motor that turns the rotor through a belt."""
-
-    speed_max_rad_s: Positive = 15.0

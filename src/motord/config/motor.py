@@ -20,23 +20,32 @@ SEQUENCE: dict[PhaseOrder, int] = {"abc": 1, "acb": -1}
 class MotorConfig(Section):
     """`[motor]`: the motor as the controller takes it to be.
 
-    Where the rotor is: encoder_direction times the encoder's count, as an angle, plus
-    encoder_offset_rad. phase_order: "acb" if the motor's phases b and c are exchanged at the
-    inverter. A measured back-EMF table holds over the counts as they come: neither offset nor
-    phase order is applied to it.
+    The plan `align` finds encoder_offset_rad, encoder_direction and phase_order. A measured
+    back-EMF table holds over the counts as they come: neither offset nor phase order is applied.
     """
 
     name: str
+    """Free text, for recordings and reports."""
     serial: str = ""
+    """A calibration names the motor it was made with, and is refused for another."""
     pole_pairs: Annotated[int, Field(ge=1, le=200)]
+    """Electrical periods in a turn."""
     slots: Annotated[int, Field(ge=1, le=1000)]
+    """Slots of the stator."""
     counts: Annotated[int, Field(ge=16, le=1_048_576)]
+    """Encoder counts in a turn."""
     rated_torque_Nm: Positive
+    """Rated torque; errors are in percent of it."""
     connection: Literal["star", "independent"]
+    """Phases joined in a star without neutral, or driven independently."""
     back_emf: BackEmf
+    """Orders of phase a, over speed, or the name of a file that `motord analyse back-emf` wrote."""
     encoder_offset_rad: Finite = 0.0
+    """Angle of the rotor at count 0: angle = direction x count + offset."""
     encoder_direction: Literal[1, -1] = 1
+    """-1 if the encoder counts backwards."""
     phase_order: PhaseOrder = "abc"
+    """`"acb"` if phases b and c are exchanged at the inverter."""
 
     @model_validator(mode="after")
     def _table_fits(self) -> "MotorConfig":
@@ -105,13 +114,19 @@ class TorqueSensorConfig(Section):
     """`[torque_sensor]`: the sensor's data sheet; a high-pass of 0 s passes the mean."""
 
     highpass_time_constant_s: NonNegative = 0.0
+    """High-pass of a sensor that does not show a steady torque (piezo); 0: it passes the mean."""
     resonance_Hz: NonNegative = 0.0
+    """Resonance of the motor's mount on the sensor; 0: none."""
     damping_ratio: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Damping ratio of that resonance."""
     gain_Nm_per_V: Positive = 1.0
+    """Gain of sensor and amplifier."""
 
 
 class MotorFile(Section):
     """A file with the motor and, if wanted, the torque sensor of recordings made elsewhere."""
 
     motor: MotorConfig
+    """The motor."""
     torque_sensor: TorqueSensorConfig = TorqueSensorConfig()
+    """The torque sensor."""

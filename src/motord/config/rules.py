@@ -6,8 +6,8 @@
 import math
 from collections.abc import Callable, Iterator
 
-from motord.config.devices import shares_line
 from motord.config.sections import Sections
+from motord.config.slow_devices import shares_line
 from motord.config.timing import (
     DRIVE_FALLS_S,
     DRIVE_REACTS_S,

@@ -8,9 +8,10 @@ from pydantic import AfterValidator, Field, model_validator
 
 from motord import DEFAULT_ENDPOINT
 from motord.config.base import Finite, NonNegative, Positive, Section
-from motord.config.devices import BrakeConfig, BridgeConfig, DriveConfig, InverterConfig
+from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.experiments import Plans
 from motord.config.motor import MotorConfig, TorqueSensorConfig
+from motord.config.slow_devices import BrakeConfig, DriveConfig
 from motord.config.timing import (
     JUMP_MAX_RAD,
     ORDER_S,
@@ -23,62 +24,87 @@ from motord.config.timing import (
 
 
 class BenchConfig(Section):
-    """`[bench]`: its name (part of every Zenoh key) and, for a simulated bench, the rig's truth.
-
-    rig_patience_s is for the emulator on computers that stall: of a time in which the emulator did
-    not run, the rig plays so much, the last part; and, with the power stage on, its time stands
-    still when no current command has come for so long, until one comes or the inverter's timeout
-    is over. Without it the rig plays on, as a real one does. faults is a timeline of faults to
-    inject (`config.faults`), for a simulated or an emulated bench.
-    """
+    """`[bench]`: its name and, for a simulated or emulated bench, what is true of it."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
+    """Part of every Zenoh key and of every recording's name: letters, digits, `_.-`."""
     rig: Path | None = None
+    """Truth of a simulated or emulated bench; beside the bench file, or `package:NAME`."""
     faults: Path | None = None
+    """A timeline of faults to inject into a simulated or an emulated bench."""
     rig_patience_s: Positive | None = None
+    """For an emulator on a computer that stalls: of a time in which it did not run the rig plays so
+    much, the last part; and with the power stage on its time stands still when no current
+    command has come for so long, until one comes or the inverter's timeout is over. Without it
+    the rig plays on, as a real one does."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    """Seed of all that is random in a simulated rig."""
     notes: str = ""
+    """Free text, for every recording."""
 
 
 class LoopConfig(Section):
     """`[loop]`: the real-time loop and its observer."""
 
     rate_Hz: Annotated[int, Field(ge=RATE_MIN_HZ, le=RATE_MAX_HZ)] = 1000
+    """Rate of the loop."""
     cpu: Annotated[int, Field(ge=0)] | None = None
+    """Processor that the loop is bound to; left out: any."""
     priority: Annotated[int, Field(ge=1, le=98)] = 80
+    """Priority in the scheduling class SCHED_FIFO."""
     spin: bool = True
+    """Sleep until shortly before each deadline and spin until it; `false` sleeps all the way."""
     observer_bandwidth_Hz: Annotated[float, Field(ge=15, le=10_000)] = 30.0
+    """Bandwidth of the observer that estimates angle and speed from the encoder."""
     supervisor_timeout_s: Annotated[float, Field(gt=0, le=SILENCE_MAX_S)] = 0.25
+    """Without a sign of life from the supervisor for so long the torque ramps to zero, then trips.
+    """
     enable_timeout_s: Annotated[float, Field(gt=0, le=10)] = 1.0
+    """Inverter and enable line have to be ready within this time of being enabled."""
     overrun_ticks: Annotated[int, Field(ge=1)] = 50
+    """Missed periods in a row that trip."""
     ring_s: Annotated[float, Field(ge=1, le=120)] = 15.0
+    """Ticks that the shared memory keeps for the recorder."""
 
 
 class LimitsConfig(Section):
-    """`[limits]`: what the loop never exceeds (references) and what it trips at.
-
-    current_error_A is how far a sensed current may be from its command, by default a quarter of
-    current_A; torque_error_Nm how far the measured torque may be from the set-point, besides a
-    fifth of it, by default 0.3 torque_Nm; for current_error_s and torque_error_s on end.
-    """
+    """`[limits]`: what the loop never exceeds (references) and what it trips at."""
 
     torque_Nm: Positive = 6.0
+    """Largest torque set-point, of either sign."""
     torque_rate_Nm_per_s: Positive = 10.0
+    """Rate of the ramp to a new set-point; down to zero, on disable, it takes a second at most."""
     current_A: Positive = 25.0
+    """Largest commanded phase current."""
     trip_current_A: Positive = 35.0
+    """A sensed phase current above it trips."""
     i2t_current_A: Positive = 20.0
+    """Phase current that may flow for ever."""
     i2t_time_s: Positive = 10.0
+    """1.41 times i2t_current_A may flow for so long, 2 times for a third of it."""
     trip_speed_rad_s: Positive = 20.0
+    """A speed above it trips, of either sign; set-points end at 80 % of it."""
     trip_torque_Nm: Positive = 12.0
+    """A measured torque above it trips, of either sign."""
     trip_temperature_C: Finite = 100.0
+    """An inverter that is hotter trips."""
     bus_V_min: NonNegative = 18.0
+    """A DC bus below it trips."""
     bus_V_max: Positive = 32.0
+    """A DC bus above it trips."""
     link_errors_per_s: Positive = 50.0
+    """Frames lost or corrupt, both links, that trip."""
     encoder_jump_rad: Annotated[float, Field(gt=0, le=JUMP_MAX_RAD)] = 0.15
+    """How far an encoder sample may be from where the speed would have taken the rotor in 5 ms."""
     current_error_A: Positive | None = None
+    """How far a sensed current may be from its command; left out: a quarter of current_A."""
     current_error_s: Annotated[float, Field(gt=0, le=1)] = 0.02
+    """How long it may be further off."""
     torque_error_Nm: Positive | None = None
+    """How far the measured torque may be from the set-point, besides a fifth of it; left out: 0.3
+    torque_Nm."""
     torque_error_s: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """How long it may be further off."""
 
     @property
     def ramp_down_Nm_per_s(self) -> float:
@@ -123,22 +149,28 @@ Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
 
 
 class RecordingConfig(Section):
-    """`[recording]`: where runs go and how they are written.
-
-    auto: hand operation is recorded while the bench is powered, or "always". required: a plan that
-    cannot be recorded is refused or ended.
-    """
+    """`[recording]`: where runs go and how they are written."""
 
     directory: Path = Path("runs")
+    """Relative to the folder in which the daemon is started."""
     auto: bool | Literal["always"] = True
+    """Operation by hand is recorded while the bench is powered, `"always"`, or not."""
     required: bool = True
+    """A plan that cannot be recorded is refused, or ended."""
     chunk_s: Annotated[float, Field(ge=0.01, le=10)] = 0.25
+    """Time span of a chunk: what is compressed at once, and lost with the recorder."""
     compression: Literal["zstd", "lz4", "none"] = "zstd"
+    """`zstd` makes the smallest files, `lz4` those read fastest."""
     sync_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
+    """Within this time what was recorded is confirmed by the disk."""
     file_max_s: Positive = 3600.0
+    """Length after which the recording goes on in the next file."""
     file_max_MB: Positive = 4096.0
+    """Size after which it does so, too."""
     free_min_MB: NonNegative = 500.0
+    """With less free space a recording ends, and none begins."""
     blackbox_keep: Annotated[int, Field(ge=1, le=10_000)] = 50
+    """Black boxes kept of a bench, the newest ones."""
 
     @property
     def blackbox_directory(self) -> Path:
@@ -150,24 +182,30 @@ class TlsConfig(Section):
     """`[zenoh.tls]`: who comes in from other machines; `motord security init` makes the files."""
 
     ca: Path
+    """Certificate of the authority that signs all others."""
     certificate: Path
+    """The daemon's certificate."""
     key: Path
+    """The daemon's private key, readable by its user alone."""
     roles: Path
+    """File that names each identity with its role."""
 
 
 class ZenohConfig(Section):
-    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`.
-
-    socket_group is the group whose members may connect to Unix sockets among the endpoints, by
-    default that of the daemon.
-    """
+    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`."""
 
     listen: Endpoints = (DEFAULT_ENDPOINT,)
+    """Endpoints: TCP ports and Unix sockets of this machine, and `tls/` for others."""
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
-    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.04
+    """Rate of the single ticks on the key `tick`."""
+    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
+    """Time span of a block of ticks on the key `ticks`."""
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
+    """Time after the last renewal of the lease by which no torque is left."""
     socket_group: Annotated[str, Field(min_length=1, max_length=32)] | None = None
+    """Members of this group may connect to Unix sockets; left out: the daemon's own group."""
     tls: TlsConfig | None = None
+    """Who comes in from other machines."""
 
     @property
     def local(self) -> tuple[str, ...]:

@@ -45,12 +45,16 @@ FieldName = Annotated[str, AfterValidator(_known_field)]
 
 
 class Column(Section):
-    """A column by its name, or by its position from 1 on; the field is scale value + offset."""
+    """A column by its name, or by its position from 1 on; the field is scale x value + offset."""
 
     column: str = ""
+    """Name of the column."""
     position: Annotated[int, Field(ge=1)] | None = None
+    """Place of the column, from 1 on, instead of its name."""
     scale: Finite = 1.0
+    """Factor to the field's unit."""
     offset: Finite = 0.0
+    """Added after that, in the field's unit."""
 
     @model_validator(mode="before")
     @classmethod
@@ -76,32 +80,35 @@ class Column(Section):
 
 
 class SplitMap(Section):
-    """`[split]`: where one operating point ends and the next begins.
-
-    by: fields or columns whose values are constant, to within `tolerance`, during an operating
-    point. settle_s: time left out at the beginning of each. min_turns: whole turns, from zero
-    point to zero point, that a good one has.
-    """
+    """`[split]`: where one operating point ends and the next begins."""
 
     by: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Fields, or columns of the file that are no fields, which are constant during an operating
+    point."""
     tolerance: NonNegative = 0.0
+    """By how much they may differ within one."""
     settle_s: NonNegative = 0.0
+    """Time left out at the beginning of each."""
     min_turns: Annotated[int, Field(ge=1)] = 2
+    """Whole turns, from zero point to zero point, that a good one has."""
 
 
 class CsvMap(Section):
-    """`[csv]`: what cannot be seen from the file itself; None is: find out.
-
-    header_line counts from 1, 0 is a file without names of columns; skip_lines are left out at
-    the beginning, lines that begin with `comment` everywhere.
-    """
+    """`[csv]`: what cannot be seen from the file itself."""
 
     delimiter: Literal[",", ";", "\t", "|", " "] | None = None
+    """Between columns; left out: found in the file."""
     decimal: Literal[".", ","] | None = None
+    """Decimal sign; left out: found in the file."""
     header_line: Annotated[int, Field(ge=0)] | None = None
+    """Line with the names of the columns, from 1 on; 0: there are none; left out: found in the
+    file."""
     skip_lines: Annotated[int, Field(ge=0)] = 0
+    """Lines left out at the beginning."""
     encoding: str | None = None
+    """Such as utf-8, latin-1, utf-16; left out: found in the file."""
     comment: str = "#"
+    """Lines that begin with it are left out."""
 
     @field_validator("encoding")
     @classmethod
@@ -119,23 +126,34 @@ class CsvMap(Section):
 
 
 class TdmsMap(Section):
-    """`[tdms]`: the group that channel names without one are looked for in; None is: in all."""
+    """`[tdms]`: what cannot be seen from the file itself."""
 
     group: str | None = None
+    """Where channels named without their group are looked for; left out: in all."""
 
 
 class ImportMap(Section):
-    """A map file. start: when t_s was 0; period_s: time between rows where no column has it."""
+    """A map file."""
 
     motor: Path
+    """A file with `[motor]` and, if wanted, `[torque_sensor]`; or a bench file."""
     columns: Annotated[dict[FieldName, Column], Field(min_length=1)]
+    """Field of a tick = column, or {column, scale, offset}; the field is scale x column + offset.
+    """
     constants: dict[FieldName, Finite] = Field(default={})
+    """Field of a tick = what it is in all rows."""
     split: SplitMap | None = None
+    """Where one operating point ends and the next begins; left out: the file is one."""
     csv: CsvMap = CsvMap()
+    """What cannot be seen from a CSV file itself."""
     tdms: TdmsMap = TdmsMap()
+    """What cannot be seen from a TDMS file itself."""
     start: datetime | None = None
+    """When t_s was 0; left out: the last row is as old as the file."""
     period_s: Positive | None = None
+    """Time between rows where no column has the time."""
     notes: str = ""
+    """Free text, for the recording."""
 
     @field_validator("start")
     @classmethod

@@ -1,0 +1,128 @@
+"""`[brake] [drive]`: the devices that the supervisor talks to, by Modbus."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.devices import DeviceConfig
+
+RegisterKind = Literal["u16", "i16", "u32", "i32"]
+"""How a number lies in registers: unsigned or two's complement, one register or two."""
+
+
+class ModbusConfig(Section):
+    """`[brake.modbus]`, `[drive.modbus]`: transport, unit and registers of a Modbus device."""
+
+    transport: Literal["tcp", "rtu"] = "tcp"
+    """`tcp`, or `rtu` on a serial port."""
+    host: str = "127.0.0.1"
+    """Host of a device on TCP."""
+    tcp_port: Annotated[int, Field(ge=1, le=65535)] = 502
+    """Port of a device on TCP."""
+    serial_port: str = ""
+    """Port of a device on RTU; two devices may share it."""
+    baud: Annotated[int, Field(gt=0)] = 115_200
+    """Baud rate of the serial port."""
+    parity: Literal["N", "E", "O"] = "N"
+    """Parity: none, even or odd."""
+    stop_bits: Literal[1, 2] = 1
+    """Stop bits."""
+    unit: Annotated[int, Field(ge=1, le=247)] = 1
+    """Address of the device on the line, or behind a gateway."""
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    """Time for one request; longer than the device ever takes."""
+    watchdog_s: NonNegative = 0.0
+    """As set in the device: it drops its set-point to zero after so long without one. 0: never,
+    which a drive must not have."""
+    word_order: Literal["big", "little"] = "big"
+    """Which half of a 32-bit number comes first."""
+    setpoint_register: Annotated[int, Field(ge=0, le=65535)] = 0
+    """Counted from 0: 40001 in many manuals."""
+    setpoint_kind: RegisterKind = "u16"
+    """`u` unsigned, `i` two's complement; one register of 16 bits or two."""
+    setpoint_scale: Positive = 0.0001
+    """Excitation (1: full), or rad/s, per count."""
+    read_table: Literal["holding", "input"] = "holding"
+    """Where status and value are read."""
+    status_register: Annotated[int, Field(ge=0, le=65535)] = 16
+    """Counted from 0."""
+    status_ready_mask: Annotated[int, Field(ge=0, le=65535)] = 1
+    """Bits that are all set when the device is ready; 0: it does not say."""
+    status_fault_mask: Annotated[int, Field(ge=0, le=65535)] = 2
+    """Bits of which any means a fault; 0: it does not say."""
+    value_register: Annotated[int, Field(ge=0, le=65535)] = 17
+    """Temperature of the brake's disc, actual speed of the drive."""
+    value_kind: RegisterKind = "i16"
+    """As setpoint_kind."""
+    value_scale: Positive = 0.1
+    """degC, or rad/s, per count."""
+
+    @property
+    def place(self) -> str:
+        """Where the device is, for messages."""
+        return f"{self.host}:{self.tcp_port}" if self.transport == "tcp" else self.serial_port
+
+    @model_validator(mode="after")
+    def _needs_serial_port(self) -> "ModbusConfig":
+        if self.transport == "rtu" and not self.serial_port:
+            raise ValueError('transport = "rtu" needs serial_port')
+        return self
+
+    @model_validator(mode="after")
+    def _registers_apart(self) -> "ModbusConfig":
+        taken: dict[int, str] = {}
+        blocks = [
+            ("status_register", self.status_register, "u16"),
+            ("value_register", self.value_register, self.value_kind),
+        ]
+        if self.read_table == "holding":
+            blocks.append(("setpoint_register", self.setpoint_register, self.setpoint_kind))
+        for name, first, kind in blocks:
+            for address in range(first, first + (2 if kind.endswith("32") else 1)):
+                if address in taken:
+                    raise ValueError(f"{name} and {taken[address]} both use register {address}")
+                taken[address] = name
+        return self
+
+
+def shares_line(one: ModbusConfig, other: ModbusConfig) -> bool:
+    """Return whether two devices are on one serial line, where one waits for the other."""
+    return one.transport == other.transport == "rtu" and one.serial_port == other.serial_port
+
+
+class _ModbusDevice(DeviceConfig):
+    OWN = ("sim", "none", "modbus")
+
+    modbus: ModbusConfig | None = None
+    """Transport and registers, for `driver = "modbus"`."""
+    poll_s: Positive = 0.05
+    """Time between two readings."""
+    stale_after_s: Positive = 1.0
+    """Without an answer for so long torque goes to zero and a plan is aborted."""
+
+    @model_validator(mode="after")
+    def _needs_modbus(self) -> "_ModbusDevice":
+        if self.driver == "modbus" and self.modbus is None:
+            raise ValueError('driver = "modbus" needs a table [brake.modbus] or [drive.modbus]')
+        return self
+
+
+class BrakeConfig(_ModbusDevice):
+    """`[brake]`: eddy-current brake, T = excitation^2 2 Tmax / (w/wc + wc/w)."""
+
+    torque_max_Nm: Positive = 20.0
+    """Largest torque, Tmax, at full excitation and the critical speed."""
+    critical_speed_rad_s: Positive = 20.0
+    """Speed of the largest torque, wc."""
+    excitation_time_constant_s: NonNegative = 0.2
+    """Time constant of its current source and coil."""
+    temperature_max_C: Finite = 150.0
+    """A hotter disc takes the torque to zero; one 10 K hotter trips."""
+
+
+class DriveConfig(_ModbusDevice):
+    """`[drive]`: the external motor that turns the rotor through a belt."""
+
+    speed_max_rad_s: Positive = 15.0
+    """Fastest set-point, of either sign."""
