@@ -11,8 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("docs/*.md"), *ROOT.glob("docs/how-to/*.md")])
 FILES = ("README.md", "CONTRIBUTING.md", *(str(page.relative_to(ROOT)) for page in PAGES))
-FOLLOWED = "docs/how-to/"
-"""Pages whose Python and changes of the source are followed by `test_how_to`."""
+FOLLOWED = ("docs/how-to/", "docs/notebook.md")
+"""Pages whose Python and changes of the source are followed by `test_how_to`, `test_notebook`."""
 COMMANDS = ("sh", "console")
 
 
@@ -49,9 +49,9 @@ RUN = {
         "motord/emulated/": "motord/sim/",
         "time.sleep(10)": "time.sleep(1)",
     },
-    ("docs/api.md", "from motord.client import connect"): {
-        "with connect() as": 'with connect("sim", "{endpoint}") as'
-    },
+    ("docs/api.md", "from motord.client import connect"): {},
+    ("docs/api.md", "from motord.client import PlanEndedError, connect"): {},
+    ("docs/api.md", "import asyncio"): {},
     ("docs/api.md", "import json, time, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): {},
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): {},
@@ -64,6 +64,8 @@ RUN = {
 PRINTED = {
     ("README.md", "import json, time, zenoh"): ("'state': '", " bytes of motord.Tick"),
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
+    ("docs/api.md", "from motord.client import PlanEndedError, connect"): ("0% ", "recorded in "),
+    ("docs/api.md", "import asyncio"): (" rad/s\n",),
     ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state": "OFF"'),
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): (),
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): (),
@@ -72,7 +74,10 @@ PRINTED = {
 
 _PRINTED = "what commands print: compared by tests/system/test_bring_up.py, which runs them"
 LISTED = {
-    "text": {"docs/bring-up.md": _PRINTED},
+    "text": {
+        "docs/bring-up.md": _PRINTED,
+        "docs/notebook.md": "what cells print, which differs from run to run: tools/notebook.py",
+    },
     "ini": {
         "docs/security.md": "a drop-in of systemd with an address of a network that is not here",
         "docs/service.md": "a drop-in of systemd with an address of a network that is not here",
