@@ -6,15 +6,11 @@ by the loop or told as lost. What is in none of these was lost silently. Meanwhi
 one request after the other, and its round trips are timed.
 """
 
-import json
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -32,6 +28,7 @@ from tests.benchmarks.bench_isolation import (
 )
 from tests.benchmarks.figure import Figure, number
 from tests.system.daemons import daemon, write_sim
+from tests.system.tick_accounts import Account, Subscriber
 
 RATE_Hz = 10_000
 SUBSCRIBERS = 5
@@ -39,86 +36,6 @@ STAY_S, QUICK_STAY_S = 60.0, 4.0
 ROUND_TRIP_LIMIT_ms = 5.0
 PAUSE_S = 0.005
 """Between two requests, so that they come at any time of the supervisor's step."""
-
-SUBSCRIBER = """
-import json, sys
-from motord.client import connect
-
-with connect(sys.argv[1], sys.argv[2]) as client:
-    print("up", flush=True)
-    while sys.stdin.readline():
-        received, ends = [0], []
-
-        def count(block):
-            received[0] += len(block)
-            ends[1:] = [int(block["tick"][-1])]
-            if len(ends) == 1:
-                ends.insert(0, int(block["tick"][0]))
-
-        ticks = client.subscribe_ticks(count)
-        print("on", flush=True)
-        sys.stdin.readline()
-        ticks.close()
-        print(json.dumps([received[0], *ticks.losses, ends]), flush=True)
-"""
-"""Subscribes at one line on stdin, ends it at the next and says what came and what did not."""
-
-
-@dataclass(frozen=True)
-class Account:
-    """What one subscriber received, was told of, and had between its first and its last tick."""
-
-    received: int
-    lost: int
-    missed: int
-    restarts: int
-    span: int
-
-    @property
-    def silent(self) -> int:
-        """Ticks that are in no account."""
-        return self.span - self.received - self.lost - self.missed
-
-
-class Subscriber:
-    """A process that subscribes when it is told to."""
-
-    def __init__(self, bench: str, endpoint: str) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SUBSCRIBER, bench, endpoint],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._says() == "up\n"
-
-    def __enter__(self) -> "Subscriber":
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.process.kill()
-        self.process.communicate()
-
-    def begin(self) -> None:
-        """Subscribe."""
-        self._tell()
-        assert self._says() == "on\n"
-
-    def end(self) -> Account:
-        """End the subscription and return its account."""
-        self._tell()
-        received, lost, missed, restarts, ends = json.loads(self._says())
-        span = ends[-1] - ends[0] + 1 if ends else 0
-        return Account(received, lost, missed, restarts, span)
-
-    def _tell(self) -> None:
-        assert self.process.stdin is not None
-        self.process.stdin.write("\n")
-        self.process.stdin.flush()
-
-    def _says(self) -> str:
-        assert self.process.stdout is not None
-        return self.process.stdout.readline()
 
 
 @contextmanager

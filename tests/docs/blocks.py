@@ -50,7 +50,9 @@ RUN = {
         "time.sleep(10)": "time.sleep(1)",
     },
     ("docs/api.md", "from motord.client import connect"): {},
-    ("docs/api.md", "from motord.client import PlanEndedError, connect"): {},
+    ("docs/api.md", "from motord.client import PlanEndedError, connect"): {
+        '"turns": 2': '"turns": 2, "settle_s": 0.2, "spin_up": 1.0'  # sooner
+    },
     ("docs/api.md", "import asyncio"): {},
     ("docs/api.md", "import json, time, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): {},
