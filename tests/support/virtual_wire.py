@@ -79,7 +79,7 @@ class LastingPacer(Pacer):
 class WireLoop:
     """The loop as its process has it; `write` and `run` are what the supervisor's core calls."""
 
-    overdrawn = False
+    budget_exceeded = False
 
     def __init__(self, config: Config, world: World, run_dir: RunDir) -> None:
         self.world = world

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import resource
 from collections.abc import Callable, Iterable
 from inspect import Parameter, Signature
 from pathlib import Path
@@ -117,6 +118,8 @@ def _run(
     from motord.experiments.subject import Recordings
 
     output, report = given["output"], given["report"]
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)  # each recording stays open
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     recordings = Recordings.open(paths, config)
     result = analysis.estimate(recordings, **options)
     if output and analysis.save:

@@ -152,7 +152,7 @@ def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
     wait_s, waits = modbus.timeout_s, "timeout_s"
     if config.brake.driver == "modbus" and brake is not None and shares_line(modbus, brake):
         wait_s, waits = wait_s + brake.timeout_s, "timeout_s, and that of the brake on its line"
-    most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - config.order_s
+    most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - config.setpoint_valid_s
     if watchdog_s + wait_s > most_s * (1 + _ROUNDING):
         yield (
             f"[drive.modbus] watchdog_s = {watchdog_s:g} and {waits} ({wait_s:g} s) are "

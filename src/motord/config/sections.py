@@ -223,7 +223,7 @@ class Sections(Section):
         return 1.0 / min(loop_Hz, self.bridge.rate_Hz or loop_Hz)
 
     @property
-    def order_s(self) -> float:
+    def setpoint_valid_s(self) -> float:
         """For this long after a step of the supervisor its set-points for slow devices are good."""
         return min(self.loop.supervisor_timeout_s, ORDER_S)
 

@@ -42,9 +42,9 @@ def count_link_errors(m: np.record, link_errors: int, elapsed_s: float) -> None:
     """Let the level of link errors decay with a time constant of LINK_MEMORY_S and add new ones."""
     new = link_errors - m.link_errors
     m.link_errors = link_errors
-    m.link_level *= 1.0 - min(elapsed_s / LINK_MEMORY_S, 1.0)
+    m.recent_link_errors *= 1.0 - min(elapsed_s / LINK_MEMORY_S, 1.0)
     if new > 0 and m.started:
-        m.link_level += new
+        m.recent_link_errors += new
 
 
 @jit
@@ -72,7 +72,7 @@ def conditions(
     stuck = watch_tracks(p, m, f.encoder_gray, f.t_ns)
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
     compared, within = compare_currents(p, m, f)
-    m.unknown = 0 if compared else _CURRENTS
+    m.not_compared = 0 if compared else _CURRENTS
     torque_astray = torque_error(p, m, f.torque_Nm) > p.torque_error_Nm
     bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
     bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
@@ -87,7 +87,7 @@ def conditions(
     bits |= _TRIP.LOOP_OVERRUN if missed - m.missed >= p.overrun_ticks and m.started else 0
     bits |= _TRIP.SUPERVISOR_STALE if supervisor_late and m.torque_set_Nm == 0.0 else 0
     bits |= _TRIP.TEMPERATURE if f.temperature_C > p.trip_temperature_C else 0
-    bits |= _TRIP.LINK_ERRORS if m.link_level > p.link_errors_per_s else 0
+    bits |= _TRIP.LINK_ERRORS if m.recent_link_errors > p.link_errors_per_s else 0
     bits |= _TRIP.BUS_VOLTAGE if not p.bus_V_min <= f.u_bus_V <= p.bus_V_max else 0
     bits |= _TRIP.ENABLE_TIMEOUT if m.arming_s > p.enable_timeout_s else 0
     bits |= _TRIP.BRIDGE_FAULT if f.bridge_status & _BRIDGE_FAULT else 0
@@ -103,15 +103,15 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
     """Return those of the conditions `bits` that have held for longer than they may.
 
     A condition counts from the first evidence of it in a row. Where there is no evidence (`new`:
-    flags of the tick that say which samples are new; `m.unknown`: conditions of which they say
+    flags of the tick that say which samples are new; `m.not_compared`: conditions of which they say
     nothing) everything stays as it was.
     """
-    silent = m.unknown
-    silent |= 0 if new & _FLAG.NEW_ENCODER else _FROM_BRIDGE
-    silent |= 0 if new & _FLAG.NEW_INVERTER else _FROM_INVERTER
-    seen = bits & ~silent
-    begun = seen & ~m.holding
-    causes = m.causes & silent
+    no_evidence = m.not_compared
+    no_evidence |= 0 if new & _FLAG.NEW_ENCODER else _FROM_BRIDGE
+    no_evidence |= 0 if new & _FLAG.NEW_INVERTER else _FROM_INVERTER
+    seen = bits & ~no_evidence
+    begun = seen & ~m.conditions_held
+    causes = m.causes & no_evidence
     if seen:
         for index in range(_COUNT):
             if seen >> index & 1:
@@ -119,7 +119,7 @@ def debounced(p: np.record, m: np.record, bits: int, new: int, now_ns: int) -> i
                     m.since_ns[index] = now_ns
                 if now_ns - m.since_ns[index] >= p.lasts_ns[index]:
                     causes |= 1 << index
-    m.holding = seen | (m.holding & silent)
+    m.conditions_held = seen | (m.conditions_held & no_evidence)
     m.causes = causes
     return int(causes)
 

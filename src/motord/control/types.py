@@ -134,7 +134,7 @@ MEMORY = record_dtype(
         ("speed_rad_s", "f8"),
         ("torque_set_Nm", "f8"),  # after ramp and limits
         ("heat_s", "f8", (3,)),  # I2t accumulator of each phase
-        ("link_level", "f8"),  # link errors of about the last second
+        ("recent_link_errors", "f8"),  # link errors of about the last second
         ("link_errors", "i8"),
         ("missed", "i8"),
         ("arming_s", "f8"),  # time since enabling began
@@ -154,7 +154,7 @@ MEMORY = record_dtype(
         ("first_trip", "u4"),
         ("request_seq", "u4"),
         ("since_ns", "i8", (32,)),  # when each trip's condition began to hold
-        ("holding", "u4"),  # conditions that hold by the newest evidence of each
+        ("conditions_held", "u4"),  # conditions that hold by the newest evidence of each
         ("causes", "u4"),  # those that have held for longer than they may
         ("implausible", "u4"),  # encoder samples in a row that the speed cannot explain
         ("encoder_count", "i4"),
@@ -163,7 +163,7 @@ MEMORY = record_dtype(
         ("tracking", "u1"),  # the observer has an angle
         ("arming", "u1"),  # READY, on the way to ENABLED
         ("stopping", "u1"),  # ENABLED, ramping to READY
-        ("unknown", "u4"),  # conditions that this tick's feedback says nothing of
+        ("not_compared", "u4"),  # conditions that this tick's feedback says nothing of
         # the last commands, a ring (`control.plausible`)
         ("commands", "i8"),  # how many are in it
         ("newest", "i8"),  # where

@@ -71,8 +71,8 @@ class DutyCycle:
     """The account of a loop of `period_ns`: time that passes is earned at a share, work spends it.
 
     The share is 0.9 of what the kernel allows. `spin_ns` is what a tick can spend on watching the
-    clock, after its work. A debt of half the distance between share and limit is `overdrawn`: the
-    loop has to give time back by skipping ticks, or the kernel will stop it.
+    clock, after its work. `budget_exceeded`, the debt is over half the distance between share and
+    limit: the loop has to give time back by skipping ticks, or the kernel will stop it.
     """
 
     __slots__ = (
@@ -82,7 +82,7 @@ class DutyCycle:
         "_idle_per_1024",
         "_longest_ns",
         "_work_ns",
-        "overdrawn",
+        "budget_exceeded",
         "spin_ns",
     )
 
@@ -94,7 +94,7 @@ class DutyCycle:
         self._debt_max_ns = int((bandwidth.share - share) * bandwidth.period_ns / 2)
         self._work_ns = self._debt_ns = 0
         self.spin_ns = self._allowed_ns
-        self.overdrawn = False
+        self.budget_exceeded = False
 
     def account(self, busy_ns: int, work_ns: int, idle_ns: int) -> None:
         """Enter a tick: `work_ns` of its `busy_ns` were work; then the loop slept `idle_ns`."""
@@ -105,7 +105,7 @@ class DutyCycle:
             work_ns = longest_ns
         debt_ns = self._debt_ns + ((busy_ns + idle_ns) * self._idle_per_1024 >> 10) - idle_ns
         self._debt_ns = debt_ns = debt_ns if debt_ns > 0 else 0
-        self.overdrawn = debt_ns > self._debt_max_ns
+        self.budget_exceeded = debt_ns > self._debt_max_ns
         self._work_ns += (work_ns - self._work_ns) >> 6
         spin_ns = self._allowed_ns - self._work_ns
         self.spin_ns = spin_ns if spin_ns > 0 else 0
@@ -142,9 +142,9 @@ class HybridSleep:
         return min(self._margin.margin_ns, self._duty.spin_ns) if self._spin else 0
 
     @property
-    def overdrawn(self) -> bool:
+    def budget_exceeded(self) -> bool:
         """True if the loop has used so much of the core that it has to skip a tick."""
-        return self._duty.overdrawn
+        return self._duty.budget_exceeded
 
     def start(self) -> None:
         """Say that the loop starts now; what was before counts as idle."""

@@ -64,7 +64,7 @@ class Pacer:
             over = -(-behind_ns // period_ns)
             deadline_ns += over * period_ns
             tick += over
-        if alarm.overdrawn:
+        if alarm.budget_exceeded:
             deadline_ns += period_ns
             tick += 1
         woke_ns = alarm.wait_until(deadline_ns)

@@ -40,6 +40,7 @@ def build(
     p.counts = truth.encoder.counts
     p.encoder_offset_rad = truth.encoder.offset_rad
     p.encoder_direction = truth.encoder.direction
+    _fill_departures(p, truth)
     if truth.swing is not None:
         add_bar(p, truth.swing)
     _fill_state(p, s, truth, seed)
@@ -102,6 +103,8 @@ def _fill_inverter(p: np.record, truth: RigTruth) -> None:
         p.nonlinearity_A[:] = inverter.nonlinearity.amplitude_A
         p.nonlinearity_rad_per_A = 2 * math.pi / inverter.nonlinearity.period_A
         p.nonlinearity_phase_rad[:] = inverter.nonlinearity.phase_rad
+        p.nonlinearity_per_A[:] = inverter.nonlinearity.linear_per_A
+        p.nonlinearity_per_A2[:] = inverter.nonlinearity.quadratic_per_A2
     p.gain_drift_per_K[:] = inverter.gain_drift_per_K
     p.gain_drift_max = inverter.gain_drift_max
     p.reference_C = inverter.reference_C
@@ -148,6 +151,34 @@ def _fill_drive(p: np.record, truth: RigTruth) -> None:
     p.belt_slip_Nm = drive.slip_torque_Nm
     p.belt_lift_rad_s = drive.lift_speed_rad_s
     p.belt_creep_per_Nm = drive.creep_per_Nm
+
+
+def _fill_departures(p: np.record, truth: RigTruth) -> None:
+    motor, friction, crosstalk = (
+        truth.motor,
+        truth.rotor.friction_ripple,
+        truth.torque_sensor.crosstalk,
+    )
+    p.back_emf_drop_per_A = motor.back_emf_drop_per_A
+    p.cogging_rise_per_A = motor.cogging_rise_per_A
+    p.loaded = motor.back_emf_drop_per_A != 0 or motor.cogging_rise_per_A != 0
+    p.sensor_departs = bool(friction or crosstalk)
+    _fill_harmonics(p.friction_ripple, [(h.order, h.amplitude_Nm, h.phase_rad) for h in friction])
+    _fill_harmonics(p.torque_crosstalk, [(h.order, h.share, h.phase_rad) for h in crosstalk])
+    errors = truth.encoder.errors
+    _fill_harmonics(p.encoder_error, [(h.order, h.amplitude_rad, h.phase_rad) for h in errors])
+    if truth.inverter.crosstalk is not None:
+        mixed = np.eye(3) + np.array(truth.inverter.crosstalk)
+        p.current_crosstalk = 1
+        p.current_mixed[:] = mixed.ravel()
+        p.current_unmixed[:] = np.linalg.inv(mixed).ravel()
+
+
+def _fill_harmonics(record: np.record, harmonics: list[tuple[int, float, float]]) -> None:
+    """Fill a HARMONICS record with (order, amplitude, phase_rad) each."""
+    record.terms = len(harmonics)
+    for n, (order, amplitude, phase_rad) in enumerate(harmonics):
+        record.orders[n], record.amplitude[n], record.phase_rad[n] = order, amplitude, phase_rad
 
 
 @cache
@@ -200,5 +231,5 @@ def _fill_state(p: np.record, s: np.record, truth: RigTruth, seed: int) -> None:
     k_a, k_b, k_c, cogging_Nm = wave_values(p, s.angle_rad)
     s.k_V_s_per_rad[:] = k_a, k_b, k_c
     s.torque_cog_Nm = cogging_Nm
-    s.mount_Nm = cogging_Nm
+    s.mount_Nm = s.load_Nm = cogging_Nm
     s.drift_Nm_per_s = truth.torque_sensor.drift_Nm_per_s * gaussian(s)

@@ -12,6 +12,7 @@ import math
 import numpy as np
 
 from motord.jit import jit
+from motord.rig.departures import mixed
 from motord.rig.faults import disturbed_currents
 from motord.rig.park import TURNING, abc_to_dq, add_rotation, d_axis_angle, dq_to_abc
 from motord.rig.sensor_nonlinearity import (
@@ -54,8 +55,21 @@ def _next_command(p: np.record, s: np.record) -> None:
         common_A = (s.queue_A[first] + s.queue_A[first + 1] + s.queue_A[first + 2]) / 3.0
     for phase in range(3):
         s.i_command_A[phase] = s.queue_A[first + phase] / unit - common_A
+    if p.current_crosstalk:
+        _unmix_command(p, s)
     s.queue_head = (s.queue_head + 1) % QUEUE_LENGTH
     s.queue_size -= 1
+
+
+@jit
+def _unmix_command(p: np.record, s: np.record) -> None:
+    """Make of the command what the loops force, so that the sensors' readings follow it."""
+    command_A = s.i_command_A
+    a_A = mixed(p.current_unmixed, command_A, 0)
+    b_A = mixed(p.current_unmixed, command_A, 1)
+    c_A = mixed(p.current_unmixed, command_A, 2)
+    common_A = (a_A + b_A + c_A) / 3.0 if p.star else 0.0
+    command_A[0], command_A[1], command_A[2] = a_A - common_A, b_A - common_A, c_A - common_A
 
 
 @jit

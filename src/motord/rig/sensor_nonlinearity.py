@@ -1,6 +1,6 @@
 """Integral nonlinearity of the current sensors, compiled: sensed i* stands for curve(i*).
 
-    curve(i*) = i* + amplitude sin(wave i* + phase)
+    curve(i*) = i* (1 + a i* + b i*^2) + amplitude sin(wave i* + phase)
 
 Gain and offset make of it what flows. The slope stays between 1/2 and 3/2 (`truth.MAX_SLOPE`), so
 Newton's method inverts it. Only called where there is a nonlinearity (`p.nonlinear`).
@@ -20,14 +20,17 @@ NEWTON_STEPS = 6
 def sensor_curve(p: np.record, phase: int, i_A: float) -> float:
     """Return what the sensed current `i_A` stands for (A)."""
     turned = p.nonlinearity_rad_per_A * i_A + p.nonlinearity_phase_rad[phase]
-    return float(i_A + p.nonlinearity_A[phase] * math.sin(turned))
+    gain = 1.0 + i_A * (p.nonlinearity_per_A[phase] + i_A * p.nonlinearity_per_A2[phase])
+    return float(i_A * gain + p.nonlinearity_A[phase] * math.sin(turned))
 
 
 @jit
 def sensor_slope(p: np.record, phase: int, i_A: float) -> float:
     """Return the derivative of `sensor_curve` at the sensed current `i_A`."""
     turned = p.nonlinearity_rad_per_A * i_A + p.nonlinearity_phase_rad[phase]
-    return float(1.0 + p.nonlinearity_A[phase] * p.nonlinearity_rad_per_A * math.cos(turned))
+    a, b = p.nonlinearity_per_A[phase], p.nonlinearity_per_A2[phase]
+    slope = 1.0 + i_A * (2.0 * a + 3.0 * b * i_A)
+    return float(slope + p.nonlinearity_A[phase] * p.nonlinearity_rad_per_A * math.cos(turned))
 
 
 @jit

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from motord.jit import jit
+from motord.rig.departures import harmonic_sum, mixed
 from motord.rig.electric import winding_voltages
 from motord.rig.noise import gaussian
 
@@ -40,6 +41,8 @@ def step_torque_sensor(p: np.record, s: np.record, before_Nm: float, after_Nm: f
 @jit
 def read_encoder(p: np.record, angle_rad: float) -> int:
     """Return the count whose cell, centred at 2 pi count / counts, holds `angle_rad`."""
+    if p.encoder_error.terms:
+        angle_rad += harmonic_sum(p.encoder_error, angle_rad)
     turns = float(p.encoder_direction * (angle_rad - p.encoder_offset_rad)) / TWO_PI
     return math.floor(turns * int(p.counts) + 0.5) % int(p.counts)
 
@@ -68,7 +71,10 @@ def read_inverter(p: np.record, s: np.record, o: np.record) -> None:
     o.u_V[0], o.u_V[1], o.u_V[2] = u_a, u_b, u_c
     for phase in range(3):
         o.u_V[phase] += p.voltage_noise_V * gaussian(s)
-        o.i_sensed_A[phase] = s.i_sensed_A[phase] + p.current_noise_A * gaussian(s)
+        i_A = s.i_sensed_A[phase]
+        if p.current_crosstalk:
+            i_A = mixed(p.current_mixed, s.i_sensed_A, phase)
+        o.i_sensed_A[phase] = i_A + p.current_noise_A * gaussian(s)
     o.u_bus_V = p.bus_V + p.voltage_noise_V * gaussian(s)
     o.temperature_C = s.temperature_C
     o.inverter_on = s.inverter_on

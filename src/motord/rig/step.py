@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from motord.jit import jit
+from motord.rig.departures import friction_ripple_Nm, scales_by_load, sensor_load_Nm
 from motord.rig.electric import step_currents, take_command
 from motord.rig.faults import disturb_readings, is_off, step_faults, take_faults
 from motord.rig.free_decay import spring_torque_Nm, step_hand
@@ -74,6 +75,14 @@ def _substep(p: np.record, s: np.record) -> None:
     step_brake(p, s, middle_rad_s)
     step_drive(p, s, middle_rad_s)
     k_a, k_b, k_c, cogging_Nm = wave_values(p, angle_rad + h_s * middle_rad_s)
+    if p.loaded:
+        k_scale, cogging_scale = scales_by_load(p, s)
+        k_a, k_b, k_c, cogging_Nm = (
+            k_a * k_scale,
+            k_b * k_scale,
+            k_c * k_scale,
+            (cogging_Nm * cogging_scale),
+        )
     s.k_V_s_per_rad[0], s.k_V_s_per_rad[1], s.k_V_s_per_rad[2] = k_a, k_b, k_c
     step_currents(p, s, middle_rad_s)
     before_Nm = s.torque_em_Nm + s.torque_cog_Nm
@@ -84,9 +93,16 @@ def _substep(p: np.record, s: np.record) -> None:
     if p.swing:
         half_rad = 0.5 * h_s * (s.speed_rad_s + 0.25 * h_s * s.acceleration_rad_s2)
         torque_Nm += spring_torque_Nm(p, angle_rad + half_rad)
+    if p.sensor_departs:
+        middle_rad = angle_rad + 0.5 * h_s * middle_rad_s
+        torque_Nm += friction_ripple_Nm(p, s.speed_rad_s, middle_rad)
     step_rotor(p, s, torque_Nm, angle_rad)
     if p.swing:
         step_hand(p, s, angle_rad)
+    if p.sensor_departs:
+        before_Nm = s.load_Nm
+        rubbed_Nm = after_Nm + friction_ripple_Nm(p, s.speed_rad_s, s.angle_rad)
+        s.load_Nm = after_Nm = sensor_load_Nm(p, rubbed_Nm, s.angle_rad)
     step_torque_sensor(p, s, before_Nm, after_Nm)
     if s.faults:
         step_faults(p, s)

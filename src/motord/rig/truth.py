@@ -32,6 +32,9 @@ MAX_ORDER = 2000
 MAX_SLOPE = 0.5
 """Steepest nonlinearity of a current sensor: its curve rises, and can be inverted fast."""
 
+MAX_DEPARTURES = 8
+"""Orders that an encoder's error, a torque sensor's cross-talk or a ripple of friction may have."""
+
 MAX_SPRINGS = 8
 """Springs that a bar may have."""
 
@@ -48,8 +51,37 @@ class CoggingHarmonic(Section):
     phase_rad: Finite = 0.0
 
 
+class FrictionHarmonic(Section):
+    """One order of the friction: amplitude_Nm sin(order theta + phase_rad) against the motion."""
+
+    order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
+    amplitude_Nm: Finite
+    phase_rad: Finite = 0.0
+
+
+class EncoderHarmonic(Section):
+    """One order of an encoder's error: amplitude_rad sin(order theta + phase_rad) is added."""
+
+    order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
+    amplitude_rad: Finite
+    phase_rad: Finite = 0.0
+
+
+class CrosstalkHarmonic(Section):
+    """Cross-talk of a torque sensor: share T sin(order theta + phase_rad) is added to torque T."""
+
+    order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
+    share: Annotated[float, Field(ge=-0.5, le=0.5)]
+    phase_rad: Finite = 0.0
+
+
 class MotorTruth(Section):
-    """`[motor]`: windings, back-EMF and cogging."""
+    """`[motor]`: windings, back-EMF and cogging.
+
+    With a current of amplitude i (that of three balanced phases of the same heat) the back-EMF is
+    less by back_emf_drop_per_A i and the cogging torque more by cogging_rise_per_A i, as parts
+    of themselves.
+    """
 
     pole_pairs: Annotated[int, Field(ge=1, le=200)] = 8
     connection: Literal["star", "independent"] = "independent"
@@ -59,6 +91,8 @@ class MotorTruth(Section):
         BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.206),
     )
     cogging: tuple[CoggingHarmonic, ...] = ()
+    back_emf_drop_per_A: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    cogging_rise_per_A: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
 
     @model_validator(mode="after")
     def _orders_fit(self) -> "MotorTruth":
@@ -74,30 +108,30 @@ class MotorTruth(Section):
 class NonlinearityTruth(Section):
     """`[inverter.nonlinearity]`: a smooth integral nonlinearity of the current sensors.
 
-    In phase p, amplitude_A_p sin(2 pi i* / period_A + phase_rad_p) is added to the sensed current
-    i* before gain and offset make of it what flows.
+    In phase p, i* linear_per_A_p i* + i* quadratic_per_A2_p i*^2 and
+    amplitude_A_p sin(2 pi i* / period_A + phase_rad_p) are added to the sensed current i* before
+    gain and offset make of it what flows.
     """
 
-    amplitude_A: NonNegativeTriple
-    period_A: Positive
+    amplitude_A: NonNegativeTriple = (0.0, 0.0, 0.0)
+    period_A: Positive = 1.0
     phase_rad: Triple = (0.0, 0.0, 0.0)
+    linear_per_A: Triple = (0.0, 0.0, 0.0)
+    quadratic_per_A2: Triple = (0.0, 0.0, 0.0)
 
-    @model_validator(mode="after")
-    def _rises(self) -> "NonlinearityTruth":
-        steepest = 2 * math.pi * max(self.amplitude_A) / self.period_A
-        if steepest > MAX_SLOPE:
-            raise ValueError(
-                f"its slope reaches {steepest:.3g}, at most {MAX_SLOPE:g}: 2 pi amplitude_A / "
-                "period_A"
-            )
-        return self
+    def steepest(self, current_A: float) -> float:
+        """Return the largest slope, beyond 1, that the curve may have up to `current_A`."""
+        waves = 2 * math.pi * max(self.amplitude_A) / self.period_A
+        gains = zip(self.linear_per_A, self.quadratic_per_A2, strict=True)
+        return waves + max(2 * abs(a) * current_A + 3 * abs(b) * current_A**2 for a, b in gains)
 
 
 class InverterTruth(Section):
     """`[inverter]`: current loops, what their sensors get wrong, and the supply.
 
     What flows in phase p is alpha_p epsilon i* + beta_p with i* the sensed current, Poels 2008,
-    eq. (4.1); where there is a `nonlinearity`, it is added to i* first. alpha holds at
+    eq. (4.1); where there is a `nonlinearity`, it is added to i* first. The sensor of phase p reads
+    crosstalk[p][q] times the i* of phase q besides. alpha holds at
     `reference_C`; it moves by gain_drift_per_K with the inverter's temperature, at most
     gain_drift_max either way. phase_order: "acb" where the motor's phases b and c are exchanged at
     its outputs. dq: the axes of a drive whose commands are currents along d and q; in a rig file
@@ -120,17 +154,38 @@ class InverterTruth(Section):
     current_noise_A: NonNegative = 0.0
     voltage_noise_V: NonNegative = 0.0
     nonlinearity: NonlinearityTruth | None = None
+    crosstalk: tuple[Triple, Triple, Triple] | None = None
     phase_order: PhaseOrder = "abc"
     dq: DqConfig | None = None
 
+    @model_validator(mode="after")
+    def _sensors_can_be_inverted(self) -> "InverterTruth":
+        if self.nonlinearity is not None:
+            steepest = self.nonlinearity.steepest(self.current_max_A)
+            if steepest > MAX_SLOPE:
+                raise ValueError(
+                    f"nonlinearity: its slope reaches {steepest:.3g}, at most {MAX_SLOPE:g}: 2 pi "
+                    "amplitude_A / period_A + 2 linear_per_A i + 3 quadratic_per_A2 i^2"
+                )
+        if self.crosstalk is not None:
+            if self.dq is not None:
+                raise ValueError("crosstalk: not for a drive that turns with the rotor (dq)")
+            if max(sum(map(abs, row)) for row in self.crosstalk) > MAX_SLOPE:
+                raise ValueError(f"crosstalk: a row sums to more than {MAX_SLOPE:g}")
+        return self
+
 
 class RotorTruth(Section):
-    """`[rotor]`: inertia and bearing friction, and where it stands at the start."""
+    """`[rotor]`: inertia and bearing friction, and where it stands at the start.
+
+    The torque sensor is loaded with the ripple of the friction, not with its mean.
+    """
 
     inertia_kg_m2: Positive = 0.0105
     viscous_Nm_s_per_rad: NonNegative = 0.002
     coulomb_Nm: NonNegative = 0.03
     static_Nm: NonNegative = 0.04
+    friction_ripple: Annotated[tuple[FrictionHarmonic, ...], Field(max_length=MAX_DEPARTURES)] = ()
     angle_rad: Finite = 0.0
     speed_rad_s: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
 
@@ -138,6 +193,10 @@ class RotorTruth(Section):
     def _static_not_below(self) -> "RotorTruth":
         if self.static_Nm < self.coulomb_Nm:
             raise ValueError("static_Nm must be at least coulomb_Nm")
+        if sum(abs(h.amplitude_Nm) for h in self.friction_ripple) > self.coulomb_Nm:
+            raise ValueError(
+                "friction_ripple: more than coulomb_Nm, friction would drive the rotor"
+            )
         return self
 
 
@@ -190,14 +249,26 @@ class TorqueSensorTruth(Section):
     noise_Nm: NonNegative = 0.0
     drift_Nm_per_s: NonNegative = 0.0
     drift_correlation_s: Positive = 20.0
+    crosstalk: Annotated[tuple[CrosstalkHarmonic, ...], Field(max_length=MAX_DEPARTURES)] = ()
 
 
 class EncoderTruth(Section):
-    """`[encoder]`: absolute Gray-code encoder; count n is read around angle 2 pi n / counts."""
+    """`[encoder]`: absolute Gray-code encoder; count n is read around angle 2 pi n / counts.
+
+    `errors` are added to the angle that it reads: an eccentric disc has order 1.
+    """
 
     counts: Annotated[int, Field(ge=16, le=1_048_576)] = 4096
     offset_rad: Finite = 0.0
     direction: Literal[1, -1] = 1
+    errors: Annotated[tuple[EncoderHarmonic, ...], Field(max_length=MAX_DEPARTURES)] = ()
+
+    @model_validator(mode="after")
+    def _rises(self) -> "EncoderTruth":
+        steepest = sum(h.order * abs(h.amplitude_rad) for h in self.errors)
+        if steepest > MAX_SLOPE:
+            raise ValueError(f"errors: their slope reaches {steepest:.3g}, at most {MAX_SLOPE:g}")
+        return self
 
 
 class SpringTruth(Section):

@@ -6,11 +6,21 @@ b, c.
 """
 
 from motord.rig.faults import FAULT_INPUTS, FAULT_STATE
-from motord.rig.truth import MAX_ORDERS, MAX_SPRINGS
+from motord.rig.truth import MAX_DEPARTURES, MAX_ORDERS, MAX_SPRINGS
 from motord.schema import record_dtype
 
 QUEUE_LENGTH = 32
 """Current commands that can be under way at once during the dead time."""
+
+HARMONICS = record_dtype(
+    [
+        ("terms", "i8"),
+        ("orders", "f8", (MAX_DEPARTURES,)),
+        ("amplitude", "f8", (MAX_DEPARTURES,)),
+        ("phase_rad", "f8", (MAX_DEPARTURES,)),
+    ]
+)
+"""A sum of amplitude sin(order theta + phase), the first `terms` of them in use."""
 
 RIG_INPUT = record_dtype(
     [
@@ -60,6 +70,17 @@ RIG_PARAMETERS = record_dtype(
         ("order", "i8", (MAX_ORDERS,)),  # m, rising
         ("wave_cos", "f8", (4 * MAX_ORDERS,)),  # [4 row + 0, 1, 2: phase; 3: cogging]
         ("wave_sin", "f8", (4 * MAX_ORDERS,)),
+        # departures from the controller's model (`rig.departures`)
+        ("loaded", "i8"),  # back-EMF or cogging change with the current
+        ("back_emf_drop_per_A", "f8"),
+        ("cogging_rise_per_A", "f8"),
+        ("sensor_departs", "i8"),  # it is loaded with more than the stator's torque
+        ("friction_ripple", HARMONICS),
+        ("torque_crosstalk", HARMONICS),
+        ("encoder_error", HARMONICS),
+        ("current_crosstalk", "i8"),
+        ("current_mixed", "f8", (9,)),  # sensed from i*, row by row
+        ("current_unmixed", "f8", (9,)),  # its inverse
         # windings and inverter
         ("star", "i8"),
         ("resistance_ohm", "f8"),
@@ -85,6 +106,8 @@ RIG_PARAMETERS = record_dtype(
         ("nonlinearity_A", "f8", (3,)),
         ("nonlinearity_rad_per_A", "f8"),
         ("nonlinearity_phase_rad", "f8", (3,)),
+        ("nonlinearity_per_A", "f8", (3,)),
+        ("nonlinearity_per_A2", "f8", (3,)),
         ("gain_drift_per_K", "f8", (3,)),
         ("gain_drift_max", "f8"),
         ("reference_C", "f8"),
@@ -194,6 +217,7 @@ RIG_STATE = record_dtype(
         ("belt_before_Nm", "f8"),  # a substep ago
         ("belt_Nm_s_per_rad", "f8"),  # its damping; none while it slips
         # torque sensor
+        ("load_Nm", "f8"),  # on its mount, where it departs from the stator's torque
         ("mount_Nm", "f8"),
         ("mount_rate_Nm", "f8"),  # rate of mount_Nm over its natural frequency
         ("sensor_Nm", "f8"),

@@ -133,7 +133,7 @@ def slow_devices(config: Config, events: EventLog) -> dict[str, SlowDevice]:
             hold_s = config.wind_down_s(config.limits.torque_Nm) if kind == "brake" else 0.0
             devices[kind] = SlowDevice(
                 *(kind, device, section.poll_s, section.stale_after_s),
-                order_s=config.order_s,
+                setpoint_valid_s=config.setpoint_valid_s,
                 hold_s=hold_s,
             )
     if config.drive.driver not in ("sim", "none", "modbus"):

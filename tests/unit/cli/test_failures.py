@@ -1,5 +1,6 @@
 """Whatever a user does wrong: exit code 1 with one line, or 2 with the usage; never a traceback."""
 
+import resource
 import shlex
 import socket
 from pkgutil import resolve_name
@@ -186,3 +187,13 @@ def test_errors_that_end_a_command_with_one_line_are_known_by_their_right_names(
     kind = resolve_name(name)
     assert issubclass(kind, Exception)
     assert f"{kind.__module__}.{kind.__qualname__}" == name
+
+
+def test_an_analysis_may_keep_as_many_recordings_open_as_the_system_allows(tmp_path):
+    soft, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (512, most))
+    try:
+        CliRunner().invoke(app, ["analyse", "verify", str(tmp_path / "none.mcap")])
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (most, most)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, most))

@@ -170,7 +170,7 @@ BEYOND = [
     (Trip.LOOP_OVERRUN, missed(57, 7)),
     (Trip.SUPERVISOR_STALE, late(0.0)),
     (Trip.TEMPERATURE, of_feedback("temperature_C", 100.1)),
-    (Trip.LINK_ERRORS, of_memory("link_level", 50.001)),
+    (Trip.LINK_ERRORS, of_memory("recent_link_errors", 50.001)),
     (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", 17.99)),
     (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", 32.01)),
     (Trip.BUS_VOLTAGE, of_feedback("u_bus_V", math.nan)),
@@ -208,7 +208,7 @@ WITHIN = [
     missed(56, 7),
     late(0.5),
     of_feedback("temperature_C", 100.0),
-    of_memory("link_level", 50.0),
+    of_memory("recent_link_errors", 50.0),
     of_feedback("u_bus_V", 18.0),
     of_feedback("u_bus_V", 32.0),
     of_memory("arming_s", 1.0),
@@ -266,7 +266,9 @@ def test_a_condition_that_is_interrupted_starts_over(trip, depart) -> None:
         watched.feedback[:], watched.late = healthy.feedback, False
         watched.f.now_ns = watched.f.t_ns = watched.f.t_inverter_ns = now_ns
         watched.missed, watched.brake_C = 0, 40.0
-        kept = {name: watched.memory[name].copy() for name in ("since_ns", "holding", "causes")}
+        kept = {
+            name: watched.memory[name].copy() for name in ("since_ns", "conditions_held", "causes")
+        }
         watched.memory[:] = healthy.memory
         for name, value in kept.items():
             watched.memory[name] = value
@@ -390,15 +392,15 @@ def test_link_errors_add_up_and_fade_within_a_second() -> None:
     watched = Watched()
     watched.m.link_errors = 5
     count_link_errors(watched.m, 8, 1e-3)
-    assert (watched.m.link_level, watched.m.link_errors) == (3.0, 8)
+    assert (watched.m.recent_link_errors, watched.m.link_errors) == (3.0, 8)
     count_link_errors(watched.m, 9, 1e-3)
-    assert watched.m.link_level == pytest.approx(3.0 * (1 - 1e-3 / LINK_MEMORY_S) + 1.0)
+    assert watched.m.recent_link_errors == pytest.approx(3.0 * (1 - 1e-3 / LINK_MEMORY_S) + 1.0)
     count_link_errors(watched.m, 2, 1e-3)  # a driver that began anew
-    assert watched.m.link_level == pytest.approx((3.0 * 0.999 + 1.0) * 0.999)
+    assert watched.m.recent_link_errors == pytest.approx((3.0 * 0.999 + 1.0) * 0.999)
     assert watched.m.link_errors == 2
     for _ in range(3000):
         count_link_errors(watched.m, 2, 1e-3)
-    assert 0.0 < watched.m.link_level < 0.21
+    assert 0.0 < watched.m.recent_link_errors < 0.21
     assert LINK_MEMORY_S == 1.0
 
 
@@ -406,10 +408,10 @@ def test_link_errors_before_the_start_are_not_ours_and_slow_loops_forget_at_once
     watched = Watched()
     watched.m.started = 0
     count_link_errors(watched.m, 8, 1e-3)
-    assert (watched.m.link_level, watched.m.link_errors) == (0.0, 8)
-    watched.m.link_level, watched.m.started = 4.0, 1
+    assert (watched.m.recent_link_errors, watched.m.link_errors) == (0.0, 8)
+    watched.m.recent_link_errors, watched.m.started = 4.0, 1
     count_link_errors(watched.m, 8, 2.0)
-    assert watched.m.link_level == 0.0
+    assert watched.m.recent_link_errors == 0.0
 
 
 @pytest.mark.kernel

@@ -124,7 +124,7 @@ class LateBench(Bench):
         for _ in range(round(duration_s * self.config.loop.rate_Hz)):
             tick = self.tick_once()
             assert tick.state == State.ENABLED, Trip(int(tick.trip_bits))
-            assert not self.memory["holding"][0] & IMPLAUSIBLE
+            assert not self.memory["conditions_held"][0] & IMPLAUSIBLE
 
     def time_to_trip_s(self, wrong: Wrong, most_s: float = 0.5) -> float:
         """Return the time from when feedback was first measured wrong until the trip."""
@@ -260,12 +260,12 @@ def test_feedback_of_before_the_first_command_is_no_evidence(wrong) -> None:
         bench.wrong = offset(0, 15.0)
     for _ in range(10):
         bench.tick_once()
-    holding, since_ns = int(bench.memory["holding"][0]), bench.memory["since_ns"][0].copy()
+    holding, since_ns = int(bench.memory["conditions_held"][0]), bench.memory["since_ns"][0].copy()
     assert bool(holding & IMPLAUSIBLE) is wrong
     bench.memory["commands"] = 0
     for _ in range(3):  # commands again, but of after what is measured now
         bench.tick_once()
-        assert bench.memory["holding"][0] == holding
+        assert bench.memory["conditions_held"][0] == holding
         assert (bench.memory["since_ns"][0] == since_ns).all()
     assert bench.tick["state"][0] == State.ENABLED
 

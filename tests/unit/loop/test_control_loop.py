@@ -42,7 +42,7 @@ class Loop:
         self.pacer = Pacer(PERIOD_NS, self)
         self.loop.warm_up_kernel()
 
-    overdrawn = False
+    budget_exceeded = False
 
     def start(self) -> None:
         """Nothing to note."""

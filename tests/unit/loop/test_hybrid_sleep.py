@@ -226,4 +226,4 @@ def test_real_clock() -> None:
     for _ in range(3):
         deadline_ns = time.monotonic_ns() + PERIOD_NS
         assert sleep.wait_until(deadline_ns) >= deadline_ns
-    assert not sleep.overdrawn
+    assert not sleep.budget_exceeded

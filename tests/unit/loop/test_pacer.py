@@ -15,7 +15,7 @@ class FakeTime:
     def __init__(self, start_ns: int = 0) -> None:
         self.now_ns = start_ns
         self.late_ns = 0
-        self.overdrawn = False
+        self.budget_exceeded = False
 
     def start(self) -> None:
         """Nothing to note."""
@@ -99,12 +99,12 @@ def test_lateness_fits_the_record() -> None:
 def test_an_overdrawn_account_costs_one_tick() -> None:
     pacer, fake = make()
     pacer.wait()
-    fake.overdrawn = True
+    fake.budget_exceeded = True
     fake.now_ns += PERIOD_NS
     assert pacer.wait() == 3 * PERIOD_NS
     assert (pacer.tick, pacer.missed, pacer.late_ns) == (2, 1, 0)
     assert pacer.flags == Flag.AFTER_GAP
-    fake.overdrawn = False
+    fake.budget_exceeded = False
     assert pacer.wait() == 4 * PERIOD_NS
     assert (pacer.tick, pacer.missed, pacer.flags) == (3, 1, 0)
 
@@ -131,8 +131,8 @@ DURATIONS = st.one_of(
 def test_any_history_of_stalls(history: list[tuple[int, int, bool]], start_ns: int) -> None:
     pacer, fake = make(start_ns)
     before, gaps = -1, 0
-    for late_ns, work_ns, overdrawn in history:
-        fake.late_ns, fake.overdrawn = late_ns, overdrawn
+    for late_ns, work_ns, budget_exceeded in history:
+        fake.late_ns, fake.budget_exceeded = late_ns, budget_exceeded
         woke_ns = pacer.wait()
         gap = pacer.tick - before - 1
         gaps += gap

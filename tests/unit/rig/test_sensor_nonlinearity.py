@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from motord import config
 from motord.rig.sensor_nonlinearity import sensor_curve, sensor_inverse, sensor_slope
-from motord.rig.truth import NonlinearityTruth, RigTruth, load
+from motord.rig.truth import RigTruth, load
 from tests.support.properties import examples
 from tests.unit.rig.probe import Probe, plain
 
@@ -95,7 +95,17 @@ def test_the_inverse_undoes_the_curve(i_A: float) -> None:
 
 def test_a_curve_that_is_too_steep_is_refused() -> None:
     with pytest.raises(ValueError, match=r"slope reaches 0\.55, at most 0\.5"):
-        NonlinearityTruth(amplitude_A=(0.35, 0.0, 0.0), period_A=4.0)
+        plain(inverter={"nonlinearity": {"amplitude_A": (0.35, 0.0, 0.0), "period_A": 4.0}})
+    with pytest.raises(ValueError, match=r"slope reaches 0\.58, at most 0\.5"):
+        plain(
+            inverter={
+                "current_max_A": 20.0,
+                "nonlinearity": {
+                    "linear_per_A": (0.0, 0.0, 0.01),
+                    "quadratic_per_A2": (0.0, 0.0, 1.5e-4),
+                },
+            }
+        )
 
 
 def test_packaged_nonlinear_rig_is_that_of_the_report_but_for_its_sensors() -> None:

@@ -42,7 +42,7 @@ class Wire:
 
 
 def slow(wire, poll_s=0.05):
-    return SlowDevice("brake", wire, poll_s, stale_after_s=1.0, order_s=60.0)
+    return SlowDevice("brake", wire, poll_s, stale_after_s=1.0, setpoint_valid_s=60.0)
 
 
 def test_health_goes_from_ok_to_failing_to_stale_and_back():
@@ -128,7 +128,7 @@ def test_an_order_is_worth_nothing_once_its_time_is_over():
 @pytest.mark.parametrize("hold_ms", [0, 700])
 def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
     wire = Wire()
-    device = SlowDevice("drive", wire, 0.05, 1.0, order_s=0.1, hold_s=hold_ms * 1e-3)
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1, hold_s=hold_ms * 1e-3)
     device.open(0)
     written_ms = []
     for ms in range(0, 3000, 50):
@@ -150,7 +150,7 @@ def test_without_orders_a_device_is_made_safe_once_and_written_no_more(hold_ms):
 def test_no_set_point_is_written_later_than_its_order_allows(seed):
     """Whatever the supervisor and the thread do when: hang, come back, hold back."""
     draw, wire, now_ns, given_ns, value = random.Random(seed), Wire(), 0, None, 0.0
-    device = SlowDevice("drive", wire, 0.05, 1.0, order_s=0.1)
+    device = SlowDevice("drive", wire, 0.05, 1.0, setpoint_valid_s=0.1)
     for _ in range(500):
         now_ns += draw.choice([1, 20 * MS, 99 * MS, 100 * MS, 400 * MS])
         what = draw.choice(["order", "withhold", "exchange", "exchange", "exchange"])
@@ -174,7 +174,7 @@ def test_a_driver_that_errs_in_its_safe_stop_does_not_end_the_thread():
         def safe_stop(self):
             raise ZeroDivisionError("of a bug")
 
-    device = SlowDevice("drive", Errs(), 0.05, 1.0, order_s=0.1)
+    device = SlowDevice("drive", Errs(), 0.05, 1.0, setpoint_valid_s=0.1)
     device.exchange(lambda: 0)
     assert "ZeroDivisionError" in device.view(0).error
 

@@ -81,7 +81,7 @@ class Driven:
 
     def __init__(self) -> None:
         self.wire = Drive()
-        self.drive = SlowDevice("drive", self.wire, 0.05, 60.0, order_s=0.1)
+        self.drive = SlowDevice("drive", self.wire, 0.05, 60.0, setpoint_valid_s=0.1)
         self.service = VirtualService({"drive": self.drive})
         self.token = self.service.ready()
         self.service.ask("set", token=self.token, drive_Hz=1.0)

@@ -294,7 +294,7 @@ def test_the_list_of_plans_has_their_settings(service):
 
 def wired():
     wire = BrakeOnTheWire()
-    brake = SlowDevice("brake", wire, poll_s=0.05, stale_after_s=1.0, order_s=0.1)
+    brake = SlowDevice("brake", wire, poll_s=0.05, stale_after_s=1.0, setpoint_valid_s=0.1)
     brake.open(START_NS)
     return wire, brake, VirtualService({"brake": brake})
 

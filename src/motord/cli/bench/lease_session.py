@@ -19,7 +19,7 @@ from motord.cli.console import fail, remark
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
-    from motord.api.replies import RpcReply
+    from motord.api.replies import RpcReply, StateReply
     from motord.client import Client, Commander, Lease
 
 _Reply = TypeVar("_Reply", bound="RpcReply")
@@ -93,12 +93,17 @@ def announce(state: str, for_s: float | None) -> None:
     remark(f"in command {until}; then {then}")
 
 
-def hold(client: "Client", lease: "Lease", state: str, for_s: float | None) -> None:
+def hold(client: "Client", lease: "Lease", answer: "StateReply", for_s: float | None) -> None:
     """Stay in command until interrupted or for `for_s`; what was set lasts as long.
 
-    Fails if the bench falls back from `state`, or from a higher one that it reaches meanwhile.
+    Fails if the bench falls back from what `answer` (to `enable` or `set`) says, or from a higher
+    state that it reaches meanwhile.
     """
-    watched = _Watched(_RANK[state])
+    from motord.api.replies import SetpointReply
+
+    s = answer.setpoint if isinstance(answer, SetpointReply) else None
+    moved = s is not None and bool(s.brake or s.drive_Hz)
+    watched = _Watched(_RANK[answer.state], moved, client.state().t_ns)
     end_s = None if for_s is None else time.monotonic() + for_s
     with suppress(KeyboardInterrupt):
         while (left_s := LOOK_S if end_s is None else end_s - time.monotonic()) > 0:
@@ -110,13 +115,19 @@ def hold(client: "Client", lease: "Lease", state: str, for_s: float | None) -> N
 
 @dataclass
 class _Watched:
-    """What a bench was seen in, to tell when it is no longer what was commanded."""
+    """What a bench was seen in, to tell when it is no longer what was commanded.
+
+    States up to `read_ns` (Unix) may be of before the answer to the command.
+    """
 
     rank: int
-    moved: bool = False
+    moved: bool
+    read_ns: int
 
     def over(self, state: "BenchState") -> str:
         """Return why there is nothing left to hold, "" if there is."""
+        if state.t_ns <= self.read_ns:
+            return ""
         rank, s = _RANK[state.state], state.setpoint
         moves = bool(s.drive_Hz or s.brake or s.torque_target_Nm)
         self.rank, before = max(self.rank, rank), self.rank

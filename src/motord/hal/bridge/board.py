@@ -99,10 +99,10 @@ class Bridge:
         self._link = self._open_link()
         try:
             self.hello = self._ask(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
-            unfit = self._unfit(self.hello)
-            if unfit is not None:
+            incompatible = self._incompatibility(self.hello)
+            if incompatible is not None:
                 board = f"{self.hello.board_name} (firmware {self.hello.firmware_version})"
-                raise self._error(f"{board} {unfit}")
+                raise self._error(f"{board} {incompatible}")
             self._number = self.hello.heartbeat_next
             status = self._ask(self._configure(), frames.Status)
             if status.rate_Hz != self._rate_Hz:
@@ -110,7 +110,7 @@ class Bridge:
                     f"the board cannot sample at {self._rate_Hz} Hz, it stays at "
                     f"{status.rate_Hz} Hz; set rate_Hz in [bridge]"
                 )
-            self._learn(status)
+            self._update_from_status(status)
             self._sample = self._ask(frames.Start(), frames.Sample)
         except BaseException:
             self._link.close()
@@ -126,7 +126,7 @@ class Bridge:
             received = self._link.receive()
             if received:
                 stamp_ns = self._link.stamp_ns
-                self._take(received, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
+                self._process(received, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
             if now_ns - max(self._received_ns, self._asked_ns) > self._silence_ns:
                 self._asked_ns = now_ns
                 self._send(frames.HelloRequest(frames.PROTOCOL))
@@ -158,17 +158,17 @@ class Bridge:
         self._link.close()
         self._link = None
 
-    def _take(self, received: list[frames.Numbered], arrival_ns: int) -> None:
-        """Take in what arrived: the newest sample counts, every heartbeat's echo."""
+    def _process(self, received: list[frames.Numbered], arrival_ns: int) -> None:
+        """Process what arrived: the newest sample counts, every heartbeat's echo."""
         newest = None
         for _, frame in received:
             if type(frame) is frames.Sample:
                 newest = frame
             elif type(frame) is frames.Status:
-                self._learn(frame)
+                self._update_from_status(frame)
             elif type(frame) is frames.Hello:
                 newest = None
-                if self._unfit(frame) is None:
+                if self._incompatibility(frame) is None:
                     self._restart(frame)
         if newest is not None:
             if not newest.status & BridgeStatus.HEARTBEAT_LOST:
@@ -176,7 +176,7 @@ class Bridge:
             self._sample = newest
             self._t_ns = self.clock.received(newest.t_us, arrival_ns)
 
-    def _learn(self, status: frames.Status) -> None:
+    def _update_from_status(self, status: frames.Status) -> None:
         lost = status.errors + status.dropped
         if self._board_errors >= 0:
             self._lost_by_board += max(lost - self._board_errors, 0)
@@ -232,7 +232,7 @@ class Bridge:
             )
         )
 
-    def _unfit(self, hello: frames.Hello) -> str | None:
+    def _incompatibility(self, hello: frames.Hello) -> str | None:
         """Return why this board cannot be used, as text behind its name; None if it can."""
         if hello.protocol != frames.PROTOCOL:
             return (

@@ -72,7 +72,7 @@ class Bench:
         """Why no torque may be set now, or nothing."""
         self._stalled = False
         self._stepped_ns = 0
-        self._tick_age_ns = round(config.order_s * 1e9)
+        self._tick_age_ns = round(config.setpoint_valid_s * 1e9)
 
     def step(self, block: np.ndarray, lost: int, now_ns: int) -> None:
         """Take in a block of ticks and do everything that is due; ends with the heartbeat."""

@@ -35,7 +35,7 @@ class Order:
 class SlowDevice:
     """One device with its set-point. `exchange` is for its thread, the rest for the supervisor.
 
-    An order expires after `order_s`. `hold_s` later the device is made safe, by a
+    An order expires after `setpoint_valid_s`. `hold_s` later the device is made safe, by a
     set-point of zero; between the two it is left as it is.
     """
 
@@ -45,7 +45,7 @@ class SlowDevice:
         device: SetpointDevice,
         poll_s: float,
         stale_after_s: float,
-        order_s: float,
+        setpoint_valid_s: float,
         hold_s: float = 0.0,
     ) -> None:
         self.name = name
@@ -53,7 +53,7 @@ class SlowDevice:
         self._device = device
         self._poll_ns = round(poll_s * 1e9)
         self._stale_ns = round(stale_after_s * 1e9)
-        self._order_ns = round(order_s * 1e9)
+        self._order_ns = round(setpoint_valid_s * 1e9)
         self._hold_ns = round(hold_s * 1e9)
         self._safe = False
         self._due_ns = 0
@@ -67,7 +67,7 @@ class SlowDevice:
         self._due_ns = self._answered_ns = now_ns
 
     def order(self, value: float, now_ns: int) -> None:
-        """Let `value` be the set-point for `order_s` from `now_ns` on."""
+        """Let `value` be the set-point for `setpoint_valid_s` from `now_ns` on."""
         self._order = Order(value, now_ns + self._order_ns)
 
     def withhold(self, now_ns: int) -> None:

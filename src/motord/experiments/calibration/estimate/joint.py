@@ -83,16 +83,16 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     Raises IdentifyError where the turns cannot tell the parameters apart.
     """
     turns = regression.sums(np.ones(3))
-    weight, law_weight = 1 / turns.mean_by_point(turns.yy), 0.0
+    weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
     identifiable = Identifiability(COMMON, offset_seen=False)
     for _ in range(ITERATIONS):
-        normals = turns.normals(weight, law_weight)
+        normals = turns.normals(weight, kirchhoff_weight)
         solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
         turns = regression.sums(solution.theta[ALPHA])
         variance = turns.mean_by_point(turns.unexplained(solution.theta))
         weight = 1 / variance
-        law_weight = turns.law_weight(solution.theta) if use_law else 0.0
-        normals = turns.normals(weight, law_weight)
+        kirchhoff_weight = turns.kirchhoff_weight(solution.theta) if use_law else 0.0
+        normals = turns.normals(weight, kirchhoff_weight)
         identifiable = assess(normals.information, normals.torque_information, rated_A)
     return JointFit(
         solution=solve(normals.left, normals.right.sum(axis=0), identifiable),

@@ -32,9 +32,9 @@ class TurnSums:
     """Sums of all turns, b of them, with p parameters; sums over the samples of each turn.
 
     x are the regressors of the torque y, z the instruments (as many): xx (b, p, p), xy (b, p),
-    yy (b,), zx, zz (b, p, p), zy (b, p). law_xx (b, p, p), law_zx (b, 4, p), law_zz (b, 4, 4): the
-    same for Kirchhoff's law, zeros for independent phases. samples (b,); point (b,): its index.
-    delay_unit_s: unit of parameter DELAY.
+    yy (b,), zx, zz (b, p, p), zy (b, p). kirchhoff_xx (b, p, p), kirchhoff_zx (b, 4, p),
+    kirchhoff_zz (b, 4, 4): the same for Kirchhoff's law, zeros for independent phases. samples
+    (b,); point (b,): its index. delay_unit_s: unit of parameter DELAY.
     """
 
     xx: np.ndarray
@@ -43,9 +43,9 @@ class TurnSums:
     zx: np.ndarray
     zz: np.ndarray
     zy: np.ndarray
-    law_xx: np.ndarray
-    law_zx: np.ndarray
-    law_zz: np.ndarray
+    kirchhoff_xx: np.ndarray
+    kirchhoff_zx: np.ndarray
+    kirchhoff_zz: np.ndarray
     samples: np.ndarray
     point: np.ndarray
     delay_unit_s: float
@@ -61,22 +61,22 @@ class TurnSums:
         squares = np.einsum("i,bij,j->b", theta, self.xx, theta)
         return np.asarray(self.yy - 2 * self.xy @ theta + squares)
 
-    def law_weight(self, theta: np.ndarray) -> float:
+    def kirchhoff_weight(self, theta: np.ndarray) -> float:
         """Return 1 / mean square that Kirchhoff's law leaves; 0 for independent phases."""
-        squares = float(theta @ self.law_xx.sum(axis=0) @ theta)
+        squares = float(theta @ self.kirchhoff_xx.sum(axis=0) @ theta)
         return float(self.samples.sum()) / squares if squares > 0 else 0.0
 
-    def normals(self, weight: np.ndarray, law_weight: float) -> "NormalEquations":
+    def normals(self, weight: np.ndarray, kirchhoff_weight: float) -> "NormalEquations":
         """Return the normal equations of each turn by two-stage least squares.
 
         weight (b,) of each turn's torque samples. The first stage, regressors on instruments, is
         fitted over all turns and kept, so that a turn can be left out of the second.
         """
         first = _first_stage(weight, self.zz, self.zx)
-        ones = np.full(weight.size, law_weight)
-        law_first = _first_stage(ones, self.law_zz, self.law_zx)
+        ones = np.full(weight.size, kirchhoff_weight)
+        law_first = _first_stage(ones, self.kirchhoff_zz, self.kirchhoff_zx)
         torque = weight[:, None, None] * (first.T @ self.zx)
-        law = law_weight * (law_first.T @ self.law_zx)
+        law = kirchhoff_weight * (law_first.T @ self.kirchhoff_zx)
         return NormalEquations(torque, law, weight[:, None] * (self.zy @ first))
 
 
@@ -116,9 +116,9 @@ class Regression:
             zx=z.T @ mx,
             zz=z.T @ m[:, :-1, :-1] @ z,
             zy=m[:, -1, :-1] @ z,
-            law_xx=place.T @ currents[:, :4, :4] @ place,
-            law_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
-            law_zz=currents[:, _COMMANDS_AND_ONE[:, None], _COMMANDS_AND_ONE],
+            kirchhoff_xx=place.T @ currents[:, :4, :4] @ place,
+            kirchhoff_zx=currents[:, _COMMANDS_AND_ONE, :4] @ place,
+            kirchhoff_zz=currents[:, _COMMANDS_AND_ONE[:, None], _COMMANDS_AND_ONE],
             samples=np.concatenate([point.samples for point in self.points]),
             point=np.repeat(range(len(self.points)), [p.samples.size for p in self.points]),
             delay_unit_s=unit_s,
