@@ -63,6 +63,7 @@ pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
 	@$(BIN)/python tools/watch_pictures.py
+	@$(BIN)/python tools/notebook.py
 
 reference: $(VENV)/dev.stamp ## write docs/reference anew, from the code
 	@$(BIN)/python -m tools.reference

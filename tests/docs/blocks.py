@@ -7,8 +7,8 @@ one of Python is run (`RUN`). All others stand in `LISTED`, with the reason why 
 from tools import code_blocks
 from tools.code_blocks import ROOT, Block, commands, pages
 
-FOLLOWED = "docs/how-to/"
-"""Pages whose Python and changes of the source are followed by `test_how_to`."""
+FOLLOWED = ("docs/how-to/", "docs/notebook.md")
+"""Pages whose Python and changes of the source are followed by `test_how_to`, `test_notebook`."""
 COMMANDS = ("sh", "console")
 
 __all__ = ["COMMANDS", "FOLLOWED", "ROOT", "Block", "blocks", "commands", "named", "of", "pages"]
@@ -22,9 +22,11 @@ READ_BY = {
 """Blocks of TOML that are not part of a bench file; by the beginning of their first line."""
 
 RUN = {
-    ("docs/api.md", "from motord.client import connect"): {
-        "with connect() as": 'with connect("sim", "{endpoint}") as'
+    ("docs/api.md", "from motord.client import connect"): {},
+    ("docs/api.md", "from motord.client import PlanEndedError, connect"): {
+        '"turns": 2': '"turns": 2, "settle_s": 0.2, "spin_up": 1.0'  # sooner
     },
+    ("docs/api.md", "import asyncio"): {},
     ("docs/api.md", "import json, time, zenoh"): {"tcp/127.0.0.1:7447": "{endpoint}"},
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): {},
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): {},
@@ -36,6 +38,8 @@ RUN = {
 
 PRINTED = {
     ("docs/api.md", "from motord.client import connect"): ("OFF\n", "1.0 Nm, "),
+    ("docs/api.md", "from motord.client import PlanEndedError, connect"): ("0% ", "recorded in "),
+    ("docs/api.md", "import asyncio"): (" rad/s\n",),
     ("docs/api.md", "import json, time, zenoh"): ("OFF\n", '{"state": "OFF"'),
     ("docs/realtime.md", "from motord.shm.ring import RingReader"): (),
     ("docs/realtime.md", "from motord.shm.run_directory import RunDir"): (),
@@ -44,7 +48,10 @@ PRINTED = {
 
 _PRINTED = "what commands print: compared by tests/system/test_bring_up.py, which runs them"
 LISTED = {
-    "text": {"docs/bring-up.md": _PRINTED},
+    "text": {
+        "docs/bring-up.md": _PRINTED,
+        "docs/notebook.md": "what cells print, which differs from run to run: tools/notebook.py",
+    },
     "ini": {
         "docs/security.md": "a drop-in of systemd with an address of a network that is not here",
     },

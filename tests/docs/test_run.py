@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tools import notebook
 
 from motord import client as client_package
 from motord.client import connect
@@ -66,6 +67,8 @@ def test_python_runs(bench: Daemon, run: Run, block: Block) -> None:
     for there, here in RUN[block.key].items():
         assert there in text, f"{there} is not in the block any more"
         text = text.replace(there, here.format(**places))
+    with bench.connect() as client:
+        client.stop()
     done = run("-c", text)
     assert (done.returncode, done.stderr) == (0, "")
     for printed in PRINTED[block.key]:
@@ -91,6 +94,21 @@ def test_examples_of_the_client(
         runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
         runner.run(example, out=said.append, clear_globs=False)
     assert not runner.summarize(verbose=False).failed, "".join(said)
+
+
+def test_the_notebook_runs(bench: Daemon, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    script = notebook.SCRIPT.read_text()
+    for there, here in (("TURNS = 4", "TURNS = 2"), ('"turns": 4', '"turns": 2, "spin_up": 1.0')):
+        assert there in script
+        script = script.replace(there, here)  # half the time
+    monkeypatch.setenv("MOTORD_CONNECT", bench.endpoint)
+    with bench.connect() as client:
+        client.stop()
+    shown = notebook.run(script, tmp_path)
+    assert "cogging done: 1 of 1 points\n" in "".join(each.printed for each in shown)
+    drawn = [name for each in shown for name in each.pictures]
+    assert drawn == notebook.pictures(notebook.PAGE.read_text())
+    assert all((tmp_path / name).stat().st_size for name in drawn)
 
 
 def test_certificates_as_in_the_guide(run: Run, tmp_path: Path) -> None:

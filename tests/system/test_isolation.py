@@ -20,10 +20,10 @@ from tests.system.disturbances import (
     seen_by,
     small_disk,
     small_disks_can_be_had,
-    subscriber,
     unsent_bytes,
 )
 from tests.system.test_daemon import check_ticks
+from tests.system.tick_accounts import Subscriber
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
@@ -33,6 +33,7 @@ TICKS = 6000
 """How many ticks are awaited while something is wrong."""
 FULL_BYTES = 100_000
 """Unread telemetry: far more than the subscriber itself has room for."""
+ROOM_BYTES = 16384
 
 needs_mount = pytest.mark.skipif(
     not small_disks_can_be_had(), reason="this user may not mount in a namespace of its own"
@@ -124,10 +125,13 @@ def test_a_subscriber_that_stands_still(tmp_path):
     with enabled(tmp_path, write_bench(tmp_path)) as bench:
         name, endpoint, streamed = bench.daemon.config.bench.name, bench.daemon.endpoint, []
         with (
-            subscriber(name, endpoint) as stopped,
+            Subscriber(name, endpoint, ROOM_BYTES) as stopped,
             bench.client.subscribe_ticks(lambda block: streamed.append(int(block["tick"][-1]))),
+            bench.client.subscribe_ticks(kept=2) as slow,
         ):
-            stopped.send_signal(signal.SIGSTOP)
+            stopped.begin()
+            read = [slow.get()]
+            stopped.process.send_signal(signal.SIGSTOP)
             wait_until(
                 lambda: unsent_bytes(endpoint) > FULL_BYTES, "the stopped one's link to be full"
             )
@@ -138,6 +142,15 @@ def test_a_subscriber_that_stands_still(tmp_path):
             after = bench.client.state()
             assert after.loop.lost_by_supervisor == before.loop.lost_by_supervisor
             assert after.telemetry_dropped == 0
+            read += [slow.get(), slow.get()]
+            span = int(read[-1]["tick"][-1]) - int(read[0]["tick"][0]) + 1
+            assert slow.losses.lost_ticks > 0
+            assert sum(map(len, read)) + slow.lost_ticks + slow.losses.missed_ticks == span
+            stopped.process.send_signal(signal.SIGCONT)
+            wait_until(lambda: unsent_bytes(endpoint) == 0, "the stopped one to read")
+            account = stopped.end()
+            assert account.received > 0
+            assert account.silent == 0  # what the buffers on the way did not hold is told as lost
         check_recorded_to_the_end(bench)
 
 

@@ -28,14 +28,15 @@ class PlanRun:
     ClientError if the daemon cannot be reached. It may be iterated again, and begins with the
     progress of that moment; to stop iterating does not stop the plan.
 
-    >>> with client.lease() as lease:
-    ...     for progress in lease.run_plan("cogging", {"speeds_Hz": [1.0], "turns": 2}):
-    ...         print(f"{progress.fraction:4.0%}, {progress.eta_s:.0f} s left")
-      0%, ... s left
-    ...
-    100%, 0 s left
-    >>> progress.state, progress.points_done
-    ('done', 1)
+    >>> with client.lease("anna") as lease:
+    ...     try:
+    ...         for progress in lease.run_plan("cogging"):
+    ...             if progress.state == "running":
+    ...                 lease.abort_plan().state
+    ...     except PlanEndedError as ended:
+    ...         print(ended)
+    'ending'
+    cogging aborted: aborted by anna
     """
 
     def __init__(self, source: PlanPublisher, run_id: str) -> None:

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from motord.cli.bench.interruption import interrupted_once
 from motord.cli.bench.shared_token import shared, tokens
@@ -19,7 +19,7 @@ from motord.cli.console import fail, remark
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
-    from motord.api.replies import RpcReply
+    from motord.api.replies import RpcReply, StateReply
     from motord.client import Client, Commander, Lease
 
 _Reply = TypeVar("_Reply", bound="RpcReply")
@@ -93,14 +93,17 @@ def announce(state: str, for_s: float | None) -> None:
     remark(f"in command {until}; then {then}")
 
 
-def hold(client: "Client", lease: "Lease", answer: dict[str, Any], for_s: float | None) -> None:
+def hold(client: "Client", lease: "Lease", answer: "StateReply", for_s: float | None) -> None:
     """Stay in command until interrupted or for `for_s`; what was set lasts as long.
 
     Fails if the bench falls back from what `answer` (to `enable` or `set`) says, or from a higher
     state that it reaches meanwhile.
     """
-    moved = any(answer.get("setpoint", {}).get(what) for what in ("brake", "drive_Hz"))
-    watched = _Watched(_RANK[answer["state"]], moved, client.state().t_ns)
+    from motord.api.replies import SetpointReply
+
+    s = answer.setpoint if isinstance(answer, SetpointReply) else None
+    moved = s is not None and bool(s.brake or s.drive_Hz)
+    watched = _Watched(_RANK[answer.state], moved, client.state().t_ns)
     end_s = None if for_s is None else time.monotonic() + for_s
     with suppress(KeyboardInterrupt):
         while (left_s := LOOK_S if end_s is None else end_s - time.monotonic()) > 0:

@@ -38,7 +38,7 @@ def enable(
         if session.lease is not None:
             if not as_json:
                 announce(answer.state, for_s)
-            hold(client, session.lease, answer.content(), for_s)
+            hold(client, session.lease, answer, for_s)
 
 
 def disable(
@@ -126,4 +126,4 @@ def set_(
                 show_reached(client, answer, for_s)
             if lease is not None:
                 left_s = None if for_s is None else for_s - (time.monotonic() - begun_s)
-                hold(client, lease, answer.content(), left_s)
+                hold(client, lease, answer, left_s)

@@ -1,0 +1,121 @@
+"""Five subscribers to every tick at 10 kHz: what the loop feels of them, and what they lose.
+
+The daemon runs the simulated bench. Slices with and without subscribers alternate, as in
+`bench_isolation`; then all of them stay for a minute and account for every tick: received, missed
+by the loop or told as lost. What is in none of these was lost silently. Meanwhile a client asks,
+one request after the other, and its round trips are timed.
+"""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import cast
+
+from motord import config
+from motord.client import Client
+from motord.loop.latency.measurement import choose_cpu
+from tests.benchmarks.bench_isolation import (
+    QUICK_S,
+    SECONDS,
+    Bench,
+    Disturbance,
+    Seen,
+    compared,
+    has_rights,
+)
+from tests.benchmarks.figure import Figure, number
+from tests.system.daemons import daemon, write_sim
+from tests.system.tick_accounts import Account, Subscriber
+
+RATE_Hz = 10_000
+SUBSCRIBERS = 5
+STAY_S, QUICK_STAY_S = 60.0, 4.0
+ROUND_TRIP_LIMIT_ms = 5.0
+PAUSE_S = 0.005
+"""Between two requests, so that they come at any time of the supervisor's step."""
+
+
+@contextmanager
+def running_bench() -> Iterator[Bench]:
+    """Run the simulated bench at RATE_Hz with its loop on the last processor."""
+    cpu = choose_cpu(config.load().loop).cpu
+    assert cpu is not None
+    with tempfile.TemporaryDirectory() as name:
+        path = write_sim(Path(name), "subscribers")
+        text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
+        path.write_text(text.replace("overrun_ticks = 500", f"overrun_ticks = {RATE_Hz}"))
+        with daemon(Path(name), path) as running:
+            yield Bench(running, cpu)
+
+
+def round_trips_ms(client: Client, seconds: float) -> list[float]:
+    """Return how long requests took that were made one after the other."""
+    found, end_s = [], time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        begun_s = time.perf_counter()
+        client.rpc("plan/list")
+        found.append(1e3 * (time.perf_counter() - begun_s))
+        time.sleep(PAUSE_S)
+    return found
+
+
+def stay(
+    client: Client, subscribers: list[Subscriber], seconds: float
+) -> tuple[list[Account], list[float]]:
+    """Return what each subscriber got in so many seconds, and the round trips meanwhile."""
+    for each in subscribers:
+        each.begin()
+    trips_ms = round_trips_ms(client, seconds)
+    return [each.end() for each in subscribers], trips_ms
+
+
+def figures(quick: bool) -> list[Figure]:
+    """Return what the loop feels of subscribers, what they lose, and the round trip of requests."""
+    with ExitStack() as stack:
+        bench = stack.enter_context(running_bench())
+        client = cast(Client, stack.enter_context(bench.daemon.connect()))
+        subscribers = [
+            stack.enter_context(Subscriber(bench.name, bench.endpoint)) for _ in range(SUBSCRIBERS)
+        ]
+        alone_ms = round_trips_ms(client, QUICK_S)
+        rights = has_rights(bench)
+        disturbance = Disturbance(
+            f"{SUBSCRIBERS} subscribers at 10 kHz",
+            lambda: [each.begin() for each in subscribers],
+            lambda: [each.end() for each in subscribers],
+        )
+        quiet, disturbed = (
+            bench.compare(disturbance, QUICK_S if quick else SECONDS)
+            if rights
+            else (Seen(), Seen())
+        )
+        accounts, with_ms = stay(client, subscribers, QUICK_STAY_S if quick else STAY_S)
+    return [
+        *compared(disturbance.name, quiet, disturbed, rights),
+        *accounted(accounts),
+        Figure(
+            "round trip of a request, median",
+            statistics.median(alone_ms),
+            "ms",
+            ROUND_TRIP_LIMIT_ms,
+            note=f"{number(statistics.median(with_ms))} ms with {SUBSCRIBERS} subscribers",
+        ),
+    ]
+
+
+def accounted(accounts: list[Account]) -> list[Figure]:
+    """Return the ticks that subscribers lost silently, and those that they were told of."""
+    received = sum(each.received for each in accounts)
+    missed = max(each.missed for each in accounts)
+    return [
+        Figure(
+            "ticks lost silently by all subscribers",
+            sum(abs(each.silent) for each in accounts),
+            bound=0,
+            note=f"{received} received; the loop missed {missed}",
+        ),
+        Figure("ticks lost and told", sum(each.lost for each in accounts)),
+    ]
