@@ -61,6 +61,7 @@ pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	    $(BIN)/python tools/pictures.py $$out && rm -rf $$out
 	@$(BIN)/python tools/wiring.py
 	@$(BIN)/python tools/architecture.py
+	@$(BIN)/python tools/screenshots.py
 
 bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json
 	@$(BIN)/python -m tests.benchmarks.run --json bench.json

@@ -1,7 +1,7 @@
 """Make the screenshots of the page for README and docs: `make pictures`.
 
-The page is the real one, in Chromium, with the page's server; the bench behind it is the stand-in of
-tests/browser, so that all of it is to be seen within seconds.
+The page is the real one, in Chromium, with the page's server; the bench behind it is the stand-in
+of tests/browser, so that all of it is to be seen within seconds.
 """
 
 import io
@@ -14,7 +14,12 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from tests.browser.chromium import (  # noqa: E402
-    DESKTOP, PHONE, chromium, open_page, set_by_hand, start_plan, take_command,
+    PHONE,
+    chromium,
+    open_page,
+    set_by_hand,
+    start_plan,
+    take_command,
 )  # fmt: skip
 from tests.browser.stand_in import Server, StandIn  # noqa: E402
 
@@ -25,7 +30,8 @@ COLOURS = 255
 def save(png: bytes, name: str, folder: Path) -> None:
     """Write a picture with as many colours as it needs."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / f"dashboard-{name}.png", optimize=True)
+    fewer = image.quantize(COLOURS, dither=Image.Dither.NONE)
+    fewer.save(folder / f"dashboard-{name}.png", optimize=True)
 
 
 def main(folder: Path) -> None:
@@ -51,7 +57,7 @@ def pictures() -> dict[str, bytes]:
         page.emulate_media(color_scheme="dark")
         page.wait_for_timeout(300)
         taken["dark"] = page.screenshot()
-        phone = open_page(browser, server.urls.viewer, PHONE, color_scheme="light", device_scale_factor=2)
+        phone = open_page(browser, server.urls.viewer, PHONE, device_scale_factor=2)
         phone.wait_for_timeout(1_500)
         taken["phone"] = phone.screenshot()
         start_plan(page)

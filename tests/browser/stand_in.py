@@ -271,7 +271,9 @@ class StandIn:
     def _at(self, done: int, elapsed_s: float) -> None:
         count = len(self._points)
         if done == count:
-            self._show_plan(state="done", points_done=count, fraction=1.0, message="all points taken")
+            self._show_plan(
+                state="done", points_done=count, fraction=1.0, message="all points taken"
+            )
             self.enter(State.READY)
             return
         point = self._points[done]
@@ -311,9 +313,13 @@ class Server:
         app = application(pages, self.tokens, stand_in)  # type: ignore[arg-type]
         self._server = uvicorn.Server(
             uvicorn.Config(
-                app, ws="websockets-sansio", log_level="error", access_log=False,
-                ws_ping_interval=None, timeout_graceful_shutdown=1,
-            )  # fmt: skip
+                app,
+                ws="websockets-sansio",
+                log_level="error",
+                access_log=False,
+                ws_ping_interval=None,
+                timeout_graceful_shutdown=1,
+            )
         )
         self._thread = threading.Thread(
             target=lambda: asyncio.run(self._server.serve(sockets=[self._listener])), daemon=True
@@ -333,7 +339,8 @@ def main() -> None:
     """Serve until Ctrl-C."""
     stand_in = StandIn(float(sys.argv[1]) if len(sys.argv) > 1 else 1000.0)
     with Server(stand_in, 8447) as server:
-        print(server.urls.operator, server.urls.viewer, sep="\n", flush=True)
+        sys.stdout.write(f"{server.urls.operator}\n{server.urls.viewer}\n")
+        sys.stdout.flush()
         threading.Event().wait()
 
 
