@@ -97,8 +97,10 @@ def load(bench: Bench, page: Dashboard, seconds: float) -> list[Figure]:
     with bench.daemon.connect() as client:
         missed = client.state().loop.missed
     seen = clients.end()["pages"]
-    frames_Hz = min(one["frames"] / (one["ended_s"] - one["begun_s"]) for one in seen)
+    frames_Hz = min(one["frames"] for one in seen) / lasted_s
     delays_ms = 1e3 * np.concatenate([one["delays_s"] for one in seen])
+    if not len(delays_ms):
+        raise RuntimeError(f"no page received anything: {page.said()}")
     kB_per_s = sum(one["bytes"] for one in seen) / PAGES / lasted_s / 1e3
     at = f"{PAGES} pages at {RATE_Hz // 1000} kHz"
     return [

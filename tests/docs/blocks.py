@@ -101,6 +101,7 @@ PROGRAMS = {
     "usermod": "changes the computer",
     "export": "sets a variable",
     "git": "needs a network",
+    "ssh": "needs another machine",
     "cansend": "needs a CAN interface",
     "candump": "needs a CAN interface",
 }

@@ -54,9 +54,14 @@ def dashboard(
                 print_line(f"to watch only: {urls.viewer}")
                 remark(f"bench {client.bench}; Ctrl-C ends the page, not the bench")
             os.nice(NICE)
-            if browser:
+            if browser and _has_display():
                 webbrowser.open(urls.operator)
             server.serve(client, connection.connect, listener, tokens)
+
+
+def _has_display() -> bool:
+    """Without one a browser in the terminal would take this command's place."""
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _check_host(host: str) -> None:

@@ -12,10 +12,10 @@ from motord.api.requests import LEASE_ACQUIRE, LEASE_RELEASE, LEASE_RENEW, RPCS,
 from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import encode
-from motord.dashboard.heartbeat import Heartbeat
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page_lease import PageLease
 from motord.dashboard.page_messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
+from motord.dashboard.page_pings import PagePings
 from motord.dashboard.trace import View
 from motord.security.access import permits
 from motord.security.roles import Role
@@ -60,7 +60,7 @@ class LivePage:
         self._queue: deque[bytes] = deque(maxlen=UNSENT_MAX)
         self._news = asyncio.Event()
         self._fresh = False  # ticks have come since the last frame
-        self._heartbeat = Heartbeat(time.monotonic())
+        self._pings = PagePings(time.monotonic())
         self._frame_s = self._connection_s = 0.0
         self._alive = True
         self._calls: set[asyncio.Task[None]] = set()
@@ -110,9 +110,9 @@ class LivePage:
 
     def _look(self, now_s: float) -> None:
         """Ping, and see to lease and connection."""
-        if self._heartbeat.silent_s(now_s) > GONE_S:
+        if self._pings.silent_s(now_s) > GONE_S:
             raise PageGone
-        ping = self._heartbeat.due(now_s, self.lease.ping_s, self.lease.patience_s)
+        ping = self._pings.due(now_s, self.lease.ping_s, self.lease.patience_s)
         if ping is not None:
             self._documents["ping"] = encode({"kind": "ping", "n": ping})
         self.lease.check()
@@ -128,7 +128,7 @@ class LivePage:
 
     async def _send_traces(self, send: Sender) -> None:
         now_s = time.monotonic()
-        waits = self._heartbeat.silent_s(now_s) > UNANSWERED_S
+        waits = self._pings.silent_s(now_s) > UNANSWERED_S
         if not self._visible or waits:
             self._fresh = False
         if not self._fresh or now_s - self._frame_s < FRAME_S:
@@ -166,7 +166,7 @@ class LivePage:
 
     def _answered(self, n: int) -> None:
         """Renew the lease: nothing else does."""
-        if self._heartbeat.answer(n, time.monotonic()) and self.lease.held:
+        if self._pings.answer(n, time.monotonic()) and self.lease.held:
             self._run(self.lease.renew())
 
     def _call(self, call: RpcCall) -> None:

@@ -7,6 +7,7 @@ import pytest
 from starlette.websockets import WebSocketDisconnect
 
 from motord import config
+from motord.api.messages import BenchState, CalibrationView
 from motord.client import ClientError
 from motord.dashboard.app import MALFORMED, TOO_MANY_MESSAGES, application
 from motord.dashboard.frames import decode, encode
@@ -435,3 +436,42 @@ def test_a_page_that_floods_is_closed(server):
         for _ in range(2 * round(AT_ONCE)):
             send(socket, kind="visible", value=True)
         assert receive(socket, "error")[0]["code"] == TOO_MANY_MESSAGES
+
+
+# Restarts and calibrations of the daemon
+
+
+def state(uptime_s, calibration=None):
+    return BenchState.model_construct(uptime_s=uptime_s, calibration=calibration)
+
+
+def test_a_restart_of_the_daemon_ends_every_lease(server):
+    server.come(("state", state(100.0)))
+    with server.socket() as socket:
+        ask(socket, "lease/acquire")
+        server.come(("state", state(0.1)))
+        assert "started again" in receive(socket, "lease", held=False)[0]["why"]
+
+
+def test_another_bench_file_after_a_restart_begins_the_history_anew(server):
+    server.come(("ticks", block(1000, t0_ns=server.bench.epoch_ns)))
+    with server.socket() as socket:
+        assert receive(socket, "hello")[0]["rate_Hz"] == config.load().loop.rate_Hz
+        server.bench.config["loop"]["rate_Hz"] = 50
+        server.client.portal.call(server.pages.connected)
+        receive(socket, "hello")
+        assert server.bench.history.end == 0
+
+
+def test_orders_of_the_calibration_in_force_are_marked(server):
+    server.link.harmonics = [
+        {"order": order, "amplitude_Nm": 0.1, "stderr_Nm": stderr_Nm}
+        for order, stderr_Nm in ((8, 0.001), (24, 0.06), (48, 0.001))
+    ]
+    server.come(("state", state(1.0, CalibrationView.model_construct(id="ab"))))
+    turn = block(2500, rate_Hz=1000.0, t0_ns=server.bench.epoch_ns, turns_per_s=1.0)
+    with server.socket() as socket:
+        while not server.bench.calibrated:
+            ask(socket, "plan/list")
+        server.come(("ticks", turn))
+        assert receive(socket, "turns")[0]["calibrated"] == [8, 48]

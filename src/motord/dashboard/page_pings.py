@@ -1,7 +1,7 @@
 """Whether a page answers. Pure: times (monotonic, s) come from the caller."""
 
 
-class Heartbeat:
+class PagePings:
     """Numbered pings, one at a time: the next follows an answer, or when that is too late."""
 
     def __init__(self, now_s: float) -> None:
