@@ -25,6 +25,7 @@ from tests.browser.stand_in import Server, StandIn  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
 COLOURS = 255
+POINTS_TAKEN = 20
 
 
 def save(png: bytes, name: str, folder: Path) -> None:
@@ -60,9 +61,11 @@ def pictures() -> dict[str, bytes]:
         phone = open_page(browser, server.urls.viewer, PHONE, device_scale_factor=2)
         phone.wait_for_timeout(1_500)
         taken["phone"] = phone.screenshot()
+        stand_in.points_max = POINTS_TAKEN
         start_plan(page)
         page.click("#tab-health")
-        page.wait_for_timeout(10_500)
+        taken_cell = page.locator("#mesh td.done").nth(POINTS_TAKEN - 1)
+        taken_cell.wait_for()
         taken["sweep"] = page.screenshot()
         stand_in.do(stand_in.trip_over_current)
         page.emulate_media(color_scheme="light")
