@@ -64,6 +64,7 @@ pictures: $(VENV)/dev.stamp ## draw the pictures of README and docs anew
 	@$(BIN)/python tools/architecture.py
 	@$(BIN)/python tools/watch_pictures.py
 	@$(BIN)/python tools/notebook.py
+	@$(BIN)/python tools/screenshots.py
 
 reference: $(VENV)/dev.stamp ## write docs/reference anew, from the code
 	@$(BIN)/python -m tools.reference

@@ -1,7 +1,7 @@
 """Make the screenshots of the page for README and docs: `make pictures`.
 
-The page is the real one, in Chromium, with the page's server; the bench behind it is the stand-in of
-tests/browser, so that all of it is to be seen within seconds.
+The page is the real one, in Chromium, with the page's server; the bench behind it is the stand-in
+of tests/browser, so that all of it is to be seen within seconds.
 """
 
 import io
@@ -14,20 +14,25 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from tests.browser.chromium import (  # noqa: E402
-    DESKTOP, PHONE, chromium, open_page, set_by_hand, start_plan, take_command,
+    PHONE,
+    chromium,
+    open_page,
+    set_by_hand,
+    start_plan,
+    take_command,
 )  # fmt: skip
 from tests.browser.stand_in import Server, StandIn  # noqa: E402
 
 IMAGES = ROOT / "docs" / "images"
 COLOURS = 255
+POINTS_TAKEN = 20
 
 
 def save(png: bytes, name: str, folder: Path) -> None:
     """Write a picture with as many colours as it needs."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
-    image.quantize(COLOURS, dither=Image.Dither.NONE).save(
-        folder / f"dashboard-{name}.png", optimize=True
-    )
+    fewer = image.quantize(COLOURS, dither=Image.Dither.NONE)
+    fewer.save(folder / f"dashboard-{name}.png", optimize=True)
 
 
 def main(folder: Path) -> None:
@@ -53,14 +58,14 @@ def pictures() -> dict[str, bytes]:
         page.emulate_media(color_scheme="dark")
         page.wait_for_timeout(300)
         taken["dark"] = page.screenshot()
-        phone = open_page(
-            browser, server.urls.viewer, PHONE, color_scheme="light", device_scale_factor=2
-        )
+        phone = open_page(browser, server.urls.viewer, PHONE, device_scale_factor=2)
         phone.wait_for_timeout(1_500)
         taken["phone"] = phone.screenshot()
+        stand_in.points_max = POINTS_TAKEN
         start_plan(page)
         page.click("#tab-health")
-        page.wait_for_timeout(10_500)
+        taken_cell = page.locator("#mesh td.done").nth(POINTS_TAKEN - 1)
+        taken_cell.wait_for()
         taken["sweep"] = page.screenshot()
         stand_in.do(stand_in.trip_over_current)
         page.emulate_media(color_scheme="light")

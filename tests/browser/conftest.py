@@ -51,8 +51,8 @@ class Watched:
 
     def close(self) -> None:
         """Close the pages; none may have complained."""
-        for page in self._pages:
-            page.context.close()
+        while self._pages:
+            self._pages.pop().context.close()
         assert self.complaints == []
 
 

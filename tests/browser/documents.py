@@ -122,16 +122,24 @@ def _mesh_point(i: int, torque_Nm: float, speed_Hz: float, done: int) -> dict[st
 
 def plans() -> list[dict[str, Any]]:
     """Return two plans of `plan/list`, one with its settings described."""
+    fields = [
+        _field("torques_Nm", "list", TORQUES_Nm, unit="Nm", minimum=0.0, help="of the mesh"),
+        _field("speeds_Hz", "list", SPEEDS_Hz, unit="Hz", minimum=0.0, help="of the mesh"),
+        _field("turns", "integer", 24, minimum=2, help="captured at each point"),
+        _field("settle_s", "number", 2.0, unit="s", minimum=0.0, help="within the tolerance"),
+        _field("speed_tolerance", "number", 0.02, minimum=0.0, minimum_excluded=True),
+        _field("temperature_C", "list", None, unit="degC", optional=True, help="of the inverter"),
+    ]
     calibrate = {
         "torques_Nm": TORQUES_Nm, "speeds_Hz": SPEEDS_Hz, "turns": 24, "settle_s": 2.0,
         "settle_timeout_s": 30.0, "speed_tolerance": 0.02, "temperature_C": None,
-        "gain_steps": [0.8, 1.2], "gain_torques_Nm": [],
     }  # fmt: skip
     return [
         {
             "name": "calibrate",
             "summary": "torque/speed mesh without compensation, for alpha, beta and cogging",
             "settings": calibrate,
+            "fields": fields,
         },
         {
             "name": "back-emf",
@@ -139,6 +147,10 @@ def plans() -> list[dict[str, Any]]:
             "settings": {"speeds_Hz": [0.53, 0.87, 1.37], "turns": 24, "stator": False},
         },
     ]
+
+
+def _field(name: str, kind: str, default: Any, **rest: Any) -> dict[str, Any]:
+    return {"name": name, "type": kind, "default": default, **rest}
 
 
 IDS = ("8f2c51d09ab3e7c4", "51b20c77d1e48a90")

@@ -158,13 +158,20 @@ test("stopped is what the daemon reported, and nothing else", () => {
 });
 
 test("settings are checked before they are sent", () => {
-  const [torques, turns, stator] = fieldsOf({ settings: { torques_Nm: [1, 2], turns: 24, stator: false }, fields: [{ name: "turns", type: "integer", minimum: 2, maximum: null, help: "", choices: [], unit: "" }] });
+  const [torques, turns, stator] = fieldsOf({ settings: {}, fields: [
+    { name: "torques_Nm", type: "list", default: [1, 2], length_min: 1 },
+    { name: "turns", type: "integer", default: 24, minimum: 2 },
+    { name: "stator", type: "boolean", default: false },
+  ] });
   assert.deepEqual(parse(torques, "1, 2.5  \u22123"), [1, 2.5, -3]);
   assert.throws(() => parse(torques, "1, x"), /torques: "x" is no number/);
   assert.throws(() => parse(turns, "1"), /turns: at least 2/);
   assert.throws(() => parse(turns, "2.5"), /whole number/);
-  assert.deepEqual([torques.unit, stator.type, typeOf(null), typeOf([{}])], ["Nm", "boolean", "number", "json"]);
+  assert.deepEqual([torques.unit, stator.type, typeOf(null), typeOf([{}])], ["Nm", "boolean", "number", "other"]);
+  assert.throws(() => parse(torques, ""), /at least 1 values/);
+  assert.throws(() => parse({ ...turns, minimum_excluded: true }, "2"), /more than 2/);
   assert.equal(parse({ ...turns, optional: true }, " "), null);
+  assert.equal(fieldsOf({ settings: { turns: 24 } })[0].type, "number");
 });
 
 test("a mesh has rows of torque, the largest on top, and keeps what was measured", () => {

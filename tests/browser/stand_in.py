@@ -49,6 +49,8 @@ class StandIn:
         self.mesh: MeshView | None = None
         self.requests: list[tuple[str, dict[str, Any]]] = []
         self.points_per_s = 2.0
+        self.points_max = 1000
+        """A plan takes no more points, and goes on with the next for ever."""
         self._lease_until_s = 0.0
         self._started_s = time.monotonic()
         self._received_s = time.monotonic()
@@ -262,7 +264,7 @@ class StandIn:
             return
         if self.plan.state == "running":
             elapsed_s = now_s - self._plan_s
-            done = min(int(elapsed_s * self.points_per_s), len(self._points))
+            done = min(int(elapsed_s * self.points_per_s), len(self._points), self.points_max)
             self._at(done, elapsed_s)
         mesh = documents.mesh(self.plan.plan, self._points, self.plan.points_done)
         self.mesh = MeshView.model_validate(mesh)
@@ -319,7 +321,7 @@ class Server:
                 access_log=False,
                 ws_ping_interval=None,
                 timeout_graceful_shutdown=1,
-            )  # fmt: skip
+            )
         )
         self._thread = threading.Thread(
             target=lambda: asyncio.run(self._server.serve(sockets=[self._listener])), daemon=True
@@ -339,7 +341,8 @@ def main() -> None:
     """Serve until Ctrl-C."""
     stand_in = StandIn(float(sys.argv[1]) if len(sys.argv) > 1 else 1000.0)
     with Server(stand_in, 8447) as server:
-        print(server.urls.operator, server.urls.viewer, sep="\n", flush=True)
+        sys.stdout.write(f"{server.urls.operator}\n{server.urls.viewer}\n")
+        sys.stdout.flush()
         threading.Event().wait()
 
 

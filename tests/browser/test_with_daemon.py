@@ -1,8 +1,6 @@
 """The whole way: a simulated daemon, `motord dashboard`, and a person in front of the page."""
 
-import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from playwright.sync_api import expect
@@ -22,17 +20,16 @@ SWEEP_MS = 90_000
 
 def test_a_person_operates_a_bench(tmp_path: Path, visit: Watched) -> None:
     path = write_sim(tmp_path, "browser")
-    endpoint: Any = re.search(r'listen = \["(.*?)"\]', path.read_text())
-    daemon = Daemon(tmp_path, "run", "-c", path)
-    connected = ("--bench", "browser", "--connect", endpoint[1])
+    daemon = Daemon(tmp_path, path)
+    connected = ("--bench", "browser", "--connect", daemon.endpoint)
     dashboard = Program(tmp_path, "dashboard", "--port", "0", "--no-browser", *connected)
     try:
         page = visit(dashboard.first_line.strip())
         take_command(page)
         set_by_hand(page, 2.0, 0.7)
         shows(page, "#setpoint-now", "2.00")
-        page.wait_for_function("() => Math.abs(parseFloat(%s) - 2) < 0.05" % SET_POINT)
-        page.wait_for_function("() => parseFloat(%s) > 0.3" % SPEED)
+        page.wait_for_function(f"() => Math.abs(parseFloat({SET_POINT}) - 2) < 0.05")
+        page.wait_for_function(f"() => parseFloat({SPEED}) > 0.3")
         page.click("#zero")
         shows(page, "#setpoint-now", "0.00")
         page.fill("#note", "by hand")
@@ -40,20 +37,20 @@ def test_a_person_operates_a_bench(tmp_path: Path, visit: Watched) -> None:
         shows(page, "#event-list", "by hand")
         page.click("#disable")
         shows(page, "#state-name", "READY")
-        start_plan(
-            page, torques_Nm="2", speeds_Hz="0.8 0.9", turns="2", settle_s="0.3", gain_steps=""
-        )
+        mesh = {"torques_Nm": "2", "speeds_Hz": "0.8 0.9", "turns": "2", "gain_steps": ""}
+        start_plan(page, **mesh, settle_s="0.3")
         done = page.locator("#mesh td.done")
         expect(done.first).to_be_visible(timeout=SWEEP_MS)
         assert 0.1 < float(done.first.inner_text().rstrip(" !")) < 20
         page.keyboard.press("Escape")
         shows(page, "#stop-status", "Stopped: the daemon reports OFF")
         shows(page, "#plan-state", "aborted")
+        visit.close()
     finally:
         dashboard.end()
         daemon.close()
 
 
-VALUE = "document.querySelectorAll('.trace-row')[%d].querySelectorAll('.value')[%d].textContent"
-SET_POINT = VALUE % (0, 1)
-SPEED = VALUE % (2, 0)
+ROWS = "document.querySelectorAll('.trace-row')"
+SET_POINT = f"{ROWS}[0].querySelectorAll('.value')[1].textContent"
+SPEED = f"{ROWS}[2].querySelector('.value').textContent"

@@ -4,18 +4,33 @@ import { allow, byId, element, setText } from "./dom.js";
 import { duration, nameAndUnit } from "./format.js";
 
 /**
- * A setting of a plan.
- * @typedef {{name: string, type: "number" | "integer" | "numbers" | "boolean" | "choice" | "text" | "json", value: any, unit: string,
- *   minimum: number | null, maximum: number | null, choices: string[], help: string, optional: boolean}} Field
+ * A setting of a plan, as `plan/list` describes it (docs/api.md, "Forms of plans").
+ * @typedef {{name: string, type: "number" | "integer" | "list" | "boolean" | "choice" | "text" | "table" | "other",
+ *   default: any, unit: string, minimum: number | null, maximum: number | null, minimum_excluded: boolean,
+ *   maximum_excluded: boolean, choices: string[], columns: string[], length_min: number, length_max: number | null,
+ *   help: string, optional: boolean}} Field
  */
 
-/** The type of a setting without a description, from its default. Pure. @param {any} value @returns {Field["type"]} */
+/** @type {Record<string, string>} */
+const UNITS = { degC: "\u00b0C", 1: "" };
+const PLAIN = {
+  unit: "", minimum: null, maximum: null, minimum_excluded: false, maximum_excluded: false, choices: [], columns: [],
+  length_min: 0, length_max: null, help: "", optional: false, default: null,
+};
+
+/** The type of a setting without a description, from its value. Pure. @param {any} value @returns {Field["type"]} */
 export function typeOf(value) {
   if (typeof value === "boolean") return "boolean";
   if (typeof value === "number" || value === null) return "number";
   if (typeof value === "string") return "text";
-  if (Array.isArray(value) && value.every((one) => typeof one === "number")) return "numbers";
-  return "json";
+  return Array.isArray(value) && value.every((one) => typeof one === "number") ? "list" : "other";
+}
+
+/** The fields of a plan of `plan/list`. Pure. @param {any} plan @returns {Field[]} */
+export function fieldsOf(plan) {
+  const described = plan.fields ?? Object.entries(plan.settings).map(([name, value]) =>
+    ({ name, type: typeOf(value), default: value, optional: value === null }));
+  return described.map((/** @type {any} */ field) => ({ ...PLAIN, ...field, unit: UNITS[field.unit] || field.unit || nameAndUnit(field.name).unit }));
 }
 
 /** The text of a field as the value of a setting. Pure. @param {Field} field @param {string} text @returns {any} @throws {Error} says what is wrong */
@@ -23,36 +38,48 @@ export function parse(field, text) {
   const trimmed = text.trim().replaceAll("\u2212", "-");
   if (trimmed === "" && field.optional) return null;
   if (field.type === "choice" || field.type === "text") return trimmed;
-  if (field.type === "json") return JSON.parse(trimmed);
-  if (field.type === "numbers") return trimmed.split(/[\s,;]+/).filter(Boolean).map((one) => checked(field, one));
-  return checked(field, trimmed);
+  if (field.type === "table" || field.type === "other") return parsedJson(field, trimmed);
+  if (field.type !== "list") return checked(field, trimmed);
+  const values = trimmed.split(/[\s,;]+/).filter(Boolean).map((one) => checked(field, one));
+  const { words } = nameAndUnit(field.name);
+  if (values.length < field.length_min) throw new Error(`${words}: at least ${field.length_min} values`);
+  if (field.length_max !== null && values.length > field.length_max) throw new Error(`${words}: at most ${field.length_max} values`);
+  return values;
+}
+
+/** @param {Field} field @param {string} text */
+function parsedJson(field, text) {
+  try {
+    return JSON.parse(text || "[]");
+  } catch {
+    throw new Error(`${nameAndUnit(field.name).words}: not JSON`);
+  }
 }
 
 /** @param {Field} field @param {string} text */
 function checked(field, text) {
   const value = Number(text);
   const { words } = nameAndUnit(field.name);
+  const { minimum, maximum } = field;
   if (text === "" || !Number.isFinite(value)) throw new Error(`${words}: "${text}" is no number`);
   if (field.type === "integer" && !Number.isInteger(value)) throw new Error(`${words}: a whole number, not ${text}`);
-  if (field.minimum !== null && value < field.minimum) throw new Error(`${words}: at least ${field.minimum}`);
-  if (field.maximum !== null && value > field.maximum) throw new Error(`${words}: at most ${field.maximum}`);
+  if (minimum !== null && (field.minimum_excluded ? value <= minimum : value < minimum)) throw new Error(`${words}: ${limits(field)}`);
+  if (maximum !== null && (field.maximum_excluded ? value >= maximum : value > maximum)) throw new Error(`${words}: ${limits(field)}`);
   return value;
 }
 
-/** @param {any} value */
-export const shown = (value) => (value === null ? "" : Array.isArray(value) && value.every((v) => typeof v === "number") ? value.join(", ") : typeof value === "object" ? JSON.stringify(value) : String(value));
+/** @param {Field} field */
+function limits({ minimum, maximum, minimum_excluded, maximum_excluded }) {
+  const low = minimum === null ? "" : `${minimum_excluded ? "more than" : "at least"} ${minimum}`;
+  const high = maximum === null ? "" : `${maximum_excluded ? "less than" : "at most"} ${maximum}`;
+  return [low, high].filter(Boolean).join(", ");
+}
 
-/** The fields of a plan of `plan/list`. Pure. @param {any} plan @returns {Field[]} */
-export function fieldsOf(plan) {
-  const described = new Map((plan.fields ?? []).map((/** @type {any} */ field) => [field.name, field]));
-  return Object.entries(plan.settings).map(([name, value]) => {
-    const about = described.get(name) ?? {};
-    return {
-      name, value, type: about.type ?? typeOf(value), unit: about.unit || nameAndUnit(name).unit,
-      minimum: about.minimum ?? null, maximum: about.maximum ?? null, choices: about.choices ?? [],
-      help: about.help ?? "", optional: about.optional ?? value === null,
-    };
-  });
+/** A value as text. @param {any} value */
+function shown(value) {
+  if (value === null) return "";
+  if (Array.isArray(value) && value.every((one) => typeof one === "number")) return value.join(", ");
+  return typeof value === "object" ? JSON.stringify(value) : String(value);
 }
 
 export class PlanForm {
@@ -93,7 +120,7 @@ export class PlanForm {
     this._chosen = byId("plan-choice").value;
     const plan = this._plans.find((one) => one.name === this._chosen);
     if (plan === undefined) return;
-    setText(byId("plan-summary"), plan.summary);
+    setText(byId("plan-summary"), plan.summary + (plan.obstacle ? ` \u26a0 ${plan.obstacle}` : ""));
     this._fields = fieldsOf(plan);
     byId("plan-fields").replaceChildren(...this._fields.map((field) => row(field)));
     this._changed();
@@ -112,7 +139,7 @@ export class PlanForm {
     for (const field of this._fields) {
       const input = byId(`setting-${field.name}`);
       const value = field.type === "boolean" ? input.checked : parse(field, input.value);
-      if (JSON.stringify(value) !== JSON.stringify(field.value)) settings[field.name] = value;
+      if (JSON.stringify(value) !== JSON.stringify(field.default)) settings[field.name] = value;
     }
     return settings;
   }
@@ -155,8 +182,8 @@ export class PlanForm {
 function row(field) {
   const { words } = nameAndUnit(field.name);
   const id = `setting-${field.name}`;
-  const limits = [field.minimum !== null ? `from ${field.minimum}` : "", field.maximum !== null ? `to ${field.maximum}` : ""].filter(Boolean).join(" ");
-  const hint = [field.help, limits, field.optional ? "may be empty" : ""].filter(Boolean).join("; ");
+  const columns = field.columns.length ? `JSON, rows with ${field.columns.join(", ")}` : "";
+  const hint = [field.help, limits(field), columns, field.optional ? "may be empty" : ""].filter(Boolean).join("; ");
   const described = hint ? { "aria-describedby": `${id}-hint` } : {};
   return element("div", { class: "field" },
     element("label", { for: id }, words, field.unit ? element("span", { class: "unit" }, field.unit) : null),
@@ -166,10 +193,10 @@ function row(field) {
 
 /** @param {Field} field @param {string} id @param {Record<string, string>} described */
 function input(field, id, described) {
-  if (field.type === "boolean") return element("input", { id, type: "checkbox", checked: field.value, ...described });
+  if (field.type === "boolean") return element("input", { id, type: "checkbox", checked: field.default, ...described });
   if (field.type === "choice") {
-    return element("select", { id, ...described }, ...field.choices.map((choice) => element("option", { value: choice, selected: choice === field.value }, choice)));
+    return element("select", { id, ...described }, ...field.choices.map((choice) => element("option", { value: choice, selected: choice === field.default }, choice)));
   }
-  const numeric = field.type === "number" || field.type === "integer" || field.type === "numbers";
-  return element("input", { id, type: "text", inputmode: numeric ? "decimal" : null, autocomplete: "off", spellcheck: "false", value: shown(field.value), ...described });
+  const numeric = field.type === "number" || field.type === "integer" || field.type === "list";
+  return element("input", { id, type: "text", inputmode: numeric ? "decimal" : null, autocomplete: "off", spellcheck: "false", value: shown(field.default), ...described });
 }

@@ -33,7 +33,6 @@ export class Traces {
     this._dirty = this._waiting = this._stale = false;
     this._drawn_ms = this._shown_ms = this._cost_ms = 0;
     this._lost = 0;
-    this.frames = 0;
     this._frame = (/** @type {number} */ now_ms) => this._draw(now_ms);
     this._area = byId("plots");
     this._controls();
@@ -83,7 +82,6 @@ export class Traces {
     if (now_ms - this._drawn_ms < pause_ms) return this._request();
     this._dirty = false;
     this._drawn_ms = now_ms;
-    this.frames++;
     const to_s = this._window.end_s ?? this._buckets.end_s;
     this._to_s = to_s;
     const begun_ms = performance.now();
