@@ -28,6 +28,10 @@ TRIP = {
     },
 }
 LIMITS = {"torque_Nm": 6.0, "trip_speed_rad_s": 25.0, "current_A": 25.0}
+LINKS = {
+    "errors": 4, "errors_last_s": 0, "ticks_last_s": 10000, "without_encoder_last_s": 0,
+    "without_inverter_last_s": 0, "bus_off": False,
+}  # fmt: skip
 PLAN = {
     "plan": "calibrate",
     "state": "running",
@@ -68,6 +72,8 @@ def state(**changes):
             "wake_late_us_p50": 12.4, "wake_late_us_p99": 31.0, "wake_late_us_max": 80.0,
             "work_us_p99": 55.0, "age_s": 0.002,
         },
+        "ages": {"encoder": 0.0003, "currents": 0.0009, "brake": 0.05},
+        "links": LINKS,
         "realtime": {},
         "recording": {"recording": True, "path": "/runs/bench1-calibrate.mcap.part"},
         "calibration": {

@@ -290,6 +290,11 @@ async def test_a_viewer_is_told_why_nothing_is_done(client):
             await watched.sees("vera is a viewer and may only watch")
             watched.app._controls._say("")
         await watched.sees("vera: may only watch")
+        await watched.press("s")
+        await watched.sees("may only watch: an operator's identity")
+        [alarm] = watched.app.screen._compositor.render_strips()[-2:-1]
+        assert [str(segment.style.bgcolor) for segment in alarm if segment.text.strip()]
+        assert all("red" in str(s.style.bgcolor) for s in alarm if s.text.strip())
     assert [name for name, _ in client.requests] == ["config"]
 
 

@@ -8,7 +8,7 @@ from motord.cli.bench.watch import layout
 from motord.cli.bench.watch.glyphs import ASCII, UNICODE
 from motord.cli.bench.watch.history import MinMaxHistory
 from motord.cli.bench.watch.snapshot import Snapshot
-from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, no_columns, state, ticks
+from tests.unit.cli.watch.samples import LINKS, NOW_NS, PLAN, TRIP, no_columns, state, ticks
 
 EVENTS = [
     Event(t_ns=NOW_NS - 50_000_000_000, kind="state", message="READY -> ENABLED"),
@@ -20,7 +20,7 @@ EVENTS = [
 def snapshot(bench_state, **changes):
     whole = {
         "bench": "bench1", "state": bench_state, "age_s": 0.05,
-        "events": EVENTS, "columns": no_columns, "ages_s": {"encoder": 0.0003, "currents": 0.0009},
+        "events": EVENTS, "columns": no_columns,
         "scales": (6.0, 4.0, 25.0, 25.0, 25.0),
     }  # fmt: skip
     return Snapshot(**{**whole, **changes})
@@ -55,7 +55,8 @@ def test_all_of_it_fits_into_80_by_24():
         "calibrate running  ███████░░░░░░░░░ 43 %  3.2 min left",
         "12 of 28 points; 3 Nm, 0.7 Hz: capturing",
         "10000 Hz, missed 3; late p50 12 p99 31 max 80 us, work p99 55 us",
-        "tick 2, encoder 0.3, currents 0.9 ms; brake ok 50 ms",
+        "ages, ms     encoder 0.3, currents 0.9, brake 50",
+        "devices      link errors 4; brake ok",
         "3fa2c1, joint, 2 days old; compensation on",
         "/runs/bench1-calibrate.mcap.part",
         "note: brake squeals",
@@ -153,6 +154,7 @@ def test_before_the_first_tick_there_are_no_values():
         ),
         ({"realtime": {"granted": False}}, "motord check --rt"),
         ({"telemetry_dropped": 5}, "telemetry    5 messages dropped"),
+        ({"links": {**LINKS, "bus_off": True}}, "link errors 4; bus off; brake ok"),
         ({"brake": {"health": "stale", "error": "no answer"}}, "brake stale (no answer)"),
         ({"calibration": None}, "calibration  none"),
         ({"recording": {"recording": False, "path": "", "obstacle": "disk full"}}, "disk full"),

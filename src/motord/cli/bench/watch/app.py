@@ -88,7 +88,6 @@ class WatchApp(App[None], inherit_bindings=False):
             age_s=age_s,
             events=self._feed.events(),
             columns=self._feed.columns,
-            ages_s=self._feed.ages_s(),
             scales=self._scales,
             viewer=controls.viewer,
             lease_here=self._session.holds,

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from motord.client import Client
 
 EVENTS_KEPT = 500
-_AGES = {"encoder": "sample_age_ns", "currents": "i_age_ns"}
-"""Age of a signal by field of the tick."""
 
 
 class Feed:
@@ -36,7 +34,6 @@ class Feed:
         self._subscriptions = ExitStack()
         self._state: BenchState | None = None
         self._received_s = self._now_s()
-        self._ages_s: dict[str, float] = {}
 
     def __enter__(self) -> "Feed":
         for subscription in (
@@ -85,10 +82,6 @@ class Feed:
     def _take_ticks(self, ticks: np.ndarray) -> None:
         with self._lock:
             self._history.add(ticks)
-            if len(ticks):
-                self._ages_s = {
-                    name: float(ticks[field].max()) / 1e9 for name, field in _AGES.items()
-                }
 
     def state(self) -> tuple[BenchState | None, float]:
         """Return the newest state, and how long ago it came (s)."""
@@ -104,11 +97,6 @@ class Feed:
         """Return the newest events, the oldest first."""
         with self._lock:
             return list(self._events)
-
-    def ages_s(self) -> dict[str, float]:
-        """Return the greatest age of each signal in the newest block of ticks."""
-        with self._lock:
-            return dict(self._ages_s)
 
     def columns(self, now_ns: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
         """Return `MinMaxHistory.columns`."""

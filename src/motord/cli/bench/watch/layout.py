@@ -7,16 +7,16 @@ from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS
 from motord.cli.bench.watch.snapshot import Snapshot
 
-EVENTS_MIN = 3
+EVENTS_MIN = 2
 SIGNAL_ROWS_MAX = 6
 """Lines of a sparkline on the largest screen; more are given to the events."""
 
 
 def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]:
     """Return `height` lines of at most `width` cells; what is no longer true for sure is dimmed."""
-    title, message, footer = panels.title(seen, width), _message(seen), panels.footer()
+    title, bottom = panels.title(seen, width), [*_message(seen), panels.footer()]
     known = [panels.drive_state(seen, width, glyphs)]
-    room = height - 3
+    room = height - 1 - len(bottom)
     if seen.state is not None:
         known += panels.trip(seen.state, width, glyphs) + panels.faults(seen.state)
         known += _body(seen, width, room - len(known), glyphs)
@@ -24,7 +24,7 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
     if seen.stale:
         for line in known:
             line.stylize("dim")
-    whole = [title, *known, message, footer][:height]
+    whole = [title, *known, *bottom][:height]
     if seen.dialog:
         over = [Text(glyphs.rule * width), *(line.copy() for line in seen.dialog)]
         whole[max(height - len(over), 2) :] = over[: max(height - 2, 0)]
@@ -33,8 +33,9 @@ def lines(seen: Snapshot, width: int, height: int, glyphs: Glyphs) -> list[Text]
     return whole
 
 
-def _message(seen: Snapshot) -> Text:
-    return Text(seen.message, panels.ALARM if seen.alarming else "bold")
+def _message(seen: Snapshot) -> list[Text]:
+    """Return what became of the last command; without one, the events have the line."""
+    return [Text(seen.message, panels.ALARM if seen.alarming else "bold")] if seen.message else []
 
 
 def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
@@ -42,7 +43,7 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     state = seen.state
     assert state is not None
     below = panels.plan(state, glyphs) + panels.loop(state)
-    below += panels.devices(seen, state) + panels.kept(state, width, glyphs)
+    below += panels.devices(state) + panels.kept(state, width, glyphs)
     spare = room - len(below) - EVENTS_MIN - 1
     rows = min(max(spare // len(SIGNALS), 1), SIGNAL_ROWS_MAX)
     above = panels.signals(seen, width, rows, glyphs)

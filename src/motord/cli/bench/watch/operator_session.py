@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 BEAT_S = 0.25
 """How often the screen has to show that it lives."""
-HUNG_S = 1.0
+HUNG_S = 2.0
 """A screen without a beat for so long does not renew the lease any more."""
 
 

@@ -238,21 +238,19 @@ def loop(state: BenchState) -> list[Text]:
     return [row("loop", wording.loop(state))]
 
 
-def devices(seen: Snapshot, state: BenchState) -> list[Text]:
-    """Return health of the devices, and how old each signal is."""
-    ages_s = {"tick": state.loop.age_s, **seen.ages_s}
-    known = [f"{name} {1e3 * age_s:.3g}" for name, age_s in ages_s.items() if age_s is not None]
-    line = row("ages", ", ".join(known) + " ms" if known else "-")
+def devices(state: BenchState) -> list[Text]:
+    """Return how old each signal is, errors of the links, and health of the slow devices."""
+    ages = ", ".join(f"{name} {1e3 * age_s:.3g}" for name, age_s in state.ages.items())
+    parts: list[tuple[str, bool]] = []
+    if (links := state.links) is not None:
+        parts.append((f"link errors {links.errors}", links.errors_last_s > 0))
+        parts += [("bus off", True)] * links.bus_off
     for name, device in (("brake", state.brake), ("drive", state.drive)):
-        if device.health == "none":
-            continue
-        bad = device.health in ("failing", "stale")
-        age = f" {1e3 * device.age_s:.3g} ms" if device.age_s is not None else ""
         why = f" ({device.error})" if device.error else ""
-        line.append("; ").append(f"{name} {device.health}{age}{why}", "bold" if bad else "none")
-    if (clock := state.bridge_clock) is not None:
-        line.append(f"; bridge clock {clock.drift_ppm:.0f} ppm")
-    return [line]
+        if device.health != "none":
+            parts.append((f"{name} {device.health}{why}", device.health in ("failing", "stale")))
+    joined = [part for text, bad in parts for part in ((text, "bold" if bad else "none"), "; ")]
+    return [row("ages, ms", ages or "-"), row("devices", *joined[:-1])]
 
 
 def events(seen: Snapshot, rows: int) -> list[Text]:

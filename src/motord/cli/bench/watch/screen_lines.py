@@ -1,5 +1,6 @@
 """The one widget: lines of text, of which only changed cells are sent to the terminal."""
 
+from rich.segment import Segment
 from rich.text import Text
 from textual.geometry import Region
 from textual.strip import Strip
@@ -33,15 +34,19 @@ class ScreenLines(Widget):
     def render_line(self, y: int) -> Strip:
         """Return a line of the screen."""
         line = self._lines[y] if y < len(self._lines) else Text()
-        strip = Strip(line.render(self.app.console, end=""))
-        return strip.adjust_cell_length(self.size.width)
+        console = self.app.console
+        styled = Segment.apply_style(line.render(console, end=""), console.get_style(line.style))
+        return Strip(styled).adjust_cell_length(self.size.width)
 
 
 def changed_cells(before: Text, after: Text) -> tuple[int, int] | None:
     """Return the first cell that changed and the one after the last, None if none did."""
     one, other = before.plain, after.plain
-    if before.spans != after.spans or len(one) != before.cell_len or len(other) != after.cell_len:
-        return None if before == after else (0, max(before.cell_len, after.cell_len))
+    same_style = before.style == after.style and before.spans == after.spans
+    if same_style and one == other:
+        return None
+    if not same_style or len(one) != before.cell_len or len(other) != after.cell_len:
+        return 0, max(before.cell_len, after.cell_len)
     width = max(len(one), len(other))
     one, other = one.ljust(width), other.ljust(width)
     differ = [x for x in range(width) if one[x] != other[x]]

@@ -1,7 +1,7 @@
 """What the screen shows, at one moment."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from rich.text import Text
@@ -19,9 +19,8 @@ Columns = Callable[[int, int], tuple[np.ndarray, np.ndarray]]
 class Snapshot:
     """The newest of everything; `age_s` is the age of `state`, as it arrived here.
 
-    `ages_s` are those of the newest samples in the ticks. `scales` are the limits of
-    the signals, 0 where they are not known. `pending` is a command that the daemon has not
-    confirmed.
+    `scales` are the limits of the signals, 0 where they are not known. `pending` is a command that
+    the daemon has not confirmed.
     """
 
     bench: str
@@ -29,7 +28,6 @@ class Snapshot:
     age_s: float
     events: Sequence[Event]
     columns: Columns
-    ages_s: Mapping[str, float] = field(default_factory=dict)
     scales: tuple[float, ...] = (0.0,) * 5
     viewer: str = ""  # name of an identity that may only watch
     lease_here: bool = False
