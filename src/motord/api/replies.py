@@ -4,7 +4,7 @@ Types are strict; fields that a model does not name are passed on, so that repli
 """
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -94,12 +94,43 @@ class PlanOutline(RpcReply):
     recording: Text = ""
 
 
+class SettingField(RpcReply):
+    """A setting of a plan, as a form shows it; in `plan/list`.
+
+    minimum, maximum: of the value, or of each value of a list, themselves excluded if `*_excluded`;
+    length_*: of a list or a table; columns: of a table, whose rows are objects. optional: null is a
+    value, too.
+    """
+
+    name: Text
+    type: Literal["number", "integer", "boolean", "text", "choice", "list", "table", "other"]
+    unit: Text = ""
+    default: Any = None
+    minimum: Number | None = None
+    minimum_excluded: bool = False
+    maximum: Number | None = None
+    maximum_excluded: bool = False
+    choices: list[Text] = []
+    length_min: int = 0
+    length_max: int | None = None
+    columns: list[Text] = []
+    optional: bool = False
+    help: Text = ""
+
+
 class AvailablePlan(RpcReply):
-    """A plan in `plan/list`."""
+    """A plan in `plan/list`: its settings as the bench file has them, and as `fields` of a form.
+
+    needs: the device that it cannot do without; obstacle: why it cannot run with these settings,
+    "" if nothing is known to be in its way.
+    """
 
     name: Text
     summary: Text
     settings: dict[str, Any]
+    fields: list[SettingField] = []
+    needs: Text = ""
+    obstacle: Text = ""
 
 
 class PlanList(RpcReply):

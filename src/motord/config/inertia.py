@@ -14,11 +14,14 @@ EffectiveMass = Literal["wave", "heavy", "unloaded"]
 
 
 class SpringConfig(Section):
-    """A spring of the oscillation set-up: at which of levers_m it pulls, counted from 1."""
+    """A spring of the oscillation set-up."""
 
     stiffness_N_per_m: Positive
+    """Stiffness of the spring."""
     lever: Annotated[int, Field(ge=1)]
+    """At which of levers_m it pulls, counted from 1."""
     mass_kg: NonNegative = 0.0
+    """Mass of the spring."""
 
 
 class OscillationConfig(Section):
@@ -28,30 +31,47 @@ class OscillationConfig(Section):
     deflection_min_rad, until it swings by less than amplitude_min_rad or for swing_max_s. Levers
     are named once and shared by the springs at them. The tolerances are half widths of rectangular
     distributions in parts of the value (that of the effective mass: of the spring's mass); `shared`
-    is the part of the variance that all springs, or all levers, have in common. `stator`: it is in
-    place, so that cogging torque acts on the swing. temperature_C: band of the inverter's; outside,
-    a release is poor and another is waited for.
+    is the part of the variance that all springs, or all levers, have in common.
     """
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 30
+    """Releases of the bar."""
     deflection_min_rad: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    """Deflection from which a bar that is let go counts as a release."""
     amplitude_min_rad: Annotated[float, Field(gt=0, lt=1)] = 0.01
+    """Amplitude below which a swing ends."""
     still_s: Positive = 0.2
+    """Time for which the bar is held still before it is let go."""
     swing_max_s: Positive = 1.6
+    """Time after which a swing ends."""
     timeout_s: Positive = 120.0
+    """Time to wait for a release."""
     temperature_C: TemperatureBand | None = None
+    """Band of the inverter's temperature; outside, a release is poor and repeated. None: any."""
     levers_m: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
+    """Levers at which springs pull; those that share one share its error."""
     springs: Annotated[tuple[SpringConfig, ...], Field(max_length=MAX_VALUES)] = ()
+    """Springs on the bar."""
     bar_inertia_kg_m2: NonNegative = 0.0
+    """Moment of inertia of the bar."""
     effective_mass: EffectiveMass = "wave"
+    """How much of a spring's mass m swings: by waves in it, m / 3, or 4 m / pi^2."""
     stator: bool = False
+    """The stator is in place, so that cogging torque acts on the swing."""
     stiffness_tolerance: Tolerance = 0.03
+    """Half width of a rectangular distribution, in parts."""
     stiffness_shared: Fraction = 0.0
+    """Part of its variance that all springs have in common."""
     lever_tolerance: Tolerance = 0.005
+    """Half width of a rectangular distribution, in parts."""
     lever_shared: Fraction = 0.0
+    """Part of its variance that all levers have in common."""
     mass_tolerance: Tolerance = 0.03
+    """Half width of a rectangular distribution, in parts."""
     bar_tolerance: Tolerance = 0.01
+    """Half width of a rectangular distribution, in parts."""
     effective_mass_tolerance: Tolerance = 0.005
+    """Half width of a rectangular distribution, in parts of the spring's mass."""
 
     @model_validator(mode="after")
     def _levers_exist(self) -> "OscillationConfig":
@@ -71,16 +91,26 @@ class AccelerationConfig(Section):
     Each begins after rest_s at rest, ends at stop_speed_Hz and is followed for coast_s. The
     tolerances are half widths of rectangular distributions in parts of the value: of the torque
     sensor's gain and of its time constant. A rotor that moves by more than rest_rad while it should
-    rest makes a step poor, as an inverter outside the band temperature_C does.
+    rest makes a step poor.
     """
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 10
+    """Steps of torque, forwards and back in turn."""
     torque_Nm: Positive = 1.0
+    """Torque of a step."""
     stop_speed_Hz: Positive = 1.0
+    """Speed at which a step ends, turns a second."""
     rest_s: Annotated[float, Field(ge=0.5, le=60)] = 3.0
+    """Rest before each step."""
     rest_rad: Annotated[float, Field(gt=0, lt=1)] = 0.02
+    """By how much the rotor may move meanwhile."""
     coast_s: Annotated[float, Field(ge=0.1, le=10)] = 0.3
+    """Time for which the rotor is followed after a step."""
     timeout_s: Positive = 20.0
+    """Time within which the speed must be reached."""
     temperature_C: TemperatureBand | None = None
+    """Band of the inverter's temperature; outside, a step is poor and taken again. None: any."""
     gain_tolerance: Tolerance = 0.01
+    """Of the torque sensor's gain: half width of a rectangular distribution, in parts."""
     highpass_tolerance: Tolerance = 0.05
+    """Of its time constant: half width of a rectangular distribution, in parts."""

@@ -9,6 +9,7 @@ from motord.api.requests import (
     CALIBRATION_INSTALL,
     CALIBRATION_LIST,
     CALIBRATION_SHOW,
+    PLAN_LIST,
     PLAN_RESUME,
     max_request_bytes,
 )
@@ -41,6 +42,7 @@ from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
 from motord.service.rpc.notes import Notes
 from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
 from motord.service.supervisor import Supervisor
 from motord.shm.mailbox import MailboxWriter
@@ -114,12 +116,14 @@ def build(
     installation = Installation(bench, store, tables.write, toml)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
     kept, notes = CalibrationFiles(store), Notes(events, recording.file)
-    dispatcher = Dispatcher(bench, operation, plans, installation, kept, notes)
+    available = AvailablePlans(bench)
+    dispatcher = Dispatcher(bench, operation, available, plans, installation, kept, notes)
     longest = max_request_bytes(config.motor.counts)
     offloaded = {
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
         CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
         CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
+        PLAN_LIST.name: Offloaded(available.prepare),
         PLAN_RESUME.name: Offloaded(plans.read_remaining),
     }
     api = Api(

@@ -75,10 +75,11 @@ class Rpc:
             "calibration/install": self._installation.prepare,
             "calibration/list": kept.prepare_list,
             "calibration/show": kept.prepare_show,
+            "plan/list": service.available.prepare,
         }
         service.dispatcher = Dispatcher(
-            *(service.bench, service.operation, service.plans, service.notes),
-            *(self._installation, kept),
+            *(service.bench, service.operation, service.available, service.plans),
+            *(service.notes, self._installation, kept),
         )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])

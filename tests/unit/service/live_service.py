@@ -9,6 +9,7 @@ from motord.api.requests import (
     CALIBRATION_INSTALL,
     CALIBRATION_LIST,
     CALIBRATION_SHOW,
+    PLAN_LIST,
     PLAN_RESUME,
     max_request_bytes,
 )
@@ -52,13 +53,15 @@ class LiveService(VirtualService):
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         kept, self.store = CalibrationFiles(store, read_files), store
         self.dispatcher = Dispatcher(
-            self.bench, self.operation, self.plans, self.notes, installation, kept
+            *(self.bench, self.operation, self.available, self.plans, self.notes),
+            *(installation, kept),
         )
         longest = max_request_bytes(self.config.motor.counts)
         offloaded = {
             CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
             CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
             CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
+            PLAN_LIST.name: Offloaded(self.available.prepare),
             PLAN_RESUME.name: Offloaded(self.plans.read_remaining),
         }
         self.api = Api(

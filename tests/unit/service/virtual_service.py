@@ -16,6 +16,7 @@ from motord.service.plans.resume import Resumption
 from motord.service.rpc.dispatcher import Call, Dispatcher
 from motord.service.rpc.notes import Notes
 from motord.service.rpc.operation import ManualOperation
+from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
 from motord.virtual import VirtualBench
 
@@ -135,7 +136,10 @@ class VirtualService:
         self.plans = PlanControl(self.bench, self.resumption)
         self.recording_file = ""
         self.notes = Notes(self.events, lambda: self.recording_file)
-        self.dispatcher = Dispatcher(self.bench, self.operation, self.plans, self.notes)
+        self.available = AvailablePlans(self.bench)
+        self.dispatcher = Dispatcher(
+            self.bench, self.operation, self.available, self.plans, self.notes
+        )
         self.bench.loop_up()
         self.step(2)
 
@@ -162,6 +166,8 @@ class VirtualService:
         payload, prepared = json.dumps(arguments).encode(), None
         if name == "plan/resume":  # a thread of the intake reads the recordings
             _, prepared = self.plans.read_remaining(payload)
+        if name == "plan/list":
+            _, prepared = self.available.prepare(payload)
         call = Call(name, parse(RPCS[name], payload), prepared)
         self.dispatcher.handle(call, self.now_ns)
         return Pending(call)

@@ -1,18 +1,23 @@
-"""RPCs of plans: start, pause, resume, abort, discard, list."""
+"""RPCs of plans: start, pause, resume, abort, discard."""
 
 import math
 from collections.abc import Callable
 
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
-from motord.api.replies import AvailablePlan, PlanList, PlanName, PlanOutline, PlanProgress
-from motord.config.experiments import plan_kinds
+from motord.api.replies import PlanName, PlanOutline, PlanProgress
 from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
 from motord.service.plans.resume import RemainingPlan, Resumption
 from motord.service.rpc.dispatcher import RpcContext, handles
-from motord.service.rpc.preconditions import can_be_enabled, no_plan, plan_active, zero_torque
+from motord.service.rpc.preconditions import (
+    can_be_enabled,
+    no_plan,
+    plan_active,
+    plan_devices,
+    zero_torque,
+)
 
 
 class PlanControl:
@@ -48,18 +53,8 @@ class PlanControl:
             plan = build_plan(request.name, self._bench.config, request.settings)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
-        self._check_devices(plan)
+        plan_devices(self._bench, plan)
         return plan
-
-    def _check_devices(self, plan: Plan) -> None:
-        if plan.needs and not self._bench.has(plan.needs):
-            raise RpcError("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
-        if plan.settings.get("compensate", "off") != "off" and not self._bench.calibrated:
-            raise RpcError(
-                "refused",
-                f"{plan.name} compensates, but no calibration is installed; install one, or set "
-                "compensate=off",
-            )
 
     def _check_startable(self) -> None:
         bench = self._bench
@@ -115,7 +110,7 @@ class PlanControl:
 
     def _start_remaining(self, remaining: RemainingPlan, holder: str, *, detached: bool) -> None:
         self._check_startable()
-        self._check_devices(remaining.plan)
+        plan_devices(self._bench, remaining.plan)
         note, bench = remaining.log.plan, self._bench
         bench.events.emit(
             "plan",
@@ -133,21 +128,6 @@ class PlanControl:
         self._bench.events.emit("plan", message)
         self._bench.plans.show(None, None)
         return PlanName(plan=name)
-
-    @handles(rpc.PLAN_LIST)
-    def list(self, request: rpc.NoArguments, context: RpcContext) -> PlanList:
-        """Return the plans with the settings of this bench."""
-        own = self._bench.config.plans
-        return PlanList(
-            plans=[
-                AvailablePlan(
-                    name=name,
-                    summary=kind.summary,
-                    settings=getattr(own, name.replace("-", "_")).model_dump(mode="json"),
-                )
-                for name, kind in plan_kinds().items()
-            ]
-        )
 
     def _progress(self) -> PlanProgress:
         view = self._bench.plans.view

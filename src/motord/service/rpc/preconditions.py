@@ -3,6 +3,7 @@
 from motord.api.descriptions import trip_text
 from motord.api.errors import RpcError
 from motord.schema import State
+from motord.sequencing import Plan
 from motord.service.bench.bench import Bench
 
 
@@ -51,3 +52,15 @@ def zero_torque(bench: Bench, why: str) -> None:
         bench.monitor.torque_set_Nm != 0.0 or bench.setpoint.torque_Nm != 0.0
     ):
         raise RpcError("refused", f"set torque_Nm = 0 first: {why}")
+
+
+def plan_devices(bench: Bench, plan: Plan) -> None:
+    """The bench has the device that a plan needs, and a calibration if it compensates."""
+    if plan.needs and not bench.has(plan.needs):
+        raise RpcError("refused", f"{plan.name} needs a {plan.needs}, and this bench has none")
+    if plan.settings.get("compensate", "off") != "off" and not bench.calibrated:
+        raise RpcError(
+            "refused",
+            f"{plan.name} compensates, but no calibration is installed; install one, or set "
+            "compensate=off",
+        )

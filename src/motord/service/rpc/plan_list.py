@@ -1,0 +1,106 @@
+"""The RPC `plan/list`: the plans, their settings, and whether they can run on this bench."""
+
+import threading
+from dataclasses import dataclass
+from typing import get_args
+
+from motord.api import requests as rpc
+from motord.api.errors import RpcError
+from motord.api.replies import AvailablePlan, PlanList, SettingField
+from motord.config import Config
+from motord.config.base import Section
+from motord.config.experiments import plan_kinds
+from motord.experiments.plans import build as build_plan
+from motord.sequencing import Plan, PlanError
+from motord.sequencing.settings import Compensation
+from motord.service.bench.bench import Bench
+from motord.service.rpc.dispatcher import RpcContext, handles
+from motord.service.rpc.plan_forms import setting_fields
+from motord.service.rpc.preconditions import plan_devices
+
+COMPENSATE_HELP = "What of the calibration is applied."
+
+
+@dataclass(frozen=True)
+class PlanForm:
+    """A plan as this bench file has it; `plan` is None, and `error` says why, if it cannot be."""
+
+    listed: AvailablePlan
+    plan: Plan | None
+    error: str
+
+
+class AvailablePlans:
+    """Lists the plans. Making the forms takes a while; it is done once."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        self._lock = threading.Lock()
+        self._forms: list[PlanForm] = []
+
+    def prepare(self, payload: bytes) -> tuple[rpc.NoArguments, list[PlanForm]]:
+        """Make the forms, unless they are made; for a thread that may wait. Raises RpcError."""
+        request = rpc.parse(rpc.PLAN_LIST, payload)
+        with self._lock:
+            config = self._bench.config
+            self._forms = self._forms or [plan_form(config, name) for name in plan_kinds()]
+        return request, self._forms
+
+    @handles(rpc.PLAN_LIST)
+    def list(self, request: rpc.NoArguments, context: RpcContext) -> PlanList:
+        """Return the plans with the settings of this bench, and what keeps one from running."""
+        forms: list[PlanForm] = context.prepared
+        return PlanList(
+            plans=[
+                form.listed.model_copy(update={"obstacle": form.error or self._obstacle(form)})
+                for form in forms
+            ]
+        )
+
+    def _obstacle(self, form: PlanForm) -> str:
+        try:
+            if form.plan is not None:
+                plan_devices(self._bench, form.plan)
+        except RpcError as error:
+            return error.message
+        return ""
+
+
+def plan_form(config: Config, name: str) -> PlanForm:
+    """Return the form of a plan with the settings of a bench."""
+    section: Section = getattr(config.plans, name.replace("-", "_"))
+    plan, error, fields = None, "", setting_fields(section)
+    try:
+        plan = build_plan(name, config)
+    except (PlanError, ImportError, AttributeError) as problem:  # of another package, too
+        error = str(problem)
+    if plan is not None and "compensate" in plan.settings:
+        fields.append(_compensate(config, plan))
+    listed = AvailablePlan(
+        name=name,
+        summary=plan_kinds()[name].summary,
+        settings=section.model_dump(mode="json"),
+        fields=fields,
+        needs=plan.needs if plan is not None else "",
+        obstacle="",
+    )
+    return PlanForm(listed, plan, error)
+
+
+def _compensate(config: Config, plan: Plan) -> SettingField:
+    """Return the setting that a plan knows besides its section, with the values it takes."""
+
+    def taken(value: str) -> bool:
+        try:
+            build_plan(plan.name, config, {"compensate": value})
+        except PlanError:
+            return False
+        return True
+
+    return SettingField(
+        name="compensate",
+        type="choice",
+        default=plan.settings["compensate"],
+        choices=[value for value in get_args(Compensation) if taken(value)],
+        help=COMPENSATE_HELP,
+    )
