@@ -1,4 +1,5 @@
-// Subscribes to `tick` and `ticks` of a daemon over Zenoh and prints every field of so many ticks.
+// Subscribes to `tick` and `ticks` of a daemon over Zenoh and prints every field of what comes, until
+// COUNT ticks have come in blocks.
 //
 //   node subscribe.mjs HOST PORT BENCH tick.proto COUNT [BATCH_SIZE]
 import { TickReader } from "./ticks.mjs";
@@ -14,8 +15,9 @@ const subscriber = new Subscriber(
   `motord/${bench}/tick$*`,
   (key, payload) => {
     if (left <= 0) return;
-    const lines = reader.lines(payload, key.endsWith("/ticks"));
-    left -= lines.length;
+    const block = key.endsWith("/ticks");
+    const lines = reader.lines(payload, block);
+    if (block) left -= lines.length;
     process.stdout.write(lines.map((line) => `${key} ${line}\n`).join(""));
     if (left <= 0) subscriber.close();
   },

@@ -15,6 +15,7 @@ const [INTEREST, RESPONSE_FINAL, PUSH, DECLARE, OAM] = [0x19, 0x1a, 0x1d, 0x1e, 
 const [DECLARE_KEY, UNDECLARE_KEY, DECLARE_SUBSCRIBER, DECLARE_FINAL] = [0, 1, 2, 0x1a];
 const PUT = 1;
 const EXTENSIONS = 0x80; // flag Z of every header
+const [PATCH, FIRST, DROP] = [7, 2, 3]; // extensions: of INIT, and of fragments if it was agreed on
 const [FLAG_5, FLAG_6] = [0x20, 0x40]; // their meaning is each message's own
 
 class Reader {
@@ -48,12 +49,16 @@ class Reader {
   slice() {
     return this.bytes(this.number());
   }
+  // Skip the extensions of a message and return which there were.
   extensions(header) {
+    const found = new Set();
     for (let more = header & EXTENSIONS; more; ) {
       const own = this.byte();
       this.body(own);
+      found.add(own & 0x0f);
       more = own & EXTENSIONS;
     }
+    return found;
   }
   body(header) {
     if ((header & 0x60) === 0x20) this.number();
@@ -75,7 +80,7 @@ export class Subscriber {
     this.key = key;
     this.received = received;
     this.keys = new Map(); // that the router has declared, by number
-    this.parts = [];
+    this.parts = null; // of a fragmented message, null until its first
     this.pending = Buffer.alloc(0);
     this.socket = connect(port, host, () => this.send(this.init(batch_size)));
     this.socket.on("data", (data) => this.take(data));
@@ -100,9 +105,9 @@ export class Subscriber {
   init(batch_size) {
     const zid = randomBytes(16);
     zid[15] |= 1; // an id does not end with zeros
-    const head = Buffer.from([INIT | FLAG_6, VERSION, CLIENT | (15 << 4)]);
+    const head = Buffer.from([INIT | FLAG_6 | EXTENSIONS, VERSION, CLIENT | (15 << 4)]);
     const sizes = Buffer.from([RESOLUTION_32_BIT, batch_size & 0xff, batch_size >> 8]);
-    return Buffer.concat([head, zid, sizes]);
+    return Buffer.concat([head, zid, sizes, Buffer.from([PATCH | 0x20, 1])]);
   }
 
   take(data) {
@@ -139,11 +144,14 @@ export class Subscriber {
         return undefined;
       case FRAGMENT: {
         reader.number(); // sequence number
-        reader.extensions(header);
-        this.parts.push(Buffer.from(reader.rest()));
-        if (header & FLAG_6) return undefined; // more follow
+        const marks = reader.extensions(header);
+        const part = Buffer.from(reader.rest());
+        if (marks.has(FIRST)) this.parts = [];
+        if (marks.has(DROP)) this.parts = null; // the router gave the rest of it up
+        this.parts?.push(part);
+        if (header & FLAG_6 || !this.parts) return undefined; // more follow
         const whole = new Reader(Buffer.concat(this.parts));
-        this.parts = [];
+        this.parts = null;
         return this.network(whole);
       }
       default:
@@ -156,7 +164,7 @@ export class Subscriber {
     reader.bytes(1 + (reader.byte() >> 4)); // id of the router
     if (header & FLAG_6) reader.bytes(3); // sizes
     const cookie = reader.slice();
-    reader.extensions(header);
+    if (!reader.extensions(header).has(PATCH)) throw new Error("a router older than Zenoh 1.1");
     const open = [Buffer.from([OPEN | FLAG_6]), number(LEASE_S), number(0), slice(cookie)];
     this.send(Buffer.concat(open));
   }
