@@ -50,7 +50,10 @@ PRINTED = {
 
 _PRINTED = "what commands print: compared by tests/system/test_bring_up.py, which runs them"
 LISTED = {
-    "text": {"docs/bring-up.md": _PRINTED},
+    "text": {
+        "docs/bring-up.md": _PRINTED,
+        "docs/first-calibration.md": "what commands print: test_first_calibration.py compares",
+    },
     "ini": {
         "docs/security.md": "a drop-in of systemd with an address of a network that is not here",
         "docs/service.md": "a drop-in of systemd with an address of a network that is not here",
