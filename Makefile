@@ -72,7 +72,7 @@ reference: $(VENV)/dev.stamp ## write docs/reference anew, from the code
 docs: reference           ## build the documentation into site/; a warning is an error
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet && echo "site/index.html"
 
-docs-serve: reference     ## the documentation at http://127.0.0.1:8000, built anew when a page changes
+docs-serve: reference     ## show the documentation on port 8000, built anew when a page changes
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs serve --quiet
 
 bench: $(VENV)/dev.stamp  ## measure; prints a table, writes bench.json

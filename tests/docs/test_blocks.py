@@ -1,5 +1,6 @@
 """Every block of README and docs is read or run, or listed with the reason why not."""
 
+import json
 import re
 import shlex
 import tomllib
@@ -132,10 +133,7 @@ def parse(arguments: list[str]) -> list[str]:
 def settings_of(words: list[str]) -> dict[str, Any]:
     """Return what `--set key=value` says; several values are a list."""
     pairs = [words[at + 1].split("=", 1) for at, word in enumerate(words) if word == "--set"]
-    return {
-        key: [float(part) for part in value.split(",")] if "," in value else value
-        for key, value in pairs
-    }
+    return {key: json.loads(f"[{value}]" if "," in value else value) for key, value in pairs}
 
 
 def check_motord(words: list[str]) -> None:

@@ -27,48 +27,51 @@ class SpringConfig(Section):
 class OscillationConfig(Section):
     """`[plans.inertia-oscillation]`: releases to be taken, and bar and springs on the rotor.
 
-    A release is taken once the bar was held still and then swings. The tolerances are half widths
-    of rectangular distributions.
+    A release is taken once the bar was held still for still_s and then swings from more than
+    deflection_min_rad, until it swings by less than amplitude_min_rad or for swing_max_s. Levers
+    are named once and shared by the springs at them. The tolerances are half widths of rectangular
+    distributions in parts of the value (that of the effective mass: of the spring's mass); `shared`
+    is the part of the variance that all springs, or all levers, have in common.
     """
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 30
-    """Releases to be taken."""
+    """Releases of the bar."""
     deflection_min_rad: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    """Deflection that a release needs to be taken."""
+    """Deflection from which a bar that is let go counts as a release."""
     amplitude_min_rad: Annotated[float, Field(gt=0, lt=1)] = 0.01
-    """Amplitude at which the capture of a swing ends."""
+    """Amplitude below which a swing ends."""
     still_s: Positive = 0.2
-    """Time for which the bar is held still before a release."""
+    """Time for which the bar is held still before it is let go."""
     swing_max_s: Positive = 1.6
-    """Longest swing that is captured."""
+    """Time after which a swing ends."""
     timeout_s: Positive = 120.0
-    """Time within which the next release has to come."""
+    """Time to wait for a release."""
     temperature_C: TemperatureBand | None = None
-    """Band of the inverter's temperature; outside, a release is poor and another is waited for."""
+    """Band of the inverter's temperature; outside, a release is poor and repeated. None: any."""
     levers_m: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
-    """Levers, named once and shared by the springs at them."""
+    """Levers at which springs pull; those that share one share its error."""
     springs: Annotated[tuple[SpringConfig, ...], Field(max_length=MAX_VALUES)] = ()
-    """The springs, one table each."""
+    """Springs on the bar."""
     bar_inertia_kg_m2: NonNegative = 0.0
     """Moment of inertia of the bar."""
     effective_mass: EffectiveMass = "wave"
-    """How much of a spring's mass swings."""
+    """How much of a spring's mass m swings: by waves in it, m / 3, or 4 m / pi^2."""
     stator: bool = False
     """The stator is in place, so that cogging torque acts on the swing."""
     stiffness_tolerance: Tolerance = 0.03
-    """Half width of a rectangular distribution, in parts of the stiffness."""
+    """Half width of a rectangular distribution, in parts."""
     stiffness_shared: Fraction = 0.0
-    """Part of the variance that all springs have in common."""
+    """Part of its variance that all springs have in common."""
     lever_tolerance: Tolerance = 0.005
-    """Half width, in parts of the lever."""
+    """Half width of a rectangular distribution, in parts."""
     lever_shared: Fraction = 0.0
-    """Part of the variance that all levers have in common."""
+    """Part of its variance that all levers have in common."""
     mass_tolerance: Tolerance = 0.03
-    """Half width, in parts of the spring's mass."""
+    """Half width of a rectangular distribution, in parts."""
     bar_tolerance: Tolerance = 0.01
-    """Half width, in parts of the bar's moment of inertia."""
+    """Half width of a rectangular distribution, in parts."""
     effective_mass_tolerance: Tolerance = 0.005
-    """Half width of the effective mass, in parts of the spring's mass."""
+    """Half width of a rectangular distribution, in parts of the spring's mass."""
 
     @model_validator(mode="after")
     def _levers_exist(self) -> "OscillationConfig":
@@ -83,25 +86,31 @@ class OscillationConfig(Section):
 
 
 class AccelerationConfig(Section):
-    """`[plans.inertia-acceleration]`: steps of the motor's own torque, to and fro."""
+    """`[plans.inertia-acceleration]`: steps of the motor's own torque, forwards and back in turn.
+
+    Each begins after rest_s at rest, ends at stop_speed_Hz and is followed for coast_s. The
+    tolerances are half widths of rectangular distributions in parts of the value: of the torque
+    sensor's gain and of its time constant. A rotor that moves by more than rest_rad while it should
+    rest makes a step poor.
+    """
 
     repeats: Annotated[int, Field(ge=1, le=1000)] = 10
     """Steps of torque, forwards and back in turn."""
     torque_Nm: Positive = 1.0
     """Torque of a step."""
     stop_speed_Hz: Positive = 1.0
-    """Speed at which a step ends, turns per second."""
+    """Speed at which a step ends, turns a second."""
     rest_s: Annotated[float, Field(ge=0.5, le=60)] = 3.0
-    """Time at rest before a step."""
+    """Rest before each step."""
     rest_rad: Annotated[float, Field(gt=0, lt=1)] = 0.02
-    """A rotor that moves by more than this while it should rest makes a step poor."""
+    """By how much the rotor may move meanwhile."""
     coast_s: Annotated[float, Field(ge=0.1, le=10)] = 0.3
-    """Time captured after a step."""
+    """Time for which the rotor is followed after a step."""
     timeout_s: Positive = 20.0
-    """Longest time for a step, and for coming to rest."""
+    """Time within which the speed must be reached."""
     temperature_C: TemperatureBand | None = None
-    """Band of the inverter's temperature; outside, a step is poor. Left out: any."""
+    """Band of the inverter's temperature; outside, a step is poor and taken again. None: any."""
     gain_tolerance: Tolerance = 0.01
-    """Half width of a rectangular distribution, in parts of the torque sensor's gain."""
+    """Of the torque sensor's gain: half width of a rectangular distribution, in parts."""
     highpass_tolerance: Tolerance = 0.05
-    """Half width, in parts of the torque sensor's time constant."""
+    """Of its time constant: half width of a rectangular distribution, in parts."""

@@ -24,33 +24,34 @@ class MeshConfig(Section):
     torques_Nm: PositiveValues = (1.0, 2.0, 3.0, 4.0, 5.0)
     """Torques of the mesh."""
     speeds_Hz: PositiveValues = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    """Speeds of the mesh, turns per second."""
+    """Speeds of the mesh, turns a second."""
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
-    """Turns captured at each point."""
+    """Turns that are captured at each point."""
     settle_s: NonNegative = 2.0
-    """Time at the point's torque and speed before the capture."""
+    """Time at torque and speed before a capture."""
     settle_timeout_s: Positive = 30.0
-    """Time within which the speed has to be reached."""
+    """Time within which the speed must be reached."""
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
-    """How far the mean speed may be off, in parts, before the capture begins."""
+    """How far the mean speed may be off, in parts."""
     temperature_C: TemperatureBand | None = None
-    """Band of the inverter's temperature; outside, a point is taken again. Left out: any."""
+    """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
 
 
 class CalibrateConfig(MeshConfig):
     """`[plans.calibrate]`: the mesh, and points at which one phase's current is scaled.
 
     With equal currents the common gain delta epsilon makes mean torque only, which the sensor does
-    not see; where one phase after the other is given gain_steps times its current, at the mesh's
-    middle speed, it shows.
+    not see; at gain_torques_Nm (the mesh's middle torque if empty) and the mesh's middle speed one
+    phase after the other is given gain_steps times its current, and it shows. No steps: it is
+    assumed to be 1.
     """
 
     gain_steps: Annotated[
         tuple[Annotated[float, Field(ge=0.5, le=1.5)], ...], Field(max_length=MAX_VALUES)
     ] = (0.8, 1.2)
-    """Factors of one phase's current after the other; none: the common gain is assumed to be 1."""
+    """Factors of one phase's current at further points; none: delta epsilon is assumed to be 1."""
     gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
-    """Torques at which this is done; none: the mesh's middle one."""
+    """Torques of these points; empty: the mesh's middle torque."""
 
     @field_validator("gain_steps")
     @classmethod
@@ -61,92 +62,100 @@ class CalibrateConfig(MeshConfig):
 
 
 class DrivenConfig(Section):
-    """`[plans.cogging]`, `[plans.back-emf]`: the rotor turned from outside, power stage off."""
+    """`[plans.cogging]`, `[plans.back-emf]`: the rotor turned from outside, power stage off.
+
+    Each speed is approached from spin_up times that speed: from below, a rotor on a flexible belt
+    can be caught in large swings between belt and cogging. The belt creeps: the rotor's mean speed
+    may differ from the drive's by speed_tolerance, and must then hold still within
+    settle_tolerance for settle_s.
+    """
 
     speeds_Hz: PositiveValues = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    """Speeds of the rotor, turns per second."""
+    """Speeds that the drive turns the rotor at, turns a second."""
     turns: Annotated[int, Field(ge=2, le=1000)] = 24
-    """Turns captured at each speed."""
+    """Turns that are captured at each speed."""
     settle_s: NonNegative = 2.0
-    """Time for which the speed has to hold still before the capture."""
+    """Time for which the speed must hold still before a capture."""
     settle_timeout_s: Positive = 30.0
-    """Time within which it has to do so."""
+    """Time within which it must."""
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.05
-    """How far the rotor's mean speed may be from the drive's, in parts: a belt creeps."""
+    """How far the rotor's mean speed may differ from the drive's, in parts: a belt creeps."""
     settle_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.01
-    """By how much the speed may change meanwhile, in parts."""
+    """Within what it must hold still, in parts."""
     spin_up: Annotated[float, Field(ge=1, le=3)] = 1.3
-    """Each speed is approached from this many times it: from below, a rotor on a flexible belt can
-    be caught in large swings between belt and cogging torque."""
+    """Factor of each speed from which it is approached."""
     temperature_C: TemperatureBand | None = None
-    """Band of the inverter's temperature; outside, a point is taken again. Left out: any."""
+    """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
 
 
 class SensitivityConfig(Section):
     """`[plans.sensitivity]`: errors induced after a calibration, and how each point is taken."""
 
     torque_Nm: Positive = 3.0
-    """Torque at which errors are induced."""
+    """Torque at which single errors are induced."""
     speed_Hz: Positive = 0.7
-    """Speed at which errors are induced, turns per second."""
+    """Speed of these points, turns a second."""
     turns: Annotated[int, Field(ge=2, le=1000)] = 12
-    """Turns captured at each point."""
+    """Turns that are captured at each point."""
     alpha_a: tuple[Positive, Positive] = (0.8, 1.2)
-    """Interval of the gain of phase a."""
+    """Interval of the induced gain of phase a."""
     alpha_a_steps: Annotated[int, Field(ge=0, le=200)] = 9
-    """Values in it; 0 leaves it out."""
+    """Points in it; 0 leaves it out."""
     beta_a_A: tuple[Finite, Finite] = (-1.0, 1.0)
-    """Interval of the offset of phase a."""
+    """Interval of the induced offset of phase a."""
     beta_a_steps: Annotated[int, Field(ge=0, le=200)] = 11
-    """Values in it; 0 leaves it out."""
+    """Points in it; 0 leaves it out."""
     cogging: tuple[NonNegative, NonNegative] = (0.7, 1.3)
-    """Interval of the factor of the cogging torque."""
+    """Interval of the factor on the cogging torque that is compensated."""
     cogging_steps: Annotated[int, Field(ge=0, le=200)] = 15
-    """Values in it; 0 leaves it out."""
+    """Points in it; 0 leaves it out."""
     delta_epsilon: tuple[Positive, Positive] = (0.6, 1.4)
-    """Interval of what the compensation takes the common gain for, in parts of what it is."""
+    """Interval of what delta epsilon is taken for, in parts of what it is."""
     delta_epsilon_steps: Annotated[int, Field(ge=0, le=200)] = 9
-    """Values in it; 0 leaves it out."""
+    """Points in it; 0 leaves it out."""
     again_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = (
         1.0,
         3.0,
         5.0,
     )
-    """Torques of a small mesh with one set of errors induced, to calibrate from once more."""
+    """Torques of a small mesh to calibrate from again, with errors induced; empty: none."""
     again_speeds_Hz: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = (0.6, 0.9)
-    """Speeds of that mesh, turns per second."""
+    """Speeds of that mesh, turns a second."""
     again_alpha: tuple[Positive, Positive, Positive] = (0.8, 1.118, 1.118)
-    """Gains of that set."""
+    """Gains that are induced there, by phase."""
     again_beta_A: tuple[Finite, Finite, Finite] = (1.0, -0.5, -0.5)
-    """Offsets of that set."""
+    """Offsets that are induced there, by phase."""
     settle_s: NonNegative = 2.0
-    """Time at the point's torque and speed before the capture."""
+    """Time at torque and speed before a capture."""
     settle_timeout_s: Positive = 30.0
-    """Time within which the speed has to be reached."""
+    """Time within which the speed must be reached."""
     speed_tolerance: Annotated[float, Field(gt=0, lt=0.5)] = 0.02
-    """How far the mean speed may be off, in parts, before the capture begins."""
+    """How far the mean speed may be off, in parts."""
 
 
 class LearnConfig(MeshConfig):
     """`[plans.learn]`: the mesh at whose points the kernel's corrections are learned."""
 
     turns: Annotated[int, Field(ge=4, le=1000)] = 12
-    """Turns captured at each point."""
+    """Turns that are captured at each point and learned from."""
 
 
 class AlignConfig(Section):
-    """`[plans.align]`: a current vector turns slowly and takes the rotor along."""
+    """`[plans.align]`: a current vector turns slowly and takes the rotor along.
+
+    Each of currents_A is turned through `turns` electrical turns forwards and back, with `rests`
+    stops in each turn, hold_s long, move_s apart.
+    """
 
     currents_A: Annotated[tuple[Positive, ...], Field(max_length=8)] = ()
-    """Amplitudes of the vector; none: a fifth and two fifths of what makes the rated torque."""
+    """Amplitudes; empty: a fifth and two fifths of what makes the rated torque."""
     turns: Annotated[int, Field(ge=1, le=200)] = 2
-    """Electrical turns of the vector, forwards and back."""
+    """Electrical turns forwards and back."""
     rests: Annotated[int, Field(ge=13, le=99)] = 25
     """Stops in each turn; an odd number does not fall in step with the cogging torque."""
     hold_s: Annotated[float, Field(ge=0.2, le=10)] = 0.4
-    """Length of a stop."""
+    """Time at each stop."""
     move_s: Annotated[float, Field(ge=0.04, le=10)] = 0.1
-    """Time from stop to stop."""
+    """Time from one stop to the next."""
     brake: Annotated[float, Field(ge=0, le=1)] = 0.4
-    """Excitation of the eddy-current brake, which has no torque at rest and lets the rotor settle
-    sooner; 0 for a brake that holds."""
+    """Excitation of an eddy-current brake, which lets the rotor settle; 0 for one that holds."""

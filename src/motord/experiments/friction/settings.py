@@ -13,24 +13,24 @@ NAME = "friction"
 class FrictionConfig(Section):
     """`[plans.friction]`: coast-downs of the free rotor, forwards and backwards in turn.
 
-    The motor accelerates the rotor; then no current is commanded, and the ticks are captured until
-    it has slowed down.
+    The motor accelerates the rotor by torque_Nm at most to start_speed_Hz; then no current is
+    commanded, and the ticks are captured until the speed is below stop_speed_Hz.
     """
 
     start_speed_Hz: Positive = 2.0
-    """From which it coasts down, turns per second."""
+    """Speed to which the rotor is accelerated, turns a second."""
     stop_speed_Hz: Positive = 1.0
-    """At which the capture ends, turns per second."""
+    """Speed at which a capture ends, turns a second."""
     torque_Nm: Positive = 1.0
-    """Largest torque of the acceleration."""
+    """Largest torque that accelerates it."""
     repeats: Annotated[int, Field(ge=1, le=500)] = 10
     """Coast-downs in each direction."""
     timeout_s: Positive = 60.0
-    """For the acceleration, and for the coast-down."""
+    """Time for the acceleration, and for the coast-down."""
     temperature_C: TemperatureBand | None = None
-    """Band of the inverter's temperature; outside, a coast-down is poor. Left out: any."""
+    """Band of the inverter's temperature; outside, a coast-down is poor and repeated. None: any."""
     inertia_kg_m2: NonNegative = 0.0
-    """Moment of inertia of all that turns; 0: not known."""
+    """Moment of inertia of all that turns; 0 if it is not known."""
     inertia_tolerance: Annotated[float, Field(ge=0, lt=1)] = 0.02
     """Half width of a rectangular distribution, in parts of it."""
 
