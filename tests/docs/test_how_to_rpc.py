@@ -40,7 +40,8 @@ assert RPCS["mounted"].needs_lease
 assert ask(token="guess", serial="x").code == "no_lease"
 assert ask(token=token, serial="x").code == "refused"
 bench.loop_up()
-assert decode_reply("mounted", ask(token=token, serial="A-17").to_json()) == {"t_ns": 42}
+reply = decode_reply(RPCS["mounted"], ask(token=token, serial="A-17").to_json())
+assert reply.content() == {"t_ns": 42}
 event = bench.events.recent()[-1]
 assert (event.kind, event.message, event.data) == ("mounted", "A-17", {"holder": "anna"})
 try:
