@@ -40,7 +40,8 @@ assert RPCS["note"].needs_lease
 assert ask(token="guess", text="x").code == "no_lease"
 assert ask(token=token, text="x").code == "refused"
 bench.loop_up()
-assert decode_reply("note", ask(token=token, text="bearing replaced").to_json()) == {"t_ns": 42}
+reply = ask(token=token, text="bearing replaced")
+assert decode_reply(RPCS["note"], reply.to_json()).t_ns == 42
 event = bench.events.recent()[-1]
 assert (event.kind, event.message, event.data) == ("note", "bearing replaced", {"holder": "anna"})
 try:
