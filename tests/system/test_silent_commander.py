@@ -17,18 +17,18 @@ TORQUE_NM = 3.0
 HOLDER = """
 import sys, threading, time
 from motord.client import connect
-from motord.client.lease import Lease
 client = connect(sys.argv[1], sys.argv[2])
+call = client.call
 
-def rpc(name, /, **arguments):
-    if name.startswith("lease/"):
+def noted(rpc, /, **arguments):
+    if rpc.name.startswith("lease/"):
         print(time.time_ns(), flush=True)
-    return client.rpc(name, **arguments)
+    return call(rpc, **arguments)
 
-lease = Lease(rpc, "holder")
+client.call = noted
+lease = client.lease("holder")
 lease.acquire()
-client.rpc("enable", token=lease.token)
-client.rpc("set", token=lease.token, torque_Nm=float(sys.argv[3]), brake=1.0)
+lease.set(enable=True, torque_Nm=float(sys.argv[3]), brake=1.0)
 threading.Event().wait()
 """
 """Commands a bench, and prints the time (Unix ns) at which it asks for the lease or renews it."""

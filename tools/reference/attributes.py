@@ -1,57 +1,15 @@
-"""What source says of the attributes of a class and the values of a `Literal`.
-
-An attribute is described by the string below it, or by the comment behind it. Both are read from
-the source when the pages are made, so that they cost nothing when the program runs.
-"""
+"""What source says of the values of a `Literal`, and the first lines of docstrings."""
 
 import ast
 import inspect
-import io
-import textwrap
-import tokenize
-from functools import cache
 
-
-@cache
-def described(cls: type) -> dict[str, str]:
-    """Return the descriptions of the attributes of a class, those of its bases included."""
-    found: dict[str, str] = {}
-    for each in reversed(cls.__mro__):
-        if each.__module__.startswith("motord"):
-            found |= _of_source(textwrap.dedent(inspect.getsource(each)))
-    return found
-
-
-def _of_source(source: str) -> dict[str, str]:
-    [node] = ast.parse(source).body
-    assert isinstance(node, ast.ClassDef)
-    comments = _comments(source)
-    found = {}
-    for statement, below in zip(node.body, [*node.body[1:], None], strict=True):
-        match statement:
-            case ast.AnnAssign(target=ast.Name(name)) | ast.Assign(targets=[ast.Name(name)]):
-                match below:
-                    case ast.Expr(ast.Constant(str(text))):
-                        found[name] = inspect.cleandoc(text).replace("\n", " ")
-                    case _ if comment := comments.get(statement.end_lineno or 0):
-                        found[name] = comment
-    return found
-
-
-def _comments(source: str) -> dict[int, str]:
-    """Return the comments by their lines."""
-    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-    return {
-        token.start[0]: token.string.lstrip("# ")
-        for token in tokens
-        if token.type == tokenize.COMMENT
-    }
+from motord.attribute_docs import comments_by_line
 
 
 def described_values(module: object, name: str) -> dict[str, str]:
     """Return the values of the `Literal` that a module calls `name`, with the comments on them."""
     source = inspect.getsource(module)  # type: ignore[arg-type]
-    comments = _comments(source)
+    comments = comments_by_line(source)
     for node in ast.parse(source).body:
         match node:
             case ast.Assign(targets=[ast.Name(target)]) if target == name:

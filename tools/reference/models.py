@@ -8,8 +8,9 @@ from typing import Any
 
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
-from tools.reference.attributes import described
 from tools.reference.markdown import code, table
+
+from motord.attribute_docs import described
 
 UNITS = {
     "_Nm_per_s": "Nm/s",

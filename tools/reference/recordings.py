@@ -4,10 +4,11 @@ import json
 from collections.abc import Iterator
 from enum import IntEnum, IntFlag
 
-from tools.reference.attributes import described, summary
+from tools.reference.attributes import summary
 from tools.reference.markdown import code, page, table
 from tools.reference.models import TYPES
 
+from motord.attribute_docs import described
 from motord.recording.topics import ALL, JSON_SCHEMA, Topic
 from motord.schema import (
     BridgeStatus,

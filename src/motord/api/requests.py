@@ -189,9 +189,7 @@ DISABLE = Rpc(
     "Ramp the torque to zero, then disable; ends a plan. Replies once the torque is zero.",
 )  # fmt: skip
 STOP = Rpc("stop", StopNow, replies.StateReply, "Zero current at once, and OFF; ends a plan.")
-NOTE = Rpc(
-    "note", Note, replies.NoteReply, "Put a remark with its time into events and recording."
-)
+NOTE = Rpc("note", Note, replies.NoteReply, "Put a remark with its time into events and recording.")
 RESET = Rpc(
     "reset", WithToken, replies.StateReply,
     "Leave TRIPPED if no cause is left; start a loop that has ended.",

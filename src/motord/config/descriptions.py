@@ -1,17 +1,12 @@
 """What the keys of a bench file mean, for people: from the models themselves."""
 
-import ast
 import inspect
 import re
-import textwrap
-from collections.abc import Iterator
-from contextlib import suppress
-from functools import cache
-from itertools import pairwise
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from motord.attribute_docs import described
 from motord.config.base import Section
 from motord.config.bench import Config
 from motord.config.experiments import PlansConfig, plans_model
@@ -52,27 +47,8 @@ def description(section: type[BaseModel], name: str) -> str:
     The field's description, or the string below it in the source, or what the docstring of the
     section says of it.
     """
-    own = section.model_fields[name].description or _below_fields(section).get(name, "")
+    own = section.model_fields[name].description or described(section).get(name, "")
     return " ".join(own.split()).removesuffix(".") or _in_docstring(section, name)
-
-
-@cache
-def _below_fields(section: type[BaseModel]) -> dict[str, str]:
-    """Return the strings below the fields of a section and its bases, from their source."""
-    found: dict[str, str] = {}
-    for each in reversed(section.__mro__):
-        if issubclass(each, BaseModel) and each.__module__.startswith("motord."):
-            with suppress(OSError, SyntaxError):  # made when the program runs
-                [tree] = ast.parse(textwrap.dedent(inspect.getsource(each))).body
-                found |= dict(_strings_below(getattr(tree, "body", [])))
-    return found
-
-
-def _strings_below(statements: list[ast.stmt]) -> Iterator[tuple[str, str]]:
-    for statement, below in pairwise(statements):
-        match statement, below:
-            case ast.AnnAssign(target=ast.Name(name)), ast.Expr(ast.Constant(str(text))):
-                yield name, text
 
 
 def _in_docstring(section: type[BaseModel], name: str) -> str:

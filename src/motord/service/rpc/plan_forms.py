@@ -4,13 +4,10 @@ All of it is in the plan's section of the bench file: bounds in the types, the l
 below a field, or its description; the unit is the end of its name.
 """
 
-import ast
-import inspect
-import textwrap
-from itertools import pairwise
 from typing import Any
 
 from motord.api.replies import SettingField
+from motord.attribute_docs import described
 from motord.config.base import Section
 
 UNITS = {
@@ -38,7 +35,7 @@ def _fields(
     definitions: dict[str, Any],
     defaults: dict[str, Any],
 ) -> list[SettingField]:
-    lines = _lines(section)
+    lines = described(section)
     return [
         SettingField(
             name=name,
@@ -80,24 +77,3 @@ def _limit(content: dict[str, Any], included: str, excluded: str) -> dict[str, A
     if excluded in content:
         return {included: content[excluded], f"{included}_excluded": True}
     return {included: content[included]} if included in content else {}
-
-
-def _lines(section: type[Section]) -> dict[str, str]:
-    """Return the strings below the fields of a section and of those that it is derived from."""
-    found: dict[str, str] = {}
-    for kind in reversed(section.__mro__):
-        if not issubclass(kind, Section) or kind is Section:
-            continue
-        try:
-            source = textwrap.dedent(inspect.getsource(kind))
-        except (OSError, TypeError):  # a package without its source
-            continue
-        body = ast.parse(source).body[0].body  # type: ignore[attr-defined]
-        for field, below in pairwise(body):
-            match field, below:
-                case (
-                    ast.AnnAssign(target=ast.Name(id=name)),
-                    ast.Expr(value=ast.Constant(value=str(text))),
-                ):
-                    found[name] = " ".join(text.split())
-    return found
