@@ -20,27 +20,30 @@ def ages_s(last_second: LastSecond, rate_Hz: float, tick_age_s: float) -> dict[s
 
     What was not good in any tick of the last second is at least so old.
     """
-    bridge = last_second("bridge_status")
-    sample_age_s = 1e-9 * last_second("sample_age_ns")
-    current_age_s = sample_age_s + 1e-9 * last_second("i_age_ns")
-    seq = last_second("setpoint_seq")
-    back_s = np.arange(len(seq))[::-1] / rate_Hz  # of each tick, before the newest
+    bridge, seq = last_second("bridge_status"), last_second("setpoint_seq")
+    sample_age_ns = last_second("sample_age_ns")
 
-    def newest(good: np.ndarray, ages: np.ndarray) -> float:
-        """Return the age of the newest good one, of the oldest if there is none."""
-        at = -1 - int(np.argmax(good[::-1])) if good.any() else 0
-        return float(ages[at] + back_s[at]) + tick_age_s
+    def sampled_s(good: np.ndarray) -> float:
+        """Return the age of the newest good sample, of the oldest if there is none."""
+        back = _newest(good)
+        return tick_age_s + back / rate_Hz + 1e-9 * int(sample_age_ns[-1 - back])
 
-    first_of_newest = np.diff(seq, prepend=seq[0]) != 0
-    always = np.ones(1, bool)
+    current_age_ns = int(sample_age_ns[-1]) + int(last_second("i_age_ns")[-1])
     found = {
         "tick": tick_age_s,
-        "encoder": newest(bridge & BridgeStatus.ENCODER_INVALID == 0, sample_age_s),
-        "torque": newest(bridge & BridgeStatus.TORQUE_INVALID == 0, sample_age_s),
-        "inverter": newest(always, current_age_s),
-        "heartbeat": newest(first_of_newest, np.zeros(len(seq))),
+        "encoder": sampled_s(bridge & int(BridgeStatus.ENCODER_INVALID) == 0),
+        "torque": sampled_s(bridge & int(BridgeStatus.TORQUE_INVALID) == 0),
+        "inverter": tick_age_s + 1e-9 * current_age_ns,
+        "heartbeat": tick_age_s + _newest(seq[1:] != seq[:-1]) / rate_Hz,
     }
     return {name: round(age_s, 6) for name, age_s in found.items()}
+
+
+def _newest(good: np.ndarray) -> int:
+    """Return how many ticks ago the newest good one is; the oldest of all if there is none."""
+    if not good.any():
+        return max(len(good) - 1, 0)
+    return int(np.argmax(good[::-1]))
 
 
 def links(last_second: LastSecond) -> LinksView:
@@ -51,7 +54,7 @@ def links(last_second: LastSecond) -> LinksView:
         errors=int(errors[-1]),
         errors_last_s=int(errors[-1]) - int(errors[0]),
         ticks_last_s=len(flags),
-        without_encoder_last_s=int((flags & Flag.NEW_ENCODER == 0).sum()),
-        without_inverter_last_s=int((flags & Flag.NEW_INVERTER == 0).sum()),
+        without_encoder_last_s=int(np.count_nonzero(flags & int(Flag.NEW_ENCODER) == 0)),
+        without_inverter_last_s=int(np.count_nonzero(flags & int(Flag.NEW_INVERTER) == 0)),
         bus_off=bool(status & InverterStatus.BUS_OFF),
     )
