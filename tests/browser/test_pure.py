@@ -20,15 +20,6 @@ def test_in_node():
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_every_module_is_well_formed():
-    for path in STATIC.glob("*.js"):
-        done = subprocess.run(
-            ["node", "--input-type=module", "--check"],
-            input=path.read_text(), capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, f"{path.name}: {done.stderr}"
-
-
 def test_nothing_is_fetched_from_elsewhere_and_nothing_is_inline():
     page = (STATIC / "index.html").read_text()
     assert "style=" not in page

@@ -38,6 +38,8 @@ class Dashboard(Program):
             origin=origin or self.base,
             max_size=None,
             compression=None,
+            close_timeout=1,
+            ping_interval=None,
             **options,
         )
 
@@ -58,6 +60,8 @@ class OpenPage:
     def __init__(self, socket):
         self.socket = socket
         self.id = 0
+        self.latest = {}
+        """The newest header of each kind."""
 
     def send(self, **header):
         self.socket.send(encode(header))
@@ -67,6 +71,7 @@ class OpenPage:
         header, floats = decode(self.socket.recv(timeout=PATIENCE_S))
         if header["kind"] == "ping":
             self.send(kind="pong", n=header["n"])
+        self.latest[header["kind"]] = header
         return header, floats
 
     def until(self, kind, condition=lambda header: True):

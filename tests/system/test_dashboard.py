@@ -7,7 +7,8 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from motord.dashboard.app import MALFORMED
 from motord.schema import State
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, wait_until, write_sim
+from tests.system.daemons import PATIENCE_S, Daemon, daemon, wait_for, wait_until, write_sim
 from tests.system.pages import dashboard, opened
 
 pytestmark = pytest.mark.system
@@ -215,6 +216,19 @@ def test_a_killed_server_leaves_loop_and_recording_as_they_were(running, folder,
     assert not after.recording.error
 
 
+@contextmanager
+def started_meanwhile(page, folder, path):
+    """Run a daemon; the page goes on while it starts, which may take longer than it may hang."""
+    with ThreadPoolExecutor(1) as pool:
+        starting = pool.submit(Daemon, folder, path)
+        while not starting.done():
+            page.next()
+    try:
+        yield
+    finally:
+        starting.result().close()
+
+
 def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
     path = write_sim(tmp_path, "restarted")
     with (
@@ -228,8 +242,9 @@ def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
         first.end()
         gone, _ = page.until("connection", lambda h: not h["alive"])
         assert "restarted" in gone["message"]
-        page.until("lease", lambda h: not h["held"])
-        with daemon(tmp_path, path):
+        while page.latest["lease"]["held"]:
+            page.next()
+        with started_meanwhile(page, tmp_path, path):
             page.until("connection", lambda h: h["alive"])
             page.until("trace", lambda h: h["whole"])
             assert page.ask("enable")["code"] == "no_lease"

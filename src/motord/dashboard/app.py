@@ -74,12 +74,11 @@ def _with_headers(send: Send) -> Send:
 
 
 def application(pages: Pages, tokens: Tokens, link: BenchLink) -> Starlette:
-    """Return the application; it is connected to the daemon before it answers."""
+    """Return the application; it is a client of the daemon as long as it runs."""
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         link.start(pages.take)
-        await pages.connected()
         task = asyncio.create_task(link.keep(pages.connected))
         yield
         task.cancel()

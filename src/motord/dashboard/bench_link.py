@@ -119,17 +119,19 @@ class BenchLink:
     async def keep(self, connected: Callable[[], Awaitable[None]]) -> None:
         """Look after the connection; never returns.
 
-        `connected` is called when the daemon is there again, this one or another one: what it
-        published meanwhile was missed.
+        `connected` is called at first, and when the daemon is there again, this one or another one:
+        what it published meanwhile was missed. It is called again if it raises ClientError, as it
+        does while Zenoh does not know yet who answers there.
         """
-        silent = False
+        missed = True
         while True:
-            await asyncio.sleep(LOOK_S)
             age_s = time.monotonic() - self._received_s
-            if silent and age_s < SILENT_S:
-                self._why = ""
-                await connected()
-            silent = age_s >= SILENT_S
+            missed = missed or age_s >= SILENT_S
+            if missed and age_s < SILENT_S:
+                with suppress(ClientError):
+                    await connected()
+                    missed, self._why = False, ""
+            await asyncio.sleep(LOOK_S)
             if age_s > RECONNECT_S:
                 await self._reconnect()
 

@@ -66,17 +66,17 @@ class Pages:
             page.wake()
 
     async def connected(self) -> None:
-        """Take in what a daemon remembers, after connecting to it."""
-        with suppress(ClientError):  # gone again meanwhile
-            config = (await self._link.call("config"))["config"]
-            if config != self.bench.config:
-                self.bench.set_config(config)
-            self.bench.set_events(await self._link.look("events"))
-            for kind in ("plan", "mesh"):
-                document = await self._link.look(kind)
-                self.bench.set_document(kind, document.to_json() if document else b"null")
-            for page in self._open:
-                page.begin()
+        """Take in what a daemon remembers, after connecting to it. Raises ClientError."""
+        config = (await self._link.call("config"))["config"]
+        events = await self._link.look("events")
+        documents = {kind: await self._link.look(kind) for kind in ("plan", "mesh")}
+        if config != self.bench.config:
+            self.bench.set_config(config)
+        self.bench.set_events(events)
+        for kind, document in documents.items():
+            self.bench.set_document(kind, document.to_json() if document else b"null")
+        for page in self._open:
+            page.begin()
 
     def _follow(self, state: BenchState) -> None:
         """Notice another start of the daemon, and another calibration."""

@@ -61,7 +61,7 @@ bench.on("event", (event) => {
 bench.on("error", ({ message }) => messages.say("error", `The server ends the connection: ${message}`));
 bench.on("state", (state) => {
   const { tick } = state;
-  const mean = bench.sensorPassesMean ? "" : "; the sensor does not measure the mean";
+  const mean = bench.sensorPassesMean ? "" : " (mean not measured)";
   setText(byId("ripple"), tick?.torque_ripple_Nm != null ? `ripple ${(1000 * tick.torque_ripple_Nm).toFixed(0)} mNm RMS${mean}` : "");
 });
 

@@ -183,7 +183,7 @@ function row(field) {
   const { words } = nameAndUnit(field.name);
   const id = `setting-${field.name}`;
   const columns = field.columns.length ? `JSON, rows with ${field.columns.join(", ")}` : "";
-  const hint = [field.help, limits(field), columns, field.optional ? "may be empty" : ""].filter(Boolean).join("; ");
+  const hint = [field.help.replace(/\.$/, ""), limits(field), columns, field.optional ? "may be empty" : ""].filter(Boolean).join("; ");
   const described = hint ? { "aria-describedby": `${id}-hint` } : {};
   return element("div", { class: "field" },
     element("label", { for: id }, words, field.unit ? element("span", { class: "unit" }, field.unit) : null),

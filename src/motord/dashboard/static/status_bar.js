@@ -118,8 +118,9 @@ export class StatusBar {
       link.status === "refused" ? "not let in"
       : link.status !== "open" ? `no connection${link.message ? `: ${link.message}` : ""}; trying again`
       : !connection.alive ? connection.message || "the daemon does not answer"
-      : stale ? `stale: last state ${age(age_s)} ago` : "live";
+      : stale ? "stale" : "live";
     setText(byId("link-text"), text);
+    setText(byId("link-age"), stale && Number.isFinite(age_s) ? `last state ${age(age_s)} ago` : "");
     setAttribute(byId("link"), "data-stale", String(stale));
   }
 }

@@ -32,7 +32,7 @@ export class TracePlot {
     this._extent = new Float64Array(2);
     this._window = { min: 0, max: 1 };
     this._scale = { min: 0, max: 1 };
-    this._values = traces.map(() => element("output", { class: "value" }));
+    this._values = traces.map(() => element("span", { class: "value" }));
     this.canvas = element("div", { class: "plot" });
     this.element = element("div", { class: "trace-row" }, this._legend(), this.canvas);
     /** @type {any} */
