@@ -33,11 +33,11 @@ from tests.unit.service.virtual_service import VirtualService
 
 CODES = set(get_args(Code))
 STATES = ("off", "enabled", "turning", "plan", "tripped")
-FREE = (
+FREE = {
     "lease/acquire", "stop", "note", "plan/start", "plan/list", "config", "calibration/list",
     "calibration/show",
-)  # fmt: skip
-"""Need no token: stop; those that change nothing; a lease to be had; a plan's dry run."""
+}  # fmt: skip
+"""Need no token: stop; a note; those that change nothing; a lease to be had; a plan's dry run."""
 NEW_AFTER = 200
 WAIT_STEPS = 400
 GO_ON_STEPS = 5
@@ -76,6 +76,7 @@ class Rpc:
             "calibration/list": kept.prepare_list,
             "calibration/show": kept.prepare_show,
             "plan/list": service.available.prepare,
+            "plan/resume": service.plans.read_remaining,
         }
         service.dispatcher = Dispatcher(
             *(service.bench, service.operation, service.available, service.plans),
