@@ -20,6 +20,7 @@ NEEDED = {
     ("set",): ["--torque-Nm", "1", "--enable"],
     ("plan", "start"): ["calibrate"],
     ("calibration", "install"): ["good.json"],
+    ("note",): ["a remark"],
 }
 """What a command needs besides a daemon."""
 
