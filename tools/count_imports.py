@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 PACKAGE = Path(__file__).resolve().parents[1] / "src" / "motord"
-FILES_MAX = 26
+FILES_MAX = 25
 ESTIMATOR = "motord.experiments.calibration.estimate."
 
 
@@ -35,8 +35,12 @@ class Step(NamedTuple):
 
 PATH = (
     Step("cli/bench/operate.py", "set_", "reads the options"),
-    Step("client/commander.py", "Commander.set", "leaves out what is not given", "connection"),
-    Step("client/connection.py", "DaemonConnection.ask", "encodes JSON, sends the query", "self"),
+    Step(
+        "client/connection.py",
+        "DaemonConnection.ask",
+        "encodes JSON, sends the query",
+        "connection",
+    ),
     Step("service/publish/zenoh_api.py", "Api._declare", "receives the query", "Zenoh"),
     Step("service/rpc/intake.py", "Intake.accept", "checks the size, paces"),
     Step("service/rpc/outstanding.py", "OutstandingQueries.admit", "bounds what is outstanding"),

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from motord.jit import jit
 from motord.rig.noise import gaussian
-from motord.rig.truth import SpringTruth, SwingTruth
+from motord.rig.truth.swing import SpringTruth, SwingTruth
 
 OFF, PULLING, HOLDING = 0, 1, 2
 """What the hand does (`RIG_STATE.hand`)."""

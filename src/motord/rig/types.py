@@ -6,7 +6,8 @@ b, c.
 """
 
 from motord.rig.faults import FAULT_INPUTS, FAULT_STATE
-from motord.rig.truth import MAX_DEPARTURES, MAX_ORDERS, MAX_SPRINGS
+from motord.rig.truth import MAX_DEPARTURES, MAX_ORDERS
+from motord.rig.truth.swing import MAX_SPRINGS
 from motord.schema import record_dtype
 
 QUEUE_LENGTH = 32

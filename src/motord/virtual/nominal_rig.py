@@ -12,12 +12,12 @@ from motord.rig.truth import (
     BrakeTruth,
     DriveTruth,
     EncoderTruth,
-    InverterTruth,
     MotorTruth,
     RigTruth,
     TorqueSensorTruth,
     load,
 )
+from motord.rig.truth.inverter import InverterTruth
 
 HARMONICS = range(1, 14, 2)
 SMALLEST_PART = 1e-3

@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from motord.config import packaged
 from motord.rig.build import build
 from motord.rig.free_decay import inertia_with_springs, spring_torque_Nm
-from motord.rig.truth import RigTruth, SpringTruth, load
+from motord.rig.truth import RigTruth, load
+from motord.rig.truth.swing import SpringTruth
 from tests.unit.rig.probe import PLAIN, Probe, plain
 
 PAIR = [

@@ -114,8 +114,11 @@ def set_(
     asked = {key: value for key, value in given.items() if value is not None}
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
+    from motord.api.requests import SET
+
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = session.commander.set(enable=enable_first, **asked)
+        token = session.commander.token
+        answer = client.call(SET, token=token, enable=enable_first, **asked)
         print_answer(answer.content(), set_in_words(answer), as_json)
         begun_s = time.monotonic()
         lease = None if asked.keys() == {"compensate"} else session.lease

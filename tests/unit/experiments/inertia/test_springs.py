@@ -9,7 +9,7 @@ from motord.config import OscillationConfig
 from motord.experiments.inertia.springs import HEAVY, UNLOADED, SpringSetup, mass_factors
 from motord.identification import IdentifyError
 from motord.rig.free_decay import inertia_with_springs
-from motord.rig.truth import SpringTruth
+from motord.rig.truth.swing import SpringTruth
 from tests.unit.experiments.inertia.inertia_runs import swing_truth, told
 
 

@@ -4,7 +4,6 @@
 defaults are a motor and mechanics like those of Poels 2008, without errors, noise or cogging.
 """
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,16 +11,16 @@ from pydantic import Field, model_validator
 
 from motord.config import (
     BackEmfHarmonic,
-    DqConfig,
     Finite,
     NonNegative,
-    PhaseOrder,
     Positive,
     Section,
     packaged,
     read_toml,
 )
 from motord.config.reading import validate
+from motord.rig.truth.inverter import MAX_SLOPE, InverterTruth
+from motord.rig.truth.swing import SwingTruth
 
 MAX_ORDERS = 32
 """Distinct orders per turn that back-EMF and cogging together may have."""
@@ -29,18 +28,8 @@ MAX_ORDERS = 32
 MAX_ORDER = 2000
 """Highest order per turn."""
 
-MAX_SLOPE = 0.5
-"""Steepest nonlinearity of a current sensor: its curve rises, and can be inverted fast."""
-
 MAX_DEPARTURES = 8
 """Orders that an encoder's error, a torque sensor's cross-talk or a ripple of friction may have."""
-
-MAX_SPRINGS = 8
-"""Springs that a bar may have."""
-
-Triple = tuple[Finite, Finite, Finite]
-PositiveTriple = tuple[Positive, Positive, Positive]
-NonNegativeTriple = tuple[NonNegative, NonNegative, NonNegative]
 
 
 class CoggingHarmonic(Section):
@@ -102,76 +91,6 @@ class MotorTruth(Section):
             raise ValueError(f"{len(orders)} different orders per turn, at most {MAX_ORDERS}")
         if max(orders) > MAX_ORDER:
             raise ValueError(f"order {max(orders)} per turn, at most {MAX_ORDER}")
-        return self
-
-
-class NonlinearityTruth(Section):
-    """`[inverter.nonlinearity]`: a smooth integral nonlinearity of the current sensors.
-
-    In phase p, i* linear_per_A_p i* + i* quadratic_per_A2_p i*^2 and
-    amplitude_A_p sin(2 pi i* / period_A + phase_rad_p) are added to the sensed current i* before
-    gain and offset make of it what flows.
-    """
-
-    amplitude_A: NonNegativeTriple = (0.0, 0.0, 0.0)
-    period_A: Positive = 1.0
-    phase_rad: Triple = (0.0, 0.0, 0.0)
-    linear_per_A: Triple = (0.0, 0.0, 0.0)
-    quadratic_per_A2: Triple = (0.0, 0.0, 0.0)
-
-    def steepest(self, current_A: float) -> float:
-        """Return the largest slope, beyond 1, that the curve may have up to `current_A`."""
-        waves = 2 * math.pi * max(self.amplitude_A) / self.period_A
-        gains = zip(self.linear_per_A, self.quadratic_per_A2, strict=True)
-        return waves + max(2 * abs(a) * current_A + 3 * abs(b) * current_A**2 for a, b in gains)
-
-
-class InverterTruth(Section):
-    """`[inverter]`: current loops, what their sensors get wrong, and the supply.
-
-    What flows in phase p is alpha_p epsilon i* + beta_p with i* the sensed current, Poels 2008,
-    eq. (4.1); where there is a `nonlinearity`, it is added to i* first. The sensor of phase p reads
-    crosstalk[p][q] times the i* of phase q besides. alpha holds at
-    `reference_C`; it moves by gain_drift_per_K with the inverter's temperature, at most
-    gain_drift_max either way. phase_order: "acb" where the motor's phases b and c are exchanged at
-    its outputs. dq: the axes of a drive whose commands are currents along d and q; in a rig file
-    this is what is true of them.
-    """
-
-    bus_V: Positive = 24.0
-    dead_time_s: Annotated[float, Field(ge=0, le=0.01)] = 0.2e-3
-    bandwidth_Hz: Annotated[float, Field(gt=0, le=5000)] = 800.0
-    current_max_A: Positive = 60.0
-    ready_delay_s: NonNegative = 3e-3
-    alpha: PositiveTriple = (1.0, 1.0, 1.0)
-    beta_A: Triple = (0.0, 0.0, 0.0)
-    epsilon: Positive = 1.0
-    gain_drift_per_K: Triple = (0.0, 0.0, 0.0)
-    gain_drift_max: Annotated[float, Field(ge=0, lt=0.5)] = 0.007
-    reference_C: Finite = 25.0
-    thermal_resistance_K_per_W: NonNegative = 0.4
-    thermal_time_constant_s: Positive = 300.0
-    current_noise_A: NonNegative = 0.0
-    voltage_noise_V: NonNegative = 0.0
-    nonlinearity: NonlinearityTruth | None = None
-    crosstalk: tuple[Triple, Triple, Triple] | None = None
-    phase_order: PhaseOrder = "abc"
-    dq: DqConfig | None = None
-
-    @model_validator(mode="after")
-    def _sensors_can_be_inverted(self) -> "InverterTruth":
-        if self.nonlinearity is not None:
-            steepest = self.nonlinearity.steepest(self.current_max_A)
-            if steepest > MAX_SLOPE:
-                raise ValueError(
-                    f"nonlinearity: its slope reaches {steepest:.3g}, at most {MAX_SLOPE:g}: 2 pi "
-                    "amplitude_A / period_A + 2 linear_per_A i + 3 quadratic_per_A2 i^2"
-                )
-        if self.crosstalk is not None:
-            if self.dq is not None:
-                raise ValueError("crosstalk: not for a drive that turns with the rotor (dq)")
-            if max(sum(map(abs, row)) for row in self.crosstalk) > MAX_SLOPE:
-                raise ValueError(f"crosstalk: a row sums to more than {MAX_SLOPE:g}")
         return self
 
 
@@ -268,53 +187,6 @@ class EncoderTruth(Section):
         steepest = sum(h.order * abs(h.amplitude_rad) for h in self.errors)
         if steepest > MAX_SLOPE:
             raise ValueError(f"errors: their slope reaches {steepest:.3g}, at most {MAX_SLOPE:g}")
-        return self
-
-
-class SpringTruth(Section):
-    """A spring from the bar to the world: `lever_m` from the axle, on one `side` of the bar.
-
-    Springs of opposite sides pull against each other.
-    """
-
-    stiffness_N_per_m: Positive
-    lever_m: Positive
-    mass_kg: NonNegative
-    side: Literal[1, -1]
-
-
-class SwingTruth(Section):
-    """`[swing]`: a bar on the rotor, held by springs, and a hand that deflects it and lets go.
-
-    bar_inertia_kg_m2: of the bar alone, about the axle. The springs are uniform, `length_m` long
-    and stretched by `stretch_m` while the bar stands at rest_angle_rad, to which they are square.
-    After first_s the hand pulls the bar to deflection_rad (times 1 +- a random part of standard
-    deviation deflection_spread) within pull_s, holds it for hold_s, lets go, and begins again
-    swing_s later.
-    """
-
-    bar_inertia_kg_m2: NonNegative
-    springs: Annotated[tuple[SpringTruth, ...], Field(min_length=1, max_length=MAX_SPRINGS)]
-    length_m: Positive = 0.6
-    stretch_m: NonNegative = 0.2
-    rest_angle_rad: Finite = 0.0
-    deflection_rad: Annotated[float, Field(gt=0, lt=1)] = 0.17
-    deflection_spread: Annotated[float, Field(ge=0, le=0.3)] = 0.05
-    first_s: NonNegative = 1.0
-    pull_s: Positive = 0.4
-    hold_s: NonNegative = 0.6
-    swing_s: Positive = 2.0
-
-    @model_validator(mode="after")
-    def _springs_stay_taut(self) -> "SwingTruth":
-        longest_m = max(spring.lever_m for spring in self.springs)
-        if self.stretch_m >= self.length_m:
-            raise ValueError("stretch_m must be below length_m")
-        if longest_m * self.deflection_rad > self.stretch_m:
-            raise ValueError(
-                f"the springs go slack: the bar moves them by {longest_m * self.deflection_rad:.3g}"
-                f" m, they are stretched by stretch_m = {self.stretch_m:g}"
-            )
         return self
 
 
