@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from contextlib import contextmanager
 
 from websockets.sync.client import connect
@@ -62,6 +63,8 @@ class OpenPage:
         self.id = 0
         self.latest = {}
         """The newest header of each kind."""
+        self.seen = Counter()
+        """How many messages of each kind there were."""
 
     def send(self, **header):
         self.socket.send(encode(header))
@@ -72,6 +75,7 @@ class OpenPage:
         if header["kind"] == "ping":
             self.send(kind="pong", n=header["n"])
         self.latest[header["kind"]] = header
+        self.seen[header["kind"]] += 1
         return header, floats
 
     def until(self, kind, condition=lambda header: True):

@@ -239,14 +239,16 @@ def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
         page.send(kind="view", view=1, span_s=60.0, end_s=None, buckets=60, signals=["u_bus_V"])
         assert "holder" in page.ask("lease/acquire")
         page.until("trace")
+        page.seen.clear()
         first.end()
         gone, _ = page.until("connection", lambda h: not h["alive"])
         assert "restarted" in gone["message"]
         while page.latest["lease"]["held"]:
             page.next()
         with started_meanwhile(page, tmp_path, path):
-            page.until("connection", lambda h: h["alive"])
-            page.until("trace", lambda h: h["whole"])
+            while not page.seen["hello"] or not page.latest["connection"]["alive"]:
+                page.next()
+            page.until("trace")
             assert page.ask("enable")["code"] == "no_lease"
             assert page.ask("lease/acquire")["took_over_from"] is None
             assert page.ask("enable")["state"] == "ENABLED"
