@@ -3,8 +3,9 @@
 import json
 import time
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from motord.dashboard.frames import decode, encode
@@ -73,7 +74,8 @@ class OpenPage:
         """Return the next message, header and floats."""
         header, floats = decode(self.socket.recv(timeout=PATIENCE_S))
         if header["kind"] == "ping":
-            self.send(kind="pong", n=header["n"])
+            with suppress(ConnectionClosed):  # what came before the end is still to be read
+                self.send(kind="pong", n=header["n"])
         self.latest[header["kind"]] = header
         self.seen[header["kind"]] += 1
         return header, floats
