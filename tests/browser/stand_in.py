@@ -19,7 +19,7 @@ from motord.client import ClientError
 from motord.dashboard.app import application
 from motord.dashboard.bench_link import SILENT_S, Connectivity, Item
 from motord.dashboard.live_bench import LiveBench
-from motord.dashboard.pages import Pages
+from motord.dashboard.page.pages import Pages
 from motord.dashboard.server import listen, urls
 from motord.dashboard.tokens import Tokens
 from motord.schema import State, Trip

@@ -22,7 +22,7 @@ from motord.api.messages import BenchState
 from motord.calibration import load as load_calibration
 from motord.client import connect
 from motord.config import load, packaged
-from motord.config.editing import with_values
+from motord.config.text.editing import with_values
 from tests.support import stalls
 from tests.system.daemons import PATIENCE_S, Program, emulator, patient
 from tests.unit.emulate.benches import write_bench

@@ -9,8 +9,8 @@ from motord.bench_file.parsing import parse
 from motord.bench_file.questions import BACK_EMF, QUESTIONS, Question, get, is_real
 from motord.bench_file.templates import Tables, Template, inverter_tables
 from motord.config import ConfigError, MotorConfig, resolve
-from motord.config.descriptions import field_of
 from motord.config.reading import check_table
+from motord.config.text.descriptions import field_of
 
 Answers = Mapping[str, str]
 """What was answered, as text, by key."""

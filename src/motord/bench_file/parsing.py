@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from motord.bench_file.questions import BACK_EMF, Question
 from motord.config import ConfigError
 from motord.config.base import what_is_wrong
-from motord.config.descriptions import field_of
+from motord.config.text.descriptions import field_of
 
 
 def parse(question: Question, text: str) -> Any:

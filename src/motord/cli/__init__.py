@@ -12,17 +12,17 @@ from motord.cli.console import CommandGroup, lost_output, outlive_readers, remar
 
 COMMANDS = {
     "demo": "motord.cli.demo:demo",
-    "new": "motord.cli.new:new",
+    "new": "motord.cli.setup.new:new",
     "reproduce": "motord.cli.reproduce:reproduce",
     "run": "motord.cli.run:run",
     "emulate": "motord.cli.emulate:emulate",
     "fault": "motord.cli.fault:app",
     "check": "motord.cli.check:check",
-    "service": "motord.cli.service:app",
+    "service": "motord.cli.setup.service:app",
     "status": "motord.cli.bench.status:status",
     "watch": "motord.cli.bench.watch.command:watch",
     "events": "motord.cli.bench.status:events",
-    "dashboard": "motord.cli.dashboard:dashboard",
+    "dashboard": "motord.cli.viewers.dashboard:dashboard",
     "enable": "motord.cli.bench.operate:enable",
     "disable": "motord.cli.bench.operate:disable",
     "stop": "motord.cli.bench.operate:stop",
@@ -36,7 +36,7 @@ COMMANDS = {
     "calibration": "motord.cli.calibration:app",
     "record": "motord.cli.record.commands:app",
     "security": "motord.cli.security:app",
-    "bridge": "motord.cli.bridge:app",
+    "bridge": "motord.cli.viewers.bridge:app",
     "latency": "motord.cli.latency:latency",
 }
 """Command to `module:object`; the object is a function or a typer app."""

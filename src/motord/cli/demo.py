@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.analysis_command import print_text
-from motord.cli.browser import open_page
 from motord.cli.common_options import ResultAsJson
 from motord.cli.compilation import explain_first_run
 from motord.cli.console import fail, print_json
 from motord.cli.reproduce import stage_progress
+from motord.cli.viewers.browser import open_page
 
 if TYPE_CHECKING:
     from motord.report.text import TextTable

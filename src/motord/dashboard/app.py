@@ -16,10 +16,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import FrameError, encode
-from motord.dashboard.live_page import LivePage, PageGone
-from motord.dashboard.page_messages import read
-from motord.dashboard.pages import Pages
-from motord.dashboard.rate_limit import RateLimit
+from motord.dashboard.page.live_page import LivePage, PageGone
+from motord.dashboard.page.messages import read
+from motord.dashboard.page.pages import Pages
+from motord.dashboard.page.rate_limit import RateLimit
 from motord.dashboard.tokens import Tokens, foreign
 
 SUBPROTOCOL = "motord.1"

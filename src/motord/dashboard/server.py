@@ -14,8 +14,8 @@ from motord.client import Client, operator
 from motord.dashboard.app import application
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.live_bench import LiveBench
-from motord.dashboard.page_messages import MAX_BYTES
-from motord.dashboard.pages import Pages
+from motord.dashboard.page.messages import MAX_BYTES
+from motord.dashboard.page.pages import Pages
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import packaged
-from motord.config.editing import with_values
+from motord.config.text.editing import with_values
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Estimate
 from motord.experiments.plans import build

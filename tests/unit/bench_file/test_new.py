@@ -15,7 +15,7 @@ from motord.bench_file.questions import QUESTIONS, Question, get
 from motord.bench_file.templates import INVERTERS, TEMPLATES
 from motord.cli import app
 from motord.config import ConfigError, load, packaged
-from motord.config.descriptions import field_of
+from motord.config.text.descriptions import field_of
 
 WHERE = Path("/nowhere/first.toml")
 REAL = [name for name, template in TEMPLATES.items() if template.real]

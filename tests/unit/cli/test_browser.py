@@ -10,7 +10,7 @@ import pytest
 
 from motord.cli import browser
 from motord.cli import demo as demo_module
-from motord.cli.browser import open_page
+from motord.cli.viewers.browser import open_page
 
 URL = "file:///tmp/report.html"
 

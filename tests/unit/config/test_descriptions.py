@@ -4,7 +4,7 @@ import pytest
 
 from motord.config import Config, InverterConfig, LimitsConfig, ModbusConfig, Section
 from motord.config.base import Finite
-from motord.config.descriptions import description, field_of, section_of, summary
+from motord.config.text.descriptions import description, field_of, section_of, summary
 
 
 class Base(Section):

@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from motord.config import ConfigError, load, packaged
-from motord.config.editing import with_values
+from motord.config.text.editing import with_values
 
 TEXT = """\
 # a bench

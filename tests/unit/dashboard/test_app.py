@@ -12,9 +12,9 @@ from motord.client import ClientError
 from motord.dashboard.app import MALFORMED, TOO_MANY_MESSAGES, application
 from motord.dashboard.frames import decode, encode
 from motord.dashboard.live_bench import LiveBench
-from motord.dashboard.page_messages import VIEWS_MAX
-from motord.dashboard.pages import PAGES_MAX, Pages
-from motord.dashboard.rate_limit import AT_ONCE
+from motord.dashboard.page.messages import VIEWS_MAX
+from motord.dashboard.page.pages import PAGES_MAX, Pages
+from motord.dashboard.page.rate_limit import AT_ONCE
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
 from tests.unit.dashboard.fake_link import FakeLink

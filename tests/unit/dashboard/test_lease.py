@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from motord.client import ClientError
-from motord.dashboard.page_lease import PageLease
+from motord.dashboard.page.lease import PageLease
 from tests.unit.dashboard.fake_link import LEASE_S, FakeLink
 
 
@@ -45,7 +45,7 @@ def test_two_pages_are_two_holders(lease, link):
 def test_a_lease_that_nobody_renews_is_given_up(lease, monkeypatch):
     run(lease.acquire(force=False))
     late_s = lease._good_until_s + 0.01
-    monkeypatch.setattr("motord.dashboard.page_lease.time.monotonic", lambda: late_s)
+    monkeypatch.setattr("motord.dashboard.page.lease.time.monotonic", lambda: late_s)
     lease.check()
     assert not lease.held
     assert "ran out" in lease.why

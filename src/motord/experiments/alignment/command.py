@@ -9,7 +9,7 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.config import read_toml
-from motord.config.editing import with_values
+from motord.config.text.editing import with_values
 from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.report import report
 from motord.experiments.alignment.rests import REQUIRED

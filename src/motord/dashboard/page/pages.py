@@ -9,7 +9,7 @@ from motord.api.requests import CALIBRATION_SHOW
 from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink, Item
 from motord.dashboard.live_bench import LiveBench
-from motord.dashboard.live_page import LivePage
+from motord.dashboard.page.live_page import LivePage
 from motord.security.roles import Role
 
 PAGES_MAX = 16

@@ -13,9 +13,9 @@ from motord.client import ClientError
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import encode
 from motord.dashboard.live_bench import LiveBench
-from motord.dashboard.page_lease import PageLease
-from motord.dashboard.page_messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
-from motord.dashboard.page_pings import PagePings
+from motord.dashboard.page.lease import PageLease
+from motord.dashboard.page.messages import PageMessage, Pong, RpcCall, ViewWanted, Visible
+from motord.dashboard.page.pings import PagePings
 from motord.dashboard.trace import View
 from motord.security.access import permits
 from motord.security.roles import Role

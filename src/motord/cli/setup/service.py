@@ -11,7 +11,7 @@ import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.console import fail, group, print_result
-from motord.cli.service_text import described, dry_run_text, status_lines
+from motord.cli.setup.service_text import described, dry_run_text, status_lines
 
 if TYPE_CHECKING:
     from motord.deployment.files import Deployment

@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Mapping
 
 from motord.config.base import ConfigError
-from motord.config.toml_text import toml_value
+from motord.config.text.toml_text import toml_value
 
 Value = str | int | float
 

@@ -1,0 +1,1 @@
+"""Commands that set a bench up: its file, its service."""

@@ -1,0 +1,1 @@
+"""Commands that serve viewers: the page in the browser, Foxglove."""

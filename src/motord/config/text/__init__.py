@@ -1,0 +1,1 @@
+"""The text of bench files: what keys mean, values as TOML, edits in place."""
