@@ -2,7 +2,6 @@
 
 import json
 import os
-import webbrowser
 from ipaddress import ip_address
 from typing import Annotated
 
@@ -11,6 +10,7 @@ import typer
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_line, remark
+from motord.cli.viewers.browser import open_page
 
 EXTRA = "the page needs more packages: pip install 'motord[dashboard]'"
 PORT = 8447
@@ -54,14 +54,9 @@ def dashboard(
                 print_line(f"to watch only: {urls.viewer}")
                 remark(f"bench {client.bench}; Ctrl-C ends the page, not the bench")
             os.nice(NICE)
-            if browser and _has_display():
-                webbrowser.open(urls.operator)
+            if browser:
+                open_page(urls.operator)
             server.serve(client, connection.connect, listener, tokens)
-
-
-def _has_display() -> bool:
-    """Without one a browser in the terminal would take this command's place."""
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _check_host(host: str) -> None:

@@ -5,6 +5,7 @@ from contextlib import nullcontext
 import numpy as np
 
 from motord.api.messages import BenchState, Event
+from motord.api.requests import CONFIG, STOP
 from motord.client import ClientError, Lease
 from motord.schema import TICK_DTYPE
 
@@ -114,7 +115,7 @@ class FakeClient:
                 "token": "t0", "took_over_from": None, "lease_s": 60.0, "renew_within_s": 60.0
             },
             "lease/release": {},
-            "config": {"config": {"limits": LIMITS}},
+            "config": {"toml": "", "config": {"limits": LIMITS}},
             "note": {"recording": "/runs/r.mcap", "t_ns": NOW_NS},
             "plan/pause": {"plan": "calibrate", "state": "pausing"},
             "plan/resume": {"plan": "calibrate", "state": "running"},
@@ -140,8 +141,17 @@ class FakeClient:
         self.publish_ticks = callback
         return nullcontext()
 
-    def rpc(self, name, /, **arguments):
-        self.requests.append((name, arguments))
+    def config(self):
+        return self.call(CONFIG)
+
+    def stop(self):
+        return self.call(STOP, by="me")
+
+    def call(self, rpc, /, **arguments):
+        self.requests.append((rpc.name, arguments))
+        return rpc.reply.model_validate(self._reply(rpc.name))
+
+    def _reply(self, name):
         reply = self.replies.get(name)
         if reply is None:
             raise ClientError("refused", f"no {name} now")
@@ -150,7 +160,7 @@ class FakeClient:
         return reply() if callable(reply) else reply
 
     def lease(self, holder=None, *, force=False, alive=lambda: True):
-        return Lease(self.rpc, holder or "me", force=force, alive=alive)
+        return Lease(self, holder or "me", force=force, alive=alive)
 
     def asked(self, name):
         """Return the arguments of every request of that name."""

@@ -242,7 +242,7 @@ async def test_without_the_lease_it_quits_at_once(client):
 @scenario
 async def test_a_torque_is_a_number(client):
     setpoint = {"torque_target_Nm": -1.5, "speed_Hz": None, "brake": 0.0, "drive_Hz": 0.0}
-    setpoint["compensate"] = "on"
+    setpoint |= {"torque_Nm": 0.0, "compensate": "on"}
     client.replies["set"] = {"setpoint": setpoint, "reached_in_s": 0.3, "state": "ENABLED"}
     async with watching(client) as watched:
         await watched.press("t", *"1..5", "enter")

@@ -6,7 +6,7 @@ from textual.app import App, ComposeResult
 from textual.events import Key, Paste
 
 from motord.cli.bench.watch import keys
-from motord.cli.bench.watch.controls import Controls, in_thread
+from motord.cli.bench.watch.controls import Controls
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.operator_session import BEAT_S, OperatorSession

@@ -4,13 +4,11 @@ What is shown as the state is always what the daemon published, never what was a
 is "stopping..." until then.
 """
 
-import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from motord.api.replies import SetpointReply
-from motord.cli.bench.set_report import set_in_words
+from motord.api.replies import PlanProgress
 from motord.cli.bench.watch.dialogs import (
     NOTE_LENGTH,
     NUMBER_LENGTH,
@@ -21,8 +19,8 @@ from motord.cli.bench.watch.dialogs import (
     Help,
 )
 from motord.cli.bench.watch.feed import EVENTS_KEPT, Feed
-from motord.cli.bench.watch.operator_session import OperatorSession
-from motord.client import ClientError
+from motord.cli.bench.watch.operator_session import OperatorSession, in_thread, refusal_text
+from motord.client import ClientError, Commander
 from motord.security.access import permits
 
 if TYPE_CHECKING:
@@ -174,7 +172,7 @@ class Controls:
         try:
             said, alarming = call(), False
         except ClientError as error:
-            said, alarming = f"{what}: {_in_words(error)}", True
+            said, alarming = f"{what}: {refusal_text(error)}", True
         except Exception as error:  # what fails here must not end the screen
             said, alarming = f"{what}: {error}", True
         self._command = ""
@@ -187,13 +185,13 @@ class Controls:
         if plan is None or plan.over:
             self._say("no plan is under way: `motord plan start NAME` starts one")
         elif plan.state in ("paused", "pausing"):
-            self._do("resume", "plan/resume", lambda: self._plan("plan/resume"))
+            self._do("resume", "plan/resume", lambda: self._plan(Commander.resume_plan))
         else:
-            self._do("pause", "plan/pause", lambda: self._plan("plan/pause"))
+            self._do("pause", "plan/pause", lambda: self._plan(Commander.pause_plan))
 
-    def _plan(self, rpc: str) -> str:
-        reply = self._session.command(rpc)
-        return f"{reply['plan']}: {reply['state']}"
+    def _plan(self, ask: Callable[[Commander], PlanProgress]) -> str:
+        reply = self._session.command(ask)
+        return f"{reply.plan}: {reply.state}"
 
     def abort(self) -> None:
         """Abort the plan, once that is confirmed."""
@@ -203,7 +201,7 @@ class Controls:
             return
         self.dialog = Confirmation(
             f"Abort {state.plan.plan}? The bench ramps down and is disabled.",
-            lambda: self._do("abort", "plan/abort", lambda: self._plan("plan/abort")),
+            lambda: self._do("abort", "plan/abort", lambda: self._plan(Commander.abort_plan)),
         )
 
     def note(self) -> None:
@@ -213,25 +211,30 @@ class Controls:
 
     def _note(self, text: str) -> None:
         def note() -> str:
-            where = self._session.note(text)["recording"]
+            where = self._session.note(text).recording
             return f"noted in {where or 'the events alone: nothing is being recorded'}"
 
         self._do("note", "note", note)
 
     def reset(self) -> None:
         """Leave a trip."""
-        self._do("reset", "reset", lambda: self._state_after("reset"))
+        self._do("reset", "reset", lambda: f"reset: {self._session.command(Commander.reset).state}")
 
     def enable(self) -> None:
         """Enable at zero torque."""
-        self._do("enable", "enable", lambda: self._state_after("enable", keep=True))
+
+        def enable() -> str:
+            return f"enable: {self._session.command(Commander.enable, keep=True).state}"
+
+        self._do("enable", "enable", enable)
 
     def disable(self) -> None:
         """Ramp down and disable."""
-        self._do("disable", "disable", lambda: self._state_after("disable"))
 
-    def _state_after(self, rpc: str, *, keep: bool = False) -> str:
-        return f"{rpc}: {self._session.command(rpc, keep=keep)['state']}"
+        def disable() -> str:
+            return f"disable: {self._session.command(Commander.disable).state}"
+
+        self._do("disable", "disable", disable)
 
     def torque(self) -> None:
         """Ask for the torque."""
@@ -246,8 +249,9 @@ class Controls:
             return
 
         def set_torque() -> str:
-            answer = self._session.command("set", keep=True, torque_Nm=torque_Nm)
-            return set_in_words(SetpointReply.model_validate(answer))
+            return setrefusal_text(
+                self._session.command(lambda who: who.set(torque_Nm=torque_Nm), keep=True)
+            )
 
         self._do(f"set {torque_Nm:g} Nm", "set", set_torque)
 
@@ -296,14 +300,3 @@ class Controls:
             self.dialog = Confirmation(question, self._leave)
         else:
             self._leave()
-
-
-def _in_words(error: ClientError) -> str:
-    if error.code == "lease_held":
-        return f"{str(error).partition(' is in command')[0]} has the lease; l takes it over"
-    return str(error)
-
-
-def in_thread(function: Callable[[], Any]) -> None:
-    """Run something that waits for the daemon; the screen does not."""
-    threading.Thread(target=function, name="motord-watch", daemon=True).start()

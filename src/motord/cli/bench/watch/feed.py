@@ -61,7 +61,7 @@ class Feed:
         from motord.client import ClientError
 
         with suppress(ClientError, KeyError):
-            return dict(self._client.rpc("config")["config"]["limits"])
+            return dict(self._client.config().config["limits"])
         return {}
 
     def _take_state(self, state: BenchState) -> None:

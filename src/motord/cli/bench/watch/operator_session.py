@@ -2,14 +2,17 @@
 
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from motord.cli.bench.lease_session import token_in_force
 from motord.cli.bench.shared_token import shared
 
 if TYPE_CHECKING:
-    from motord.client import Client, Lease
+    from motord.api.replies import NoteReply
+    from motord.api.requests import ReplyT
+    from motord.client import Client, ClientError, Commander, Lease
 
 BEAT_S = 0.25
 """How often the screen has to show that it lives."""
@@ -55,32 +58,33 @@ class OperatorSession:
             self._changing.release()
         return lease.why
 
-    def stop(self) -> dict[str, Any]:
+    def stop(self) -> None:
         """Zero current now and OFF, whoever is in command. Raises ClientError."""
-        from motord.client import operator
+        self._client.stop()
 
-        return self._client.rpc("stop", by=operator())
-
-    def note(self, text: str) -> dict[str, Any]:
+    def note(self, text: str) -> "NoteReply":
         """Put a note into events and recording. Raises ClientError."""
+        from motord.api.requests import NOTE
         from motord.client import operator
 
-        return self._client.rpc("note", text=text, by=operator())
+        return self._client.call(NOTE, text=text, by=operator())
 
-    def command(self, rpc: str, *, keep: bool = False, **arguments: Any) -> dict[str, Any]:
-        """Call an RPC with the lease that is held here or by another command of this user.
+    def command(self, ask: "Callable[[Commander], ReplyT]", *, keep: bool = False) -> "ReplyT":
+        """Ask something with the lease that is held here or by another command of this user.
 
         Without one a lease is acquired, and given back afterwards unless `keep`. Raises
         ClientError.
         """
+        from motord.client import Commander
+
         with self._changing:
             if self._lease is not None and self.holds:
-                return self._client.rpc(rpc, token=self._lease.token, **arguments)
+                return ask(self._lease)
             if (token := token_in_force(self._client)) is not None:
-                return self._client.rpc(rpc, token=token, **arguments)
+                return ask(Commander(self._client, token))
             lease = self._acquire(force=False)
             try:
-                return self._client.rpc(rpc, token=lease.token, **arguments)
+                return ask(lease)
             except BaseException:
                 keep = False
                 raise
@@ -112,3 +116,15 @@ class OperatorSession:
         self._shared.close()
         if lease is not None:
             lease.release()
+
+
+def refusal_text(error: "ClientError") -> str:
+    """Return why a request was refused; who has the lease, if that is why."""
+    if error.code == "lease_held":
+        return f"{str(error).partition(' is in command')[0]} has the lease; l takes it over"
+    return str(error)
+
+
+def in_thread(function: Callable[[], object]) -> None:
+    """Run something that waits for the daemon; the screen does not."""
+    threading.Thread(target=function, name="motord-watch", daemon=True).start()
