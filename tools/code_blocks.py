@@ -51,7 +51,7 @@ def blocks(files: Iterable[Path]) -> list[Block]:
 
 def commands(block: Block) -> list[str]:
     """Return the single commands of a block: prompts, comments and what they print left out."""
-    lines = block.text.replace("\\\n", " ").splitlines()
+    lines = re.sub(r"\s*\\\n\s*", " ", block.text).splitlines()
     if any(line.startswith("$ ") for line in lines):
         lines = [line[2:] for line in lines if line.startswith(("$ ", "# "))]
     whole = [re.sub(r"(^|\s)#.*", "", line).strip() for line in lines]
