@@ -9,7 +9,7 @@ from motord.cli.bench.watch import keys
 from motord.cli.bench.watch.controls import Controls
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import Glyphs
-from motord.cli.bench.watch.operator_session import BEAT_S, OperatorSession
+from motord.cli.bench.watch.operator_session import BEAT_S, OperatorSession, in_thread
 from motord.cli.bench.watch.screen_lines import ScreenLines
 from motord.cli.bench.watch.snapshot import Snapshot
 from motord.client import Client

@@ -249,7 +249,7 @@ class Controls:
             return
 
         def set_torque() -> str:
-            return setrefusal_text(
+            return set_in_words(
                 self._session.command(lambda who: who.set(torque_Nm=torque_Nm), keep=True)
             )
 
