@@ -14,7 +14,8 @@ from typing import Any
 import uvicorn
 
 from motord import config
-from motord.api.messages import BenchState, Event, MeshView, PlanView
+from motord.api.messages import BenchState, Event
+from motord.api.plan_messages import MeshView, PlanView
 from motord.client import ClientError
 from motord.dashboard.app import application
 from motord.dashboard.bench_link import SILENT_S, Connectivity, Item

@@ -1,72 +1,13 @@
 """Published messages, JSON: `state`, `event`, `plan` and `mesh`. Readers skip unknown fields."""
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
+from motord.api.plan_messages import PlanView
+from motord.api.published_message import PublishedMessage
+from motord.api.trip_messages import TripReport, TripView
 from motord.sequencing.settings import Compensation
-
-
-class PublishedMessage(BaseModel):
-    """A published message, or a part of one."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    def to_json(self) -> bytes:
-        """Return JSON in UTF-8; numbers that are not finite become null."""
-        return self.model_dump_json().encode()
-
-
-class TripView(PublishedMessage):
-    """A cause of a trip: its name in `schema.Trip`, and what it means."""
-
-    name: str
-    """As in [interlocks](interlocks.md)."""
-    meaning: str
-    """What it means."""
-
-
-class TripValue(PublishedMessage):
-    """A quantity that an interlock watches, at the trip, and its limit."""
-
-    value: float | None
-    """At the trip."""
-    limit: float | None
-    """What it must not pass."""
-
-
-class TripReport(PublishedMessage):
-    """A trip: causes, values, what to do, and the path of the black box."""
-
-    t_ns: int
-    """Unix time of the tick that tripped."""
-    reason: str
-    """One line of text."""
-    first: list[str]
-    """Causes of that tick."""
-    causes: list[str]
-    """All causes since."""
-    values: dict[str, TripValue]
-    """By quantity and unit."""
-    action: str
-    """What to do before a reset."""
-    blackbox: str
-    """Path of the black box; "": none."""
-
-    def extended(
-        self, causes: list[str], values: Mapping[str, Mapping[str, float]]
-    ) -> "TripReport":
-        """Return the report with later causes added."""
-        added = {what: TripValue.model_validate(value) for what, value in values.items()}
-        changes = {"causes": [*self.causes, *causes], "values": {**self.values, **added}}
-        return self.model_copy(update=changes)
-
-    def in_words(self) -> str:
-        """Return the report as one line of text."""
-        reason = self.reason.partition("-> TRIPPED: ")[2] or self.reason
-        box = f"; black box: {self.blackbox}" if self.blackbox else ""
-        return f"{reason}; {self.action}; then `motord reset`{box}"
 
 
 class TickView(PublishedMessage):
@@ -242,102 +183,6 @@ class CalibrationView(PublishedMessage):
     """Where the daemon keeps it."""
 
 
-class PlanView(PublishedMessage):
-    """`motord/<bench>/plan`: a plan's progress. One that was interrupted can be resumed."""
-
-    plan: str
-    """Name of the plan."""
-    state: Literal[
-        "running", "pausing", "paused", "ending", "done", "aborted", "failed", "interrupted"
-    ]
-    """It is over in `done`, `aborted`, `failed` and, the daemon having ended meanwhile,
-    `interrupted`."""
-    step: str = ""
-    """What it does now."""
-    message: str = ""
-    """Why it ended, or is paused."""
-    points: int = 0
-    """Operating points, all."""
-    points_done: int = 0
-    """Operating points taken."""
-    fraction: float = 0.0
-    """Of all the work, 0 to 1."""
-    elapsed_s: float = 0.0
-    """Since its start."""
-    eta_s: float = 0.0
-    """Until its end, about."""
-    speed_set_Hz: float = 0.0
-    """Of the point under way, turns per second."""
-    torque_set_Nm: float = 0.0
-    """Of the point under way."""
-    detached: bool = False
-    """It goes on without a lease."""
-    started_by: str = ""
-    """Holder of the lease at its start."""
-    recording: str = ""
-    """Path of its recording once it is whole."""
-    settings: dict[str, Any] = {}
-    """With which it was started."""
-    run_id: str = ""
-    """Stays the same when it is resumed."""
-    continues: str = ""
-    """The recording that the present one continues."""
-    t_ns: int = 0
-    """Unix time at which the document was made; 0 in recordings."""
-
-    @property
-    def over(self) -> bool:
-        """True once the plan is no longer under way, well or not."""
-        return self.state in ("done", "aborted", "failed", "interrupted")
-
-
-MESH_POINTS_MAX = 1024
-"""Points in a published mesh."""
-
-
-class MeshPoint(PublishedMessage):
-    """An operating point of a plan, and what has become of it."""
-
-    point: int
-    """`plan_point` of its ticks."""
-    torque_Nm: float
-    """Its torque."""
-    speed_Hz: float
-    """Its speed, turns per second."""
-    turns: int = 0
-    """Turns to be captured."""
-    aim: str = ""
-    """What is done there, if that is no torque held at a speed."""
-    induced: dict[str, Any] = {}
-    """Errors that are induced there on purpose."""
-    state: Literal["planned", "taking", "done", "poor"] = "planned"
-    """What has become of it."""
-    takes: int = 0
-    """How often it was taken."""
-    quality: str = ""
-    """"" before the first take, "ok", or what is wrong with the last one."""
-    rms_error_percent: float | None = None
-    """RMS of measured less set torque about its mean in the last take, percent of rated torque."""
-    mean_error_percent: float | None = None
-    """Mean of measured less set torque in the last take, percent of rated; null if not sensed."""
-
-
-class MeshView(PublishedMessage):
-    """`motord/<bench>/mesh`: the operating points of the plan under way, or of the last one.
-
-    Of more than `MESH_POINTS_MAX` points, `points_total` in all, those about the one under way.
-    """
-
-    plan: str
-    """Name of the plan."""
-    run_id: str
-    """Of its progress."""
-    points_total: int
-    """Operating points, all."""
-    points: list[MeshPoint]
-    """The points, in the order in which they are taken."""
-
-
 class RecordingView(PublishedMessage):
     """State of the recorder."""
 
@@ -351,7 +196,7 @@ class RecordingView(PublishedMessage):
     """Why the recording failed."""
     obstacle: str = ""
     """Why one could not begin now."""
-    detail: dict[str, Any] = {}
+    detail: dict[str, Any] = Field(default_factory=dict)
     """What the recorder reports of it."""
 
 
@@ -392,7 +237,7 @@ class BenchState(PublishedMessage):
     """The plan under way, or how the last one ended."""
     loop: LoopView
     """Timing of the loop."""
-    ages: dict[str, float] = {}
+    ages: dict[str, float] = Field(default_factory=dict)
     """Seconds since each signal was sampled, by name."""
     links: LinksView | None = None
     """Errors of the links; none without a loop."""
@@ -410,7 +255,7 @@ class BenchState(PublishedMessage):
     """The bridge board's clock."""
     processes: dict[str, ProcessView]
     """Children of the daemon, by name."""
-    faults: dict[str, str] = {}
+    faults: dict[str, str] = Field(default_factory=dict)
     """By part of the daemon."""
     telemetry_dropped: int
     """Messages dropped before they reached the network."""
@@ -425,5 +270,5 @@ class Event(PublishedMessage):
     """As listed above."""
     message: str
     """What happened."""
-    data: dict[str, Any] = {}
+    data: dict[str, Any] = Field(default_factory=dict)
     """Its particulars."""

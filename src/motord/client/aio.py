@@ -22,7 +22,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
-from motord.api.messages import BenchState, Event, PlanView
+from motord.api.messages import BenchState, Event
+from motord.api.plan_messages import PlanView
 from motord.client import discovery
 from motord.client.async_subscription import AsyncSubscription, AsyncTickSubscription
 from motord.client.client import KEPT_BLOCKS, Client

@@ -8,7 +8,8 @@ import numpy as np
 
 from motord.api import requests as rpc
 from motord.api.endpoints import key
-from motord.api.messages import BenchState, Event, MeshView, PlanView
+from motord.api.messages import BenchState, Event
+from motord.api.plan_messages import MeshView, PlanView
 from motord.api.replies import AvailablePlan, ConfigReply, NoteReply, PlanOutline, StateReply
 from motord.client.connection import DaemonConnection
 from motord.client.decoding import (

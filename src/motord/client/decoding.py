@@ -12,7 +12,8 @@ import zenoh
 from pydantic import TypeAdapter, ValidationError
 
 from motord.api.endpoints import MAX_REPLY_BYTES
-from motord.api.messages import BenchState, Event, MeshView, PlanView
+from motord.api.messages import BenchState, Event
+from motord.api.plan_messages import MeshView, PlanView
 from motord.api.replies import ErrorReply
 from motord.api.requests import ReplyT, Rpc
 from motord.client.error import ClientError

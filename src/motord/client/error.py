@@ -1,6 +1,6 @@
 """The exceptions of the client."""
 
-from motord.api.messages import PlanView
+from motord.api.plan_messages import PlanView
 
 
 class ClientError(Exception):

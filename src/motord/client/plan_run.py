@@ -3,7 +3,7 @@
 from collections.abc import Generator
 from typing import Protocol
 
-from motord.api.messages import PlanView
+from motord.api.plan_messages import PlanView
 from motord.client.error import ClientError, PlanEndedError
 from motord.client.subscription import DocumentSubscription
 

@@ -9,7 +9,8 @@ from typing import Generic, Self, TypeVar
 
 import zenoh
 
-from motord.api.messages import BenchState, PlanView
+from motord.api.messages import BenchState
+from motord.api.plan_messages import PlanView
 from motord.client.error import ClientError
 
 KEPT = 1000

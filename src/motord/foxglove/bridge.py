@@ -5,7 +5,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from motord.api.messages import BenchState, Event, MeshView, PlanView
+from motord.api.messages import BenchState, Event
+from motord.api.plan_messages import MeshView, PlanView
 from motord.client import Client, ClientError
 from motord.foxglove import topics
 from motord.foxglove.decimation import Decimator

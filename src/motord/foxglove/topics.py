@@ -3,7 +3,9 @@
 import json
 from dataclasses import dataclass
 
-from motord.api.messages import BenchState, MeshView, PlanView, PublishedMessage
+from motord.api.messages import BenchState
+from motord.api.plan_messages import MeshView, PlanView
+from motord.api.published_message import PublishedMessage
 from motord.foxglove.decimation import EXTREMES_NAME, extremes_descriptor_set
 from motord.foxglove.json_schema import viewer_schema
 from motord.recording import topics as recorded

@@ -2,7 +2,7 @@
 
 import pytest
 
-from motord.api.messages import PlanView
+from motord.api.plan_messages import PlanView
 from motord.client import ClientError, PlanEndedError, PlanRun
 from motord.client.subscription import DocumentSubscription
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord import config
-from motord.api.messages import MESH_POINTS_MAX, MeshView
+from motord.api.plan_messages import MESH_POINTS_MAX, MeshView
 from motord.schema import TICK_DTYPE
 from motord.sequencing import OperatingPoint, TickWatcher
 from motord.service.plans import mesh

@@ -4,7 +4,8 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from motord.api.messages import BenchState, PlanView
+    from motord.api.messages import BenchState
+    from motord.api.plan_messages import PlanView
 
 
 def number(value: float | None) -> str:

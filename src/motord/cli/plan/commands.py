@@ -16,7 +16,7 @@ from motord.cli.plan.preflight import LIMIT_S, as_dict, in_words, predict, warni
 from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
-    from motord.api.messages import PlanView
+    from motord.api.plan_messages import PlanView
     from motord.api.replies import AvailablePlan, PlanName, PlanProgress
     from motord.client import Client, Commander, PlanRun
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from motord.api.descriptions import TRIP_MEANING, flag_names, trip_action, trip_names, trip_text
-from motord.api.messages import LinksView, LoopView, TickView, TripReport, TripView
+from motord.api.messages import LinksView, LoopView, TickView
+from motord.api.trip_messages import TripReport, TripView
 from motord.config import Config
 from motord.schema import State, Trip
 from motord.service.bench import link_health

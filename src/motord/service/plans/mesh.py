@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from motord.api.messages import MESH_POINTS_MAX, MeshPoint, MeshView
+from motord.api.plan_messages import MESH_POINTS_MAX, MeshPoint, MeshView
 from motord.sequencing import NOTHING_INDUCED, Executor, OperatingPoint
 from motord.sequencing.capture import final
 from motord.sequencing.quality import GOOD

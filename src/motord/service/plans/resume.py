@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from motord.api.errors import RpcError
-from motord.api.messages import MeshView, PlanView
+from motord.api.plan_messages import MeshView, PlanView
 from motord.config import Config
 from motord.experiments.plans import build as build_plan
 from motord.recorder.launch import RecorderLink

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import Any, Literal
 from uuid import uuid4
 
-from motord.api.messages import MeshView, PlanView
+from motord.api.plan_messages import MeshView, PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
 from motord.sequencing.motions import Capture

@@ -7,15 +7,8 @@ from importlib.metadata import version
 
 import numpy as np
 
-from motord.api.messages import (
-    BenchState,
-    DeviceView,
-    Event,
-    LeaseView,
-    MeshView,
-    PlanView,
-    TorqueSensorView,
-)
+from motord.api.messages import BenchState, DeviceView, Event, LeaseView, TorqueSensorView
+from motord.api.plan_messages import MeshView, PlanView
 from motord.config import Config
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore

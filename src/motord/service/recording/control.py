@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from motord.api.messages import PlanView, RecordingView
+from motord.api.messages import RecordingView
+from motord.api.plan_messages import PlanView
 from motord.config import Config
 from motord.recording.file_names import file_name
 from motord.recording.metadata import describe
