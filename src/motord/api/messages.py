@@ -1,4 +1,4 @@
-"""Published messages, JSON: `state`, `event`, `plan` and `mesh`. Readers skip unknown fields."""
+"""Published messages, JSON: `state` and `event`. Readers skip unknown fields."""
 
 from typing import Any, Literal
 

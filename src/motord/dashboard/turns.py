@@ -2,7 +2,7 @@
 
 from collections import deque
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,17 @@ Block = NDArray[Any]
 Floats = NDArray[np.float64]
 
 
+class Turn(NamedTuple):
+    """A turn: how often each of POINTS places was visited, and the sums of SIGNALS there.
+
+    set_Nm: the smallest and the largest torque set-point on the way.
+    """
+
+    visits: Floats
+    sums: Floats
+    set_Nm: tuple[float, float]
+
+
 class TurnAverager:
     """Gathers ticks by angle, one turn after the other; a turn counts when all of it was passed.
 
@@ -34,7 +45,7 @@ class TurnAverager:
     def __init__(self) -> None:
         self.completed = 0
         """How many turns there have been; tells whether there is news."""
-        self._turns: deque[tuple[Floats, Floats]] = deque(maxlen=TURNS)
+        self._turns: deque[Turn] = deque(maxlen=TURNS)
         self._angle_rad: float | None = None  # of the newest tick, not wrapped
         self._turn = 0
         self._whole = False  # the present turn was entered at one end
@@ -66,38 +77,46 @@ class TurnAverager:
 
     def by_bin(self) -> NDArray[np.float32]:
         """Return the measured torque of the last turns (turns, BINS), the newest last, Nm."""
-        return np.array([_binned(v, s[0]) for v, s in self._turns], np.float32).reshape(-1, BINS)
+        return np.array(
+            [_binned(one.visits, one.sums[0]) for one in self._turns], np.float32
+        ).reshape(-1, BINS)
 
     def compensation(self) -> NDArray[np.float32]:
         """Return the cogging torque made up for in the newest turn (BINS,), Nm."""
-        visits, sums = self._turns[-1]
-        return _binned(visits, sums[1]).astype(np.float32)
+        newest = self._turns[-1]
+        return _binned(newest.visits, newest.sums[1]).astype(np.float32)
 
     def set_Nm(self) -> float:
         """Return the mean torque set-point of the newest turn."""
-        visits, sums = self._turns[-1]
-        return float(sums[2].sum() / visits.sum())
+        newest = self._turns[-1]
+        return float(newest.sums[2].sum() / newest.visits.sum())
 
     def amplitudes_Nm(self) -> NDArray[np.float32]:
         """Return the amplitude at each order (ORDERS + 1,) over the last turns; order 0: the mean.
 
-        NaN for orders that so few ticks a turn cannot tell. Least squares: places that were visited
-        more often do not count for more.
+        Of turns at the newest set-point that did not change meanwhile: a ramp or a trip has every
+        order. NaN without any, and for orders that so few ticks a turn cannot tell. Least squares:
+        places that were visited more often do not count for more.
         """
-        visits = np.sum([v for v, _ in self._turns], axis=0)
-        sums = np.sum([s[0] for _, s in self._turns], axis=0)
+        out = np.full(ORDERS + 1, np.nan, np.float32)
+        newest_Nm = self._turns[-1].set_Nm[1]
+        steady = [one for one in self._turns if one.set_Nm == (newest_Nm, newest_Nm)]
+        if not steady:
+            return out
+        visits = np.sum([one.visits for one in steady], axis=0)
+        sums = np.sum([one.sums[0] for one in steady], axis=0)
         at = np.flatnonzero(visits)
-        fewest = min(int(np.count_nonzero(v)) for v, _ in self._turns)
+        fewest = min(int(np.count_nonzero(one.visits)) for one in steady)
         highest = min(ORDERS, fewest // 2 - 1)
         lines = lines_at(at, sums[at] / visits[at], POINTS, highest)
         half_place = np.exp(-1j * np.arange(highest + 1) * np.pi / POINTS)  # sums are at its middle
-        out = np.full(ORDERS + 1, np.nan, np.float32)
         out[: highest + 1] = np.abs(lines * half_place)
         out[0] = lines[0].real
         return out
 
     def _begin(self) -> None:
         self._visits, self._sums = np.zeros(POINTS), np.zeros((len(SIGNALS), POINTS))
+        self._set_Nm = (np.inf, -np.inf)
         self._entered_from = 0
 
     def _enter(self, turn: int) -> None:
@@ -111,12 +130,14 @@ class TurnAverager:
 
     def _complete(self) -> None:
         if np.count_nonzero(self._visits) >= FILLED_MIN:
-            self._turns.append((self._visits, self._sums))
+            self._turns.append(Turn(self._visits, self._sums, self._set_Nm))
             self.completed += 1
 
     def _gather(self, block: Block, unwrapped_rad: Floats) -> None:
         place = (unwrapped_rad / (2 * np.pi) % 1 * POINTS).astype(int) % POINTS
         self._visits += np.bincount(place, minlength=POINTS)
+        set_Nm, (low_Nm, high_Nm) = block["torque_set_Nm"], self._set_Nm
+        self._set_Nm = min(low_Nm, float(set_Nm.min())), max(high_Nm, float(set_Nm.max()))
         for sums, name in zip(self._sums, SIGNALS, strict=True):
             sums += np.bincount(place, block[name], minlength=POINTS)
 

@@ -46,6 +46,18 @@ def test_few_ticks_a_turn_tell_few_orders():
     assert np.isnan(amplitudes_Nm[told + 1 :]).all()
 
 
+def test_turns_in_which_the_set_point_moves_have_no_part_in_the_spectrum():
+    ticks = turned(1.0, 4.5)
+    ticks["torque_set_Nm"] = 2.0
+    moving = (ticks["tick"] > 2.2 * RATE_HZ) & (ticks["tick"] < 2.8 * RATE_HZ)
+    ticks["torque_Nm"][moving] += 1.0
+    ticks["torque_set_Nm"][moving] = 3.0
+    amplitudes_Nm = gathered(ticks).amplitudes_Nm()
+    assert amplitudes_Nm[[1, 8, 48]] == pytest.approx([0.1, 0.05, 0.3], abs=0.01)
+    ticks["torque_set_Nm"] = np.linspace(1.0, 2.0, len(ticks))
+    assert np.isnan(gathered(ticks).amplitudes_Nm()).all()
+
+
 def test_torque_is_over_the_angle_the_newest_turn_last():
     ticks = turned(1.0, 4.5)
     ticks["torque_Nm"] += np.floor(ticks["tick"] / RATE_HZ)  # 1 Nm more with each turn
