@@ -162,11 +162,11 @@ class Supervisor:
 
     def _take_requests_until(self, due_ns: int) -> None:
         """Sleep, and carry out what is requested meanwhile: nobody waits for the next step."""
-        while (left_ns := due_ns - self.clock_ns()) > 0:
-            if self.dispatcher.calls.wait(left_ns / 1e9):
-                now_ns = self.clock_ns()
-                with self.guard.part("requests", now_ns):
-                    self.dispatcher.take(now_ns)
-                with self.guard.part("publisher", now_ns):  # who has a reply may ask for the state
-                    self.publisher.publish_documents(now_ns)
-                time.sleep(max(0, min(EARLY_NS, due_ns - self.clock_ns())) / 1e9)
+        calls = self.dispatcher.calls
+        while (left_ns := due_ns - self.clock_ns()) > 0 and calls.wait(left_ns / 1e9):
+            now_ns = self.clock_ns()
+            with self.guard.part("requests", now_ns):
+                self.dispatcher.take(now_ns)
+            with self.guard.part("publisher", now_ns):  # who has a reply may ask for the state
+                self.publisher.publish_documents(now_ns)
+            time.sleep(max(0, min(EARLY_NS, due_ns - self.clock_ns())) / 1e9)
