@@ -555,8 +555,8 @@ def test_a_request_between_two_steps_is_carried_out_at_once(played):
     """The clock stands still until the answer is there; the step is a minute away."""
     played.up()
     step_ns = played.now_ns + 60_000_000_000
-    call = Call("plan/list", parse(RPCS["plan/list"], b""))
+    call = Call("config", parse(RPCS["config"], b""))
     call = replace(call, on_reply=lambda outcome: setattr(played, "now_ns", step_ns))
     threading.Timer(0.05, played.supervisor.dispatcher.calls.put, (call,)).start()
     played.supervisor._take_requests_until(step_ns)
-    assert call.wait(0).content()["plans"]
+    assert call.wait(0).content()["config"]
