@@ -16,9 +16,9 @@ def test_the_path_of_a_set_point_is_the_one_listed():
 
 
 def test_what_is_not_there_or_not_imported_is_found():
-    path = (*PATH[:1], Step("control/step.py", "step", ""), Step("api/requests.py", "nothing", ""))
+    path = (*PATH[:1], Step("control/step.py", "step", ""), Step("api/errors.py", "nothing", ""))
     assert count_imports.path_errors(path) == [
         "control/step.py: not imported by a file before it",
-        "api/requests.py: no function nothing",
-        "api/requests.py: not imported by a file before it",
+        "api/errors.py: no function nothing",
+        "api/errors.py: not imported by a file before it",
     ]

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from motord.bench_file.templates import CHECK, Notes, Tables, Template
+from motord.bench_file.templates import CHECK, KeyComments, Tables, Template
 from motord.config import Config
 from motord.config.text.descriptions import description, section_of, summary
 from motord.config.text.toml_text import toml_key, toml_value
@@ -26,7 +26,7 @@ NOT_OF_DEVICES = (
 class _Comments:
     """What is said of values: descriptions, or the example's own words where there are none."""
 
-    notes: Notes
+    notes: KeyComments
     answered: frozenset[str]
     real: bool
 
@@ -48,7 +48,9 @@ class _Comments:
         )
 
 
-def commented(tables: Tables, template: Template, notes: Notes, answered: frozenset[str]) -> str:
+def commented(
+    tables: Tables, template: Template, notes: KeyComments, answered: frozenset[str]
+) -> str:
     """Return the text of a bench file.
 
     notes: comments of the example by key; answered: keys whose value is not the example's.

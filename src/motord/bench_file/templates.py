@@ -99,7 +99,7 @@ def inverter_tables(name: str) -> Tables:
 
 
 @dataclass(frozen=True)
-class Notes:
+class KeyComments:
     """Comments of the files that a bench file begins as, by key.
 
     general: those of an example; own: those of the file of one inverter, which say more of its
@@ -110,10 +110,10 @@ class Notes:
     own: dict[str, str]
 
 
-def notes(template: Template, inverter: str) -> Notes:
+def notes(template: Template, inverter: str) -> KeyComments:
     """Return the comments of the files that a bench file begins as."""
     own = _notes(_inverter_file(inverter)) if template.real and known(inverter) else ()
-    return Notes(dict(_notes(template.file)), dict(own))
+    return KeyComments(dict(_notes(template.file)), dict(own))
 
 
 def known(inverter: str) -> frozenset[str]:

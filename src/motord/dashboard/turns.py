@@ -25,7 +25,7 @@ Block = NDArray[Any]
 Floats = NDArray[np.float64]
 
 
-class Turn(NamedTuple):
+class BinnedTurn(NamedTuple):
     """A turn: how often each of POINTS places was visited, and the sums of SIGNALS there.
 
     set_Nm: the smallest and the largest torque set-point on the way.
@@ -45,7 +45,7 @@ class TurnAverager:
     def __init__(self) -> None:
         self.completed = 0
         """How many turns there have been; tells whether there is news."""
-        self._turns: deque[Turn] = deque(maxlen=TURNS)
+        self._turns: deque[BinnedTurn] = deque(maxlen=TURNS)
         self._angle_rad: float | None = None  # of the newest tick, not wrapped
         self._turn = 0
         self._whole = False  # the present turn was entered at one end
@@ -130,7 +130,7 @@ class TurnAverager:
 
     def _complete(self) -> None:
         if np.count_nonzero(self._visits) >= FILLED_MIN:
-            self._turns.append(Turn(self._visits, self._sums, self._set_Nm))
+            self._turns.append(BinnedTurn(self._visits, self._sums, self._set_Nm))
             self.completed += 1
 
     def _gather(self, block: Block, unwrapped_rad: Floats) -> None:

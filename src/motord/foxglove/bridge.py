@@ -26,7 +26,7 @@ _NAMES = ("state", "fault", "trips", "holder", "plan", "plan_state")
 _PERIOD_NS = round(1e9 / topics.RATE_HZ)
 
 
-class Feed:
+class ViewerFeed:
     """Receives what a daemon publishes and sends it to viewers, a connection long.
 
     Each method is called by one thread of the client. Log times are the bench's: `t_ns` of ticks,
@@ -94,7 +94,7 @@ class Feed:
 def feed(client: Client, server: FoxgloveServer, stopping: threading.Event) -> None:
     """Feed `server` until `stopping` is set. Raises ClientError when the daemon is gone."""
     server.set_parameters(flat(client.rpc("config")["config"]))
-    one = Feed(server)
+    one = ViewerFeed(server)
     with (
         client.subscribe_state(one.state),
         client.subscribe_events(one.event),

@@ -19,7 +19,7 @@ GOOD_CLOCKS = ("tsc", "arch_sys_counter")
 """Clocks that are read in tens of nanoseconds, without a call of the kernel."""
 
 
-class Finding(BaseModel):
+class RtFinding(BaseModel):
     """One thing looked at: what was found, whether it is as a loop wants it, and what to do."""
 
     model_config = ConfigDict(frozen=True)
@@ -34,27 +34,27 @@ class Finding(BaseModel):
         return f"{self.name}: {self.found}" + (f"; {self.how}" if not self.good else "")
 
 
-def findings(cpu: int | None, host: Host | None = None) -> list[Finding]:
+def findings(cpu: int | None, host: Host | None = None) -> list[RtFinding]:
     """Return what was found for a loop on `cpu`, None for any."""
     host = host or Host()
-    looks: list[Callable[[Host, int | None], Finding | None]] = [
+    looks: list[Callable[[Host, int | None], RtFinding | None]] = [
         _kernel, _throttling, _group, _isolation, _frequency, _sleep, _interrupts, _clock, _swap,
     ]  # fmt: skip
     return [found for look in looks if (found := look(host, cpu)) is not None]
 
 
-def _finding(name: str, found: str, good: bool, how: str) -> Finding:
-    return Finding(name=name, found=found, good=good, how="" if good else how)
+def _finding(name: str, found: str, good: bool, how: str) -> RtFinding:
+    return RtFinding(name=name, found=found, good=good, how="" if good else how)
 
 
-def _kernel(host: Host, cpu: int | None) -> Finding:
+def _kernel(host: Host, cpu: int | None) -> RtFinding:
     model = preemption(host.text("sys/kernel/realtime"), host.text("proc/version"))
     how = "install a PREEMPT_RT kernel (Debian: linux-image-rt-amd64) for the shortest worst case"
     release = host.text("proc/sys/kernel/osrelease")
     return _finding("kernel", f"{release}, {model}", model == "PREEMPT_RT", how)
 
 
-def _throttling(host: Host, cpu: int | None) -> Finding | None:
+def _throttling(host: Host, cpu: int | None) -> RtFinding | None:
     runtime_us = host.number("proc/sys/kernel/sched_rt_runtime_us")
     period_us = host.number("proc/sys/kernel/sched_rt_period_us")
     if runtime_us is None or period_us is None:
@@ -66,7 +66,7 @@ def _throttling(host: Host, cpu: int | None) -> Finding | None:
     return _finding("real-time limit", f"{100 * share:.0f} % of a core", share >= 0.9, how)
 
 
-def _group(host: Host, cpu: int | None) -> Finding | None:
+def _group(host: Host, cpu: int | None) -> RtFinding | None:
     """Look whether the control group has real-time bandwidth (CONFIG_RT_GROUP_SCHED)."""
     for line in host.text("proc/self/cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
@@ -79,7 +79,7 @@ def _group(host: Host, cpu: int | None) -> Finding | None:
     return None
 
 
-def _isolation(host: Host, cpu: int | None) -> Finding:
+def _isolation(host: Host, cpu: int | None) -> RtFinding:
     isolated = host.text("sys/devices/system/cpu/isolated")
     if cpu is not None and cpu in _cpus(isolated):
         return _finding("isolated CPUs", isolated, True, "")
@@ -90,7 +90,7 @@ def _isolation(host: Host, cpu: int | None) -> Finding:
     return _finding("isolated CPUs", isolated or "none", False, how)
 
 
-def _frequency(host: Host, cpu: int | None) -> Finding | None:
+def _frequency(host: Host, cpu: int | None) -> RtFinding | None:
     folder = "sys/devices/system/cpu"
     which = "cpu[0-9]*" if cpu is None else f"cpu{cpu}"
     files = host.under(folder, f"{which}/cpufreq/scaling_governor")
@@ -101,7 +101,7 @@ def _frequency(host: Host, cpu: int | None) -> Finding | None:
     return _finding("CPU frequency", ", ".join(governors), governors == ["performance"], how)
 
 
-def _sleep(host: Host, cpu: int | None) -> Finding | None:
+def _sleep(host: Host, cpu: int | None) -> RtFinding | None:
     folder = f"sys/devices/system/cpu/cpu{cpu or 0}/cpuidle"
     states = [
         (host.number(str(file)) or 0, host.text(str(file.parent / "name")))
@@ -119,7 +119,7 @@ def _sleep(host: Host, cpu: int | None) -> Finding | None:
     return _finding("CPU sleep states", found, latency_us <= SLEEP_LATENCY_MAX_US, how)
 
 
-def _interrupts(host: Host, cpu: int | None) -> Finding | None:
+def _interrupts(host: Host, cpu: int | None) -> RtFinding | None:
     if cpu is None:
         return None
     files = host.under("proc/irq", "*/smp_affinity_list")
@@ -131,7 +131,7 @@ def _interrupts(host: Host, cpu: int | None) -> Finding | None:
     return _finding(f"interrupts on CPU {cpu}", f"{len(here)} of {len(files)}", not here, how)
 
 
-def _clock(host: Host, cpu: int | None) -> Finding | None:
+def _clock(host: Host, cpu: int | None) -> RtFinding | None:
     source = host.text("sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not source:
         return None
@@ -140,7 +140,7 @@ def _clock(host: Host, cpu: int | None) -> Finding | None:
     return _finding("clock", source, good, how)
 
 
-def _swap(host: Host, cpu: int | None) -> Finding | None:
+def _swap(host: Host, cpu: int | None) -> RtFinding | None:
     found = re.search(r"^SwapTotal:\s+(\d+) kB", host.text("proc/meminfo"), re.MULTILINE)
     if not found:
         return None

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from motord.cli import browser
 from motord.cli import demo as demo_module
+from motord.cli.viewers import browser
 from motord.cli.viewers.browser import open_page
 
 URL = "file:///tmp/report.html"

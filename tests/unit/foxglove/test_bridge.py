@@ -10,7 +10,7 @@ import pytest
 from motord.api.messages import Event
 from motord.client import connect
 from motord.foxglove import topics
-from motord.foxglove.bridge import Feed, run
+from motord.foxglove.bridge import ViewerFeed, run
 from motord.foxglove.server import FoxgloveError, FoxgloveServer
 from motord.schema import TICK
 from motord.service.publish.named_state import named_state as recorded_state
@@ -64,7 +64,7 @@ def test_topics_are_advertised_with_their_schemas(server):
 
 
 def test_ticks_at_10_kHz_come_decimated_and_a_spike_of_one_tick_comes_through(server):
-    feed = Feed(server)
+    feed = ViewerFeed(server)
     block = ticks(2 * RATE_HZ)
     block["torque_Nm"][12_345] = 77.0
     block["i_c_A"][12_345] = -55.0
@@ -83,7 +83,7 @@ def test_ticks_at_10_kHz_come_decimated_and_a_spike_of_one_tick_comes_through(se
 
 
 def test_every_field_of_a_tick_is_the_daemons(server):
-    feed = Feed(server)
+    feed = ViewerFeed(server)
     block = ticks(1000)
     rng = np.random.default_rng(3)
     for field in TICK.fields[2:]:
@@ -106,7 +106,7 @@ def test_events_are_messages_of_the_log_panel(server):
     with Viewer(server.url) as viewer:
         viewer.subscribe("/event")
         viewer.receive_until(lambda: server.wanted("/event"), "a subscription")
-        feed = Feed(server)
+        feed = ViewerFeed(server)
         feed.event(Event(t_ns=START_NS + 5, kind="trip", message="too fast", data={"a": 1}))
         feed.event(Event(t_ns=START_NS + 6, kind="state", message="READY"))
         trip, state = viewer.next("/event"), viewer.next("/event")
@@ -148,7 +148,7 @@ def test_the_state_is_the_one_of_recordings(bridged):
 def test_the_rate_of_states_is_bounded_and_a_change_is_never_left_out(bridged):
     sent = []
     keep = SimpleNamespace(log=lambda topic, data, t_ns: sent.append((t_ns, json.loads(data))))
-    feed = Feed(keep)
+    feed = ViewerFeed(keep)
     with connect("live", bridged.live.listen) as client:
         state = client.state()
     for i in range(2000):  # a thousand a second

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from motord.loop.rt_diagnostics import Finding, Host, findings
+from motord.loop.rt_diagnostics import Host, RtFinding, findings
 
 CPU = "sys/devices/system/cpu"
 
@@ -38,7 +38,7 @@ def machine(folder: Path, **changed: str) -> Host:
     return Host(folder)
 
 
-def look(host: Host, cpu: int | None = 3) -> dict[str, Finding]:
+def look(host: Host, cpu: int | None = 3) -> dict[str, RtFinding]:
     return {found.name: found for found in findings(cpu, host)}
 
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import pytest
 import typer
 
+from motord.api.replies import ConfigReply
 from motord.cli.plan.preflight import in_words, predict, warning
 from motord.config import load
 from tests.unit.service.test_installation import calibration
@@ -17,13 +18,12 @@ class Client:
     """A daemon with a bench and, perhaps, a calibration in force."""
 
     def __init__(self, path=None, **bench):
-        self.config = load().model_dump(mode="json")
-        self.config["bench"].update(bench)
+        self.bench_file = load().model_dump(mode="json")
+        self.bench_file["bench"].update(bench)
         self.view = SimpleNamespace(path=str(path)) if path else None
 
-    def rpc(self, name):
-        assert name == "config"
-        return {"config": self.config}
+    def config(self):
+        return ConfigReply(toml="", config=self.bench_file)
 
     def state(self):
         return SimpleNamespace(calibration=self.view)

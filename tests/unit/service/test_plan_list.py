@@ -2,6 +2,7 @@
 
 import pytest
 
+from motord.attribute_docs import described
 from motord.config.experiments import plan_kinds
 from motord.experiments.plans import build
 from motord.service.rpc.plan_forms import setting_fields, unit_of
@@ -106,5 +107,7 @@ def test_settings_of_another_package_may_come_without_its_source(monkeypatch):
         raise OSError
 
     monkeypatch.setattr("inspect.getsource", gone)
+    described.cache_clear()
     section = plan_kinds()["calibrate"].settings
     assert {field.help for field in setting_fields(section)} == {""}
+    described.cache_clear()

@@ -22,7 +22,7 @@ def test_install_and_list(
             reach = ("--bench", "cal", "--connect", service.listen)
             return CliRunner().invoke(app, ["calibration", *(str(a) for a in arguments), *reach])
 
-        assert "no calibration is in force" in run("list").stdout
+        assert "no calibration is kept" in run("list").stdout
         assert "no calibration is in force" in run("show").stderr
         installed = run("install", recorded.calibration, "--json")
         assert installed.exit_code == 0, installed.output

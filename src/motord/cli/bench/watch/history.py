@@ -12,7 +12,7 @@ _SPARE = 100
 
 
 @dataclass(frozen=True)
-class Signal:
+class ScreenSignal:
     """A signal of the tick: its field and the factor to the unit that is shown."""
 
     label: str
@@ -22,11 +22,11 @@ class Signal:
 
 
 SIGNALS = (
-    Signal("torque", "torque_Nm", "Nm"),
-    Signal("speed", "speed_rad_s", "Hz", 1.0 / (2.0 * np.pi)),
-    Signal("current a", "i_a_A", "A"),
-    Signal("current b", "i_b_A", "A"),
-    Signal("current c", "i_c_A", "A"),
+    ScreenSignal("torque", "torque_Nm", "Nm"),
+    ScreenSignal("speed", "speed_rad_s", "Hz", 1.0 / (2.0 * np.pi)),
+    ScreenSignal("current a", "i_a_A", "A"),
+    ScreenSignal("current b", "i_b_A", "A"),
+    ScreenSignal("current c", "i_c_A", "A"),
 )
 
 
