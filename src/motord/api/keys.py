@@ -23,6 +23,11 @@ KEYS = (
         "plan", "progress of the plan under way, or how the last one ended",
         "JSON, `PlanView`", "the newest; `null` before the first and after `plan/discard`",
     ),
+    Key(
+        "mesh",
+        "the operating points of the plan under way, or of the last one, and what has become of each",
+        "JSON, `MeshView`", "the newest; `null` as for `plan`",
+    ),
     Key("ticks", "every tick, in blocks of `[zenoh] block_s`", "protobuf `motord.Ticks`"),
     Key(
         "tick", "every so many-th tick, `[zenoh] tick_rate_Hz` a second",
