@@ -25,7 +25,7 @@ KEYS = (
     ),
     Key(
         "mesh",
-        "the operating points of the plan under way, or of the last one, and what has become of each",
+        "operating points of the plan under way, or of the last one, and what became of each",
         "JSON, `MeshView`", "the newest; `null` as for `plan`",
     ),
     Key("ticks", "every tick, in blocks of `[zenoh] block_s`", "protobuf `motord.Ticks`"),
