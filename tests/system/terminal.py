@@ -48,6 +48,10 @@ class ScreenOf:
         """Take no more of what the program draws, as a terminal does that hangs."""
         self._reading.clear()
 
+    def read_again(self):
+        """Take what it draws again."""
+        self._reading.set()
+
     def close(self):
         """Close the terminal: the program gets SIGHUP."""
         with suppress(OSError):
