@@ -14,7 +14,7 @@ AGE_PERIODS = 1.0
 """Sampling periods by which currents may look older or younger than the recording says."""
 
 SERIOUS_NOISES = 3.0
-"""What is left at an order is serious from so many times the noise of a point on."""
+"""The residual at an order is serious from so many times the noise of a point on."""
 
 MINOR_SHARE = 0.15
 """Orders at which less is left than this share of an encoder error's largest line count as its."""
