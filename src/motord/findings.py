@@ -2,19 +2,19 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
 Severity = Literal["note", "warning", "serious"]
 
 
-class Finding(BaseModel):
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Finding:
     """Something that the stated intervals of a result do not account for.
 
     `value` is beyond `limit`, both in `unit`; `meaning` is what usually causes it, `action` what to
     do. severity: a `serious` one makes the result's intervals too narrow.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str
     value: Annotated[float, Field(allow_inf_nan=False)]

@@ -245,11 +245,13 @@ def test_the_link_needs_pipes():
 
 def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
     monkeypatch.setattr(launch, "BACKLOG_MAX_BYTES", 200_000)
-    process = spawn_piped([sys.executable, "-c", "input()"])  # reads one line, then ends
+    never_reads = "import signal; signal.pause()"
+    process = spawn_piped([sys.executable, "-c", never_reads])
     link = RecorderLink(process)
     for i in range(400):
         link.event(i, "kind", "x" * 1000)
     assert link.dropped > 50
+    process.kill()
     process.wait()
     assert link.reports(0) == []
     link.event(0, "kind", "the pipe is broken")

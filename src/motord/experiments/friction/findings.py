@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from math import hypot, pi, sqrt
 
 from motord.config import MotorConfig
-from motord.experiments.friction.result import DirectionalFriction, FrictionFinding, Inertia
+from motord.experiments.friction.result import DirectionalFriction, Inertia
+from motord.findings import Finding
 
 FEW_COAST_DOWNS = 6
 """Coast-downs of a direction from which on the errors are taken from how they differ."""
@@ -18,7 +19,7 @@ RIPPLE_MAX = 0.4
 
 def findings(
     directions: Sequence[DirectionalFriction], motor: MotorConfig, inertia: Inertia
-) -> tuple[FrictionFinding, ...]:
+) -> tuple[Finding, ...]:
     """Return what is questionable, of each direction and of both."""
     found = [each for one in directions for each in _of_direction(one, motor, inertia)]
     both = _difference(*directions) if len(directions) == 2 else _one_alone(directions[0])
@@ -27,16 +28,16 @@ def findings(
 
 def _of_direction(
     one: DirectionalFriction, motor: MotorConfig, inertia: Inertia
-) -> Iterator[FrictionFinding]:
+) -> Iterator[Finding]:
     if one.coast_downs < FEW_COAST_DOWNS:
-        yield FrictionFinding(
+        yield Finding(
             "few coast-downs", one.coast_downs, FEW_COAST_DOWNS, "coast-downs", "warning",
             f"{one.direction}: what differs between coast-downs is not in the intervals",
             "raise repeats",
         )  # fmt: skip
     rounding_rad = 2 * pi / motor.counts / sqrt(12)
     if one.residual_rad > RESIDUAL_COUNTS * rounding_rad:
-        yield FrictionFinding(
+        yield Finding(
             "residual", one.residual_rad, RESIDUAL_COUNTS * rounding_rad, "rad", "warning",
             f"{one.direction}: the angles differ from the fit by more than the encoder's "
             "rounding: another torque acts on the rotor, or its friction changes",
@@ -44,7 +45,7 @@ def _of_direction(
         )  # fmt: skip
     ripple = _ripple(one, inertia)
     if ripple > RIPPLE_MAX:
-        yield FrictionFinding(
+        yield Finding(
             "cogging at the stop speed", ripple, RIPPLE_MAX, "parts", "warning",
             f"{one.direction}: cogging torque changes the speed by up to {100 * ripple:.0f} % "
             f"near the least one, {one.speed_min_rad_s:.3g} rad/s: what is not known of it "
@@ -53,8 +54,8 @@ def _of_direction(
         )  # fmt: skip
 
 
-def _one_alone(one: DirectionalFriction) -> Iterator[FrictionFinding]:
-    yield FrictionFinding(
+def _one_alone(one: DirectionalFriction) -> Iterator[Finding]:
+    yield Finding(
         "one direction", 1.0, 2.0, "directions", "warning",
         f"all coast-downs turn {one.direction}: a constant torque, such as that "
         "of gravity or of a cable, looks like friction",
@@ -69,14 +70,12 @@ def _ripple(one: DirectionalFriction, inertia: Inertia) -> float:
     return fast_rad_s / one.speed_min_rad_s - 1.0
 
 
-def _difference(
-    forwards: DirectionalFriction, backwards: DirectionalFriction
-) -> Iterator[FrictionFinding]:
+def _difference(forwards: DirectionalFriction, backwards: DirectionalFriction) -> Iterator[Finding]:
     """Yield a finding where Coulomb friction differs; the inertia is common to both."""
     apart_Nm = forwards.coulomb_Nm - backwards.coulomb_Nm
     limit_Nm = hypot(forwards.coulomb_fit_Nm, backwards.coulomb_fit_Nm)
     if abs(apart_Nm) > limit_Nm:
-        yield FrictionFinding(
+        yield Finding(
             "directions differ", abs(apart_Nm), limit_Nm, "Nm", "note",
             f"Coulomb friction is {1e3 * abs(apart_Nm):.3g} mNm more "
             f"{'forwards' if apart_Nm > 0 else 'backwards'}: half of it is a torque that acts in "

@@ -5,6 +5,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from motord.findings import Finding
+
 Direction = Literal["forwards", "backwards"]
 
 
@@ -95,19 +97,6 @@ class DirectionalFriction:
 
 
 @dataclass(frozen=True)
-class FrictionFinding:
-    """Something about the data that a user should know: value beyond its limit, and what to do."""
-
-    name: str
-    value: float
-    limit: float
-    unit: str
-    severity: Literal["note", "warning"]
-    meaning: str
-    action: str
-
-
-@dataclass(frozen=True)
 class Friction:
     """Friction torque over speed, with what is questionable about it."""
 
@@ -123,7 +112,7 @@ class Friction:
 
     inertia: Inertia
     directions: tuple[DirectionalFriction, ...]
-    findings: tuple[FrictionFinding, ...]
+    findings: tuple[Finding, ...]
 
     @property
     def coast_downs(self) -> int:
