@@ -9,9 +9,9 @@ from motord.experiments.analysis import encode
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
+from tests.campaigns.friction import ROTORS, coverage, trial
 from tests.unit.experiments.friction.coasting import INERTIA, Rotor, coast_downs, friction
 
-SEEDS = 200
 STRIBECK = Rotor(stribeck_Nm=0.02, cogging=((16, 0.002, 0.0),))
 
 
@@ -25,32 +25,11 @@ def both_hold(one: DirectionalFriction, rotor: Rotor) -> bool:
     )
 
 
-@pytest.mark.parametrize(
-    ("rotor", "seeds", "most"),
-    [
-        (Rotor(cogging=()), SEEDS, 0.99),
-        (Rotor(), 60, 1.0),  # cogging torque is fitted along, and intervals are too wide by half
-    ],
-)
-def test_intervals_hold_the_truth_as_often_as_they_say(
-    rotor: Rotor, seeds: int, most: float
-) -> None:
-    errors, inside = [], []
-    for seed in range(seeds):
-        coasts = coast_downs(np.random.default_rng(seed), rotor, 8, longest_step=5)
-        (one,) = friction(coasts).directions
-        errors.append((one.coulomb_Nm - rotor.coulomb_Nm) / one.coulomb_fit_Nm)
-        viscous = one.viscous_low_Nm_s_per_rad, one.viscous_high_Nm_s_per_rad
-        inside.append(
-            (
-                holds(one.coulomb_low_Nm, rotor.coulomb_Nm, one.coulomb_high_Nm),
-                holds(viscous[0], rotor.viscous_Nm_s_per_rad, viscous[1]),
-            )
-        )
-    coverage = np.mean(inside, axis=0)
-    assert (coverage >= 0.90).all(), coverage
-    assert (coverage <= most).all(), coverage
-    assert abs(np.mean(errors)) < 0.3  # bias, in halves of an interval
+@pytest.mark.parametrize(("name", "seeds"), [("no cogging torque", 80), ("cogging torque", 24)])
+def test_intervals_hold_the_truth_as_often_as_they_say(name: str, seeds: int) -> None:
+    rotor, most = ROTORS[name]
+    found = coverage(trial(rotor, seed) for seed in range(seeds))
+    assert found.kept(most), found
 
 
 @pytest.mark.parametrize("direction", [1, -1])
