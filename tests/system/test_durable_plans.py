@@ -38,9 +38,8 @@ def kill_everything(running, client):
 
 
 def journal(folder):
-    """Return what is on the disk of the plan's journal."""
-    [path] = (folder / "state" / "motord" / "plans").glob("*.jsonl")
-    return path.read_text()
+    """Return what is on the disk of the plan's journal, which its thread writes; "" before."""
+    return "".join(p.read_text() for p in (folder / "state" / "motord" / "plans").glob("*.jsonl"))
 
 
 def followed(client, token, condition):
@@ -131,6 +130,7 @@ def test_a_plan_that_was_interrupted_can_be_discarded(tmp_path):
         with client.lease("anna") as lease:
             client.rpc("plan/start", token=lease.token, name="calibrate", settings=PLAN)
             followed(client, lease.token, lambda view: view.state == "running")
+            wait_until(lambda: '"kind":"plan"' in journal(tmp_path), "the disk")
         kill_everything(first, client)
     with daemon(tmp_path, path) as second:
         with second.connect() as client, client.lease("ben") as lease:
