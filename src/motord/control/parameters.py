@@ -39,11 +39,11 @@ def build(
     p.actuation_delay_s = config.inverter.actuation_delay_s + 0.5 / config.loop.rate_Hz
     p.simulated = config.simulated
     _fill_limits(p, config)
-    if config.inverter.q_only:
+    if config.inverter.driver == "can-dq":
         from motord.control.park import DqFrame  # loads the compiler: only for such drives
 
         axes = DqFrame.of(config)
-        p.q_only = True
+        p.turning, p.q_only = config.inverter.dq.angle == "turning", config.inverter.q_only
         p.axes_rad, p.axes_sequence = axes.offset_rad, axes.sequence
         p.axes_age_s = axes.command_age_s
     p.alpha[:] = calibration.alpha if calibration else 1.0

@@ -59,6 +59,15 @@ def dq_to_abc(
     return alpha, across - 0.5 * alpha, -across - 0.5 * alpha
 
 
+@jit
+def turned(
+    electrical_rad: float, sequence: float, i_a: float, i_b: float, i_c: float
+) -> tuple[float, float, float]:
+    """Return the phase values, of sum 0, `electrical_rad` further on in their turn."""
+    i_d, i_q = abc_to_dq(0.0, sequence, i_a, i_b, i_c)
+    return dq_to_abc(electrical_rad, sequence, i_d, i_q)
+
+
 @dataclass(frozen=True)
 class DqFrame:
     """The dq frame of a drive; angles are the bench's, in its positive direction.

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from motord.control.park import turned
 from motord.control.types import TORQUE_SHARE
 from motord.jit import jit
 
@@ -15,14 +16,15 @@ def compare_currents(p: np.record, m: np.record, f: np.record) -> tuple[bool, bo
     They are compared with the commands that can have been in force when they were measured: of
     those sent by then the last ones, back to the newest that has had time to settle; two at least,
     because a frame may be lost or late. A current that has not settled may be anywhere on the
-    straight line between two commands. Nothing can be said of currents that were measured before
-    the oldest command that is remembered, or that are not finite.
+    straight line between two commands. A drive that turns its set-point with the rotor has turned
+    each command since its current began to flow. Nothing can be said of currents that were measured
+    before the oldest command that is remembered, or that are not finite.
     """
     later = _sent_after(p, m, f.t_inverter_ns)
     if later == m.commands or not math.isfinite(f.i_A[0] + f.i_A[1] + f.i_A[2]):
         return False, False
     place = _place(p, m, later)
-    a, b, c = _deviation(p, f.i_A, m.command_A[place])
+    a, b, c = _deviation(p, m, f, place)
     if max(abs(a), abs(b), abs(c)) <= p.current_error_A:
         return True, True
     for back in range(later + 1, m.commands):
@@ -30,7 +32,7 @@ def compare_currents(p: np.record, m: np.record, f: np.record) -> tuple[bool, bo
         if settled and back > later + 1:
             break
         place = _place(p, m, back)
-        x, y, z = _deviation(p, f.i_A, m.command_A[place])
+        x, y, z = _deviation(p, m, f, place)
         if max(abs(x), abs(y), abs(z)) <= p.current_error_A:
             return True, True
         if not settled and _passes(p.current_error_A, (a, b, c), (x, y, z)):
@@ -60,14 +62,17 @@ def _place(p: np.record, m: np.record, back: int) -> int:
 
 
 @jit
-def _deviation(p: np.record, i_A: np.ndarray, command_A: np.ndarray) -> tuple[float, float, float]:
-    """Return the currents less their commands (A).
+def _deviation(p: np.record, m: np.record, f: np.record, place: int) -> tuple[float, float, float]:
+    """Return the sensed currents less the command at a place of the ring (A).
 
     In a star the part common to all phases is nobody's command.
     """
-    a = float(i_A[0]) - float(command_A[0])
-    b = float(i_A[1]) - float(command_A[1])
-    c = float(i_A[2]) - float(command_A[2])
+    of_a, of_b, of_c = m.command_A[place, 0], m.command_A[place, 1], m.command_A[place, 2]
+    if p.turning:
+        flowing_s = 1e-9 * (f.t_inverter_ns - m.command_ns[place]) - p.actuation_delay_s
+        turned_rad = p.pole_pairs * m.speed_rad_s * flowing_s
+        of_a, of_b, of_c = turned(turned_rad, p.axes_sequence, of_a, of_b, of_c)
+    a, b, c = float(f.i_A[0] - of_a), float(f.i_A[1] - of_b), float(f.i_A[2] - of_c)
     mean = (a + b + c) / 3.0 if p.star else 0.0
     return a - mean, b - mean, c - mean
 

@@ -116,10 +116,11 @@ PARAMETERS = record_dtype(
         ("enable_timeout_s", "f8"),
         ("overrun_ticks", "i8"),
         ("simulated", "i8"),
-        # a drive that makes current along its q axis alone (`control.park`)
-        ("q_only", "i8"),
+        # a drive that takes d and q (`control.park`)
+        ("turning", "i8"),  # it turns its set-point with the rotor between commands
+        ("q_only", "i8"),  # it makes current along its q axis alone
         ("axes_rad", "f8"),  # electrical angle of its d axis at angle 0
-        ("axes_sequence", "f8"),
+        ("axes_sequence", "f8"),  # -1: the phases follow each other backwards
         ("axes_age_s", "f8"),  # of its angle when its current flows
     ]
 )

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from motord.control.interlock_table import INTERLOCK
 from motord.schema import State, Trip
-from tests.unit.control.bench import Bench, make_config
+from tests.unit.control.bench import EPOCH_NS, Bench, make_config
 
 ERROR_A = 5.0
 TORQUE_NM = 6.0  # 19 A
@@ -58,6 +58,30 @@ class CurrentLoops:
         return to_A + (from_A - to_A) * rest
 
 
+class TurningLoops:
+    """Those of a drive that takes d and q: between commands their currents turn with the rotor."""
+
+    def __init__(self, along_axes: CurrentLoops, flowing_s: float, turn_rad_s: float) -> None:
+        """flowing_s: from a tick until the angle that its command is for."""
+        self._along_axes = along_axes
+        self._flowing_ns, self._turn_rad_s = round(flowing_s * 1e9), turn_rad_s
+
+    def command(self, t_ns: int, i_A: np.ndarray) -> None:
+        self._along_axes.command(t_ns, turned_A(i_A, -self._turn_rad(t_ns + self._flowing_ns)))
+
+    def at(self, t_ns: int) -> np.ndarray:
+        return turned_A(self._along_axes.at(t_ns), self._turn_rad(t_ns))
+
+    def _turn_rad(self, t_ns: int) -> float:
+        return self._turn_rad_s * (t_ns - EPOCH_NS) * 1e-9
+
+
+def turned_A(i_A: np.ndarray, electrical_rad: float) -> np.ndarray:
+    """Return phase currents of sum 0 further on in their turn, by their phasor."""
+    third = np.exp(2j * np.pi / 3 * np.arange(3))
+    return (2 / 3 * (i_A @ third) * np.exp(1j * electrical_rad) / third).real
+
+
 class LateBench(Bench):
     """A bench whose inverter's feedback is late by `age` of `stale_after_s`."""
 
@@ -68,6 +92,7 @@ class LateBench(Bench):
         speed_rad_s: float,
         stale_after_s: float | None = None,
         quicker: float = 1.0,
+        turning: bool = False,
         **sections: object,
     ) -> None:
         """The true delay is `quicker` times the one in the bench file."""
@@ -87,7 +112,13 @@ class LateBench(Bench):
             )
         )  # fmt: skip
         self.speed_rad_s = speed_rad_s
-        self.loops = CurrentLoops(quicker * (DELAY_S - LAG_S), quicker * LAG_S)
+        loops = CurrentLoops(quicker * (DELAY_S - LAG_S), quicker * LAG_S)
+        self.loops: CurrentLoops | TurningLoops = loops
+        if turning:
+            p = self.parameters[0]
+            p.turning, p.axes_sequence = True, 1.0
+            turn_rad_s = p.pole_pairs * speed_rad_s
+            self.loops = TurningLoops(loops, float(p.actuation_delay_s), turn_rad_s)
         self.draw = np.random.default_rng(rate_Hz)
         self.age = age
         self.wrong: Wrong | None = None
@@ -118,6 +149,11 @@ class LateBench(Bench):
             super().run(1, False, supervised)
             self.loops.command(now_ns, self.currents_A())
         return self.tick[0]
+
+    def skip(self, ticks: int) -> None:
+        """Let the loop miss ticks; the rotor turns on."""
+        self.now_ns += ticks * self.period_ns
+        self.angle_rad += self.speed_rad_s * ticks * self.period_ns * 1e-9
 
     def seconds(self, duration_s: float) -> None:
         """Run; nothing may trip, and no feedback may be found implausible even for a moment."""
@@ -156,6 +192,29 @@ def steps_and_reversals(bench: LateBench, duration_s: float, every_s: float = 0.
 def test_right_currents_never_trip_however_late(rate_Hz, age, speed_rad_s) -> None:
     bench = LateBench(rate_Hz, AGES[age], speed_rad_s)
     steps_and_reversals(bench, 0.36, max(0.02, 2 / rate_Hz))
+
+
+@pytest.mark.parametrize("speed_rad_s", [-18.0, 18.0])
+@pytest.mark.parametrize("age", AGES)
+@pytest.mark.parametrize("rate_Hz", [100, 1000, 10_000])
+def test_right_currents_of_a_drive_that_turns_its_set_point(rate_Hz, age, speed_rad_s) -> None:
+    star = {"connection": "star"}
+    bench = LateBench(rate_Hz, AGES[age], speed_rad_s, turning=True, motor=star)
+    steps_and_reversals(bench, 0.36, max(0.02, 2 / rate_Hz))
+
+
+@pytest.mark.parametrize("missed", [1, 20, 300])
+def test_ticks_that_are_missed_trip_no_drive_that_turns_its_set_point(missed) -> None:
+    """The loop is late, and the drive turns on with the rotor."""
+    bench = LateBench(
+        1000, AGES["fresh"], 4.0, stale_after_s=1.0, turning=True, motor={"connection": "star"}
+    )
+    bench.setpoint["torque_Nm"] = TORQUE_NM
+    bench.seconds(0.1)
+    for _ in range(5):
+        bench.skip(missed)
+        bench.seconds(0.01)
+    assert bench.time_to_trip_s(offset(0, 15.0)) <= bench.stated_s
 
 
 @pytest.mark.parametrize("quicker", [0.0, 0.3, 1.0])
