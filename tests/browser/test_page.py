@@ -2,6 +2,7 @@
 
 import base64
 import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -119,8 +120,7 @@ def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(visit: Watched):
     with Server(StandIn(10_000.0)) as server:
         page = visit(server.urls.operator)
         page.select_option("#span", "60")
-        waits(page, "() => document.querySelector('.value').textContent !== '\u2013'")
-        page.wait_for_timeout(600)
+        waits(page, TALLEST + "> 0; }")
         server.stand_in.do(lambda: setattr(server.stand_in.bench, "spike_Nm", 8.0))
         page.wait_for_function(TALLEST + "> 0.45 * height; }", polling=500, timeout=PATIENCE_MS)
 
@@ -149,7 +149,7 @@ TALLEST = """() => {
 
 def test_pause_zoom_and_cursor(server, visit: Watched):
     page = visit(server.urls.operator)
-    page.wait_for_timeout(1200)
+    waits(page, TALLEST + "> 0; }")
     page.click("#pause-traces")
     shows(page, "#held", "held at")
     held = page.locator("#held").inner_text()
@@ -162,6 +162,7 @@ def test_pause_zoom_and_cursor(server, visit: Watched):
     page.mouse.move(x - 100, y)
     page.mouse.down()
     page.mouse.move(x - 20, y, steps=3)
+    waits(page, "() => document.querySelector('.u-select').offsetWidth > 60")
     page.mouse.up()
     waits(page, "() => !document.querySelector('#span-other').hidden")
     assert page.locator("#held").inner_text() != ""
@@ -291,17 +292,24 @@ def test_a_server_that_comes_back_finds_the_page_again(visit: Watched):
 def test_a_hidden_page_gets_no_traces(server, visit: Watched):
     page = visit(server.urls.operator)
     page.evaluate(HIDE, True)
-    page.wait_for_timeout(400)  # what was under way
     frames: list[str] = []
     cdp = page.context.new_cdp_session(page)
     cdp.on("Network.webSocketFrameReceived", lambda got: frames.append(kind_of(got)))
     cdp.send("Network.enable")
-    page.wait_for_timeout(700)
-    assert "state" in frames  # the socket is still there
+    received(page, frames, "state", 2)  # what was under way has come
+    frames.clear()
+    received(page, frames, "state", 4)  # the socket is still there
     assert not {"trace", "turns", "timing"} & set(frames)
     page.evaluate(HIDE, False)
-    page.wait_for_timeout(300)
-    assert "trace" in frames
+    received(page, frames, "trace", 1)
+
+
+def received(page: Page, frames: list[str], kind: str, count: int) -> None:
+    """Wait until so many frames of a kind have come."""
+    until_s = time.monotonic() + PATIENCE_MS / 1000
+    while frames.count(kind) < count:
+        assert time.monotonic() < until_s, frames
+        page.wait_for_timeout(20)  # lets the frames come
 
 
 def kind_of(received: dict[str, Any]) -> str:

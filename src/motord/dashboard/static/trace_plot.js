@@ -194,6 +194,7 @@ export class TracePlot {
 
   /** @param {any} u */
   _selected(u) {
+    if (u.cursor.event?.type !== "mouseup") return; // still drawn, or only moved along
     const { left, width } = u.select;
     if (width > 4) this._host.select(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
     u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
