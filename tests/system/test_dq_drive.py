@@ -1,4 +1,4 @@
-"""Daemon's core and emulated devices with a drive that takes d and q, in virtual time on the wire."""
+"""The core of the daemon and emulated devices with a drive that takes d and q, in virtual time."""
 
 import re
 from pathlib import Path
