@@ -73,7 +73,8 @@ def conditions(
     lost = m.implausible >= IMPLAUSIBLE_SAMPLES or not m.tracking
     compared, within = compare_currents(p, m, f)
     m.not_compared = 0 if compared else _CURRENTS
-    torque_astray = torque_error(p, m, f.torque_Nm) > p.torque_error_Nm
+    missed_now = max(missed - m.missed, 0) if m.started else 0
+    torque_astray = torque_error(p, m, f.torque_Nm, missed_now) > p.torque_error_Nm
     bits = _TRIP.OVER_CURRENT if largest_A > p.trip_current_A else 0
     bits |= _TRIP.OVER_SPEED if abs(m.speed_rad_s) > p.trip_speed_rad_s else 0
     bits |= _TRIP.OVER_TORQUE if abs(f.torque_Nm) > p.trip_torque_Nm else 0
@@ -84,7 +85,7 @@ def conditions(
     bits |= _TRIP.INVERTER_STALE if abs(inverter_age_s) > p.inverter_stale_s else 0
     bits |= _TRIP.INVERTER_FAULT if status & _INVERTER.FAULT or lost_power else 0
     bits |= _TRIP.BUS_OFF if status & _INVERTER.BUS_OFF else 0
-    bits |= _TRIP.LOOP_OVERRUN if missed - m.missed >= p.overrun_ticks and m.started else 0
+    bits |= _TRIP.LOOP_OVERRUN if m.started and missed_now >= p.overrun_ticks else 0
     bits |= _TRIP.SUPERVISOR_STALE if supervisor_late and m.torque_set_Nm == 0.0 else 0
     bits |= _TRIP.TEMPERATURE if f.temperature_C > p.trip_temperature_C else 0
     bits |= _TRIP.LINK_ERRORS if m.recent_link_errors > p.link_errors_per_s else 0

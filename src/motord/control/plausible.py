@@ -112,14 +112,14 @@ def remember_command(
 
 
 @jit
-def torque_error(p: np.record, m: np.record, torque_Nm: float) -> float:
+def torque_error(p: np.record, m: np.record, torque_Nm: float, missed: int) -> float:
     """Return by how much (Nm) the measured torque is further from the set-point than its share.
 
-    The set-point of the tick before goes through the sensor's high-pass. Call once a tick.
+    The set-point of the tick before goes through the sensor's high-pass. Call once a tick; missed:
+    ticks that the loop has missed since the tick before.
     """
-    m.torque_expected_Nm = p.torque_decay * (
-        m.torque_expected_Nm + m.torque_asked_Nm - m.torque_before_Nm
-    )
+    decay = p.torque_decay if missed == 0 else p.torque_decay ** (1 + missed)
+    m.torque_expected_Nm = decay * (m.torque_expected_Nm + m.torque_asked_Nm - m.torque_before_Nm)
     m.torque_before_Nm = m.torque_asked_Nm
     apart_Nm = abs(torque_Nm - float(m["torque_expected_Nm"]))
     excess_Nm = float(apart_Nm - TORQUE_SHARE * abs(m.torque_asked_Nm))

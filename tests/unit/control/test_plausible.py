@@ -112,6 +112,24 @@ def test_torque_beside_its_set_point(error_Nm: float, trips: bool) -> None:
         assert 100 <= number <= 103
 
 
+@pytest.mark.parametrize("missed", [0, 1, 40, 300])
+def test_ticks_that_the_loop_missed_are_time_for_the_sensor_too(missed: int) -> None:
+    """An amplifier with a short high-pass forgets the torque while the loop is late."""
+    bench = at_torque(
+        5.0, torque_sensor={"highpass_time_constant_s": 3.0}, loop={"overrun_ticks": 500},
+        inverter={"stale_after_s": 1.0, "timeout_s": 1.0}, bridge={"stale_after_s": 1.0},
+    )  # fmt: skip
+    for _ in range(6):
+        bench.shown_Nm *= math.exp(-missed * bench.period_ns * 1e-9 / 3.0)
+        bench.now_ns += missed * bench.period_ns
+        bench.angle_rad += bench.speed_rad_s * missed * bench.period_ns * 1e-9
+        bench.tick["missed"] += missed
+        expected_Nm = bench.shown_Nm
+        bench.ticks(2)
+        assert bench.memory["torque_expected_Nm"][0] == pytest.approx(expected_Nm, rel=0.01)
+    assert bench.tick["state"][0] == State.ENABLED
+
+
 def test_torque_means_nothing_while_none_is_applied() -> None:
     bench = Answering()
     bench.error_Nm = 8.0
