@@ -82,7 +82,7 @@ def _run(
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     h = 1e-4
     angles, torques = np.empty(drive.size // every), np.empty(drive.size // every)
-    angle, speed, phi, low = 0.01, 0.0, 0.01, 0.0
+    angle, speed, phi, low = 0.01, drive[0], 0.01, 0.0
     for n in range(drive.size):
         cog = _waves(cogging, angle)
         phi += h * drive[n]

@@ -49,7 +49,7 @@ class Driven:
     @property
     def jerky(self) -> bool:
         """Whether the smooth motion does not explain the encoder: the rotor sticks and slips."""
-        return self.left_rad > JERKY * self.rounding_rad
+        return bool(self.left_rad > JERKY * self.rounding_rad)
 
     @property
     def period_s(self) -> float:
@@ -154,7 +154,7 @@ def _segment(
         turns=turns,
         motion=motion,
         grid=grid,
-        rounding_rad=2 * np.pi / motor.counts / np.sqrt(12),
+        rounding_rad=float(2 * np.pi / motor.counts / np.sqrt(12)),
         left_rad=float(np.sqrt(max(float(np.mean(left_rad[1:] * left_rad[:-1])), 0.0))),
     )
     _check_no_current(driven, motor)

@@ -90,7 +90,8 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert len(result["tau_cog_Nm"]) == 4096
     by_order = {h["order"]: h for h in result["harmonics"]}
     assert set(by_order[48]) == {
-        "order", "amplitude_Nm", "phase_rad", "stderr_Nm", "phase_stderr_rad", "allowed",
+        "order", "amplitude_Nm", "phase_rad", "stderr_Nm", "phase_stderr_rad", "half_width_Nm",
+        "phase_half_width_rad", "allowed",
     }  # fmt: skip
     for order, amplitude_Nm, phase_rad in ((16, 0.08, 0.6), (48, 0.33, 0.3), (96, 0.06, 1.4)):
         assert by_order[order]["amplitude_Nm"] == pytest.approx(amplitude_Nm, abs=2e-3)

@@ -45,8 +45,8 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.2f} +- {1.96e3 * h.stderr_Nm:.2f}",
-                f"{h.phase_rad:.3f} +- {1.96 * h.phase_stderr_rad:.3f}" if h.significant else "",
+                f"{1e3 * h.amplitude_Nm:.2f} +- {1e3 * h.half_width_Nm:.2f}",
+                f"{h.phase_rad:.3f} +- {h.phase_half_width_rad:.3f}" if h.significant else "",
                 "yes" if h.allowed else "no",
             )
             for h in measured.harmonics

@@ -11,6 +11,9 @@ from motord.experiments.driven_findings import left_out_finding
 from motord.findings import Finding
 from motord.identification.driven_rotor import JERKY
 
+STICKS = 5.0
+"""Part of that limit from which on it is no swing that dies out, but the rotor sticks and slips."""
+
 FEW_TURNS = 6
 """Turns in all below which the noise's colour is not known."""
 
@@ -65,10 +68,11 @@ def _motion(found: MeasuredCogging) -> Iterator[Finding]:
         worst = max(one.motion_left_counts for one in jerky)
         at = ", ".join(f"{one.direction * one.speed_Hz:.3g} /s" for one in jerky)
         yield Finding(
-            "jerky-motion", worst, JERKY / sqrt(12), "counts", "warning",
-            f"at {at} the rotor sticks and slips: no smooth motion explains the encoder, so the "
-            "counted angles themselves were fitted; where the sensor sees friction, that of the "
-            "rests is taken for cogging torque in part",
+            "jerky-motion", worst, JERKY / sqrt(12), "counts",
+            "warning" if worst > STICKS * JERKY / sqrt(12) else "note",
+            f"at {at} no smooth motion explains the encoder: the rotor sticks and slips, or swings "
+            "as it starts. The counted angles themselves were fitted; where the sensor sees "
+            "friction, that of the rests is taken for cogging torque in part",
             "drive faster, through a stiffer belt, or with more inertia; take both directions",
         )  # fmt: skip
 

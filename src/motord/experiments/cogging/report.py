@@ -95,7 +95,7 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
         [
             [
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1.96e3 * h.stderr_Nm:.3f}",
+                f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1e3 * h.half_width_Nm:.3f}",
                 f"{h.phase_rad:.4f}" if h.significant else "",
                 _origin(h, measured),
             ]

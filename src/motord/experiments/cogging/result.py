@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import stdtrit
 
 from motord.config import MotorConfig
 from motord.experiments.cogging.at_speed import SpeedCogging
@@ -31,9 +32,14 @@ class TorqueHarmonic:
 
 @dataclass(frozen=True)
 class MeanHarmonic(TorqueHarmonic):
-    """A harmonic of the mean over the speeds; allowed: by slots and poles."""
+    """A harmonic of the mean over the speeds; allowed: by slots and poles.
+
+    half_width_Nm, phase_half_width_rad: of the 95 % interval, by Student's t over the turns.
+    """
 
     phase_stderr_rad: float
+    half_width_Nm: float
+    phase_half_width_rad: float
     allowed: bool
 
 
@@ -86,6 +92,7 @@ class MeasuredCogging:
         "main_order": "main_order",
         "periods_per_slot_pitch": "periods_per_slot_pitch",
         "harmonics": "harmonics",
+        "degrees_of_freedom": "degrees_of_freedom",
         "peak_Nm": "peak_Nm",
         "tau_cog_Nm": "rounded_tau_cog_Nm",
         "speeds": "speed_results",
@@ -134,16 +141,23 @@ class MeasuredCogging:
     @property
     def harmonics(self) -> tuple[MeanHarmonic, ...]:
         """The orders as harmonics."""
+        factor = float(stdtrit(self.degrees_of_freedom, 0.975))
         return tuple(
             MeanHarmonic(
                 int(order), float(amplitude), float(phase), float(stderr),
-                float(min(stderr / max(amplitude, 1e-300), np.pi)), bool(allowed),
+                float(min(stderr / max(amplitude, 1e-300), np.pi)), float(factor * stderr),
+                float(min(factor * stderr / max(amplitude, 1e-300), np.pi)), bool(allowed),
             )
             for order, amplitude, phase, stderr, allowed in zip(
                 self.order, self.amplitude_Nm, self.phase_rad, self.stderr_Nm, self.allowed,
                 strict=True,
             )
         )  # fmt: skip
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the standard errors, which come from how the turns differ."""
+        return max(sum(one.turns - 1 for one in self.speeds), 1)
 
     @property
     def speed_results(self) -> tuple[SpeedResult, ...]:
