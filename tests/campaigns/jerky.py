@@ -33,9 +33,9 @@ class Case:
 STIFF = Jerky(damping_Nm_s_per_rad=0.2, static_Nm=0.04)
 RIPPLE = ((48, 0.3, 1.0),)
 CASES = (
-    Case("smooth", STIFF, 0.5, frozenset(), 0.90),
+    Case("smooth", STIFF, 0.4873, frozenset(), 0.90),
     Case("smooth, friction ripples", replace(STIFF, sensed=True, friction_ripple=RIPPLE),
-         0.5, frozenset({"directions-differ"}), 0.90),
+         0.4873, frozenset({"directions-differ"}), 0.90),
     Case("sticks and slips", Jerky(), 0.1, frozenset({"jerky-motion"}), 0.90),
     Case("sticks and slips, high-pass", Jerky(highpass_s=2.0), 0.1, frozenset({"jerky-motion"}),
          0.90),

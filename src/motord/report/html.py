@@ -60,9 +60,13 @@ def _as_box(finding: Finding) -> str:
     )
     return (
         f'<div class="finding {finding.severity}"><b>{escape(finding.name)}</b> '
-        f"<span>{escape(size)}</span><p>{escape(finding.meaning)}</p>"
-        f"<p><em>{escape(finding.action)}</em></p></div>"
+        f"<span>{escape(size)}</span><p>{escape(_sentence(finding.meaning))}</p>"
+        f"<p><em>{escape(_sentence(finding.action))}</em></p></div>"
     )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith(("?", ".")) else ".")
 
 
 class Page:

@@ -103,6 +103,11 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert "Figure 3.2" in page
     assert "Figure 4.5" in page
     assert page.count("<figure>") == 4
+    [finding] = result["findings"]
+    assert finding["name"] == "one-direction"
+    assert "- note: one-direction, 1 directions (limit 2): friction" in done.output
+    assert '<div class="finding note"><b>one-direction</b>' in page
+    assert page.index("one-direction") < page.index("<h2>")
 
 
 def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:

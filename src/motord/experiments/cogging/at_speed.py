@@ -96,20 +96,12 @@ def at_speed(
             f"{min(motor.slots, poles)}: turn slower or sample faster"
         )
     order = np.array(sorted({*allowed, *(o for o in others if o <= highest)}))
-    first, end = driven.turns[0][0], driven.turns[-1][1]
-    t_s = driven.t_s[:end]
-    angle_rad, speed_rad_s = driven.motion.at(t_s)
-    if driven.jerky:
-        angle_rad = driven.motion.position_rad[:end]
-        columns = _counted_columns(order, t_s, driven, sensor)
-    else:
-        columns = _smooth_columns(order, angle_rad, speed_rad_s, sensor)
-    if sensor.highpass_time_constant_s > 0:
-        state = np.stack([columns[first:].mean(axis=0), columns[0]])
-        highpass(columns, np.diff(t_s, prepend=t_s[:1]), sensor.highpass_time_constant_s, state)
+    end = driven.turns[-1][1]
+    angle_rad, speed_rad_s = _angle_and_speed(driven, end)
+    columns = _columns(order, driven, angle_rad, speed_rad_s, sensor)
     torque_Nm = driven.ticks["torque_Nm"][:end].astype(float)
     rows, turn = _by_turn(driven.turns)
-    steady = _without_trend(np.column_stack([columns, torque_Nm])[rows], t_s[rows], turn)
+    steady = _without_trend(np.column_stack([columns, torque_Nm])[rows], driven.t_s[rows], turn)
     if driven.jerky:
         visit = _visits(angle_rad[rows], turn, motor.counts)
         steady = np.add.reduceat(steady, visit) / np.diff(visit, append=turn.size)[:, None]
@@ -150,6 +142,34 @@ def standing_out(found: Sequence[SpeedCogging]) -> tuple[int, ...]:
     return tuple(sorted(out[:MOST_OTHERS]))
 
 
+def _angle_and_speed(driven: Driven, end: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return angle and speed (end,): of the smooth motion, or as counted and roughly."""
+    t_s = driven.t_s[:end]
+    if driven.jerky:
+        return driven.motion.position_rad[:end], driven.motion.spline.derivative()(t_s)
+    return driven.motion.at(t_s)
+
+
+def _columns(
+    order: np.ndarray,
+    driven: Driven,
+    angle_rad: np.ndarray,
+    speed_rad_s: np.ndarray,
+    sensor: TorqueSensorConfig,
+) -> np.ndarray:
+    """Return cos and sin of each order (n, 2 m) as the sensor gives them."""
+    if driven.jerky:
+        columns = _counted_columns(order, driven, angle_rad, sensor)
+    else:
+        columns = _smooth_columns(order, angle_rad, speed_rad_s, sensor)
+    tau_s = sensor.highpass_time_constant_s
+    if tau_s > 0:
+        state = np.stack([columns[driven.turns[0][0] :].mean(axis=0), columns[0]])
+        t_s = driven.t_s[: angle_rad.size]
+        highpass(columns, np.diff(t_s, prepend=t_s[:1]), tau_s, state)
+    return columns
+
+
 def _smooth_columns(
     order: np.ndarray, angle_rad: np.ndarray, speed_rad_s: np.ndarray, sensor: TorqueSensorConfig
 ) -> np.ndarray:
@@ -165,13 +185,12 @@ def _smooth_columns(
 
 
 def _counted_columns(
-    order: np.ndarray, t_s: np.ndarray, driven: Driven, sensor: TorqueSensorConfig
+    order: np.ndarray, driven: Driven, angle_rad: np.ndarray, sensor: TorqueSensorConfig
 ) -> np.ndarray:
     """Return cos and sin of each order (n, 2 m) of the counted angle, through the mount in time."""
-    angle_rad = driven.motion.position_rad[: t_s.size]
     gain = cell_gain(order, driven.grid) if driven.grid else np.ones(order.size)
     waves = gain * np.exp(1j * np.outer(angle_rad, order))
-    columns = np.empty((t_s.size, 2 * order.size))
+    columns = np.empty((angle_rad.size, 2 * order.size))
     columns[:, 0::2], columns[:, 1::2] = waves.real, waves.imag
     if sensor.resonance_Hz > 0:
         columns = passed_by_mount(columns, driven.period_s, sensor)

@@ -92,7 +92,7 @@ def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, 
     """Return mean and standard error (n,) of both directions, each weighted alike.
 
     What friction adds turns its sign with the direction, so that it cancels; not so where the rotor
-    sticks and slips: then half of what the directions differ by is in the standard error, too.
+    sticks and slips: then the truth may be anywhere between the two (rectangular, per component).
     """
     seen = np.isfinite([way[0] for way in ways])
     lines = np.where(seen, [way[0] for way in ways], 0)
@@ -100,7 +100,7 @@ def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, 
     each = 1 / np.maximum(seen.sum(axis=0), 1)
     mean, error = lines.sum(axis=0) * each, np.sqrt((stderr**2).sum(axis=0)) * each
     if jerky:
-        apart = np.where(seen.all(axis=0), np.abs(lines[0] - lines[1]), 0) / np.sqrt(8)
+        apart = np.where(seen.all(axis=0), np.abs(lines[0] - lines[1]), 0) / np.sqrt(24)
         error = np.maximum(error, apart)
     return mean, error
 

@@ -96,7 +96,7 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
             [
                 str(h.order),
                 f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1e3 * h.half_width_Nm:.3f}",
-                f"{h.phase_rad:.4f}" if h.significant else "",
+                f"{h.phase_rad:.4f} \u00b1 {h.phase_half_width_rad:.4f}" if h.significant else "",
                 _origin(h, measured),
             ]
             for h in measured.harmonics
