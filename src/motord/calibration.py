@@ -59,13 +59,14 @@ class CalibratedMotor(_Part):
 class Harmonic(_Part):
     """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad).
 
-    stderr_Nm: of the amplitude; phase_stderr_rad: of the phase, None in files that do not tell.
+    stderr_Nm: of the amplitude, None where a single trial does not show it; phase_stderr_rad: of
+    the phase, None in files that do not tell.
     """
 
     order: Annotated[int, Field(ge=1)]
     amplitude_Nm: Finite
     phase_rad: Finite
-    stderr_Nm: NonNegative
+    stderr_Nm: NonNegative | None
     phase_stderr_rad: NonNegative | None = None
 
 

@@ -125,14 +125,14 @@ def _run(
     if output and analysis.save:
         analysis.save(result, output)
     elif output:
-        text = json.dumps(analysis.json(result, recordings), indent=analysis.indent)
+        text = json.dumps(analysis.to_json(result, recordings), indent=analysis.indent)
         write_whole(output, text + "\n")
     if report:
-        analysis.report(result, recordings).write(report)
+        analysis.page(result, recordings).write(report)
     if given["as_json"]:
-        print_json(analysis.json(result, recordings))
+        print_json(analysis.to_json(result, recordings))
         return
-    print_text(analysis.text(result, recordings))
+    print_text(analysis.lines(result, recordings))
     print_files(output, report)
 
 

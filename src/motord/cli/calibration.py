@@ -150,7 +150,7 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
     ]
     lines.append(f"delta eps    {c['delta_epsilon']:.4f} ({c['delta_epsilon_source']})")
     lines += [
-        f"order {h['order']:4d}   {1e3 * h['amplitude_Nm']:.2f} +- {1.96e3 * h['stderr_Nm']:.2f} "
+        f"order {h['order']:4d}   {1e3 * h['amplitude_Nm']:.2f} +- {_half_mNm(h)} "
         f"mNm, phase {h['phase_rad']:+.3f} rad"
         for h in c["tau_cog_harmonics"]
     ]
@@ -160,3 +160,8 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
     lines += [f"- {words}" for words in c["observable"]]
     return lines
+
+
+def _half_mNm(harmonic: dict[str, Any]) -> str:
+    stderr_Nm = harmonic["stderr_Nm"]
+    return "(not known from one trial)" if stderr_Nm is None else f"{1.96e3 * stderr_Nm:.2f}"

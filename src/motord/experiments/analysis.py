@@ -4,13 +4,15 @@ An experiment's `command.py` names its estimate, with the options that it takes,
 what the terminal shows; opening recordings, options that all share, files and errors are common.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
+
+from motord.findings import Finding
 
 if TYPE_CHECKING:
     from motord.experiments.subject import Recordings
@@ -63,6 +65,9 @@ class Analysis(Generic[Result]):
     own options, but for `command`, the name by which it was called. json: the result as `--json`
     prints it; report: its page; text: what the terminal shows. save: writes what `-o` asks for,
     by default the JSON, with `indent`. details: more of the command's help.
+
+    Where the data depart from the model the result says so in its `findings`, a field or property.
+    They are shown here for all: `to_json`, `page` and `lines` are what the three give, with them.
     """
 
     estimate: Callable[..., Result]
@@ -73,3 +78,24 @@ class Analysis(Generic[Result]):
     indent: int | None = 1
     details: str = ""
     needs_recordings: bool = True
+
+    def to_json(self, result: Result, recordings: "Recordings") -> dict[str, Any]:
+        """Return the result as JSON, with its findings."""
+        return {**self.json(result, recordings), "findings": encode(findings_of(result))}
+
+    def page(self, result: Result, recordings: "Recordings") -> "Page":
+        """Return the result's page, with its findings."""
+        page = self.report(result, recordings)
+        page.findings(findings_of(result))
+        return page
+
+    def lines(self, result: Result, recordings: "Recordings") -> "Iterator[str | TextTable]":
+        """Yield what the terminal shows of the result, then its findings."""
+        yield from self.text(result, recordings)
+        for finding in findings_of(result):
+            yield f"- {finding.in_words()}"
+
+
+def findings_of(result: Any) -> tuple[Finding, ...]:
+    """Return the findings of a result; none for results that have no such field."""
+    return tuple(getattr(result, "findings", None) or ())

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.experiments.subject import AnalysisError, Subject
-from motord.identification.driven_rotor import steady_segments_of
+from motord.experiments.subject import AnalysisError
 from motord.identification.operating_points import CURRENTS, PointData, good_points
 from motord.recording.reader import Run, bounds_of
 
@@ -14,14 +13,11 @@ ANGLE = ("encoder_count", "angle_rad")
 """Either tells where the rotor is."""
 
 
-def driven_points(
-    runs: Iterable[Run], subject: Subject, names: Sequence[str]
-) -> Iterator[PointData]:
+def driven_points(runs: Iterable[Run], names: Sequence[str]) -> Iterator[PointData]:
     """Yield the driven operating points of good quality of the runs.
 
-    names: columns that hold what is measured. Runs made elsewhere may have slow starts and
-    several speeds in one point, or no points at all: each segment of a steady speed is one then.
-    Raises AnalysisError and IdentifyError.
+    names: columns that hold what is measured. A run made elsewhere may have no operating points,
+    or such as are not of a driven rotor: then its speed is not known, 0. Raises AnalysisError.
     """
     for run in runs:
         columns = _columns(run, names)
@@ -31,10 +27,8 @@ def driven_points(
             raise AnalysisError(f"{run.path}: none of its operating points is of good quality")
         for point in points or [None]:
             ticks = _ticks(run, columns, point)
-            if point is not None and point.get("driven"):
-                yield PointData(0.0, float(point["speed_Hz"]), ticks)
-            else:
-                yield from steady_segments_of(ticks, subject.motor, names)
+            commanded = point is not None and point.get("driven")
+            yield PointData(0.0, float(point["speed_Hz"]) if point and commanded else 0.0, ticks)
 
 
 def _columns(run: Run, names: Sequence[str]) -> list[str]:

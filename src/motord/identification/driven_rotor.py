@@ -1,17 +1,18 @@
 """Driven operating points made ready: samples in time order, motion, whole turns."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from motord.config import MotorConfig
 from motord.identification import IdentifyError
+from motord.identification.left_out import PART, LeftOut, spans_left_out
 from motord.identification.motion import Motion
 from motord.identification.operating_points import CURRENTS, PointData
 from motord.identification.orders import main_order
 from motord.identification.resample import rising
-from motord.identification.turning import steadiest, steady_segments, unwrapped, whole_turns
+from motord.identification.turning import Turn, segments, unwrapped, whole_turns
 
 CURRENT_SHARE = 0.02
 """Part of the rated current that may turn with the rotor in a run without current."""
@@ -20,24 +21,35 @@ RIPPLE_MARGIN = 2.2
 LEAST_RIPPLE_ORDERS, MOST_RIPPLE_ORDERS = 64, 256
 """Speed ripple is looked for up to a little above twice the main order, within these bounds."""
 
-LEAST_TURNS = 3
-"""Turns that a segment of a run without operating points needs to count as one."""
+JERKY = 2.0
+"""What a smooth motion leaves, over the encoder's rounding, from which on there is none."""
 
 
 @dataclass(frozen=True)
 class Driven:
     """Samples of a driven rotor, n of them, time rising strictly.
 
-    t_s (n,); turns: (first, end) of each whole turn at a
-    steady speed, as places in these n; motion: of all n.
+    t_s (n,); direction: 1 or -1; turns: (first, end) of each whole turn of that direction, as
+    places in these n; motion: of all n. grid: points a turn of the angle, 0 if it has none;
+    rounding_rad: RMS of the encoder's rounding; left_rad: RMS of what the smooth motion leaves of
+    the measured angle, of that part which samples share with the next: noise has none.
     """
 
     label: str
     speed_set_Hz: float
+    direction: int
     ticks: np.ndarray
     t_s: np.ndarray
     turns: tuple[tuple[int, int], ...]
     motion: Motion
+    grid: int
+    rounding_rad: float
+    left_rad: float
+
+    @property
+    def jerky(self) -> bool:
+        """Whether the smooth motion does not explain the encoder: the rotor sticks and slips."""
+        return bool(self.left_rad > JERKY * self.rounding_rad)
 
     @property
     def period_s(self) -> float:
@@ -67,57 +79,86 @@ def require(ticks: np.ndarray, names: Sequence[str], label: str, what: str) -> N
         raise IdentifyError(f"{label}: nothing was recorded in {', '.join(empty)}: {what}")
 
 
-def prepare(point: PointData, motor: MotorConfig, names: Sequence[str], what: str) -> Driven:
-    """Return the steadiest turns of a driven point; `names` must be finite. Raises IdentifyError.
+def prepare(
+    points: Iterable[PointData], motor: MotorConfig, names: Sequence[str], what: str
+) -> tuple[list[Driven], tuple[LeftOut, ...]]:
+    """Return the whole turns of driven points, apart by direction and speed, and what is left out.
 
-    what: what is missing without `names`. The motor must carry no current that turns with the
-    rotor.
+    A point may be a capture at one speed, or a whole recording, its speed 0: slow starts, several
+    speeds and both directions in it are found. `names` must be finite; what: what is missing
+    without them. The motor must carry no current that turns with the rotor. Raises IdentifyError.
     """
-    label = f"driven at {point.speed_Hz:.3g} Hz"
+    driven: list[Driven] = []
+    left_out: list[LeftOut] = []
+    for number, point in enumerate(points, start=1):
+        found, rest = _prepare(point, number, motor, names, what)
+        driven += found
+        left_out += rest
+    if not driven:
+        raise IdentifyError("there is no good operating point in the recording")
+    return driven, tuple(left_out)
+
+
+def _prepare(
+    point: PointData, number: int, motor: MotorConfig, names: Sequence[str], what: str
+) -> tuple[list[Driven], tuple[LeftOut, ...]]:
+    label = f"driven at {point.speed_Hz:.3g} Hz" if point.speed_Hz else "the whole run"
     require(point.ticks, names, label, what)
-    ticks, t_s = _usable(point.ticks, names)
+    good = rising(point.ticks["t_ns"])
+    for name in names:
+        good &= np.isfinite(point.ticks[name])
+    ticks = point.ticks[good]
+    all_s = (point.ticks["t_ns"] - point.ticks["t_ns"][:1]) * 1e-9
+    t_s = all_s[good]
     position_rad, grid = unwrapped(ticks, motor.counts, label)
-    turns = tuple((t.first, t.end) for t in steadiest(t_s, whole_turns(position_rad)))
-    if not turns:
+    groups, dropped = segments(t_s, whole_turns(position_rad))
+    if not groups:
         raise IdentifyError(f"{label}: no whole turn; record at least 2 turns")
+    reasons = np.full(t_s.size, PART, dtype=object)
+    for turn, reason in dropped:
+        reasons[turn.first : turn.end] = reason
+    for group in groups:
+        for turn in group:
+            reasons[turn.first : turn.end] = ""
+    driven = [_segment(point, group, ticks, t_s, position_rad, grid, motor) for group in groups]
+    return driven, spans_left_out(f"point {number}, {label}", all_s, good, reasons)
+
+
+def _segment(
+    point: PointData,
+    group: list[Turn],
+    ticks: np.ndarray,
+    t_s: np.ndarray,
+    position_rad: np.ndarray,
+    grid: int,
+    motor: MotorConfig,
+) -> Driven:
+    """Return a segment with a turn before it, in which filters settle."""
+    lead = max(group[0].first - (group[0].end - group[0].first), 0)
+    part = slice(lead, group[-1].end + 1)
+    turns = tuple((turn.first - lead, turn.end - lead) for turn in group)
+    speed_Hz = len(group) / sum(float(t_s[turn.end] - t_s[turn.first]) for turn in group)
+    label = f"driven at {point.speed_Hz or speed_Hz:.3g} Hz"
+    label += " backward" if group[0].direction < 0 else ""
     if min(end - first for first, end in turns) < 8:
         raise IdentifyError(f"{label}: fewer than 8 samples in a turn; sample faster")
-    motion = Motion.of(t_s, position_rad, turns, grid, _ripple_orders(motor))
-    driven = Driven(label, point.speed_Hz, ticks, t_s, turns, motion)
+    at_s = t_s[part] - t_s[lead]
+    motion = Motion.of(at_s, position_rad[part], turns, grid, _ripple_orders(motor))
+    left_rad = motion.residual_rad(np.concatenate([np.arange(*turn) for turn in turns]))
+    driven = Driven(
+        label=label,
+        speed_set_Hz=point.speed_Hz or speed_Hz,
+        direction=group[0].direction,
+        ticks=ticks[part],
+        t_s=at_s,
+        turns=turns,
+        motion=motion,
+        grid=grid,
+        rounding_rad=float(2 * np.pi / motor.counts / np.sqrt(12)),
+        left_rad=float(np.sqrt(max(float(np.mean(left_rad[1:] * left_rad[:-1])), 0.0))),
+    )
     _check_no_current(driven, motor)
     return driven
-
-
-def steady_segments_of(
-    ticks: np.ndarray, motor: MotorConfig, names: Sequence[str]
-) -> list[PointData]:
-    """Return what a run without operating points holds: each segment of a steady speed.
-
-    Where no segment has LEAST_TURNS turns, the whole run is one. Raises IdentifyError.
-    """
-    require(ticks, names, "the whole run", "there is nothing to measure")
-    usable, t_s = _usable(ticks, names)
-    position_rad, _ = unwrapped(usable, motor.counts, "the whole run")
-    found = steady_segments(t_s, whole_turns(position_rad))
-    long = [group for group in found if len(group) >= LEAST_TURNS]
-    points = []
-    for group in long:
-        speed_Hz = len(group) / float(t_s[group[-1].end] - t_s[group[0].first])
-        lead = max(group[0].first - (group[0].end - group[0].first), 0)
-        points.append(PointData(0.0, speed_Hz, usable[lead : group[-1].end + 1]))
-    if not points:
-        turned = abs(float(position_rad[-1] - position_rad[0])) / (2 * np.pi)
-        points.append(PointData(0.0, turned / float(t_s[-1] - t_s[0]), usable))
-    return points
-
-
-def _usable(ticks: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ticks that rise in time and hold numbers, and their times (s)."""
-    good = rising(ticks["t_ns"])
-    for name in names:
-        good &= np.isfinite(ticks[name])
-    usable = ticks[good]
-    return usable, (usable["t_ns"] - usable["t_ns"][:1]) * 1e-9
 
 
 def _ripple_orders(motor: MotorConfig) -> int:
@@ -131,8 +172,7 @@ def _check_no_current(driven: Driven, motor: MotorConfig) -> None:
     if not set(CURRENTS) <= set(driven.ticks.dtype.names or ()):
         return
     whole = slice(driven.turns[0][0], driven.turns[-1][1])
-    angle_rad, _ = driven.motion.at(driven.t_s[whole])
-    wave = np.exp(-1j * motor.pole_pairs * angle_rad)
+    wave = np.exp(-1j * motor.pole_pairs * driven.motion.position_rad[whole])
     for name in CURRENTS:
         i_A = driven.ticks[name][whole].astype(float)
         if not np.isfinite(i_A).all():

@@ -132,6 +132,12 @@ class Motion:
         _, slope = self._ripple(angle_rad)
         return angle_rad, self.spline.derivative()(t_s) / (1 - slope)
 
+    def residual_rad(self, places: np.ndarray) -> np.ndarray:
+        """Return the measured positions less S + w, at some of the samples (m,)."""
+        position_rad = self.position_rad[places]
+        wave_rad, _ = self._ripple(position_rad)
+        return np.asarray(position_rad - self.spline(self.t_s[places]) - wave_rad)
+
     def _ripple(self, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return w and its slope at the angles, straight between the points of the tables."""
         place = (angle_rad * (TABLE / (2 * np.pi))) % TABLE

@@ -27,7 +27,8 @@ class PointRipple:
     rms_percent: eq. (4.16) of the repeating torque, freed of noise and of the sensor's response;
     raw_percent: eq. (4.16) of the averages at the encoder points as they are. order (n,),
     line_Nm (n,): complex amplitude, order h being Re(line exp(j h theta)); noise_Nm (n,): its
-    standard error; even_odd_Nm (2, n): the lines of even and of odd turns.
+    standard error; even_odd_Nm (2, n): the lines of even and of odd turns. One whole turn alone
+    does not show its noise, which is in the RMS then: noise_Nm is nan, stderr_percent None.
     """
 
     JSON: ClassVar = (
@@ -40,12 +41,17 @@ class PointRipple:
     compensate: int
     turns: int
     rms_percent: float
-    stderr_percent: float
+    stderr_percent: float | None
     raw_percent: float
     order: np.ndarray
     line_Nm: np.ndarray
     noise_Nm: np.ndarray
     even_odd_Nm: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """Set-points as text."""
+        return f"{self.torque_Nm:g} Nm, {self.speed_Hz:g} Hz"
 
     def torque_over(self, angle_rad: np.ndarray) -> np.ndarray:
         """Return the repeating torque without its mean at the angles (Nm)."""
@@ -90,7 +96,7 @@ def _mean(values: list[float]) -> float | None:
 
 
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
-    """Return the ripple of an operating point; with one whole turn only, without noise."""
+    """Return the ripple of an operating point."""
     order = np.arange(1, highest_order(samples, motor, sensor) + 1)
     seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
     return ripple_of(samples, samples.torque_Nm, seen, motor)
@@ -107,6 +113,8 @@ def ripple_of(
     steady_Nm = without_drift(samples, torque_Nm)
     even_odd = even_and_odd(samples, steady_Nm, motor.counts, seen.size) / seen
     noise_Nm = _smooth(np.abs(even_odd[0] - even_odd[1]) / 2)
+    if len(samples.turns) < 2:
+        noise_Nm[:] = np.nan
     rms_Nm, stderr_Nm = repeating_rms(even_odd, noise_Nm)
     count = samples.count[samples.whole]
     sums, hits = np.bincount(count, steady_Nm), np.bincount(count)
@@ -117,7 +125,7 @@ def ripple_of(
         compensate=samples.compensate,
         turns=len(samples.turns),
         rms_percent=percent * rms_Nm,
-        stderr_percent=percent * stderr_Nm,
+        stderr_percent=percent * stderr_Nm if len(samples.turns) > 1 else None,
         raw_percent=rms_error_percent(sums[hits > 0] / hits[hits > 0], motor.rated_torque_Nm),
         order=order,
         line_Nm=even_odd.mean(axis=0),

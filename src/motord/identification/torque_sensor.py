@@ -8,6 +8,7 @@ noise), the mount's resonance is taken out of the measurement (it lies above wha
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from motord.config import TorqueSensorConfig
 from motord.jit import jit
@@ -46,6 +47,20 @@ def _mount_inverse(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.n
         return np.ones_like(frequency_Hz, complex)
     x = frequency_Hz / sensor.resonance_Hz
     return 1 - x**2 + 2j * sensor.damping_ratio * x
+
+
+def passed_by_mount(columns: np.ndarray, period_s: float, sensor: TorqueSensorConfig) -> np.ndarray:
+    """Return torques (n, m), samples `period_s` apart, as the mount passes them on.
+
+    Exact for torques that go straight from sample to sample; the first has been there for long.
+    """
+    w_rad_s = 2 * np.pi * sensor.resonance_Hz
+    continuous = [w_rad_s**2], [1.0, 2 * sensor.damping_ratio * w_rad_s, w_rad_s**2]
+    above, below, _ = cont2discrete(continuous, period_s, method="foh")
+    above = above.ravel()
+    state = np.outer(lfilter_zi(above, below), columns[0])
+    passed, _ = lfilter(above, below, columns, axis=0, zi=state)
+    return np.asarray(passed)
 
 
 @dataclass(frozen=True)

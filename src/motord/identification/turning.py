@@ -13,6 +13,9 @@ from motord.identification import IdentifyError
 STEADY = 0.1
 """Part by which the durations of the turns of one segment may differ from their median."""
 
+LEAST_TURNS = 3
+"""Turns that a segment needs to count as one."""
+
 GAP = 0.1
 """Part of a turn that may be missing between two turns of one segment: a rotor that trembles."""
 
@@ -131,11 +134,25 @@ def _duration_s(t_s: np.ndarray, turn: Turn) -> float:
     return float(t_s[turn.end] - t_s[turn.first])
 
 
-def steadiest(t_s: np.ndarray, turns: list[Turn]) -> list[Turn]:
-    """Return the longest segment; all turns of the commoner direction if no two turns are alike."""
-    longest = max(steady_segments(t_s, turns), key=len, default=[])
-    if len(longest) >= 2 or len(turns) < 2:
-        return longest
-    forward = [turn for turn in turns if turn.direction > 0]
-    backward = [turn for turn in turns if turn.direction < 0]
-    return max(forward, backward, key=len)
+def segments(t_s: np.ndarray, turns: list[Turn]) -> tuple[list[list[Turn]], list[tuple[Turn, str]]]:
+    """Return the segments to measure in, and each turn that is in none with the reason.
+
+    Each segment is of one direction and one speed. Where such segments hold less than half of the
+    turns of a direction, because the motion is jerky, all its turns are one. A segment has
+    LEAST_TURNS or more; if none has, the longest counts.
+    """
+    found = []
+    for direction in (1, -1):
+        own = [turn for turn in turns if turn.direction == direction]
+        steady = [group for group in steady_segments(t_s, own) if len(group) >= LEAST_TURNS]
+        found += steady if 2 * sum(map(len, steady)) >= len(own) else [own]
+    longest = max(found, key=len, default=[])
+    kept = [one for one in found if len(one) >= LEAST_TURNS or (one and one is longest)]
+    used = {turn.first for one in kept for turn in one}
+    ways = {one[0].direction for one in kept}
+    dropped = [
+        (turn, "at another speed" if turn.direction in ways else "few turns of this direction")
+        for turn in turns
+        if turn.first not in used
+    ]
+    return sorted(kept, key=lambda one: one[0].first), dropped

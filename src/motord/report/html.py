@@ -7,6 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from motord.atomic_write import write_whole
+from motord.findings import Finding
 from motord.report.style import PALETTE
 from motord.report.svg import inline
 
@@ -35,6 +36,10 @@ th{font-weight:600}
 .card{border:1px solid var(--grid);border-radius:.5rem;padding:.75rem 1rem;min-width:11rem}
 .card b{display:block;font-size:1.5rem;line-height:1.2;font-variant-numeric:tabular-nums}
 .card span{color:var(--soft);font-size:.88rem}
+.finding{border:1px solid var(--grid);border-left:.4rem solid var(--grid);border-radius:.4rem;
+ padding:.5rem .9rem;margin:.75rem 0;max-width:46rem;break-inside:avoid}
+.finding.warning{border-left-color:var(--warning)}.finding.serious{border-left-color:var(--serious)}
+.finding span{color:var(--soft);font-size:.88rem}.finding p{margin:.2rem 0}
 ul{margin:.5rem 0;padding-left:1.2rem;max-width:46rem}
 @media print{body{font-size:11px}main{max-width:none;padding:0}h2{break-after:avoid}}
 """
@@ -43,6 +48,25 @@ ul{margin:.5rem 0;padding-left:1.2rem;max-width:46rem}
 def _variables(dark: bool) -> str:
     colours = (f"--{name}:{c.dark if dark else c.light}" for name, c in PALETTE.items())
     return ":root{" + ";".join(colours) + f";color-scheme:{'dark' if dark else 'light'}" + "}"
+
+
+_SEVERITIES = ("serious", "warning", "note")
+
+
+def _as_box(finding: Finding) -> str:
+    """Return a finding: its name and size, what it means, what to do."""
+    size = (
+        f"{finding.severity} \u00b7 {finding.value:.3g} {finding.unit} (limit {finding.limit:.3g})"
+    )
+    return (
+        f'<div class="finding {finding.severity}"><b>{escape(finding.name)}</b> '
+        f"<span>{escape(size)}</span><p>{escape(_sentence(finding.meaning))}</p>"
+        f"<p><em>{escape(_sentence(finding.action))}</em></p></div>"
+    )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith(("?", ".")) else ".")
 
 
 class Page:
@@ -54,9 +78,16 @@ class Page:
     def __init__(self, title: str, lead: str = "") -> None:
         self._title = title
         self._parts = [f"<h1>{escape(title)}</h1>"]
+        self._findings: list[str] = []
         self._pictures = 0
         if lead:
             self._parts.append(f'<p class="lead">{escape(lead)}</p>')
+        self._head = len(self._parts)
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """Show, beneath the title, where the data depart from the model; the serious first."""
+        ranked = sorted(findings, key=lambda one: _SEVERITIES.index(one.severity))
+        self._findings = [_as_box(one) for one in ranked]
 
     def heading(self, text: str) -> None:
         """Begin a section."""
@@ -116,7 +147,7 @@ class Page:
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width,initial-scale=1">'
             f"<title>{escape(self._title)}</title><style>{style}</style></head>\n<body><main>\n"
-            + "\n".join(self._parts)
+            + "\n".join([*self._parts[: self._head], *self._findings, *self._parts[self._head :]])
             + "\n</main></body></html>\n"
         )
 

@@ -29,8 +29,10 @@ PALETTE = {
     "reference": Colour("#3c8a4b", "#77c987"),
     "other": Colour("#9a6b12", "#dcae52"),
     "paper": Colour("#fefefe", "#15181d"),
+    "warning": Colour("#d9a62e", "#e5bd5b"),
+    "serious": Colour("#b3261e", "#f2857b"),
 }
-"""before and after compensation; reference is the truth or the last calibration."""
+"""before and after compensation; reference is the truth or the last calibration; of findings."""
 
 INK = PALETTE["ink"].light
 SOFT = PALETTE["soft"].light

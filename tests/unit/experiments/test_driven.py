@@ -1,6 +1,7 @@
 """Recordings of driven rotors through analysis, command line, bench file and report."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,17 @@ from motord.config.back_emf import BackEmfTable
 from motord.control import parameters
 from motord.experiments.analysis import encode
 from motord.experiments.back_emf import estimate as back_emf
+from motord.experiments.back_emf.findings import findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.cogging import estimate as cogging
 from motord.experiments.cogging.at_speed import REQUIRED
+from motord.experiments.cogging.findings import findings as cogging_findings
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.plans import build
 from motord.experiments.subject import AnalysisError, Subject
 from motord.identification import IdentifyError
+from motord.identification.left_out import LeftOut
 from motord.recording.metadata import describe
 from motord.recording.reader import open_run
 from motord.recording.writer import RunWriter
@@ -86,7 +90,8 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert len(result["tau_cog_Nm"]) == 4096
     by_order = {h["order"]: h for h in result["harmonics"]}
     assert set(by_order[48]) == {
-        "order", "amplitude_Nm", "phase_rad", "stderr_Nm", "phase_stderr_rad", "allowed",
+        "order", "amplitude_Nm", "phase_rad", "stderr_Nm", "phase_stderr_rad", "half_width_Nm",
+        "phase_half_width_rad", "allowed",
     }  # fmt: skip
     for order, amplitude_Nm, phase_rad in ((16, 0.08, 0.6), (48, 0.33, 0.3), (96, 0.06, 1.4)):
         assert by_order[order]["amplitude_Nm"] == pytest.approx(amplitude_Nm, abs=2e-3)
@@ -98,6 +103,11 @@ def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert "Figure 3.2" in page
     assert "Figure 4.5" in page
     assert page.count("<figure>") == 4
+    [finding] = result["findings"]
+    assert finding["name"] == "one-direction"
+    assert "- note: one-direction, 1 directions (limit 2): friction" in done.output
+    assert '<div class="finding note"><b>one-direction</b>' in page
+    assert page.index("one-direction") < page.index("<h2>")
 
 
 def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:
@@ -111,7 +121,8 @@ def test_back_emf_on_the_command_line(runs: Path, tmp_path: Path) -> None:
     assert first["order"] == 1
     assert first["amplitude_V_s_per_rad"] == pytest.approx(0.206, rel=2e-3)
     assert first["phase_rad"] == pytest.approx(0.0, abs=5 * first["phase_stderr_rad"])
-    assert result["notes"] == []
+    assert result["findings"] == []
+    assert {span["reason"] for span in result["left_out"]} == {"part of a turn"}
     assert {h["order"] for h in result["phases"]["c"]} >= {8, 24, 40, 56}
 
 
@@ -170,7 +181,7 @@ def test_a_whole_recording_from_elsewhere_with_a_slow_start(runs: Path, tmp_path
     assert len(result["speeds"]) >= 2
     done = motord("back-emf", path)
     assert done.exit_code == 1
-    assert "nothing was recorded in u_a_V, u_b_V, u_c_V: there is nothing to measure" in done.output
+    assert "nothing was recorded in u_a_V, u_b_V, u_c_V: no phase voltages" in done.output
     assert len(done.output.strip().splitlines()) == 1
 
 
@@ -185,8 +196,8 @@ def test_points_from_elsewhere_are_cut_into_steady_stretches(runs: Path, tmp_pat
         whole |= {"t_start_ns": int(ticks["t_ns"][0]), "t_end_ns": int(ticks["t_ns"][-1])}
         writer.operating_point(int(ticks["t_ns"][-1]), whole)
     opened = open_run(path)
-    points = list(driven_points([opened], Subject.of_runs([opened]), ["torque_Nm"]))
-    assert {0.8, 1.0} <= {round(point.speed_Hz, 2) for point in points}
+    found = measured_cogging(opened, Subject.of_runs([opened]))
+    assert {0.8, 1.0} <= {round(one.speed_Hz, 2) for one in found.speeds}
 
 
 def test_what_is_wrong_is_told(runs: Path, tmp_path: Path) -> None:
@@ -229,12 +240,12 @@ class Narrow:
 
 
 def measured_cogging(run: object, subject: Subject) -> MeasuredCogging:
-    points = driven_points([run], subject, REQUIRED)  # type: ignore[list-item]
+    points = driven_points([run], REQUIRED)  # type: ignore[list-item]
     return cogging.measure(points, subject.motor, subject.sensor)
 
 
 def measured_back_emf(run: object, subject: Subject) -> MeasuredBackEmf:
-    return back_emf.measure(driven_points([run], subject, back_emf.VOLTAGES), subject.motor)  # type: ignore[list-item]
+    return back_emf.measure(driven_points([run], back_emf.VOLTAGES), subject.motor)  # type: ignore[list-item]
 
 
 def test_columns_that_are_not_there(runs: Path) -> None:
@@ -260,20 +271,22 @@ def test_a_mesh_is_no_driven_run(tmp_path: Path) -> None:
         measured_back_emf(run, Subject.of_runs([run]))
 
 
-def test_phases_in_the_other_order_and_unlike_phases_are_noted(runs: Path) -> None:
+def test_phases_in_the_other_order_and_unlike_phases_are_findings(runs: Path) -> None:
     run = open_run(runs / "emf.mcap")
-    subject = Subject.of_runs([run])
-    found = measured_back_emf(run, subject)
-    assert found.notes == []
-    swapped = found.__class__(**{**vars(found), "line": found.line[:, [0, 2, 1]]})
-    assert "phases b and c follow in the other order" in swapped.notes[0]
-    unlike = found.__class__(**{**vars(found), "line": found.line * [1.0, 1.0, 1.02]})
-    assert "use the table" in unlike.notes[0]
-    alone = found.__class__(**{**vars(found), "delay_s": None})
-    assert "all speeds are alike" in alone.notes[0]
-    bent = found.__class__(**{**vars(found), "order": found.order + 1})
-    bent = bent.__class__(**{**vars(bent), "order": np.append([8], found.order[1:] + 1)})
-    assert "no multiple of the pole pairs" in bent.notes[-1]
+    found = measured_back_emf(run, Subject.of_runs([run]))
+    assert found.findings == ()
+
+    def names(**changes: object) -> list[str]:
+        return [one.name for one in findings(replace(found, **changes), [])]
+
+    assert names(line=found.line[:, [0, 2, 1]]) == ["phase-order"]
+    assert names(line=found.line * [1.0, 1.0, 1.02]) == ["phases-differ"]
+    assert names(delay_s=None) == ["age-not-seen"]
+    assert names(delay_s=(5.1e-3, 1e-4)) == ["age-of-voltages"]
+    odd = np.append([8], found.order[1:] + 1)
+    assert "unexplained-orders" in names(order=odd)
+    lost = LeftOut("point 1", "at another speed", 0.0, 9.0, 9.0)
+    assert names(left_out=(lost,)) == ["data-left-out"]
 
 
 def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) -> None:
@@ -296,20 +309,14 @@ def test_an_encoder_offset_is_in_the_harmonics_and_not_in_the_table(runs: Path) 
     assert np.abs(again - np.array(results[1]["k_V_s_per_rad"])).max() < 0.003 * 0.206
 
 
-def test_notes_of_a_cogging_run(runs: Path) -> None:
+def test_findings_of_a_cogging_run(runs: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     subject = Subject.of_runs([run])
     measured = measured_cogging(run, subject)
-    assert measured.notes == []
-    changed = measured.__class__(
-        **{
-            **vars(measured),
-            "main_order": 7200,
-            "allowed": measured.order != 48,
-            "speeds": measured.speeds[:1],
-        }
+    assert [one.name for one in measured.findings] == ["one-direction"]
+    changed = replace(
+        measured, main_order=7200, allowed=measured.order != 48, speeds=measured.speeds[:1]
     )
-    words = changed.notes
-    assert "main order 7200 is too high" in words[0]
-    assert "stand out of the noise: 48" in words[1]
-    assert "few turns" in words[2]
+    found = {one.name: one for one in cogging_findings(changed, 10.0)}
+    assert set(found) == {"main-order-not-seen", "unexplained-orders", "few-turns", "one-direction"}
+    assert "stand out of the noise: 48" in found["unexplained-orders"].meaning

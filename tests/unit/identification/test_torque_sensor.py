@@ -3,7 +3,7 @@ import pytest
 from scipy import signal
 
 from motord.config import TorqueSensorConfig
-from motord.identification.torque_sensor import MountInverse, response
+from motord.identification.torque_sensor import MountInverse, passed_by_mount, response
 
 SENSOR = TorqueSensorConfig(highpass_time_constant_s=1.5, resonance_Hz=700.0, damping_ratio=0.02)
 
@@ -43,3 +43,13 @@ def test_missing_samples_are_filled() -> None:
     got = inverse.apply(t_s[kept], wave[kept])
     assert got.size == kept.sum()
     assert np.abs(got - inverse.apply(t_s, wave)[kept]).max() < 0.01
+
+
+def test_torques_pass_the_mount_in_time_as_its_response_says() -> None:
+    sensor = TorqueSensorConfig(resonance_Hz=90.0, damping_ratio=0.1)
+    t_s = np.arange(4000) / 4000
+    waves = np.column_stack([np.cos(2 * np.pi * 40 * t_s), np.ones(t_s.size)])
+    passed = passed_by_mount(waves, 1 / 4000, sensor)
+    wanted = (response(sensor, np.array([40.0]))[0] * np.exp(2j * np.pi * 40 * t_s)).real
+    assert passed[1000:, 0] == pytest.approx(wanted[1000:], abs=2e-3)
+    assert passed[:, 1] == pytest.approx(1.0)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
 from motord.identification.turning import (
-    steadiest,
+    segments,
     steady_segments,
     unwrap_counts,
     unwrapped,
@@ -91,7 +91,8 @@ def test_a_slow_start_is_left_out() -> None:
     t_s = np.arange(20_000) * 1e-3
     speed_Hz = np.minimum(t_s / 5, 1.0)
     position_rad = TURN * np.cumsum(speed_Hz) * 1e-3
-    turns = steadiest(t_s, whole_turns(position_rad))
+    [turns], dropped = segments(t_s, whole_turns(position_rad))
+    assert {reason for _, reason in dropped} == {"at another speed"}
     assert 13 <= len(turns) <= 17
     durations = [t_s[turn.end] - t_s[turn.first] for turn in turns]
     assert max(durations) / min(durations) < 1.2
@@ -106,12 +107,23 @@ def test_each_speed_and_each_direction_is_a_stretch() -> None:
     assert [len(group) for group in long] == [3, 6, 6, 5]  # the first zero is passed after a turn
 
 
-def test_of_turns_that_are_all_different_the_commoner_direction_counts() -> None:
+def test_turns_that_are_all_different_are_one_segment_of_each_direction() -> None:
     speeds = np.concatenate([np.linspace(0.2, 2, 4000), -np.linspace(0.2, 1, 2500)])
     t_s = np.arange(speeds.size) * 1e-3
-    turns = steadiest(t_s, whole_turns(TURN * np.cumsum(speeds) * 1e-3))
-    assert len(turns) >= 2
-    assert {turn.direction for turn in turns} == {1}
+    turns = whole_turns(TURN * np.cumsum(speeds) * 1e-3)
+    [forwards], dropped = segments(t_s, turns)
+    assert {turn.direction for turn in forwards} == {1}
+    assert len(forwards) >= 3
+    assert {reason for _, reason in dropped} == {"few turns of this direction"}
+    twice = np.concatenate([speeds, -speeds])
+    turns = whole_turns(TURN * np.cumsum(twice) * 1e-3)
+    both, dropped = segments(np.arange(twice.size) * 1e-3, turns)
+    assert [one[0].direction for one in both] == [1, -1]
+    assert not dropped
+
+
+def test_no_turns_are_no_segments() -> None:
+    assert segments(np.zeros(0), []) == ([], [])
 
 
 @given(

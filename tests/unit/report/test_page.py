@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import matplotlib as mpl
 import pytest
 
+from motord.findings import Finding, Severity
 from motord.report.html import Page
 from motord.report.style import PALETTE, drawing, figure
 from motord.report.svg import inline
@@ -153,6 +154,22 @@ def test_page_pieces() -> None:
     html = made.html()
     assert "<p>a &lt; b</p>" in html
     assert '<table class="numbers"><thead>' in html
+    structure(html)
+
+
+def test_findings_stand_beneath_the_title_the_serious_first() -> None:
+    made = Page("t", "of a motor")
+    made.heading("Results")
+    severities: tuple[Severity, ...] = ("note", "serious", "warning")
+    made.findings(
+        [Finding(f"a-{each}", 2.0, 1.0, "Nm", each, "it < that", "check it") for each in severities]
+    )
+    html = made.html()
+    places = [html.index(text) for text in ("of a motor", "a-serious", "a-warning", "a-note")]
+    assert places == sorted(places)
+    assert html.index("a-note") < html.index("Results")
+    assert "<p>It &lt; that.</p>" in html
+    assert "serious \u00b7 2 Nm (limit 1)" in html
     structure(html)
 
 

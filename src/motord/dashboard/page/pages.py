@@ -97,5 +97,5 @@ class Pages:
                 shown = await self._link.call(CALIBRATION_SHOW.name, id=calibration)
                 harmonics = shown["tau_cog_harmonics"]
         self.bench.calibrated = [
-            h["order"] for h in harmonics if h["amplitude_Nm"] > SIGNIFICANT * h["stderr_Nm"]
+            h["order"] for h in harmonics if h["amplitude_Nm"] > SIGNIFICANT * (h["stderr_Nm"] or 0)
         ]

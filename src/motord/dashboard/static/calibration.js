@@ -86,11 +86,11 @@ function content(found) {
   ].filter((one) => one !== null);
 }
 
-/** @param {{order: number, amplitude_Nm: number, stderr_Nm: number}[]} harmonics */
+/** @param {{order: number, amplitude_Nm: number, stderr_Nm: number | null}[]} harmonics */
 function orders(harmonics) {
   const largest = [...harmonics].sort((a, b) => Math.abs(b.amplitude_Nm) - Math.abs(a.amplitude_Nm)).slice(0, ORDERS_SHOWN);
   const head = element("tr", {}, ...["order", "amplitude, mNm", "\u00b1 95 %"].map((text) => element("th", { scope: "col" }, text)));
   const rows = largest.map((one) => element("tr", {}, element("td", {}, String(one.order)),
-    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), 1)), element("td", {}, number(1960 * one.stderr_Nm, 1))));
+    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), 1)), element("td", {}, one.stderr_Nm === null ? "?" : number(1960 * one.stderr_Nm, 1))));
   return element("table", { class: "figures" }, element("thead", {}, head), element("tbody", {}, ...rows));
 }

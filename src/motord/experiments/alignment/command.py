@@ -67,8 +67,7 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
         f"- friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest: a single stop is "
         f"{result.friction_points:.2f} encoder points off"
     )
-    for note in result.notes:
-        yield f"- {note}"
+    yield f"- {result.agreement}"
     if result.bench_file:
         yield f"wrote {result.bench_file}"
 

@@ -29,7 +29,7 @@ def fill(page: Page, result: Alignment) -> None:
             f"The rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn.",
             f"Friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest, RMS, which takes a "
             f"single stop {result.friction_points:.2f} encoder points off.",
-            *result.notes,
+            f"{result.agreement[0].upper()}{result.agreement[1:]}.",
         ]
     )
     page.picture(

@@ -1,5 +1,6 @@
 """The result of an alignment: what belongs into `[motor]`, how well it is known, what to mind."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -9,12 +10,13 @@ import numpy as np
 from motord.config import MotorConfig, PhaseOrder
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.rests_checks import TorqueAnswer
+from motord.findings import Finding
 
 POORLY_POINTS = 2.0
 """95 % limit of the zero, in encoder points, beyond which it is worth more stops."""
 
 GAIN_APART = 0.1
-"""Difference of a phase's sensed from its commanded current that is worth a word."""
+"""Difference of a phase's sensed from its commanded current, in parts, that is a finding."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Alignment:
         "current_gain": "gains",
         "rests": "rests.size",
         "rests_left_out": "left_out",
-        "notes": "notes",
+        "agreement": "agreement",
     }
 
     motor: MotorConfig
@@ -116,35 +118,62 @@ class Alignment:
         return self.points((off_rad + turn_rad / 2) % turn_rad - turn_rad / 2)
 
     @property
-    def notes(self) -> list[str]:
-        """What is worth knowing of the result, in sentences."""
+    def agreement(self) -> str:
+        """How the bench file compares, in a sentence."""
         off = self.off_points
         if off is None:
-            notes = ["the bench file has it otherwise: torque would not be what is asked for"]
-        elif abs(off) > 0.5 + 1.96 * self.offset_stderr_points:
-            notes = [f"the bench file's zero is {off:+.1f} encoder points off"]
-        else:
-            notes = [f"the bench file has it right, its zero within {abs(off):.2f} encoder points"]
+            return "the bench file has it otherwise: torque would not be what is asked for"
+        if abs(off) > self.off_limit_points:
+            return f"the bench file's zero is {off:+.1f} encoder points off"
+        return f"the bench file has it right, its zero within {abs(off):.2f} encoder points"
+
+    @property
+    def off_limit_points(self) -> float:
+        """How far the configured zero may be off without a finding, in encoder points."""
+        return 0.5 + 1.96 * self.offset_stderr_points
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the bench file has otherwise, and what is questionable about the result."""
+        return (*self._of_bench_file(), *self._of_data())
+
+    def _of_bench_file(self) -> Iterator[Finding]:
+        off, limit = self.off_points, self.off_limit_points
+        if off is None or abs(off) > limit:
+            half_turn = self.motor.counts / self.motor.pole_pairs / 2
+            yield Finding(
+                "bench-file-differs", half_turn if off is None else abs(off), limit,
+                "encoder points", "serious", self.agreement,
+                "write what was found into the bench file: motord analyse align --write FILE",
+            )  # fmt: skip
+
+    def _of_data(self) -> Iterator[Finding]:
         if not self.sign_seen:
-            notes.append(
-                "the torque sensor does not show the rotor's swings, so it does not say which way "
-                "is forwards: it was taken as that in which the encoder counts up by the bench "
-                "file; does the sensor work?"
-            )
+            yield Finding(
+                "direction-not-seen", self.answer.explained[0], 0.5, "of the variance", "warning",
+                "the torque sensor does not show the rotor's swings, so it does not say "
+                "which way is forwards: it was taken as that in which the encoder counts up by the "
+                "bench file",
+                "does the sensor work?",
+            )  # fmt: skip
         for phase, gain in zip("abc", self.gains, strict=True):
             if abs(gain - 1) > GAIN_APART:
-                notes.append(
-                    f"phase {phase}: sensed current is {gain:.2f} times the commanded one; are its "
-                    "scales right?"
-                )
-        if 1.96 * self.offset_stderr_points > POORLY_POINTS:
-            notes.append(
-                "the zero is not known well: take more stops (rests, turns), or two currents, "
-                "which tell cogging from the rest"
-            )
+                yield Finding(
+                    f"current-scale-{phase}", abs(gain - 1), GAIN_APART, "of the command",
+                    "warning",
+                    f"phase {phase}: sensed current is {gain:.2f} times the commanded one",
+                    "are its scales right?",
+                )  # fmt: skip
+        doubt = 1.96 * self.offset_stderr_points
+        if doubt > POORLY_POINTS:
+            yield Finding(
+                "zero-not-known-well", doubt, POORLY_POINTS, "encoder points", "warning",
+                "the zero is not known well",
+                "take more stops (rests, turns), or two currents, which tell cogging from the rest",
+            )  # fmt: skip
         if self.left_out > self.rests.size // 4:
-            notes.append(
-                f"{self.left_out} of {self.rests.size} stops are left out, as the rotor still "
-                "moved: a longer hold_s or more brake would use them"
-            )
-        return notes
+            yield Finding(
+                "stops-left-out", self.left_out, self.rests.size // 4, "stops", "note",
+                f"{self.left_out} of {self.rests.size} stops are left out: the rotor still moved",
+                "a longer hold_s or more brake would use them",
+            )  # fmt: skip

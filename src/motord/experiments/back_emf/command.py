@@ -1,20 +1,23 @@
 """`motord analyse back-emf`: back-EMF of a rotor driven from outside without current."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.back_emf.estimate import VOLTAGES, measure
 from motord.experiments.back_emf.report import report
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
+from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 
 
 def estimate(recordings: Recordings) -> MeasuredBackEmf:
     """Return the back-EMF over all driven points. Raises AnalysisError, IdentifyError."""
-    subject = recordings.subject
-    return measure(driven_points(recordings.runs, subject, VOLTAGES), subject.motor)
+    found = measure(driven_points(recordings.runs, VOLTAGES), recordings.subject.motor)
+    return replace(found, findings=(*found.findings, *points_left_out(recordings.runs)))
 
 
 def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
@@ -37,8 +40,8 @@ def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
             f"- voltages: {1e6 * found.delay_s[0]:.0f} +- {1.96e6 * found.delay_s[1]:.0f} us older "
             "than the recording says (accounted for)"
         )
-    for note in found.notes:
-        yield f"- {note}"
+    for line in left_out_lines(found.left_out):
+        yield f"- {line}"
 
 
 ANALYSIS = Analysis(

@@ -9,11 +9,12 @@ it turns the waves in proportion to the speed.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from motord.config import MotorConfig
+from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
@@ -30,9 +31,6 @@ MOST_HARMONICS = 31
 
 COUNTS_PER_ORDER = 4
 """Encoder counts that a period of the highest order needs."""
-
-SPEED_RATIO = 1.3
-"""Ratio of the fastest to the slowest speed that tells the age of the voltages from the angle."""
 
 STANDS_OUT = 4.0
 """Amplitude, in standard errors, from which an electrical order is kept in the table."""
@@ -129,9 +127,7 @@ def fit_delay(samples: VoltageSamples, order: np.ndarray) -> tuple[float, float]
 
 def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     """Return the back-EMF from driven points. Raises IdentifyError."""
-    driven = [prepare(point, motor, VOLTAGES, "no phase voltages") for point in points]
-    if not driven:
-        raise IdentifyError("there is no good operating point in the recording")
+    driven, left_out = prepare(points, motor, VOLTAGES, "no phase voltages")
     speeds = [one.speed_Hz for one in driven]
     order = _electrical_orders(driven, motor)
     delay = None
@@ -143,7 +139,8 @@ def measure(points: Iterable[PointData], motor: MotorConfig) -> MeasuredBackEmf:
     if others:
         order = np.array(sorted({*order.tolist(), *others}))
         fits = [fit_phases(one, order) for one in samples]
-    return _result(fits, order, delay, driven, motor)
+    result = replace(_result(fits, order, delay, driven, motor), left_out=left_out)
+    return replace(result, findings=findings(result, driven))
 
 
 def _electrical_orders(driven: list[Driven], motor: MotorConfig) -> np.ndarray:

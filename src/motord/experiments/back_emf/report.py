@@ -4,6 +4,7 @@ import numpy as np
 
 from motord.experiments.back_emf.plots import waves
 from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
@@ -50,4 +51,5 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
             f"The voltages are {1e6 * found.delay_s[0]:.0f} \u00b1 {1.96e6 * found.delay_s[1]:.0f} "
             "\u00b5s older than the recording says (accounted for)."
         )
-    page.points([*items, *found.notes])
+    items += [f"{line[0].upper()}{line[1:]}." for line in left_out_lines(found.left_out)]
+    page.points(items)

@@ -6,10 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
+from motord.findings import Finding
 from motord.identification.harmonics import synthesis
-
-UNBALANCED = 0.002
-"""Part of the fundamental by which a phase may differ from the mean of the three."""
+from motord.identification.left_out import LeftOut
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,8 @@ class MeasuredBackEmf:
     order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
     the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
     how much the voltages are older than the recording says, and its standard error, None where
-    the speeds are too much alike to tell. noise_V (3,). speeds_Hz, turns: of each point.
+    the speeds are too much alike to tell. noise_V (3,). speeds_Hz, turns: of each segment.
+    left_out: what of the points was not used; findings: what is questionable.
     """
 
     JSON: ClassVar[dict[str, str]] = {
@@ -45,7 +45,7 @@ class MeasuredBackEmf:
         **{name: name for name in ("offset_V", "noise_V")},
         "delay_s": "fitted_delay_s",
         "delay_stderr_s": "delay_stderr_s",
-        "notes": "notes",
+        "left_out": "left_out",
         "k_V_s_per_rad": "rounded_table",
     }
 
@@ -60,6 +60,8 @@ class MeasuredBackEmf:
     noise_V: np.ndarray
     speeds_Hz: tuple[float, ...]
     turns: tuple[int, ...]
+    left_out: tuple[LeftOut, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def fundamental(self) -> float:
@@ -133,39 +135,6 @@ class MeasuredBackEmf:
             ]
             for phase in range(3)
         }
-
-    @property
-    def notes(self) -> list[str]:
-        """What is worth knowing of the result, in sentences."""
-        found = []
-        places = self.electrical
-        turned = np.exp(-2j * np.pi / 3 * SEQUENCE[self.motor.phase_order] * np.arange(3))
-        own = self.line[places[0]]
-        if abs((own * turned).mean()) > abs((own * turned.conj()).mean()):
-            found.append(
-                "phases b and c follow in the other order than [motor] says: change its "
-                "phase_order, or encoder_direction (the plan `align` finds which); harmonics are "
-                "a mean of the wrong phases, the table is right"
-            )
-        else:
-            back = self.balanced[0]
-            apart = float(np.abs(own * turned.conj() - back).max() / np.abs(back))
-            noise = 4 * float(self.stderr[places[0]].max() / np.abs(back))
-            if apart > max(UNBALANCED, noise):
-                found.append(
-                    f"a phase differs from the mean of the three by {100 * apart:.2f} % of the "
-                    "fundamental: use the table, not the harmonics"
-                )
-        if self.delay_s is None:
-            found.append(
-                "all speeds are alike: an age of the voltages that the recording does not state "
-                "would turn the waves, and cannot be seen; drive at speeds 1.3 times apart or more"
-            )
-        others = self.order[self.kept & (self.order % self.motor.pole_pairs != 0)]
-        if others.size:
-            listed = ", ".join(str(order) for order in others)
-            found.append(f"orders per turn that are no multiple of the pole pairs: {listed}")
-        return found
 
     def table(self) -> np.ndarray:
         """Return k at encoder angles 2 pi n / counts, shape (counts, 3), of the kept orders."""

@@ -63,7 +63,8 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.2f} +- {1.96e3 * h.stderr_Nm:.2f}",
+                f"{1e3 * h.amplitude_Nm:.2f} +- "
+                + ("?" if h.stderr_Nm is None else f"{1.96e3 * h.stderr_Nm:.2f}"),
                 f"{h.phase_rad:.3f}",
             )
             for h in c.tau_cog_harmonics
@@ -76,8 +77,6 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
             f"- currents: {1e6 * delay_s[0]:.0f} +- {1.96e6 * delay_s[1]:.0f} us older than "
             "the recording says (accounted for)"
         )
-    for finding in c.findings or ():
-        yield f"- {finding.in_words()}"
     yield from error_table(c.rms_error_percent)
 
 

@@ -28,9 +28,6 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     ripple.fill(page, found.result.ripples, subject.motor)
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
     fill(page, estimates, _reference(found.other, recordings))
-    if c.findings:
-        page.heading("Where the data depart from the model")
-        page.points([finding.in_words() for finding in c.findings])
     page.heading("About these figures")
     if c.observable:
         page.points(c.observable)
@@ -103,4 +100,6 @@ def _amplitude(item: Estimate, order: int) -> str:
     if harmonic is None:
         return ""
     text = f"{1e3 * abs(harmonic.amplitude_Nm):.2f}"
-    return text if item.alpha_stderr is None else f"{text} \u00b1 {1.96e3 * harmonic.stderr_Nm:.2f}"
+    if item.alpha_stderr is None or harmonic.stderr_Nm is None:
+        return text
+    return f"{text} \u00b1 {1.96e3 * harmonic.stderr_Nm:.2f}"

@@ -5,6 +5,11 @@ stand out of the noise. The columns are waves of the measured angle, passed thro
 time, sample by sample: the mount's resonance at each instant's frequency, then the high-pass. So
 the ripple of the speed, which the cogging torque itself drives against a flexible belt, matters
 nothing. Mean and slope over each turn are taken out: drift.
+
+The angle is that of a smooth motion through the encoder's counts, finer than these. Where the rotor
+sticks and slips there is none: then the waves are of the counted angle itself, each count's cell
+seen by its mean (`cell_gain`), and torque and waves are averaged over each visit of a cell, so that
+a rest of a second weighs no more than a cell that is passed.
 """
 
 from collections.abc import Sequence
@@ -25,7 +30,7 @@ from motord.identification.orders import (
     order_limit,
     resolved_order,
 )
-from motord.identification.torque_sensor import order_below_resonance, response
+from motord.identification.torque_sensor import order_below_resonance, passed_by_mount, response
 
 REQUIRED = ("torque_Nm",)
 """Columns that are needed, besides time and angle."""
@@ -46,11 +51,15 @@ class SpeedCogging:
 
     order (n,), line_Nm (n,), stderr_Nm (n,): the fitted orders, per component; spectrum_Nm (m,):
     lines of all orders 1 to m; noise_Nm (m,): level of noise per component in the spectrum.
-    speed_ripple: (largest - smallest) / (2 mean) speed.
+    speed_ripple: (largest - smallest) / (2 mean) speed. direction: 1 or -1; jerky: the counted
+    angle was used; motion_left_counts: RMS of what the smooth motion leaves of it.
     """
 
     speed_set_Hz: float
     speed_Hz: float
+    direction: int
+    jerky: bool
+    motion_left_counts: float
     turns: int
     samples: int
     speed_ripple: float
@@ -87,12 +96,16 @@ def at_speed(
             f"{min(motor.slots, poles)}: turn slower or sample faster"
         )
     order = np.array(sorted({*allowed, *(o for o in others if o <= highest)}))
-    first, end = driven.turns[0][0], driven.turns[-1][1]
-    angle_rad, speed_rad_s = driven.motion.at(driven.t_s[:end])
-    columns = _columns(order, driven.t_s[:end], angle_rad, speed_rad_s, sensor, first)
+    end = driven.turns[-1][1]
+    angle_rad, speed_rad_s = _angle_and_speed(driven, end)
+    columns = _columns(order, driven, angle_rad, speed_rad_s, sensor)
     torque_Nm = driven.ticks["torque_Nm"][:end].astype(float)
     rows, turn = _by_turn(driven.turns)
     steady = _without_trend(np.column_stack([columns, torque_Nm])[rows], driven.t_s[rows], turn)
+    if driven.jerky:
+        visit = _visits(angle_rad[rows], turn, motor.counts)
+        steady = np.add.reduceat(steady, visit) / np.diff(visit, append=turn.size)[:, None]
+        rows, turn = rows[visit], turn[visit]
     fit = Regressors.of(steady[:, :-1], turn).fit(steady[:, -1])
     variance, line_Nm = np.diag(fit.covariance), fit.solution[0::2] - 1j * fit.solution[1::2]
     spectrum_Nm = _spectrum(angle_rad[rows], fit, driven, motor, sensor, highest)
@@ -102,6 +115,9 @@ def at_speed(
     return SpeedCogging(
         speed_set_Hz=driven.speed_set_Hz,
         speed_Hz=driven.speed_Hz,
+        direction=driven.direction,
+        jerky=driven.jerky,
+        motion_left_counts=driven.left_rad * motor.counts / (2 * np.pi),
         turns=len(driven.turns),
         samples=rows.size,
         speed_ripple=float(np.ptp(speeds) / (2 * speeds.mean())),
@@ -126,27 +142,65 @@ def standing_out(found: Sequence[SpeedCogging]) -> tuple[int, ...]:
     return tuple(sorted(out[:MOST_OTHERS]))
 
 
+def _angle_and_speed(driven: Driven, end: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return angle and speed (end,): of the smooth motion, or as counted and roughly."""
+    t_s = driven.t_s[:end]
+    if driven.jerky:
+        return driven.motion.position_rad[:end], driven.motion.spline.derivative()(t_s)
+    return driven.motion.at(t_s)
+
+
 def _columns(
     order: np.ndarray,
-    t_s: np.ndarray,
+    driven: Driven,
     angle_rad: np.ndarray,
     speed_rad_s: np.ndarray,
     sensor: TorqueSensorConfig,
-    first: int,
 ) -> np.ndarray:
     """Return cos and sin of each order (n, 2 m) as the sensor gives them."""
-    columns = np.empty((t_s.size, 2 * order.size))
+    if driven.jerky:
+        columns = _counted_columns(order, driven, angle_rad, sensor)
+    else:
+        columns = _smooth_columns(order, angle_rad, speed_rad_s, sensor)
+    tau_s = sensor.highpass_time_constant_s
+    if tau_s > 0:
+        state = np.stack([columns[driven.turns[0][0] :].mean(axis=0), columns[0]])
+        t_s = driven.t_s[: angle_rad.size]
+        highpass(columns, np.diff(t_s, prepend=t_s[:1]), tau_s, state)
+    return columns
+
+
+def _smooth_columns(
+    order: np.ndarray, angle_rad: np.ndarray, speed_rad_s: np.ndarray, sensor: TorqueSensorConfig
+) -> np.ndarray:
+    """Return cos and sin of each order (n, 2 m) through the mount, at each instant's frequency."""
+    columns = np.empty((angle_rad.size, 2 * order.size))
     rigid = TorqueSensorConfig(resonance_Hz=sensor.resonance_Hz, damping_ratio=sensor.damping_ratio)
     for place, h in enumerate(order):
         seen = np.exp(1j * h * angle_rad)
         if sensor.resonance_Hz > 0:
             seen *= response(rigid, h * speed_rad_s / (2 * np.pi))
         columns[:, 2 * place], columns[:, 2 * place + 1] = seen.real, seen.imag
-    if sensor.highpass_time_constant_s > 0:
-        state = np.stack([columns[first:].mean(axis=0), columns[0]])
-        dt_s = np.diff(t_s, prepend=t_s[:1])
-        highpass(columns, dt_s, sensor.highpass_time_constant_s, state)
     return columns
+
+
+def _counted_columns(
+    order: np.ndarray, driven: Driven, angle_rad: np.ndarray, sensor: TorqueSensorConfig
+) -> np.ndarray:
+    """Return cos and sin of each order (n, 2 m) of the counted angle, through the mount in time."""
+    gain = cell_gain(order, driven.grid) if driven.grid else np.ones(order.size)
+    waves = gain * np.exp(1j * np.outer(angle_rad, order))
+    columns = np.empty((angle_rad.size, 2 * order.size))
+    columns[:, 0::2], columns[:, 1::2] = waves.real, waves.imag
+    if sensor.resonance_Hz > 0:
+        columns = passed_by_mount(columns, driven.period_s, sensor)
+    return columns
+
+
+def _visits(angle_rad: np.ndarray, turn: np.ndarray, counts: int) -> np.ndarray:
+    """Return the first sample of each stay (m,) within one cell of the encoder, and one turn."""
+    cell = np.rint(angle_rad * (counts / (2 * np.pi)))
+    return np.flatnonzero((np.diff(cell, prepend=np.nan) != 0) | (np.diff(turn, prepend=-1) != 0))
 
 
 def _by_turn(turns: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
@@ -178,7 +232,7 @@ def _spectrum(
     cell = np.rint(angle_rad * (motor.counts / (2 * np.pi))).astype(np.int64) % motor.counts
     order = np.arange(1, highest + 1)
     seen = response(sensor, order * driven.speed_Hz) * cell_gain(order, motor.counts)
-    if driven.turns and angle_rad[-1] < angle_rad[0]:
+    if driven.direction < 0:
         seen = seen.conj()
     return np.asarray(lines_at(cell, fit.rest, motor.counts, highest)[1:] / seen)
 

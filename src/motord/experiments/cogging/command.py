@@ -13,7 +13,9 @@ from motord.experiments.cogging.at_speed import REQUIRED
 from motord.experiments.cogging.estimate import compare, measure
 from motord.experiments.cogging.report import report
 from motord.experiments.cogging.result import MeasuredCogging
+from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
+from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 
@@ -28,9 +30,10 @@ def estimate(
     """Return the cogging torque. Raises AnalysisError, CalibrationError, IdentifyError."""
     other = load(calibration) if calibration else None
     subject = recordings.subject
-    points = driven_points(recordings.runs, subject, REQUIRED)
-    measured = measure(points, subject.motor, subject.sensor)
-    return measured if other is None else replace(measured, comparison=compare(measured, other))
+    measured = measure(driven_points(recordings.runs, REQUIRED), subject.motor, subject.sensor)
+    found = (*measured.findings, *points_left_out(recordings.runs))
+    compared = None if other is None else compare(measured, other)
+    return replace(measured, findings=found, comparison=compared)
 
 
 def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]:
@@ -42,16 +45,17 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.2f} +- {1.96e3 * h.stderr_Nm:.2f}",
-                f"{h.phase_rad:.3f} +- {1.96 * h.phase_stderr_rad:.3f}" if h.significant else "",
+                f"{1e3 * h.amplitude_Nm:.2f} +- {1e3 * h.half_width_Nm:.2f}",
+                f"{h.phase_rad:.3f} +- {h.phase_half_width_rad:.3f}" if h.significant else "",
                 "yes" if h.allowed else "no",
             )
             for h in measured.harmonics
         ],
     )
     for speed in measured.speed_results:
+        motion = ", jerky: counted angles" if speed.jerky else ""
         yield (
-            f"- {speed.speed_Hz:.4g} /s: {speed.turns} turns, "
+            f"- {speed.direction * speed.speed_Hz:+.4g} /s: {speed.turns} turns{motion}, "
             f"within {speed.worst_error_percent:.2f} % of the average"
         )
     if other := measured.comparison:
@@ -59,8 +63,8 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
             f"- calibration {other.calibration}: within {other.worst_percent:.2f} % "
             "of the measured peak"
         )
-    for note in measured.notes:
-        yield f"- {note}"
+    for line in left_out_lines(measured.left_out):
+        yield f"- {line}"
 
 
 ANALYSIS = Analysis(

@@ -1,6 +1,7 @@
 """Cogging torque averaged over speeds, its error at each speed, and compared to a calibration's."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from motord.experiments.cogging.at_speed import (
     at_speed,
     standing_out,
 )
+from motord.experiments.cogging.directions import directions
+from motord.experiments.cogging.findings import findings
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
-from motord.identification import IdentifyError
 from motord.identification.driven_rotor import prepare
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
@@ -27,29 +29,29 @@ def measure(
     points: Iterable[PointData], motor: MotorConfig, sensor: TorqueSensorConfig
 ) -> MeasuredCogging:
     """Return the cogging torque over all driven points. Raises IdentifyError."""
-    driven = [prepare(point, motor, REQUIRED, "no measured torque") for point in points]
-    if not driven:
-        raise IdentifyError("there is no good operating point in the recording")
+    driven, left_out = prepare(points, motor, REQUIRED, "no measured torque")
     found = [at_speed(one, motor, sensor) for one in driven]
     others = standing_out(found)
     if others:
         found = [at_speed(one, motor, sensor, others) for one in driven]
-    return _average(found, motor)
+    recorded_s = sum(float(one.t_s[-1] - one.t_s[0]) for one in driven)
+    measured = replace(_average(found, motor), left_out=left_out)
+    return replace(measured, findings=findings(measured, recorded_s))
 
 
 def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCogging:
-    """Average over the speeds at which each order is seen, by their variances.
+    """Average over the speeds at which each order is seen, then over both directions.
 
-    Where the speeds differ by more than their own standard errors explain, that of the average
-    grows with what they differ by. Orders that are not allowed and do not stand out of their own
-    standard error, which knows how the turns differ, were drift: they are left out.
+    Orders that are not allowed and do not stand out of their own standard error, which knows how
+    the turns differ, were drift: they are left out.
     """
     poles = 2 * motor.pole_pairs
     order = np.array(sorted({int(order) for one in found for order in one.order}))
-    rows = [_mean_line(found, int(h)) for h in order]
-    line_Nm, stderr_Nm = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    ways = [_mean_lines([one for one in found if one.direction == way], order) for way in (1, -1)]
+    line_Nm, stderr_Nm = _both_ways(ways, jerky=any(one.jerky for one in found))
     allowed = np.isin(order, allowed_orders(motor.slots, poles, int(order[-1])))
     kept = allowed | (np.abs(line_Nm) > STANDS_OUT * stderr_Nm)
+    turns = [sum(one.turns for one in found if one.direction == way) for way in (1, -1)]
     return MeasuredCogging(
         motor=motor,
         main_order=main_order(motor.slots, poles),
@@ -58,13 +60,25 @@ def _average(found: Sequence[SpeedCogging], motor: MotorConfig) -> MeasuredCoggi
         stderr_Nm=stderr_Nm[kept],
         allowed=allowed[kept],
         speeds=tuple(found),
+        directions=directions(order[kept], [way[:, kept] for way in ways], turns),
     )
+
+
+def _mean_lines(found: Sequence[SpeedCogging], order: np.ndarray) -> np.ndarray:
+    """Return mean and standard error of each order (2, n), nan where none of the speeds has it.
+
+    By the variances of the speeds; where these differ by more than their own standard errors
+    explain, that of the mean grows with what they differ by.
+    """
+    return np.array([_mean_line(found, int(h)) for h in order], complex).reshape(-1, 2).T
 
 
 def _mean_line(found: Sequence[SpeedCogging], order: int) -> tuple[complex, float]:
     places = [(one, np.flatnonzero(one.order == order)) for one in found]
     lines = np.array([one.line_Nm[place[0]] for one, place in places if place.size])
     stderr = np.array([one.stderr_Nm[place[0]] for one, place in places if place.size])
+    if not lines.size:
+        return complex(np.nan, np.nan), float(np.nan)
     weight = 1 / np.maximum(stderr, 1e-300) ** 2
     mean = complex((weight * lines).sum() / weight.sum())
     spread = 1.0
@@ -72,6 +86,23 @@ def _mean_line(found: Sequence[SpeedCogging], order: int) -> tuple[complex, floa
         freedom = 2 * (lines.size - 1)
         spread = max(float((weight * np.abs(lines - mean) ** 2).sum()) / freedom, 1.0)
     return mean, float(np.sqrt(spread / weight.sum()))
+
+
+def _both_ways(ways: Sequence[np.ndarray], *, jerky: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard error (n,) of both directions, each weighted alike.
+
+    What friction adds turns its sign with the direction, so that it cancels; not so where the rotor
+    sticks and slips: then the truth may be anywhere between the two (rectangular, per component).
+    """
+    seen = np.isfinite([way[0] for way in ways])
+    lines = np.where(seen, [way[0] for way in ways], 0)
+    stderr = np.where(seen, [way[1].real for way in ways], 0)
+    each = 1 / np.maximum(seen.sum(axis=0), 1)
+    mean, error = lines.sum(axis=0) * each, np.sqrt((stderr**2).sum(axis=0)) * each
+    if jerky:
+        apart = np.where(seen.all(axis=0), np.abs(lines[0] - lines[1]), 0) / np.sqrt(24)
+        error = np.maximum(error, apart)
+    return mean, error
 
 
 def compare(measured: MeasuredCogging, calibration: Calibration) -> Comparison:

@@ -11,6 +11,7 @@ from motord.experiments.cogging.result import (
     MeasuredCogging,
     SpeedResult,
 )
+from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 
@@ -54,24 +55,29 @@ def fill(page: Page, measured: MeasuredCogging) -> None:
         "2.5 %).",
     )
     page.table(
-        ["speed (1/s)", "turns", "speed ripple (%)", "largest error (%)"],
+        ["speed (1/s)", "turns", "speed ripple (%)", "angle", "largest error (%)"],
         [
             [
-                f"{s.speed_Hz:.4f}",
+                f"{s.direction * s.speed_Hz:+.4f}",
                 str(s.turns),
                 f"{s.speed_ripple_percent:.1f}",
+                "as counted" if s.jerky else "smooth motion",
                 f"{s.worst_error_percent:.2f}",
             ]
             for s in speeds
         ],
         numbers=True,
     )
+    if measured.left_out:
+        page.points([f"{line[0].upper()}{line[1:]}." for line in left_out_lines(measured.left_out)])
+    if measured.directions:
+        _directions(page, measured)
     if measured.comparison is not None:
         _comparison(page, measured, measured.comparison)
 
 
 def _at(speed: SpeedResult) -> str:
-    return f"{speed.speed_Hz:.2g} /s"
+    return f"{speed.direction * speed.speed_Hz:.2g} /s"
 
 
 def _span_deg(measured: MeasuredCogging) -> float:
@@ -89,11 +95,41 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
         [
             [
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1.96e3 * h.stderr_Nm:.3f}",
-                f"{h.phase_rad:.4f}" if h.significant else "",
+                f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1e3 * h.half_width_Nm:.3f}",
+                f"{h.phase_rad:.4f} \u00b1 {h.phase_half_width_rad:.4f}" if h.significant else "",
                 _origin(h, measured),
             ]
             for h in measured.harmonics
+        ],
+        numbers=True,
+    )
+
+
+def _directions(page: Page, measured: MeasuredCogging) -> None:
+    page.subheading("Both directions")
+    page.paragraph(
+        "Cogging torque is the same in both directions; what differs turns its sign with the "
+        "direction: half of it is ripple of friction, or hysteresis."
+    )
+    page.table(
+        [
+            "order",
+            "forwards (mNm)",
+            "backwards (mNm)",
+            "phase (rad)",
+            "differ by (mNm)",
+            "by chance",
+        ],
+        [
+            [
+                str(one.order),
+                f"{1e3 * one.forward_Nm:.3f}",
+                f"{1e3 * one.backward_Nm:.3f}",
+                f"{one.phase_rad:+.4f}",
+                f"{1e3 * one.difference_Nm:.3f}",
+                f"{'beyond ' if one.significant else 'up to '}{1e3 * one.limit_Nm:.3f}",
+            ]
+            for one in measured.directions
         ],
         numbers=True,
     )

@@ -4,14 +4,15 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import stdtrit
 
 from motord.config import MotorConfig
 from motord.experiments.cogging.at_speed import SpeedCogging
+from motord.experiments.cogging.directions import DirectionDifference
+from motord.findings import Finding
 from motord.identification.harmonics import synthesis
+from motord.identification.left_out import LeftOut
 from motord.identification.orders import periods_per_slot_pitch
-
-FEW_TURNS = 6
-"""Turns in all below which the noise's colour is not known."""
 
 
 @dataclass(frozen=True)
@@ -31,27 +32,38 @@ class TorqueHarmonic:
 
 @dataclass(frozen=True)
 class MeanHarmonic(TorqueHarmonic):
-    """A harmonic of the mean over the speeds; allowed: by slots and poles."""
+    """A harmonic of the mean over the speeds; allowed: by slots and poles.
+
+    half_width_Nm, phase_half_width_rad: of the 95 % interval, by Student's t over the turns.
+    """
 
     phase_stderr_rad: float
+    half_width_Nm: float
+    phase_half_width_rad: float
     allowed: bool
 
 
 @dataclass(frozen=True)
 class SpeedResult:
-    """One speed. noise_Nm: median level per component over the orders.
+    """One speed, forwards (1) or backwards (-1). noise_Nm: median per component over the orders.
+
+    jerky, motion_left_counts: whether, and by how much, a smooth motion leaves the encoder's counts
+    unexplained.
 
     spectrum_Nm (m,): amplitude of orders 1 to m; error_percent (counts,): cogging torque at this
     speed less the mean over the speeds, % of the mean's peak (Poels 2008, Figure 3.4).
     """
 
     JSON = (
-        "speed_set_Hz", "speed_Hz", "turns", "speed_ripple_percent", "noise_Nm",
-        "worst_error_percent", "harmonics",
+        "speed_set_Hz", "speed_Hz", "direction", "turns", "speed_ripple_percent", "jerky",
+        "motion_left_counts", "noise_Nm", "worst_error_percent", "harmonics",
     )  # fmt: skip
 
     speed_set_Hz: float
     speed_Hz: float
+    direction: int
+    jerky: bool
+    motion_left_counts: float
     turns: int
     speed_ripple_percent: float
     noise_Nm: float
@@ -71,18 +83,22 @@ class MeasuredCogging:
 
     order (n,), rising; line_Nm (n,): order h is Re(line exp(j h theta)); stderr_Nm (n,) per
     component; allowed (n,): by slots and poles, the others stand out of the noise; speeds: what
-    each speed gave; comparison: with a calibration's cogging torque.
+    each speed gave; directions: what both directions differ by, order by order, nothing if there is
+    one; left_out: what of the points was not used; findings: what is questionable; comparison: with
+    a calibration's cogging torque.
     """
 
     JSON: ClassVar[dict[str, str]] = {
         "main_order": "main_order",
         "periods_per_slot_pitch": "periods_per_slot_pitch",
         "harmonics": "harmonics",
+        "degrees_of_freedom": "degrees_of_freedom",
         "peak_Nm": "peak_Nm",
         "tau_cog_Nm": "rounded_tau_cog_Nm",
         "speeds": "speed_results",
+        "directions": "directions",
+        "left_out": "left_out",
         "comparison": "comparison",
-        "notes": "notes",
     }
 
     motor: MotorConfig
@@ -92,6 +108,9 @@ class MeasuredCogging:
     stderr_Nm: np.ndarray
     allowed: np.ndarray
     speeds: tuple[SpeedCogging, ...]
+    directions: tuple[DirectionDifference, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+    findings: tuple[Finding, ...] = ()
     comparison: "Comparison | None" = None
 
     @property
@@ -122,10 +141,12 @@ class MeasuredCogging:
     @property
     def harmonics(self) -> tuple[MeanHarmonic, ...]:
         """The orders as harmonics."""
+        factor = float(stdtrit(self.degrees_of_freedom, 0.975))
         return tuple(
             MeanHarmonic(
                 int(order), float(amplitude), float(phase), float(stderr),
-                float(min(stderr / max(amplitude, 1e-300), np.pi)), bool(allowed),
+                float(min(stderr / max(amplitude, 1e-300), np.pi)), float(factor * stderr),
+                float(min(factor * stderr / max(amplitude, 1e-300), np.pi)), bool(allowed),
             )
             for order, amplitude, phase, stderr, allowed in zip(
                 self.order, self.amplitude_Nm, self.phase_rad, self.stderr_Nm, self.allowed,
@@ -134,12 +155,20 @@ class MeasuredCogging:
         )  # fmt: skip
 
     @property
+    def degrees_of_freedom(self) -> int:
+        """Of the standard errors, which come from how the turns differ."""
+        return max(sum(one.turns - 1 for one in self.speeds), 1)
+
+    @property
     def speed_results(self) -> tuple[SpeedResult, ...]:
         """What each speed gave, beside the mean."""
         return tuple(
             SpeedResult(
                 speed_set_Hz=one.speed_set_Hz,
                 speed_Hz=one.speed_Hz,
+                direction=one.direction,
+                jerky=bool(one.jerky),
+                motion_left_counts=one.motion_left_counts,
                 turns=one.turns,
                 speed_ripple_percent=100 * one.speed_ripple,
                 noise_Nm=float(np.median(one.noise_Nm)),
@@ -156,24 +185,6 @@ class MeasuredCogging:
             )
             for one in self.speeds
         )
-
-    @property
-    def notes(self) -> list[str]:
-        """What is worth knowing of the result, in sentences."""
-        found = []
-        if self.main_order not in self.order:
-            found.append(
-                f"the main order {self.main_order} is too high for the sampling or the encoder: "
-                f"orders are seen up to {min(one.spectrum_Nm.size for one in self.speeds)}"
-            )
-        if not self.allowed.all():
-            listed = ", ".join(str(order) for order in self.order[~self.allowed])
-            found.append(
-                f"orders that neither slots nor poles explain stand out of the noise: {listed}"
-            )
-        if sum(one.turns for one in self.speeds) < FEW_TURNS:
-            found.append("few turns: the standard errors take the noise to be white")
-        return found
 
     @property
     def peak_Nm(self) -> float:

@@ -38,8 +38,6 @@ def _text(found: Friction, _: Recordings) -> Iterator[str | TextTable]:
         part_rows(found, "+-"),
         left=(0,),
     )
-    for finding in found.findings:
-        yield f"- {finding.severity}: {finding.meaning}; {finding.action}"
     for note in found.notes:
         yield f"- {note}"
 

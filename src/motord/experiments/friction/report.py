@@ -32,18 +32,6 @@ def fill(page: Page, found: Friction, counts: int) -> None:
         numbers=True,
     )
     page.points(found.notes)
-    if found.findings:
-        page.subheading("Findings")
-        page.table(
-            ["finding", "value", "limit", "what it means", "what to do"],
-            [
-                [
-                    f"{one.name} ({one.severity})", f"{one.value:.3g} {one.unit}",
-                    f"{one.limit:.3g} {one.unit}", one.meaning, one.action,
-                ]
-                for one in found.findings
-            ],
-        )  # fmt: skip
     page.heading("Coast-downs")
     page.picture(
         coast_downs(found.directions),

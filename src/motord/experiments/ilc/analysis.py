@@ -23,6 +23,7 @@ from motord.experiments.ilc.estimate import (
 )
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.subject import AnalysisError, Subject
+from motord.findings import Finding
 from motord.identification.operating_points import PointData, Samples, prepare
 from motord.learned import MAX_NODES, LearnedPoint, LearnedTorque
 from motord.recording.captures import captures
@@ -45,6 +46,11 @@ class LearnPass:
         """The corrections."""
         assert self.calibration.learned is not None
         return self.calibration.learned
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Where the data of the calibration depart from its model."""
+        return self.calibration.findings or ()
 
     @property
     def finished(self) -> bool:

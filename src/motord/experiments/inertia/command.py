@@ -154,9 +154,6 @@ def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | Te
         f"{OSCILLATION if oscillated else ACCELERATION}"
     )
     if isinstance(found, Oscillation):
-        if found.disturbed:
-            numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
-            yield f"left out, as they fit worse than the others: release {numbers}"
         sources = [(one.source, one.uncertainty) for one in found.budget.shares]
         readings = [(one.label, one.inertia_kg_m2) for one in found.readings]
     else:

@@ -18,10 +18,14 @@ from motord.experiments.inertia.error_budget import (
     improvements,
 )
 from motord.experiments.inertia.springs import SpringSetup
+from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.free_decay import Decay, fit_decay, mean_frequency
 from motord.identification.log_decrement import FivePeriods, Swing, find_swing, five_periods
 from motord.identification.turning import unwrap_counts
+
+FEW_RELEASES = 4
+"""Releases below which their scatter says little."""
 
 EFFECTIVE_MASS_LABELS = {
     "wave": "waves in the springs",
@@ -137,6 +141,11 @@ class Oscillation:
     def disturbed_indices(self) -> list[int]:
         """Numbers of the releases that were left out."""
         return [release.index for release in self.disturbed]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is questionable about the swings."""
+        return (*_few(len(self.releases)), *_left_out(self))
 
     @property
     def damping_ratio(self) -> float:
@@ -280,3 +289,31 @@ def _still(t_s: np.ndarray, position: np.ndarray) -> np.ndarray:
     windows = np.lib.stride_tricks.sliding_window_view(position, size)
     calm = np.ptp(windows, axis=1) <= STILL_COUNTS
     return np.asarray(np.convolve(calm, np.ones(size)) > 0.5)
+
+
+def _few(releases: int) -> tuple[Finding, ...]:
+    if releases >= FEW_RELEASES:
+        return ()
+    return (
+        Finding(
+            "few-releases", releases, FEW_RELEASES, "releases", "warning",
+            "what differs from release to release is hardly in the uncertainty",
+            "let go more often",
+        ),
+    )  # fmt: skip
+
+
+def _left_out(found: Oscillation) -> tuple[Finding, ...]:
+    if not found.disturbed:
+        return ()
+    numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
+    worst_rad = max(float(np.std(one.decay.residual_rad)) for one in found.disturbed)
+    best_rad = np.median([np.std(one.decay.residual_rad) for one in found.releases])
+    return (
+        Finding(
+            "releases-left-out", worst_rad, float(DISTURBED * best_rad), "rad", "note",
+            f"release {numbers}: left out, as a decay fits worse there than in the others: "
+            "somebody touched the bar, or ticks were missed",
+            "look at the decays in the report",
+        ),
+    )  # fmt: skip

@@ -8,7 +8,9 @@ import typer
 
 from motord.calibration import RmsErrors, RmsPoint, load
 from motord.experiments.analysis import Analysis, encode
+from motord.experiments.points_left_out import points_left_out
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
+from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
 from motord.report.text import TextTable
 
@@ -31,14 +33,14 @@ def estimate(
     if calibration:
         applied = load(calibration)
         applied.check_motor(subject.motor)
-        shares = explained(runs, subject, applied)
-        found = MeshRipple(tuple(s.measured for s in shares), tuple(shares))
+        shares = tuple(explained(runs, subject, applied))
+        measured = tuple(one.measured for one in shares)
     else:
-        found = MeshRipple(tuple(ripples(runs, subject)))
-    if not found.ripples:
+        shares, measured = (), tuple(ripples(runs, subject))
+    if not measured:
         files = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{files}: no good operating point in there")
-    return found
+    return MeshRipple(measured, shares, (*findings(measured), *points_left_out(runs)))
 
 
 def _report(found: MeshRipple, recordings: Recordings) -> "Page":

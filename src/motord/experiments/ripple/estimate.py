@@ -22,6 +22,7 @@ from motord.calibration import Calibration, RmsErrors
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.analysis import encode
 from motord.experiments.subject import Subject
+from motord.findings import Finding
 from motord.identification.operating_points import Samples, prepare, require_currents
 from motord.identification.point_ripple import (
     PointRipple,
@@ -65,12 +66,16 @@ class Explained:
 
 @dataclass(frozen=True)
 class MeshRipple:
-    """Ripple of each operating point; explained: with the currents' share, where asked for."""
+    """Ripple of each operating point; explained: with the currents' share, where asked for.
+
+    findings: what is questionable about it.
+    """
 
     JSON: ClassVar = ("rms_error_percent", "points")
 
     ripples: tuple[PointRipple, ...]
     explained: tuple[Explained, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def errors(self) -> RmsErrors:

@@ -13,6 +13,7 @@ from motord.experiments.sensitivity.result import LIMIT_PERCENT, Again, Sensitiv
 from motord.experiments.sensitivity.slope_fit import series
 from motord.experiments.sensitivity.volume import INTERVALS, limit_surface, volume
 from motord.experiments.subject import AnalysisError, Subject
+from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, prepare
 from motord.identification.point_ripple import point_ripple
 from motord.recording.captures import COLUMNS, captures
@@ -81,6 +82,8 @@ def sensitivity(runs: Sequence[Run], subject: Subject) -> Sensitivity:
             point.torque_Nm, induced.gain, induced.offset_A, induced.cogging
         )
         for what, value in values.items():
+            if ripple.stderr_percent is None:
+                raise IdentifyError(f"{ripple.label}: one whole turn; take at least 2 turns")
             row = (value, ripple.rms_percent, ripple.stderr_percent, float(expected))
             rows[what].append(row)
     torque_Nm, speed_Hz = places[0] if places else (DEFAULT_TORQUE_Nm, 0.0)

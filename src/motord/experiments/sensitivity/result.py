@@ -1,5 +1,6 @@
 """Results of the `sensitivity` analysis."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -9,6 +10,7 @@ from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.sensitivity.slope_fit import Series
 from motord.experiments.sensitivity.volume import Surface, Volume
 from motord.experiments.subject import Subject
+from motord.findings import Finding
 
 LIMIT_PERCENT = 1.0
 """The RMS error that Poels 2008 allows."""
@@ -90,3 +92,19 @@ class Sensitivity:
     theory: Theory
     series: tuple[Series, ...]
     again: Again | None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is questionable: too few points for a line, and what the calibration finds."""
+        found = self.again.found.findings if self.again is not None else ()
+        return (*found, *self._without_lines())
+
+    def _without_lines(self) -> Iterator[Finding]:
+        alone = [one.what for one in self.series if not any(one.branches)]
+        if alone:
+            yield Finding(
+                "no-lines", len(alone), 0, "errors", "warning",
+                f"{', '.join(alone)}: fewer than two points a side are clear of the ripple "
+                "that is there without any error: no slope is stated",
+                "induce larger errors, or learn what is left first",
+            )  # fmt: skip

@@ -114,8 +114,9 @@ def test_a_bench_file_that_is_right_or_nearly(bench: Path, off_points: float, wo
     motor = load(bench / "bench.toml").motor.model_dump() | found.fields
     offset_rad = found.offset_rad + off_points * 2 * np.pi / 4096
     motor["encoder_offset_rad"] = offset_rad
-    [note] = replace(found, motor=MotorConfig.model_validate(motor)).notes
-    assert words in note
+    again = replace(found, motor=MotorConfig.model_validate(motor))
+    assert words in again.agreement
+    assert [one.name for one in again.findings] == ["bench-file-differs"] * (off_points > 0)
 
 
 def test_the_result_is_json(bench: Path) -> None:
@@ -123,7 +124,7 @@ def test_the_result_is_json(bench: Path) -> None:
     assert json.loads(done.output)["rests_left_out"] < 10
 
 
-def test_notes_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> None:
+def test_findings_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> None:
     run = open_run(bench / "run.mcap")
     found = found_alignment([run], Subject.of_runs([run]))
     odd = replace(
@@ -133,7 +134,7 @@ def test_notes_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> Non
         offset_stderr_rad=0.002,
         left_out=found.rests.size // 2,
     )
-    words = " ".join(odd.notes)
+    words = " ".join(one.in_words() for one in odd.findings)
     assert "does not show the rotor's swings" in words
     assert "phase b: sensed current is 1.30 times the commanded one" in words
     assert "stops are left out" in words

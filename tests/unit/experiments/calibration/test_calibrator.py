@@ -327,6 +327,10 @@ def test_sums_over_trials_are_those_of_the_stacked_matrix() -> None:
         estimator.take(Trial(np.vstack([i_A.T, torque_Nm, np.ones(counts)]) * hit))
         stacked.append(np.hstack([i_A * k, k])[hit])
         torques_Nm.append(torque_Nm[hit])
+        alone = len(stacked) == 1
+        result = estimator.solve()
+        assert all((one.stderr_Nm is None) == alone for one in result.harmonics)
+        assert [one.name for one in result.findings] == ["one-trial"] * alone
     x, torque_Nm = np.concatenate(stacked), np.concatenate(torques_Nm)
     y, left_Nm = estimator.least_squares()
     assert np.allclose(y, np.linalg.pinv(x) @ torque_Nm, atol=1e-9)

@@ -10,7 +10,6 @@ from motord.calibration import CalibratedMotor
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.cogging.estimate import compare, measure
 from motord.identification import IdentifyError
-from motord.identification.driven_rotor import steady_segments_of
 from motord.identification.operating_points import PointData
 from tests.campaigns.cogging import errors, measured, true_line
 from tests.campaigns.driven import MOTORS, REPORT, Motor
@@ -104,16 +103,15 @@ def test_a_run_without_points_is_cut_into_steady_stretches() -> None:
     slow, fast = driven(bench, 0.5, 0.9, turns=5.4)
     ticks = np.concatenate([slow.ticks, fast.ticks])
     ticks["t_ns"][slow.ticks.size :] += slow.ticks["t_ns"][-1]
-    points = steady_segments_of(ticks, bench.motor, ["torque_Nm"])
-    assert [round(point.speed_Hz, 1) for point in points] == [0.5, 0.9]
-    found = measure(points, bench.motor, bench.sensor)
+    found = measure([PointData(0.0, 0.0, ticks)], bench.motor, bench.sensor)
+    assert [round(one.speed_Hz, 1) for one in found.speeds] == [0.5, 0.9]
     assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)
 
 
 def test_a_single_turn_is_better_than_nothing() -> None:
     bench = synthetic.Bench(truth=no_current(), torque_noise_Nm=0.01)
-    points = steady_segments_of(driven(bench, 0.5, turns=1.4)[0].ticks, bench.motor, ["torque_Nm"])
-    found = measure(points, bench.motor, bench.sensor)
+    ticks = driven(bench, 0.5, turns=1.4)[0].ticks
+    found = measure([PointData(0.0, 0.0, ticks)], bench.motor, bench.sensor)
     assert found.speeds[0].turns == 1
     assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)
 

@@ -7,10 +7,12 @@ from motord.config import AccelerationConfig, TorqueSensorConfig, load
 from motord.experiments.inertia.torque_step import REQUIRED, accelerate, read_step
 from motord.identification import IdentifyError
 from tests.unit.experiments.inertia.inertia_runs import pushes
+from tests.unit.experiments.inertia.step_simulator import Rotor, steps
 
 J, VISCOUS, COULOMB = 0.0105, 0.004, 0.03
 DIRECT = TorqueSensorConfig()
 PIEZO = TorqueSensorConfig(highpass_time_constant_s=2.0)
+EXACT = AccelerationConfig(gain_tolerance=1e-6, highpass_tolerance=1e-6)
 
 
 def made_up(sensor: TorqueSensorConfig, sign: int = 1, drift_Nm_per_s: float = 0.0) -> np.ndarray:
@@ -75,6 +77,37 @@ def test_one_step_alone_has_its_own_error() -> None:
     found = accelerate([made_up(DIRECT)], 4096, DIRECT, AccelerationConfig())
     assert {s.source for s in found.budget} == {"gain of the torque sensor", "repetition"}
     assert found.inertia_kg_m2 == pytest.approx(J, rel=2e-3)
+    assert found.freedom is None
+    assert "few-steps" in {one.name for one in found.findings}
+
+
+def test_steps_are_within_their_intervals_and_without_bias() -> None:
+    """A part of tests/campaigns/inertia.py: noise that is integrated twice is not white."""
+    rotor = Rotor()
+    data = steps(rotor, 200, np.random.default_rng(1))
+    read = [read_step(n, ticks, rotor.counts, PIEZO) for n, ticks in enumerate(data)]
+    inertia = np.array([step.inertia_kg_m2 for step in read])
+    stderr = np.array([step.stderr_kg_m2 for step in read])
+    assert 0.90 <= np.mean(np.abs(inertia - J) < 1.96 * stderr) <= 0.99
+    assert abs(inertia.mean() - J) < 3 * inertia.std() / np.sqrt(200)
+    sets = [accelerate(data[n : n + 10], rotor.counts, PIEZO, EXACT) for n in range(0, 200, 10)]
+    held = [s.interval_95_kg_m2[0] < J < s.interval_95_kg_m2[1] for s in sets]
+    assert np.mean(held) >= 0.85  # of 20 sets
+    assert sum(len(s.findings) for s in sets) <= 1
+
+
+def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
+    data = steps(Rotor(), 12, np.random.default_rng(2))
+    weak = [ticks.copy() for ticks in data]
+    for ticks in weak[1::2]:
+        ticks["torque_Nm"] *= 0.9
+    found = accelerate(weak, 4096, PIEZO, AccelerationConfig())
+    assert "directions-differ" in {one.name for one in found.findings}
+    loose = [ticks.copy() for ticks in data]
+    for n, ticks in enumerate(loose):
+        ticks["torque_Nm"] *= 1 + 0.05 * (n // 2 % 3)
+    found = accelerate(loose, 4096, PIEZO, AccelerationConfig())
+    assert "steps-scatter" in {one.name for one in found.findings}
 
 
 def test_what_tells_no_inertia_is_refused() -> None:

@@ -25,6 +25,7 @@ from motord.experiments.calibration.estimate.result import (
 )
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
 from motord.experiments.subject import Subject
+from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
 from motord.identification.operating_points import PointData, Samples, prepare, require_currents
@@ -197,6 +198,11 @@ class CalibratedRuns:
     result: CalibrationResult
     calibration: Calibration
     other: Calibration | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Where the data depart from the model."""
+        return self.calibration.findings or ()
 
     def both(self) -> tuple[CalibrationResult, CalibrationResult]:
         """Return the result and that of the other estimator. Raises IdentifyError."""

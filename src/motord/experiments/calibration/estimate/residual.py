@@ -13,6 +13,7 @@ import numpy as np
 from motord.calibration import Harmonic
 from motord.config import MotorConfig
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.operating_points import Samples
 from motord.identification.point_ripple import PointRipple
@@ -94,7 +95,8 @@ class ResidualEstimator:
         """Return y (4.7) as alpha and beta (4.12, 4.13; delta epsilon = 1), and z (4.14).
 
         The standard errors, of least squares, do not know of the bias; those of the cogging torque
-        are over the trials. ripples: of the operating points. Raises IdentifyError.
+        are over the trials; one trial has none. ripples: of the operating points.
+        Raises IdentifyError.
         """
         y, z_Nm = self.least_squares()
         products = self._products
@@ -122,22 +124,34 @@ class ResidualEstimator:
             ),
             condition_number=float(np.sqrt(values[-1] / kept[0])),
             ripples=tuple(ripples),
+            findings=_one_trial() if len(self._trials) < 2 else (),
         )
 
     def _harmonics(self, y: np.ndarray) -> tuple[Harmonic, ...]:
         """Return what `y` (6,) leaves of the torque, at the orders of the cogging torque."""
         parts = [trial.lines(self._k, self._orders) for trial in self._trials]
         lines = np.array([part[:, 6] - part[:, :6] @ y for part in parts])
+        known = len(lines) > 1
         stderr_Nm = lines.std(axis=0) / np.sqrt(2 * max(len(lines) - 1, 1))
         return tuple(
             Harmonic(
                 order=int(order),
                 amplitude_Nm=float(np.abs(line)),
                 phase_rad=float(np.angle(line * 1j)),
-                stderr_Nm=float(stderr),
+                stderr_Nm=float(stderr) if known else None,
             )
             for order, line, stderr in zip(self._orders, lines.mean(axis=0), stderr_Nm, strict=True)
         )
+
+
+def _one_trial() -> tuple[Finding, ...]:
+    return (
+        Finding(
+            "one-trial", 1, 2, "trials", "warning",
+            "the error of the cogging torque is that between trials: it is not known from one",
+            "take two operating points or more, or the joint estimator",
+        ),
+    )  # fmt: skip
 
 
 @jit_sums

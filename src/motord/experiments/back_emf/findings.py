@@ -1,0 +1,107 @@
+"""What is questionable about a back-EMF run, each with its meaning and what to do."""
+
+from collections.abc import Iterator, Sequence
+from math import sqrt
+
+import numpy as np
+
+from motord.config import SEQUENCE
+from motord.experiments.back_emf.result import MeasuredBackEmf
+from motord.experiments.driven_findings import left_out_finding
+from motord.findings import Finding
+from motord.identification.driven_rotor import JERKY, Driven
+
+UNBALANCED = 0.002
+"""Part of the fundamental by which a phase may differ from the mean of the three."""
+
+DELAY_MAX_S = 2e-3
+"""Age of the voltages, beyond the recorded one, that filters and buses explain."""
+
+SPEED_RATIO = 1.3
+"""Ratio of the fastest to the slowest speed that tells the age of the voltages from the angle."""
+
+
+def findings(found: MeasuredBackEmf, driven: Sequence[Driven]) -> tuple[Finding, ...]:
+    """Return what is questionable about the run."""
+    used_s = sum(float(one.t_s[-1] - one.t_s[0]) for one in driven)
+    return (
+        *_phases(found),
+        *_age(found),
+        *_orders(found),
+        *_motion(driven),
+        *left_out_finding(found.left_out, used_s),
+    )
+
+
+def _phases(found: MeasuredBackEmf) -> Iterator[Finding]:
+    first = found.electrical[0]
+    turned = np.exp(-2j * np.pi / 3 * SEQUENCE[found.motor.phase_order] * np.arange(3))
+    own = found.line[first]
+    as_said, other = abs((own * turned.conj()).mean()), abs((own * turned).mean())
+    if other > as_said:
+        yield Finding(
+            "phase-order", float(other), float(as_said), "V s/rad", "serious",
+            "phases b and c follow in the other order than [motor] says: harmonics are a mean of "
+            "the wrong phases, the table is right",
+            "change its phase_order, or encoder_direction (the plan `align` finds which)",
+        )  # fmt: skip
+        return
+    back = found.balanced[0]
+    apart = float(np.abs(own * turned.conj() - back).max() / np.abs(back))
+    limit = max(UNBALANCED, 4 * float(found.stderr[first].max() / np.abs(back)))
+    if apart > limit:
+        yield Finding(
+            "phases-differ", 100 * apart, 100 * limit, "% of the fundamental", "warning",
+            "a phase differs from the mean of the three: the windings do, or the voltage channels",
+            "use the table, not the harmonics; compare the channels on one voltage",
+        )  # fmt: skip
+
+
+def _age(found: MeasuredBackEmf) -> Iterator[Finding]:
+    if found.delay_s is None:
+        speeds_Hz = found.speeds_Hz
+        yield Finding(
+            "age-not-seen", max(speeds_Hz) / min(speeds_Hz), SPEED_RATIO, "ratio of speeds",
+            "warning",
+            "all speeds are alike: an age of the voltages that the recording does not state would "
+            "turn the waves, and cannot be seen",
+            f"drive at speeds {SPEED_RATIO} times apart or more",
+        )  # fmt: skip
+        return
+    delay_s, stderr_s = found.delay_s
+    if abs(delay_s) > DELAY_MAX_S + 4 * stderr_s:
+        yield Finding(
+            "age-of-voltages", 1e3 * abs(delay_s), 1e3 * DELAY_MAX_S, "ms", "warning",
+            f"the voltages seem {1e3 * delay_s:+.2f} ms older than the recording says: more than "
+            "filters and buses explain; a speed or an encoder error that changes with speed looks "
+            "the same",
+            "check the inverter's time stamps and filters",
+        )  # fmt: skip
+
+
+def _orders(found: MeasuredBackEmf) -> Iterator[Finding]:
+    others = found.kept & (found.order % found.motor.pole_pairs != 0)
+    if others.any():
+        size = np.abs(found.line).max(axis=1)
+        largest = int(np.argmax(np.where(others, size, 0)))
+        listed = ", ".join(str(order) for order in found.order[others])
+        yield Finding(
+            "unexplained-orders", 1e3 * float(size[largest]),
+            1e3 * float(found.stderr[largest].max()), "mV s/rad", "note",
+            f"orders per turn that are no multiple of the pole pairs: {listed}: unequal magnets, "
+            "an eccentric rotor or encoder",
+            "beside the fundamental's order: check that the encoder is concentric",
+        )  # fmt: skip
+
+
+def _motion(driven: Sequence[Driven]) -> Iterator[Finding]:
+    jerky = [one for one in driven if one.jerky]
+    if jerky:
+        worst = max(one.left_rad / one.rounding_rad for one in jerky)
+        at = ", ".join(f"{one.direction * one.speed_Hz:.3g} /s" for one in jerky)
+        yield Finding(
+            "jerky-motion", worst / sqrt(12), JERKY / sqrt(12), "counts", "serious",
+            f"at {at} the rotor sticks and slips: no smooth motion explains the encoder, and the "
+            "speed, which the voltages are divided by, is not known",
+            "drive faster, or through a stiffer belt",
+        )  # fmt: skip

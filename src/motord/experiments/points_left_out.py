@@ -1,0 +1,38 @@
+"""Recorded operating points that no analysis uses, as a finding."""
+
+from collections.abc import Iterable, Iterator
+
+from motord.findings import Finding
+from motord.identification.operating_points import GOOD, good_points
+from motord.recording.reader import Run
+
+LISTED = 5
+"""Points that are listed one by one."""
+
+
+def points_left_out(runs: Iterable[Run]) -> tuple[Finding, ...]:
+    """Return a finding if points were recorded of which no take is of good quality."""
+    said = [sentence for run in runs for sentence in _poor(run)]
+    if not said:
+        return ()
+    more = f" and {len(said) - LISTED} more" if len(said) > LISTED else ""
+    return (
+        Finding(
+            "points-left-out", len(said), 0, "points", "warning",
+            f"left out, as they are not of good quality: {'; '.join(said[:LISTED])}{more}",
+            "take these points again",
+        ),
+    )  # fmt: skip
+
+
+def _poor(run: Run) -> Iterator[str]:
+    recorded = run.operating_points()
+    used = {(point["index"], point.get("compensate", 0)) for point in good_points(recorded)}
+    latest = {
+        (point["index"], point.get("compensate", 0)): point
+        for point in recorded
+        if point.get("quality", GOOD) != GOOD
+    }
+    for key, point in latest.items():
+        if key not in used:
+            yield f"{point['torque_Nm']:g} Nm, {point['speed_Hz']:g} Hz ({point['quality']})"
