@@ -6,6 +6,7 @@ file whose content does not fit its id is refused, and so is one of another moto
 
 import hashlib
 import json
+from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -186,6 +187,16 @@ class Calibration(_Part):
                 f"calibration {self.id} was made for another motor: {'; '.join(differing)}; "
                 "calibrate this motor or correct [motor] in the bench file"
             )
+
+    @property
+    def finding_names(self) -> list[str]:
+        """Names of its findings, of whatever severity."""
+        return [finding.name for finding in self.findings or ()]
+
+    def not_accepted(self, accepted: Collection[str]) -> list[Finding]:
+        """Return its serious findings but those whose names are `accepted`."""
+        serious = [one for one in self.findings or () if one.severity == "serious"]
+        return [one for one in serious if one.name not in accepted]
 
     def age_s(self, now: datetime) -> float:
         """Return how long ago it was made (s)."""

@@ -256,6 +256,8 @@ class CalibrationDetails(CalibrationEntry):
     """Of the fit."""
     observable: list[str]
     """What could and could not be told apart."""
+    findings: list[dict[str, Any]] = []
+    """Where its data depart from the model."""
     learned: bool
     """It holds what was learned on top."""
     rms_error_percent: dict[str, Any]

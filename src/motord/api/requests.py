@@ -139,6 +139,8 @@ class CalibrationInstall(WithToken):
     """The file's content."""
     path: Annotated[str, Field(max_length=4096)] | None = None
     """The file, as the daemon's host sees it."""
+    accept: Annotated[list[Name], Field(max_length=32)] = []
+    """Serious findings, by name, in spite of which it is installed."""
 
     @model_validator(mode="after")
     def _one_source(self) -> "CalibrationInstall":

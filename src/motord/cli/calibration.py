@@ -116,22 +116,31 @@ def _rows(directory: Path) -> list[dict[str, Any]]:
 @app.command()
 def install(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FINDING", help="A serious finding in spite of which it is applied."),
+    ] = None,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Let the running daemon apply a calibration, now and after a restart."""
+    """Let the running daemon apply a calibration, now and after a restart.
+
+    One whose data depart seriously from the model is refused, unless each such finding is accepted.
+    """
     from motord.calibration import load
     from motord.cli.bench.lease_session import in_command
 
     calibration = load(file)
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = session.commander.install_calibration(calibration)
+        answer = session.commander.install_calibration(calibration, accept=accept or ())
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, in words."""
+    from motord.findings import Finding
+
     motor = c["motor"]
     lines = [
         f"calibration  {c['id']}, {age} old ({datetime.fromisoformat(c['created']):%Y-%m-%d %H:%M} "
@@ -159,4 +168,5 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
             mean, worst = summary["mean"], summary["max"]
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
     lines += [f"- {words}" for words in c["observable"]]
+    lines += [f"- {Finding.model_validate(one).in_words()}" for one in c.get("findings") or ()]
     return lines

@@ -75,6 +75,10 @@ class CalibrationStore:
         """Return the id of the calibration in force, "" if there is none."""
         return self.current.id if self.current is not None else ""
 
+    def current_findings(self) -> list[str]:
+        """Return the names of the findings of the calibration in force."""
+        return self.current.finding_names if self.current is not None else []
+
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:

@@ -43,9 +43,18 @@ def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
     """Read a request to install a calibration, here and now."""
     request = parse(CALIBRATION_INSTALL, payload, max_request_bytes(motor.counts))
     try:
-        return request.token, check_given(motor, request.calibration, request.path)
+        calibration = check_given(motor, request.calibration, request.path)
     except CalibrationError as error:
         raise RpcError("invalid", str(error)) from None
+    if serious := calibration.not_accepted(request.accept):
+        options = " ".join(f"--accept {one.name}" for one in serious)
+        raise RpcError(
+            "refused",
+            f"calibration {calibration.id} has serious findings: "
+            + "; ".join(one.in_words().partition(": ")[2] for one in serious)
+            + f". If it is to be applied all the same: {options}",
+        )
+    return request.token, calibration
 
 
 def read_files(paths: Sequence[Path]) -> dict[Path, CalibrationDetails | str]:
