@@ -6,7 +6,6 @@ file whose content does not fit its id is refused, and so is one of another moto
 
 import hashlib
 import json
-from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -189,14 +188,14 @@ class Calibration(_Part):
             )
 
     @property
-    def finding_names(self) -> list[str]:
-        """Names of its findings, of whatever severity."""
-        return [finding.name for finding in self.findings or ()]
+    def serious_findings(self) -> tuple[Finding, ...]:
+        """Those that have to be accepted by name before it is applied."""
+        return tuple(one for one in self.findings or () if one.severity == "serious")
 
-    def not_accepted(self, accepted: Collection[str]) -> list[Finding]:
-        """Return its serious findings but those whose names are `accepted`."""
-        serious = [one for one in self.findings or () if one.severity == "serious"]
-        return [one for one in serious if one.name not in accepted]
+    @property
+    def serious_names(self) -> list[str]:
+        """Names of its serious findings, each once."""
+        return list(dict.fromkeys(one.name for one in self.serious_findings))
 
     def age_s(self, now: datetime) -> float:
         """Return how long ago it was made (s)."""

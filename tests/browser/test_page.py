@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from motord.dashboard.frames import decode
+from tests.browser import documents
 from tests.browser.chromium import (
     PATH,
     PATIENCE_MS,
@@ -353,6 +354,19 @@ def test_all_of_it_by_keyboard(server, visit: Watched):
     tab_to("skip")  # round once: nothing holds the focus
     page.keyboard.press("Escape")
     shows(page, "#stop-status", "Stopped")
+
+
+def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.click("#tab-calibration")
+    listed = page.locator("#calibration-content .findings li")
+    expect(listed).to_have_count(2, timeout=PATIENCE_MS)
+    expect(listed.first).to_contain_text("Serious: encoder-error-order-1 0.284 deg (limit 0.0123)")
+    expect(listed.first).to_contain_text("Centre the encoder")
+    expect(listed.last).to_contain_text("Warning: current-age 131 us (limit 100)")
+    page.select_option("#calibration-choice", documents.IDS[1])
+    shows(page, "#calibration-content", "Earlier, not in force")
+    expect(listed).to_have_count(0)
 
 
 FOCUSED = "(document.activeElement.id || document.activeElement.className).toString()"

@@ -140,7 +140,7 @@ class CalibrationInstall(WithToken):
     path: Annotated[str, Field(max_length=4096)] | None = None
     """The file, as the daemon's host sees it."""
     accept: Annotated[list[Name], Field(max_length=32)] = []
-    """Serious findings, by name, in spite of which it is installed."""
+    """Names of its serious findings; with one that is not named it is refused."""
 
     @model_validator(mode="after")
     def _one_source(self) -> "CalibrationInstall":

@@ -2,13 +2,16 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
+
+if TYPE_CHECKING:
+    from motord.findings import Finding
 
 app = group("Show calibration files, list those kept, install one.")
 
@@ -118,7 +121,7 @@ def install(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
     accept: Annotated[
         list[str] | None,
-        typer.Option(metavar="FINDING", help="A serious finding in spite of which it is applied."),
+        typer.Option(metavar="NAME", help="Apply it in spite of this serious finding."),
     ] = None,
     connection: Connection = DEFAULT,
     force: Force = False,
@@ -126,7 +129,8 @@ def install(
 ) -> None:
     """Let the running daemon apply a calibration, now and after a restart.
 
-    One whose data depart seriously from the model is refused, unless each such finding is accepted.
+    One with serious findings, whose data depart so far from the model that its intervals are too
+    narrow, is refused unless each is accepted by name.
     """
     from motord.calibration import load
     from motord.cli.bench.lease_session import in_command
@@ -139,8 +143,6 @@ def install(
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, in words."""
-    from motord.findings import Finding
-
     motor = c["motor"]
     lines = [
         f"calibration  {c['id']}, {age} old ({datetime.fromisoformat(c['created']):%Y-%m-%d %H:%M} "
@@ -168,5 +170,13 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
             mean, worst = summary["mean"], summary["max"]
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
     lines += [f"- {words}" for words in c["observable"]]
-    lines += [f"- {Finding.model_validate(one).in_words()}" for one in c.get("findings") or ()]
+    lines += [f"- {finding.in_words()}" for finding in _findings(c)]
     return lines
+
+
+def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
+    from pydantic import TypeAdapter
+
+    from motord.findings import Finding
+
+    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))

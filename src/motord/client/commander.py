@@ -133,14 +133,14 @@ class Commander:
     ) -> InstalledCalibration:
         """Put a calibration in force, now and after a restart; the torque must be zero.
 
-        A path is one on the daemon's machine. accept: names of serious findings in spite of which
-        it is installed; with others it is refused.
+        A path is one on the daemon's machine. accept: names of the calibration's serious findings;
+        with one that is not named it is refused.
         """
         source: dict[str, Any] = (
             {"path": str(calibration)}
             if isinstance(calibration, Path)
             else {"calibration": calibration.to_json()}
         )
-        return self._daemon.call(
-            rpc.CALIBRATION_INSTALL, token=self.token, accept=list(accept), **source
-        )
+        if accept:  # daemons of before do not know the field
+            source["accept"] = list(accept)
+        return self._daemon.call(rpc.CALIBRATION_INSTALL, token=self.token, **source)

@@ -130,4 +130,4 @@ def _closed(recording: str) -> Path:
 
 def _install(commander: "Commander", calibration: "Calibration") -> None:
     """Install what was learned on top of the calibration in force, whose findings are accepted."""
-    commander.install_calibration(calibration, accept=calibration.finding_names)
+    commander.install_calibration(calibration, accept=calibration.serious_names)
