@@ -135,7 +135,7 @@ class LivePage:
             return
         self._frame_s, self._fresh = now_s, False
         for view in tuple(self._views.values()):
-            trace = view.trace(self._bench.history, self._bench.grid.lost)
+            trace = view.trace(self._bench.history, self._bench.counter.losses.lost_ticks)
             if trace is not None:
                 await send(trace)
 
