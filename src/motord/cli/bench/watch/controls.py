@@ -20,7 +20,7 @@ from motord.cli.bench.watch.dialogs import (
 )
 from motord.cli.bench.watch.feed import EVENTS_KEPT, Feed
 from motord.cli.bench.watch.operator_session import OperatorSession, in_thread, refusal_text
-from motord.cli.bench.watch.stop_request import StopRequest
+from motord.cli.bench.watch.pending_stop import PendingStop
 from motord.client import ClientError, Commander
 from motord.security.access import permits
 
@@ -45,7 +45,7 @@ class Controls:
         self.message, self.alarming = "", False
         self.events_back = 0
         self._command = ""  # that the daemon has not answered
-        self._stopping = StopRequest()
+        self._stopping = PendingStop()
         self._actions: dict[str, Callable[[], object]] = {
             "stop": self.stop,
             "pause": self.pause_or_resume,

@@ -6,7 +6,7 @@ UNANSWERED_S = 2.0
 """A stop that the daemon has not confirmed after this time is said to be unanswered."""
 
 
-class StopRequest:
+class PendingStop:
     """Under way from `ask` until `confirm` sees, after the answer, that the bench has stopped."""
 
     def __init__(self) -> None:
