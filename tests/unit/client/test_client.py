@@ -2,6 +2,7 @@
 
 import json
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import zenoh
 
 from motord.api.endpoints import client_config, router_config
-from motord.api.requests import RPCS
+from motord.api.requests import LEASE_RENEW, RPCS, STOP
 from motord.client import (
     Client,
     ClientError,
@@ -176,6 +177,44 @@ def test_a_lease_is_lost_when_it_is_refused_or_the_daemon_stays_away(code):
     with Lease(Flaky(failures=10**9, code=code), "anna") as lease:
         assert lease.lost.wait(WAIT_S)
         assert lease.why == "it is gone"
+
+
+def test_a_lease_can_be_acquired_again_and_is_renewed_again():
+    daemon = Flaky(failures=0)
+    lease = Lease(daemon, "anna")
+    for _ in range(2):
+        with lease:
+            assert daemon.renewed.wait(WAIT_S)
+        daemon.renewed.clear()
+    daemon.code, daemon.failures = "no_lease", 10**9
+    with lease:
+        assert lease.lost.wait(WAIT_S)
+    daemon.failures = 0
+    with lease:
+        assert (lease.lost.is_set(), lease.why) == (False, "")
+
+
+def test_a_renewal_without_an_answer_is_given_up_in_time(live, client, monkeypatch):
+    asked = {}
+    monkeypatch.setattr(
+        client, "ask", lambda name, given, timeout_s: asked.update({name: timeout_s}) or b"{}"
+    )
+    for rpc in (LEASE_RENEW, STOP):
+        with suppress(ClientError):
+            client.call(rpc, token="t")
+    assert asked == {"rpc/lease/renew": connection.QUERY_S, "rpc/stop": connection.REPLY_S}
+    assert live.bench.lease.duration_ns >= connection.QUERY_S * 1e9
+
+
+def test_numbers_of_numpy_are_sent_as_numbers(live, client):
+    with client.lease("anna") as lease:
+        reply = lease.set(torque_Nm=np.float32(0.5), speed_Hz=np.float64(0.5), enable=np.True_)
+        assert reply.setpoint.torque_target_Nm == 0.5
+        lease.disable()
+    outline = client.dry_run("cogging", {"speeds_Hz": np.array([0.5, 1.0]), "turns": np.int64(2)})
+    assert [point["turns"] for point in outline.points] == [2, 2]
+    with pytest.raises(TypeError, match="cannot be sent"):
+        client.rpc("set", torque_Nm=1j)
 
 
 def test_a_lease_that_cannot_be_given_back_is_lost(client):
