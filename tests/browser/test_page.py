@@ -369,6 +369,24 @@ def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: W
     expect(listed).to_have_count(0)
 
 
+def test_a_calibration_that_comes_late_is_not_shown_in_the_place_of_another(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.click("#tab-calibration")
+    shows(page, "#calibration-content", "In force")
+    chosen, late = documents.IDS
+    server.stand_in.held_back.add(late)
+    page.select_option("#calibration-choice", late)
+    page.select_option("#calibration-choice", chosen)
+    shows(page, "#calibration-content", "In force")
+    server.stand_in.held_back.clear()
+    while late not in server.stand_in.given_late:
+        page.wait_for_timeout(10)
+    page.fill("#note", "the late answer is here by now")
+    page.keyboard.press("Enter")
+    shows(page, "#messages", "Noted")
+    shows(page, "#calibration-content", "In force")
+
+
 FOCUSED = "(document.activeElement.id || document.activeElement.className).toString()"
 
 

@@ -60,7 +60,7 @@ export class CalibrationPanel {
     if (!id) return;
     try {
       const reply = await this._socket.call("calibration/show", { id });
-      byId("calibration-content").replaceChildren(...content(reply));
+      if (byId("calibration-choice").value === id) byId("calibration-content").replaceChildren(...content(reply));
     } catch (error) {
       this._messages.failure("calibration")(/** @type {Error} */ (error));
     }
