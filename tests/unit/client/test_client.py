@@ -72,6 +72,25 @@ def test_another_zenoh_router_is_no_daemon():
         connect(None, where)
 
 
+def test_a_connection_that_is_over_is_said_by_whatever_is_asked(live):
+    client = connect("live", live.listen)
+    client.close()
+    asks = (client.state, client.subscribe_state, client.subscribe_ticks, client.lease().acquire)
+    for ask in asks:
+        with pytest.raises(ClientError) as caught:
+            ask()
+        assert caught.value.code == "unreachable"
+
+
+def test_who_is_cut_off_while_it_looks_for_the_bench_finds_nobody(live, monkeypatch):
+    def cut_off(*_):
+        raise zenoh.ZError("session closed")
+
+    monkeypatch.setattr("motord.client.discovery._find_bench", cut_off)
+    with pytest.raises(ClientError, match="no motord at"):
+        connect("live", live.listen)
+
+
 def test_a_wrong_name_is_told_which_there_are(live):
     with pytest.raises(ClientError, match="bench 'other'; there is one for: live"):
         connect("other", live.listen)
@@ -348,6 +367,8 @@ def test_a_plan_is_followed_to_its_end(client):
         with pytest.raises(ClientError, match="not known here any more"):
             run.wait()
         lease.abort_plan()
+        with pytest.raises(PlanEndedError):  # or the next test finds it under way
+            client.follow_plan().wait()
 
 
 def test_plan_progress_is_published(client):
