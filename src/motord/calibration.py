@@ -188,6 +188,16 @@ class Calibration(_Part):
                 "calibrate this motor or correct [motor] in the bench file"
             )
 
+    @property
+    def serious_findings(self) -> tuple[Finding, ...]:
+        """Those that have to be accepted by name before it is applied."""
+        return tuple(one for one in self.findings or () if one.severity == "serious")
+
+    @property
+    def serious_names(self) -> list[str]:
+        """Names of its serious findings, each once."""
+        return list(dict.fromkeys(one.name for one in self.serious_findings))
+
     def age_s(self, now: datetime) -> float:
         """Return how long ago it was made (s)."""
         return (now - self.created).total_seconds()

@@ -1,5 +1,7 @@
 """Findings: where data depart from the model of a result, and what that usually means."""
 
+import shlex
+from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -24,7 +26,16 @@ class Finding:
     meaning: str
     action: str
 
+    def figure(self) -> str:
+        """Return name, value and limit."""
+        return f"{self.name}, {self.value:.3g} {self.unit} (limit {self.limit:.3g})"
+
     def in_words(self) -> str:
         """Return the finding as one line of text."""
-        size = f"{self.value:.3g} {self.unit} (limit {self.limit:.3g})"
-        return f"{self.severity}: {self.name}, {size}: {self.meaning}; {self.action}"
+        return f"{self.severity}: {self.figure()}: {self.meaning}; {self.action}"
+
+
+def accept_options(findings: Iterable[Finding]) -> str:
+    """Return the options of `motord calibration install` that accept these findings."""
+    names = dict.fromkeys(finding.name for finding in findings)
+    return " ".join(f"--accept {shlex.quote(name)}" for name in names)

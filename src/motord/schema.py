@@ -117,7 +117,7 @@ class Flag(IntFlag):
     CURRENTS_COMPENSATED = 1 << 4  # alpha and beta of the calibration applied
     COGGING_COMPENSATED = 1 << 5  # cogging torque of the calibration applied
     RAMPING = 1 << 6  # torque set-point not yet at the one asked for
-    BRAKE_READY = 1 << 7  # not used
+    # bit 7 is 0 in all recordings: it was reserved and never set
     NEW_ENCODER = 1 << 8  # encoder sample newer than the tick before
     NEW_INVERTER = 1 << 9  # feedback newer than the tick before
     SIMULATED = 1 << 10  # the rig runs in the loop

@@ -164,6 +164,22 @@ def calibrations() -> list[dict[str, Any]]:
     ]
 
 
+FINDINGS: list[dict[str, Any]] = [
+    {
+        "name": "current-age", "value": 131.0, "limit": 100.0, "unit": "us", "severity": "warning",
+        "meaning": "the currents fit only if they are that much older than the recording says",
+        "action": "align the encoder (`motord plan start align`)",
+    },
+    {
+        "name": "encoder-error-order-1", "value": 0.284, "limit": 0.0123, "unit": "deg",
+        "severity": "serious",
+        "meaning": "the encoder is eccentric: it is off by 0.28 deg once a turn, seen in the "
+        "neighbours of the torque's orders",
+        "action": "centre the encoder, or measure its error on a coasting rotor",
+    },
+]  # fmt: skip
+
+
 def calibration(which: str) -> dict[str, Any]:
     """Return a calibration as `calibration/show` does."""
     orders = ((48, 0.172, 0.0016), (96, 0.051, 0.0014), (16, 0.0405, 0.0015), (24, 0.029, 0.0015))
@@ -179,6 +195,7 @@ def calibration(which: str) -> dict[str, Any]:
         "tau_cog_harmonics": [
             {"order": n, "amplitude_Nm": a, "phase_rad": 0.4, "stderr_Nm": e} for n, a, e in orders
         ],
+        "findings": FINDINGS if entry["in_force"] else [],
         "observable": ["the product of the gains: assumed 1"], "learned": False,
         "rms_error_percent": {
             "before": {"mean": 3.1, "max": 4.2}, "after": {"mean": 0.38, "max": 0.61},

@@ -15,6 +15,7 @@ const { grid, shade } = await load("mesh.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
 const { traceOf } = await load("signals.js");
+const { Socket } = await load("socket.js");
 
 test("a frame is a length, a padded header and floats", () => {
   const made = encode({ kind: "pong", n: 7 });
@@ -209,4 +210,38 @@ test("phases and set-points differ by more than colour", () => {
   assert.deepEqual(["i_a_A", "i_b_A", "i_cmd_a_A"].map((name) => signal(name).tag), ["a", "b", "a*"]);
   assert.notEqual(signal("i_cmd_a_A").dash, undefined);
   assert.notEqual(signal("torque_set_Nm").dash, undefined);
+});
+
+test("of two attempts to connect at the same time one socket is left", async (t) => {
+  const [made, listeners, answers] = [[], {}, []];
+  const globals = {
+    WebSocket: class {
+      static OPEN = 1;
+      constructor() {
+        made.push(this);
+      }
+      close() {}
+    },
+    addEventListener: (kind, listener) => (listeners[kind] = listener),
+    fetch: () => new Promise((resolve) => answers.push(() => resolve({ ok: true }))),
+    location: { href: "http://127.0.0.1:8447/" },
+    setInterval: () => 0,
+  };
+  for (const [name, value] of Object.entries(globals)) {
+    const before = Object.getOwnPropertyDescriptor(globalThis, name);
+    Object.defineProperty(globalThis, name, { value, configurable: true, writable: true });
+    t.after(() => (before ? Object.defineProperty(globalThis, name, before) : delete globalThis[name]));
+  }
+  const kinds = [];
+  const socket = new Socket("token", (header) => kinds.push(header.kind), () => {});
+  const attempts = [socket.connect(), listeners.online()];
+  for (const answer of answers) answer();
+  await Promise.all(attempts);
+  await new Promise((resolve) => setImmediate(resolve));
+  assert.equal(made.length, 1);
+  made[0].onmessage({ data: encode({ kind: "state" }).buffer });
+  socket._closed(made[0], "");
+  made[0].onmessage({ data: encode({ kind: "plan" }).buffer });
+  clearTimeout(socket._timer);
+  assert.deepEqual(kinds, ["state"]);
 });

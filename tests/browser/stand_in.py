@@ -49,6 +49,9 @@ class StandIn:
         self.plan: PlanView | None = None
         self.mesh: MeshView | None = None
         self.requests: list[tuple[str, dict[str, Any]]] = []
+        self.held_back: set[str] = set()
+        """Calibrations that are shown only when they are no longer in here."""
+        self.given_late: list[str] = []
         self.points_per_s = 2.0
         self.points_max = 1000
         """A plan takes no more points, and goes on with the next for ever."""
@@ -82,6 +85,10 @@ class StandIn:
         if arguments.get("token") not in (None, self.token):
             raise ClientError("no_lease", f"{self.holder} is in command now")
         reply: dict[str, Any] = getattr(self, "_" + name.replace("/", "_"))(**arguments)
+        if (wanted := arguments.get("id")) in self.held_back:
+            while wanted in self.held_back:
+                await asyncio.sleep(BLOCK_S)
+            self.given_late.append(wanted)
         return reply
 
     async def look(self, method: str) -> Any:

@@ -11,6 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from motord.dashboard.frames import decode
+from tests.browser import documents
 from tests.browser.chromium import (
     PATH,
     PATIENCE_MS,
@@ -361,6 +362,37 @@ def test_all_of_it_by_keyboard(server, visit: Watched):
     tab_to("skip")  # round once: nothing holds the focus
     page.keyboard.press("Escape")
     shows(page, "#stop-status", "Stopped")
+
+
+def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.click("#tab-calibration")
+    listed = page.locator("#calibration-content .findings li")
+    expect(listed).to_have_count(2, timeout=PATIENCE_MS)
+    expect(listed.first).to_contain_text("Serious: encoder-error-order-1 0.284 deg (limit 0.0123)")
+    expect(listed.first).to_contain_text("Centre the encoder")
+    expect(listed.last).to_contain_text("Warning: current-age 131 us (limit 100)")
+    page.select_option("#calibration-choice", documents.IDS[1])
+    shows(page, "#calibration-content", "Earlier, not in force")
+    expect(listed).to_have_count(0)
+
+
+def test_a_calibration_that_comes_late_is_not_shown_in_the_place_of_another(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.click("#tab-calibration")
+    shows(page, "#calibration-content", "In force")
+    chosen, late = documents.IDS
+    server.stand_in.held_back.add(late)
+    page.select_option("#calibration-choice", late)
+    page.select_option("#calibration-choice", chosen)
+    shows(page, "#calibration-content", "In force")
+    server.stand_in.held_back.clear()
+    while late not in server.stand_in.given_late:
+        page.wait_for_timeout(10)
+    page.fill("#note", "the late answer is here by now")
+    page.keyboard.press("Enter")
+    shows(page, "#messages", "Noted")
+    shows(page, "#calibration-content", "In force")
 
 
 FOCUSED = "(document.activeElement.id || document.activeElement.className).toString()"

@@ -1,5 +1,6 @@
 """A terminal of 80 x 24 that a program runs on, and what stands on its screen."""
 
+import ctypes
 import fcntl
 import os
 import pty
@@ -10,6 +11,7 @@ import termios
 import threading
 import time
 from contextlib import suppress
+from pathlib import Path
 
 from tests.system.daemons import PATIENCE_S
 
@@ -48,9 +50,11 @@ class ScreenOf:
         """Take no more of what the program draws, as a terminal does that hangs."""
         self._reading.clear()
 
-    def read_again(self):
-        """Take what it draws again."""
-        self._reading.set()
+    def signal_another_thread(self, number):
+        """Send a signal to a thread that is not the main one."""
+        threads = (int(one.name) for one in Path(f"/proc/{self.pid}/task").iterdir())
+        other = next(thread for thread in threads if thread != self.pid)
+        assert ctypes.CDLL(None).tgkill(self.pid, other, number) == 0
 
     def close(self):
         """Close the terminal: the program gets SIGHUP."""

@@ -17,6 +17,10 @@ Code = Literal[
 ]
 
 
+MESSAGE_CHARACTERS = 4096
+"""The longest message of an error reply; of a longer one the beginning is sent."""
+
+
 class RpcError(Exception):
     """A request that is refused: `code` for programs, the message for people."""
 
@@ -31,4 +35,7 @@ class RpcError(Exception):
 
     def to_json(self) -> bytes:
         """Return the body of an error reply."""
-        return json.dumps({"code": self.code, "message": self.message}).encode()
+        message = self.message
+        if len(message) > MESSAGE_CHARACTERS:
+            message = message[: MESSAGE_CHARACTERS - 3] + "..."
+        return json.dumps({"code": self.code, "message": message}).encode()

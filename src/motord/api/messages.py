@@ -181,6 +181,8 @@ class CalibrationView(PublishedMessage):
     """`joint` or `residual`."""
     path: str
     """Where the daemon keeps it."""
+    findings: list[str] = Field(default_factory=list)
+    """Names of its serious findings, which were accepted when it was installed."""
 
 
 class RecordingView(PublishedMessage):

@@ -8,7 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Text = Annotated[str, Field(max_length=4096)]
+from motord.api.errors import MESSAGE_CHARACTERS
+
+Text = Annotated[str, Field(max_length=MESSAGE_CHARACTERS)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Duration = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _LeaseTime = Annotated[float, Field(gt=0, lt=1e6, allow_inf_nan=False)]
@@ -256,6 +258,8 @@ class CalibrationDetails(CalibrationEntry):
     """Of the fit."""
     observable: list[str]
     """What could and could not be told apart."""
+    findings: list[dict[str, Any]] = []
+    """Where its data depart from the model, with value, limit, meaning and what to do."""
     learned: bool
     """It holds what was learned on top."""
     rms_error_percent: dict[str, Any]

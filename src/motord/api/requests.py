@@ -139,6 +139,8 @@ class CalibrationInstall(WithToken):
     """The file's content."""
     path: Annotated[str, Field(max_length=4096)] | None = None
     """The file, as the daemon's host sees it."""
+    accept: Annotated[list[Name], Field(max_length=32)] = []
+    """Names of its serious findings; with one that is not named it is refused."""
 
     @model_validator(mode="after")
     def _one_source(self) -> "CalibrationInstall":

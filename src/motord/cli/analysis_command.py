@@ -128,7 +128,11 @@ def _run(
         text = json.dumps(analysis.to_json(result, recordings), indent=analysis.indent)
         write_whole(output, text + "\n")
     if report:
-        analysis.page(result, recordings).write(report)
+        from motord.experiments.operator_notes import add_operator_notes
+
+        page = analysis.page(result, recordings)
+        add_operator_notes(page, recordings)
+        page.write(report)
     if given["as_json"]:
         print_json(analysis.to_json(result, recordings))
         return

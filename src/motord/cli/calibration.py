@@ -2,13 +2,16 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
+
+if TYPE_CHECKING:
+    from motord.findings import Finding
 
 app = group("Show calibration files, list those kept, install one.")
 
@@ -116,17 +119,25 @@ def _rows(directory: Path) -> list[dict[str, Any]]:
 @app.command()
 def install(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A calibration file.")],
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Apply it in spite of this serious finding."),
+    ] = None,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Let the running daemon apply a calibration, now and after a restart."""
+    """Let the running daemon apply a calibration, now and after a restart.
+
+    One with serious findings, whose data depart so far from the model that its intervals are too
+    narrow, is refused unless each is accepted by name.
+    """
     from motord.calibration import load
     from motord.cli.bench.lease_session import in_command
 
     calibration = load(file)
     with connection.open() as client, in_command(client, force=force) as session:
-        answer = session.commander.install_calibration(calibration)
+        answer = session.commander.install_calibration(calibration, accept=accept or ())
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
@@ -159,9 +170,18 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
             mean, worst = summary["mean"], summary["max"]
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
     lines += [f"- {words}" for words in c["observable"]]
+    lines += [f"- {finding.in_words()}" for finding in _findings(c)]
     return lines
 
 
 def _half_mNm(harmonic: dict[str, Any]) -> str:
     stderr_Nm = harmonic["stderr_Nm"]
     return "(not known from one trial)" if stderr_Nm is None else f"{1.96e3 * stderr_Nm:.2f}"
+
+
+def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
+    from pydantic import TypeAdapter
+
+    from motord.findings import Finding
+
+    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from motord.api.messages import BenchState, Event
-from motord.api.plan_messages import PlanView
+from motord.api.plan_messages import MeshView, PlanView
 from motord.client import discovery
 from motord.client.async_subscription import AsyncSubscription, AsyncTickSubscription
 from motord.client.client import KEPT_BLOCKS, Client
@@ -137,10 +137,12 @@ class AsyncClient:
     state = awaited(Client.state)
     events = awaited(Client.events)
     plan = awaited(Client.plan)
+    mesh = awaited(Client.mesh)
     plans = awaited(Client.plans)
     dry_run = awaited(Client.dry_run)
     config = awaited(Client.config)
     stop = awaited(Client.stop)
+    note = awaited(Client.note)
 
     def __init__(self, opening: Callable[[], Client]) -> None:
         self.threads = Threads()
@@ -182,6 +184,10 @@ class AsyncClient:
     def subscribe_plan(self, *, latest: bool = True) -> AsyncSubscription[PlanView]:
         """Receive the progress of plans, the present one first."""
         return AsyncSubscription(self.threads, partial(self.sync.subscribe_plan, latest=latest))
+
+    def subscribe_mesh(self) -> AsyncSubscription[MeshView]:
+        """Receive the operating points of a plan whenever something becomes of one."""
+        return AsyncSubscription(self.threads, self.sync.subscribe_mesh)
 
     def subscribe_events(self) -> AsyncSubscription[Event]:
         """Receive events as they happen."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from motord.client.in_threads import Threads
 from motord.client.subscription import Subscription
-from motord.client.tick_subscription import TickLosses, TickSubscription
+from motord.client.tick_losses import TickLosses
+from motord.client.tick_subscription import TickSubscription
 
 _Item = TypeVar("_Item")
 

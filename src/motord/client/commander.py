@@ -1,6 +1,6 @@
 """What the holder of the lease may ask of a bench."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -128,14 +128,19 @@ class Commander:
         """Forget a plan that was interrupted; its recordings stay."""
         return self._daemon.call(rpc.PLAN_DISCARD, token=self.token)
 
-    def install_calibration(self, calibration: Calibration | Path) -> InstalledCalibration:
+    def install_calibration(
+        self, calibration: Calibration | Path, *, accept: Collection[str] = ()
+    ) -> InstalledCalibration:
         """Put a calibration in force, now and after a restart; the torque must be zero.
 
-        A path is one on the daemon's machine.
+        A path is one on the daemon's machine. accept: names of the calibration's serious findings;
+        with one that is not named it is refused.
         """
         source: dict[str, Any] = (
             {"path": str(calibration)}
             if isinstance(calibration, Path)
             else {"calibration": calibration.to_json()}
         )
+        if accept:  # daemons of before do not know the field
+            source["accept"] = list(accept)
         return self._daemon.call(rpc.CALIBRATION_INSTALL, token=self.token, **source)

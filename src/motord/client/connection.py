@@ -4,6 +4,7 @@ import json
 import time
 from typing import Any, Self
 
+import numpy as np
 import zenoh
 
 from motord.api.endpoints import key
@@ -11,6 +12,7 @@ from motord.api.errors import RpcError
 from motord.api.replies import RpcReply
 from motord.api.requests import (
     CALIBRATION_INSTALL,
+    LEASE_RENEW,
     RPCS,
     STOP,
     ReplyT,
@@ -26,9 +28,18 @@ from motord.security.identity import Identity
 REPLY_S = 40.0
 """Timeout of an RPC; the daemon's own limit is shorter."""
 QUERY_S = 2.0
+"""Timeout of what the daemon answers at once: documents, and a renewal, or a lost lease would be
+noticed only after `REPLY_S`."""
 ROUTE_S = 2.0
 """How long a gateway that has just opened may take to learn the way to the daemon."""
 _LOOK_S = 0.02
+
+
+def _plain(value: object) -> object:
+    """Return values of numpy as JSON has them. Raises TypeError for what JSON has not."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{value!r} ({type(value).__name__}) cannot be sent as JSON")
 
 
 def _matches(querier: zenoh.Querier) -> bool:
@@ -70,13 +81,14 @@ class DaemonConnection:
 
     def call(self, rpc: Rpc[Any, ReplyT], /, **arguments: Any) -> ReplyT:
         """Call an RPC of `motord.api.requests` and return its reply. Raises ClientError."""
-        return decode_reply(rpc, self.ask(f"rpc/{rpc.name}", arguments, REPLY_S))
+        timeout_s = QUERY_S if rpc.name == LEASE_RENEW.name else REPLY_S
+        return decode_reply(rpc, self.ask(f"rpc/{rpc.name}", arguments, timeout_s))
 
     def ask(
         self, name: str, arguments: dict[str, Any] | None = None, timeout_s: float = QUERY_S
     ) -> bytes:
         """Return the reply to a query on key `name` as it came. Raises ClientError."""
-        payload = None if arguments is None else json.dumps(arguments).encode()
+        payload = None if arguments is None else json.dumps(arguments, default=_plain).encode()
         rpc = name.removeprefix("rpc/")
         if payload is not None and rpc in RPCS and rpc != CALIBRATION_INSTALL.name:
             try:

@@ -36,9 +36,11 @@ def connect(
         raise _unreachable(bench, endpoint, who) from None
     try:
         return Client(session, _find_bench(session, bench, endpoint, who), endpoint, who)
-    except ClientError:
+    except (ClientError, zenoh.ZError) as error:  # Zenoh's own if it is cut off meanwhile
         session.close()  # type: ignore[no-untyped-call]
-        raise
+        if isinstance(error, ClientError):
+            raise
+        raise _unreachable(bench, endpoint, who) from None
 
 
 def _identity(endpoint: str, given: Identity | Path | str | None) -> Identity | None:

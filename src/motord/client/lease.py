@@ -17,7 +17,7 @@ RENEWALS = 4
 class Lease(Commander):
     """The lease while a `with` block runs, and what its holder may ask for.
 
-    A thread renews it, only while `alive()` is true there.
+    A thread renews it, only while `alive()` is true there. It may be acquired again after its end.
 
     `lost` is set, with the reason in `why`, when somebody took over or the daemon went away for
     longer than the lease lasts; `on_lost` is called then, in that thread.
@@ -64,8 +64,10 @@ class Lease(Commander):
         grant = self._daemon.call(LEASE_ACQUIRE, holder=self.holder, force=self._force)
         self.token, self.took_over_from = grant.token, grant.took_over_from
         self._lease_s = grant.lease_s
+        self.lost.clear()
+        self.why, self._done = "", threading.Event()
         self._thread = threading.Thread(
-            target=self._renew, args=(grant,), name="motord-lease", daemon=True
+            target=self._renew, args=(grant, self._done), name="motord-lease", daemon=True
         )
         self._thread.start()
 
@@ -84,9 +86,9 @@ class Lease(Commander):
         except ClientError as error:
             self._lose(str(error))
 
-    def _renew(self, grant: LeaseGrant) -> None:
+    def _renew(self, grant: LeaseGrant, done: threading.Event) -> None:
         good_until_s = time.monotonic() + grant.lease_s
-        while not self._done.wait(grant.renew_within_s / RENEWALS):
+        while not done.wait(grant.renew_within_s / RENEWALS):
             if not self._alive():
                 continue
             begun_s = time.monotonic()

@@ -27,7 +27,8 @@ class Subscription(Generic[_Item]):
 
     At most `kept` items wait; older ones are dropped and counted in `lost`, so that a subscriber
     that stands still costs no more than that. Malformed items are dropped and counted in
-    `malformed`; the first is logged. The callback runs in a thread of its own.
+    `malformed`; the first is logged. The callback runs in a thread of its own. Raises ClientError
+    if the connection is over.
     """
 
     def __init__(
@@ -45,7 +46,10 @@ class Subscription(Generic[_Item]):
         self._changed = threading.Condition()
         self._closed = False
         self._decode = decode
-        self._subscriber = session.declare_subscriber(key_expr, self._receive)
+        try:
+            self._subscriber = session.declare_subscriber(key_expr, self._receive)
+        except zenoh.ZError as error:
+            raise ClientError("unreachable", f"cannot subscribe to {key_expr}: {error}") from None
         self._thread: threading.Thread | None = None
         if callback is not None:
             self._thread = threading.Thread(

@@ -25,6 +25,7 @@ from motord.dashboard.tokens import Tokens, foreign
 SUBPROTOCOL = "motord.1"
 MALFORMED, TOO_MANY_MESSAGES, NO_ANSWER = 4400, 4429, 4408
 """Codes with which the socket is closed, after a message `error` that says why."""
+CLOSE_S = 2.0
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -168,6 +169,8 @@ def _binary(event: Message) -> bytes:
 
 
 async def _close(socket: WebSocket, code: int, why: str) -> None:
-    """Say why, and close."""
-    await socket.send_bytes(encode({"kind": "error", "code": code, "message": why}))
-    await socket.close(code, why[:100])
+    """Say why, and close; to a page that takes nothing, in vain."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(CLOSE_S):
+            await socket.send_bytes(encode({"kind": "error", "code": code, "message": why}))
+            await socket.close(code, why[:100])

@@ -5,16 +5,18 @@ step. A connection on which nothing comes any more is made anew, for as long as 
 """
 
 import asyncio
+import logging
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from motord.api.messages import BenchState
-from motord.client import Client, ClientError
+from motord.client import Client, ClientError, Subscription
 
 SILENT_S = 0.4
 """States come ten times a second: after so long without one the daemon is not there."""
@@ -55,6 +57,13 @@ class _Inbox:
         self._take(items)
 
 
+def _close(subscriptions: Sequence[Subscription[Any]], client: Client) -> None:
+    """End a connection with the threads of its subscriptions."""
+    for subscription in subscriptions:
+        subscription.close()
+    client.close()
+
+
 def _without_oldest_ticks(items: list[Item]) -> list[Item]:
     oldest = next((at for at, (name, _) in enumerate(items) if name == "ticks"), 0)
     return items[:oldest] + items[oldest + 1 :]
@@ -79,7 +88,7 @@ class BenchLink:
         self.client = client
         self._connect = connect
         self._inbox: _Inbox | None = None
-        self._subscriptions: list[Any] = []
+        self._subscriptions: list[Subscription[Any]] = []
         self._received_s = time.monotonic()
         self._why = ""
         self._requests = ThreadPoolExecutor(REQUEST_THREADS, "motord-rpc")
@@ -127,25 +136,28 @@ class BenchLink:
         while True:
             age_s = time.monotonic() - self._received_s
             missed = missed or age_s >= SILENT_S
-            if missed and age_s < SILENT_S:
-                with suppress(ClientError):
+            try:
+                if missed and age_s < SILENT_S:
                     await connected()
                     missed, self._why = False, ""
+                elif age_s > RECONNECT_S:
+                    await self._reconnect()
+            except ClientError as error:
+                self._why = str(error)
+            except Exception as error:  # it has to go on: nobody else connects again
+                self._why = f"{type(error).__name__}: {error}"
+                logging.getLogger("motord").exception("connecting to the daemon")
             await asyncio.sleep(LOOK_S)
-            if age_s > RECONNECT_S:
-                await self._reconnect()
 
     async def _reconnect(self) -> None:
         """Zenoh connects again by itself; where it does not, a new connection does."""
-        loop = asyncio.get_running_loop()
-        try:
-            client = await loop.run_in_executor(self._requests, self._connect)
-        except ClientError as error:
-            self._why = str(error)
-            return
+        client = await asyncio.to_thread(self._connect)
         before, self.client = self.client, client
-        self._subscribe()
-        await loop.run_in_executor(self._requests, before.close)
+        subscriptions, self._subscriptions = self._subscriptions, []
+        try:
+            await asyncio.to_thread(self._subscribe)
+        finally:
+            await asyncio.to_thread(_close, subscriptions, before)
 
     def close(self) -> None:
         """End the connection."""
@@ -160,10 +172,11 @@ class BenchLink:
             if client is self.client and self._inbox is not None:  # not one that is being closed
                 self._inbox.put(name, item)
 
-        self._subscriptions = [
-            client.subscribe_state(lambda state: put("state", state)),
-            client.subscribe_events(lambda event: put("event", event)),
-            client.subscribe_plan(lambda plan: put("plan", plan)),
-            client.subscribe_mesh(lambda mesh: put("mesh", mesh)),
-            client.subscribe_ticks(lambda block: put("ticks", block)),
-        ]
+        for subscribe, name in (
+            (client.subscribe_state, "state"),
+            (client.subscribe_events, "event"),
+            (client.subscribe_plan, "plan"),
+            (client.subscribe_mesh, "mesh"),
+            (client.subscribe_ticks, "ticks"),
+        ):
+            self._subscriptions.append(subscribe(partial(put, name)))

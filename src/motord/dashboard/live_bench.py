@@ -10,6 +10,7 @@ import numpy as np
 
 from motord.api.descriptions import TRIP_ACTION, TRIP_MEANING
 from motord.api.messages import Event
+from motord.client.tick_losses import LossCounter
 from motord.dashboard.bench_link import Item
 from motord.dashboard.frames import encode, encode_document
 from motord.dashboard.history import RETENTION_S, History
@@ -51,6 +52,7 @@ class LiveBench:
         self.config = config
         self.history = History(len(SIGNALS), self.rate_Hz)
         self.grid = TickGrid(self.rate_Hz, self.epoch_ns)
+        self.counter = LossCounter()
         self.turns = TurnAverager()
         self.timing = TimingHistograms()
         self._turns_sent, self._turns_s, self._timing_s = 0, 0.0, 0.0
@@ -108,6 +110,7 @@ class LiveBench:
     def _add(self, block: Block) -> None:
         if len(block) == 0:
             return
+        self.counter.add(block)
         expected = self.history.end
         for run in self.grid.runs(block):
             if run.slot != expected:
@@ -144,11 +147,12 @@ class LiveBench:
         if now_s - self._timing_s < TIMING_S:
             return
         self._timing_s = now_s
+        losses = self.counter.losses
         header = {
             "kind": "timing",
             "edges_us": [round(edge, 3) for edge in EDGES_us.tolist()],
-            "missed": self.grid.missed,
-            "lost": self.grid.lost,
+            "missed": losses.missed_ticks,
+            "lost": losses.lost_ticks,
             "ages": self._ages_s,
         }
         self._set("timing", encode(header, self.timing.counts()))

@@ -1,4 +1,4 @@
-"""Ticks on the grid of the history: the slot of each, and how many were lost on the way."""
+"""Ticks on the grid of the history: the slot of each."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,14 +31,9 @@ class TickGrid:
 
     def __init__(self, rate_Hz: float, epoch_ns: int) -> None:
         self.epoch_ns = epoch_ns
-        self.lost = 0
-        """Ticks that are missing and that the loop did not skip."""
-        self.missed = 0
-        """Ticks that the loop skipped."""
         self._period_ns = 1e9 / rate_Hz
         self._slot_of_tick_0 = 0
         self._end = 0  # slot after the newest
-        self._last: tuple[int, int] | None = None  # tick and missed of the newest
 
     def runs(self, block: Block) -> Iterator[TickRun]:
         """Yield the ticks of a block (n,) in runs without a gap, in the order of their slots."""
@@ -49,23 +44,12 @@ class TickGrid:
                 yield from self._without_gaps(block[part[0] : part[-1] + 1], tick[part])
 
     def _without_gaps(self, block: Block, tick: NDArray[np.int64]) -> Iterator[TickRun]:
-        self._count(block, tick)
         self._anchor(int(block["t_ns"][0]), int(tick[0]))
         edges = [0, *(np.flatnonzero(np.diff(tick) > 1) + 1).tolist(), len(block)]
         for begin, end in pairwise(edges):
             slot = self._slot_of_tick_0 + int(tick[begin])
             yield TickRun(slot, block[begin:end])
             self._end = slot + end - begin
-
-    def _count(self, block: Block, tick: NDArray[np.int64]) -> None:
-        missed = int(block["missed"][-1])
-        before = self._last
-        self._last = int(tick[-1]), missed
-        if before is None or tick[0] <= before[0] or missed < before[1]:
-            before = int(tick[0]) - 1, int(block["missed"][0])
-        skipped = missed - before[1]
-        self.missed += skipped
-        self.lost += max(0, int(tick[-1]) - before[0] - len(tick) - skipped)
 
     def _anchor(self, t_ns: int, tick: int) -> None:
         slot_by_time = round((t_ns - self.epoch_ns) / self._period_ns)

@@ -26,6 +26,8 @@ class TimingHistograms:
         if len(block) == 0:
             return
         second = int(block["t_ns"][-1]) // 1_000_000_000
+        if second < self._second - SECONDS:  # another daemon, after the clock was set back
+            self._counts[:], self._second = 0, second
         for passed in range(max(self._second + 1, second - SECONDS + 1), second + 1):
             self._counts[passed % SECONDS] = 0
         self._second = max(second, self._second)

@@ -36,7 +36,7 @@ class ViewerFeed:
     def __init__(self, server: FoxgloveServer) -> None:
         self._server = server
         self._decimator = Decimator(topics.RATE_HZ)
-        self._t_ns = 0  # the newest of the bench
+        self._t_ns = time.time_ns()  # of the newest tick, once there is one
         self._shown: list[object] = []
         self._state_ns = self._plan_ns = 0
         self._newest: dict[str, bytes] = {}

@@ -1,11 +1,11 @@
 """Ticks for viewers: the last of each interval, and the extremes of every signal within it."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from google.protobuf import descriptor_pb2
 
+from motord.client.tick_losses import LossCounter
 from motord.schema import TICK, TICK_DTYPE
 from motord.wire.ticks.blocks import Block, BlockCodec, varint
 from motord.wire.ticks.proto_text import descriptor_set
@@ -48,24 +48,25 @@ def _extremes_message(counts: list[int], low: bytes, high: bytes) -> bytes:
     return head + varint(5 << 3 | _LEN) + size + low + varint(6 << 3 | _LEN) + size + high
 
 
-@dataclass
 class Decimator:
     """Decimates blocks of ticks to `rate_Hz` intervals a second of tick time.
 
     An interval is complete when a tick of a later one has arrived.
     """
 
-    rate_Hz: float
-    lost: int = 0
-
-    def __post_init__(self) -> None:
-        self._period_ns = round(1e9 / self.rate_Hz)
+    def __init__(self, rate_Hz: float) -> None:
+        self._counter = LossCounter()
+        self._period_ns = round(1e9 / rate_Hz)
         self._pending = np.empty(0, TICK_DTYPE)
-        self._newest: Block | None = None
+
+    @property
+    def lost(self) -> int:
+        """Ticks that the loop made and that did not arrive."""
+        return self._counter.losses.lost_ticks
 
     def take(self, block: Block) -> Decimated:
         """Return the intervals that `block` (shape (n,), `TICK_DTYPE`) completes."""
-        self._count_lost(block)
+        self._counter.add(block)
         ticks = np.concatenate([self._pending, block])
         interval = ticks["t_ns"] // self._period_ns
         starts = np.flatnonzero(np.diff(interval, prepend=interval[0] - 1 if len(ticks) else 0))
@@ -81,19 +82,8 @@ class Decimator:
 
     def skip(self, block: Block) -> None:
         """Pass over `block`, and what is pending: nobody looks."""
-        self._count_lost(block)
+        self._counter.add(block)
         self._pending = block[:0]
-
-    def _count_lost(self, block: Block) -> None:
-        """Count gaps in `tick` that no skipped period of the loop explains."""
-        if not len(block):
-            return
-        known = block[:1] if self._newest is None else self._newest
-        first, last = known[-1], block[-1]
-        gap = int(last["tick"]) - int(first["tick"]) - (int(last["missed"]) - int(first["missed"]))
-        arrived = len(block) - (1 if self._newest is None else 0)
-        self.lost += max(gap - arrived, 0)  # negative: another loop has begun
-        self._newest = block[-1:].copy()
 
 
 def _extremes(ticks: Block, starts: Block) -> tuple[Block, Block]:

@@ -8,7 +8,9 @@ from motord.recording.reader import Run
 from motord.recording.recovery import METADATA_RECOVERED
 from motord.shm.timing import KIND, TimingSummary, total
 
-_FROM_METADATA = ("bench", "motor", "plan", "calibration", "notes", "blackbox")
+_FROM_METADATA = (
+    *("bench", "motor", "plan", "calibration", "calibration_findings", "notes", "blackbox"),
+)
 
 
 def describe(run: Run, *, check: bool = False) -> dict[str, Any]:

@@ -84,6 +84,7 @@ def build(
     recording = RecordingControl(
         *(config, toml, children, events, clock.now_ns, run_dir.timing),
         calibration_id=store.current_id,
+        calibration_findings=store.accepted_findings,
         realtime=loop.realtime,
         driven=lambda: bench.setpoint.drive_Hz != 0.0,
         state=lambda now_ns: named_state(bench, now_ns),
@@ -171,10 +172,14 @@ def installed_calibration(store: CalibrationStore, bench: Bench) -> Calibration 
         return None
     if calibration is not None:
         bench.calibration_installed()
+        accepted = calibration.serious_names
         bench.events.emit(
-            "calibration", f"{calibration.id} is in force, {calibration.age()} old",
+            "calibration",
+            f"{calibration.id} is in force, {calibration.age()} old"
+            + (f", in spite of {', '.join(accepted)}" if accepted else ""),
             id=calibration.id,
-        )  # fmt: skip
+            findings=accepted,
+        )
     return calibration
 
 

@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from motord.client import ClientError, PlanEndedError, aio
+from motord.client import Client, ClientError, Lease, PlanEndedError, aio
 from motord.client.aio import AsyncSubscription
 from motord.client.in_threads import Threads
 from motord.client.subscription import Subscription
@@ -182,6 +182,26 @@ def test_an_event_loop_that_hangs_is_not_filled_with_calls(session):
         threads.end()
 
     asyncio.run(main())
+
+
+def test_it_has_what_the_client_for_threads_has():
+    def names(of):
+        return {name for name in dir(of) if not name.startswith("_")}
+
+    missing = names(Client) - names(aio.AsyncClient)
+    assert missing <= {"ask", "call", "close", "endpoint", "identity"}
+    assert names(Lease) - names(aio.AsyncLease) <= {"acquire", "release"}
+
+
+def test_notes_and_the_mesh_are_awaited(live):
+    async def use(client):
+        assert (await client.note("it squeals")).recording == ""
+        mesh = await client.mesh()
+        assert mesh is None or mesh.points
+        async with client.subscribe_mesh() as meshes:
+            assert await meshes.get(0.0) is None
+
+    run(live, use)
 
 
 def test_a_client_outside_of_its_block_says_so():

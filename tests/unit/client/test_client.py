@@ -2,6 +2,7 @@
 
 import json
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import zenoh
 
 from motord.api.endpoints import client_config, router_config
-from motord.api.requests import RPCS
+from motord.api.requests import LEASE_RENEW, RPCS, STOP
 from motord.client import (
     Client,
     ClientError,
@@ -69,6 +70,25 @@ def test_another_zenoh_router_is_no_daemon():
     where = endpoint()
     with zenoh.open(router_config([where])), pytest.raises(ClientError, match="no motord"):
         connect(None, where)
+
+
+def test_a_connection_that_is_over_is_said_by_whatever_is_asked(live):
+    client = connect("live", live.listen)
+    client.close()
+    asks = (client.state, client.subscribe_state, client.subscribe_ticks, client.lease().acquire)
+    for ask in asks:
+        with pytest.raises(ClientError) as caught:
+            ask()
+        assert caught.value.code == "unreachable"
+
+
+def test_who_is_cut_off_while_it_looks_for_the_bench_finds_nobody(live, monkeypatch):
+    def cut_off(*_):
+        raise zenoh.ZError("session closed")
+
+    monkeypatch.setattr("motord.client.discovery._find_bench", cut_off)
+    with pytest.raises(ClientError, match="no motord at"):
+        connect("live", live.listen)
 
 
 def test_a_wrong_name_is_told_which_there_are(live):
@@ -176,6 +196,44 @@ def test_a_lease_is_lost_when_it_is_refused_or_the_daemon_stays_away(code):
     with Lease(Flaky(failures=10**9, code=code), "anna") as lease:
         assert lease.lost.wait(WAIT_S)
         assert lease.why == "it is gone"
+
+
+def test_a_lease_can_be_acquired_again_and_is_renewed_again():
+    daemon = Flaky(failures=0)
+    lease = Lease(daemon, "anna")
+    for _ in range(2):
+        with lease:
+            assert daemon.renewed.wait(WAIT_S)
+        daemon.renewed.clear()
+    daemon.code, daemon.failures = "no_lease", 10**9
+    with lease:
+        assert lease.lost.wait(WAIT_S)
+    daemon.failures = 0
+    with lease:
+        assert (lease.lost.is_set(), lease.why) == (False, "")
+
+
+def test_a_renewal_without_an_answer_is_given_up_in_time(live, client, monkeypatch):
+    asked = {}
+    monkeypatch.setattr(
+        client, "ask", lambda name, given, timeout_s: asked.update({name: timeout_s}) or b"{}"
+    )
+    for rpc in (LEASE_RENEW, STOP):
+        with suppress(ClientError):
+            client.call(rpc, token="t")
+    assert asked == {"rpc/lease/renew": connection.QUERY_S, "rpc/stop": connection.REPLY_S}
+    assert live.bench.lease.duration_ns >= connection.QUERY_S * 1e9
+
+
+def test_numbers_of_numpy_are_sent_as_numbers(live, client):
+    with client.lease("anna") as lease:
+        reply = lease.set(torque_Nm=np.float32(0.5), speed_Hz=np.float64(0.5), enable=np.True_)
+        assert reply.setpoint.torque_target_Nm == 0.5
+        lease.disable()
+    outline = client.dry_run("cogging", {"speeds_Hz": np.array([0.5, 1.0]), "turns": np.int64(2)})
+    assert [point["turns"] for point in outline.points] == [2, 2]
+    with pytest.raises(TypeError, match="cannot be sent"):
+        client.rpc("set", torque_Nm=1j)
 
 
 def test_a_lease_that_cannot_be_given_back_is_lost(client):
@@ -309,6 +367,8 @@ def test_a_plan_is_followed_to_its_end(client):
         with pytest.raises(ClientError, match="not known here any more"):
             run.wait()
         lease.abort_plan()
+        with pytest.raises(PlanEndedError):  # or the next test finds it under way
+            client.follow_plan().wait()
 
 
 def test_plan_progress_is_published(client):

@@ -1,5 +1,7 @@
 """The progress of a plan, from its start to its end, whoever else starts plans meanwhile."""
 
+import weakref
+
 import pytest
 
 from motord.api.plan_messages import PlanView
@@ -62,6 +64,23 @@ def test_who_stops_iterating_ends_the_subscription_and_can_go_on(session):
         break
     assert not session.declared
     assert run.wait().state == "done"
+
+
+def test_waiting_keeps_no_progress_but_the_last(session):
+    steps = (view(fraction=n / 100) for n in range(100))
+    publisher = Publisher(session, view(), *steps, view("done"))
+    seen, alive = [], []
+
+    class Watched(PlanRun):
+        def __iter__(self):
+            for progress in super().__iter__():
+                seen.append(weakref.ref(progress))
+                alive.append(sum(one() is not None for one in seen))
+                yield progress
+
+    assert Watched(publisher, "mine").wait().state == "done"
+    assert len(alive) == 102
+    assert max(alive) <= 3
 
 
 @pytest.mark.parametrize("present", [None, view(run_id="another")])

@@ -280,6 +280,14 @@ def test_a_hidden_page_gets_no_traces(server):
         assert receive(socket, "trace")[0]["whole"] is True
 
 
+@pytest.mark.parametrize("given", [{"end_s": 1e308}, {"end_s": -1e300}, {"span_s": 86_400.0}])
+def test_a_window_beyond_all_history_is_refused(server, given):
+    wanted = {"view": 0, "span_s": 1.0, "end_s": None, "buckets": 10, "signals": ["i_a_A"]}
+    with server.socket() as socket:
+        send(socket, kind="view", **{**wanted, **given})
+        assert next(iter(given)) in receive(socket, "error", code=MALFORMED)[0]["message"]
+
+
 def test_a_silent_daemon_is_told(server):
     with server.socket() as socket:
         server.link.alive = False
@@ -475,3 +483,18 @@ def test_orders_of_the_calibration_in_force_are_marked(server):
             ask(socket, "plan/list")
         server.come(("ticks", turn))
         assert receive(socket, "turns")[0]["calibrated"] == [8, 48]
+
+
+def test_orders_that_the_daemon_did_not_give_are_asked_for_again(server, monkeypatch):
+    monkeypatch.setattr("motord.dashboard.page.pages.LOOK_UP_S", 0.0)
+    server.link.harmonics = [{"order": 8, "amplitude_Nm": 0.1, "stderr_Nm": 0.001}]
+    server.link.errors["calibration/show"] = ClientError("busy", "later")
+    with server.socket() as socket:
+        for uptime_s in range(1, 1000):
+            server.come(("state", state(uptime_s, CalibrationView.model_construct(id="ab"))))
+            ask(socket, "plan/list", uptime_s)
+            if len(server.link.named("calibration/show")) > 1:
+                server.link.errors.clear()
+            if server.bench.calibrated:
+                break
+        assert server.bench.calibrated == [8]

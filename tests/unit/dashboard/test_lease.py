@@ -92,3 +92,45 @@ def test_a_page_that_closes_while_it_is_granted_gives_it_back(link):
 
     assert not run(closed_meanwhile()).held
     assert len(link.named("lease/release")) == 1
+
+
+def test_asked_for_twice_it_is_acquired_once(link):
+    async def twice():
+        async def slow(name, /, **arguments):
+            await asyncio.sleep(0)
+            return await link.call(name, **arguments)
+
+        lease = PageLease(slow, "anna@bench page 1", lambda: None)
+        await asyncio.gather(lease.acquire(force=True), lease.acquire(force=True))
+        return lease
+
+    lease = run(twice())
+    assert len(link.named("lease/acquire")) == 1
+    assert lease.token == link.token
+
+
+def test_a_renewal_that_is_never_answered_does_not_hold_up_the_next_lease(link):
+    async def renewed():
+        answers = []
+
+        async def call(name, /, **arguments):
+            if name == "lease/renew" and not answers:
+                answers.append(asyncio.get_running_loop().create_future())
+                await answers[0]
+            return await link.call(name, **arguments)
+
+        lease = PageLease(call, "anna@bench page 1", lambda: None)
+        await lease.acquire(force=False)
+        hanging = asyncio.create_task(lease.renew())
+        await asyncio.sleep(0)
+        lease.lose("it ran out")
+        await lease.acquire(force=True)
+        await lease.renew()
+        good_until_s = lease._good_until_s
+        answers[0].set_exception(ClientError("no_lease", "the first is over"))
+        await hanging
+        assert (lease.held, lease._good_until_s) == (True, good_until_s)
+        return lease
+
+    lease = run(renewed())
+    assert link.named("lease/renew") == [{"token": lease.token}]

@@ -42,3 +42,13 @@ def test_a_pause_is_no_reason_to_remember(pause_s, left):
     timing.add(block(7, t0_ns=1_700_000_000 * S))
     timing.add(block(1, t0_ns=round((1_700_000_000 + pause_s) * S)))
     assert timing.counts()[0].sum() == left
+
+
+def test_after_the_clock_was_set_back_it_begins_anew():
+    timing = TimingHistograms()
+    timing.add(block(8, t0_ns=1_700_000_000 * S))
+    timing.add(block(3, t0_ns=1_600_000_000 * S))
+    timing.add(block(2, t0_ns=(1_600_000_000 + SECONDS - 1) * S))
+    assert timing.counts()[0].sum() == 5
+    timing.add(block(1, t0_ns=(1_600_000_000 + SECONDS) * S))
+    assert timing.counts()[0].sum() == 3

@@ -2,12 +2,14 @@
 
 import json
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from motord.api.messages import Event
+from motord.api.plan_messages import MeshView, PlanView
 from motord.client import connect
 from motord.foxglove import topics
 from motord.foxglove.bridge import ViewerFeed, run
@@ -100,6 +102,22 @@ def test_every_field_of_a_tick_is_the_daemons(server):
             assert message.t_ns == block["t_ns"][number]
             for field in TICK.fields:
                 assert getattr(message.content, field.name) == block[field.name][number], field
+
+
+def test_a_plan_that_comes_before_any_tick_is_not_of_1970(server):
+    with Viewer(server.url) as viewer:
+        viewer.subscribe("/plan", "/mesh")
+        viewer.receive_until(lambda: server.wanted("/plan") and server.wanted("/mesh"), "")
+        before_ns = time.time_ns()
+        feed = ViewerFeed(server)
+        feed.plan(PlanView(plan="cogging", state="done", run_id="a"))
+        feed.mesh(MeshView(plan="cogging", run_id="a", points_total=0, points=[]))
+        feed.repeat()
+        for topic in ("/plan", "/mesh", "/plan", "/mesh"):
+            assert viewer.next(topic).t_ns >= before_ns
+        feed.ticks(ticks(10))
+        feed.repeat()
+        assert viewer.next("/plan").t_ns == ticks(10)["t_ns"][-1]
 
 
 def test_events_are_messages_of_the_log_panel(server):

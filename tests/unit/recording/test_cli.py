@@ -59,6 +59,21 @@ def test_info_of_a_calibration_run(tmp_path):
         assert words in text
 
 
+@pytest.mark.parametrize(
+    ("metadata", "words"),
+    [
+        ({"calibration": "8f2c"}, "8f2c\n"),
+        ({"calibration": "8f2c", "calibration_findings": []}, "8f2c\n"),
+        ({"calibration": "8f2c", "calibration_findings": ["kirchhoff", "few turns"]},
+         "8f2c, in spite of kirchhoff, few turns\n"),
+    ],
+)  # fmt: skip
+def test_info_says_which_findings_were_accepted(tmp_path, metadata, words):
+    with RunWriter(tmp_path / "run.mcap", metadata) as writer:
+        writer.ticks(tick_block(1))
+    assert f"calibration:      {words}" in call("info", tmp_path / "run.mcap")
+
+
 def test_info_of_an_empty_run(tmp_path):
     RunWriter(tmp_path / "run.mcap", {}).close()
     assert "ticks:            none" in call("info", tmp_path / "run.mcap")

@@ -9,8 +9,12 @@ import pytest
 from motord import config
 from motord.api.errors import RpcError
 from motord.calibration import CalibratedMotor, Calibration, CalibrationError
+from motord.findings import Finding
 from motord.sequencing.settings import COMPENSATE
 from motord.service.bench.calibrations import MARK, CalibrationStore, state_directory
+from motord.service.build import installed_calibration
+from motord.service.host.events import EventLog
+from motord.service.recording.control import RecordingControl
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_reader import read
 from motord.service.rpc.dispatcher import Call, Dispatcher
@@ -34,6 +38,10 @@ def calibration(**changes):
             **changes,
         }
     )
+
+
+def finding(name, severity="serious"):
+    return Finding(name, 0.523, 0.1, "% of rated", severity, "meaning", "action")
 
 
 class Tables:
@@ -114,6 +122,68 @@ def test_what_does_not_fit_is_refused_and_changes_nothing(service, tables, conte
     assert caught.value.code == "invalid"
     assert tables.written == []
     assert service.store.load_installed() is None
+
+
+FOUND = (finding("torque-left"), finding("kirchhoff"), finding("few turns", "warning"))
+
+
+@pytest.mark.parametrize(
+    ("accept", "missing"),
+    [((), 2), (("torque-left",), 1), (("few turns", "torque"), 2)],
+)
+def test_serious_findings_are_accepted_by_name(service, tables, accept, missing):
+    given = calibration(findings=FOUND).to_json()
+    request = {"calibration": given, **({"accept": list(accept)} if accept else {})}
+    with pytest.raises(RpcError) as caught:
+        install(service, service.acquire(), **request)
+    assert caught.value.code == "refused"
+    said = caught.value.message
+    assert f"has {missing} serious finding" in said
+    assert ("torque-left, 0.523 % of rated (limit 0.1)" in said) == ("torque-left" not in accept)
+    assert "kirchhoff, 0.523 % of rated (limit 0.1)" in said
+    assert "`motord calibration install FILE --accept torque-left --accept kirchhoff`" in said
+    assert "few turns" not in said
+    assert tables.written == []
+    assert service.store.load_installed() is None
+
+
+def test_what_was_accepted_is_shown_and_in_force_after_a_restart(service, tables, tmp_path):
+    given = calibration(findings=FOUND)
+    accept = [*given.serious_names, "something else"]
+    install(service, service.acquire(), calibration=given.to_json(), accept=accept)
+    assert len(tables.written) == 1
+    assert service.store.view().findings == ["torque-left", "kirchhoff"]
+    [event] = [one for one in service.events.recent() if one.kind == "calibration"]
+    assert event.message.endswith("in spite of torque-left, kirchhoff")
+    assert event.data["findings"] == ["torque-left", "kirchhoff"]
+    service.store = CalibrationStore(service.config, tmp_path)
+    assert installed_calibration(service.store, service.bench) == given
+    assert service.store.accepted_findings() == ["torque-left", "kirchhoff"]
+    assert service.bench.calibrated
+
+
+def test_findings_that_are_not_serious_need_no_word(service, tables):
+    given = calibration(findings=(finding("few turns", "warning"), finding("skew", "note")))
+    assert install(service, service.acquire(), calibration=given.to_json())["id"] == given.id
+    assert service.store.view().findings == []
+
+
+def test_a_recording_says_what_was_accepted(service, tmp_path):
+    def about():
+        log = EventLog(lambda: service.now_ns)
+        control = RecordingControl(
+            *(service.config, "", None, log, lambda: service.now_ns, tmp_path / "timing"),
+            calibration_id=service.store.current_id,
+            calibration_findings=service.store.accepted_findings,
+        )
+        return control.about()
+
+    assert (about()["calibration"], about()["calibration_findings"]) == ("", [])
+    given = calibration(findings=FOUND)
+    accept = given.serious_names
+    install(service, service.acquire(), calibration=given.to_json(), accept=accept)
+    assert about()["calibration"] == given.id
+    assert about()["calibration_findings"] == ["torque-left", "kirchhoff"]
 
 
 def test_it_waits_for_zero_torque_and_needs_the_lease(service, tables):

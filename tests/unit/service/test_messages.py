@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.api import requests
-from motord.api.errors import RpcError
+from motord.api.errors import MESSAGE_CHARACTERS, RpcError
 from motord.api.messages import Event
+from motord.api.replies import ErrorReply
 from motord.api.requests import RPCS, parse
 from motord.config.base import MAX_VALUES
 from motord.config.experiments import plans_model
@@ -177,3 +178,11 @@ def test_no_request_makes_a_plan_of_any_length():
     found = dict(lists(schema, schema["$defs"]))
     assert ".calibrate.torques_Nm" in found
     assert [where for where, most in found.items() if most > MAX_VALUES] == []
+
+
+def test_an_error_reply_is_never_longer_than_clients_take():
+    reply = ErrorReply.model_validate_json(RpcError("invalid", "x" * 10_000).to_json())
+    assert reply.message.endswith("xxx...")
+    assert len(reply.message) == MESSAGE_CHARACTERS
+    exact = RpcError("invalid", "y" * MESSAGE_CHARACTERS)
+    assert ErrorReply.model_validate_json(exact.to_json()).message == exact.message

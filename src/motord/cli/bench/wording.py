@@ -41,9 +41,12 @@ def trip_values(state: "BenchState") -> list[str]:
 
 
 def calibration(state: "BenchState") -> str:
-    """Return the calibration in force."""
+    """Return the calibration in force, and the serious findings that were accepted with it."""
     c = state.calibration
-    return f"{c.id}, {c.method}, {c.age} old" if c is not None else "none"
+    if c is None:
+        return "none"
+    accepted = f", in spite of {', '.join(c.findings)}" if c.findings else ""
+    return f"{c.id}, {c.method}, {c.age} old{accepted}"
 
 
 def recording(state: "BenchState") -> str:

@@ -62,13 +62,13 @@ def learn(
         chosen = settings_of(client, "learn", settings or [])
         if again:
             calibration = reopen(calibration, datetime.now(UTC), learning)
-            session.commander.install_calibration(calibration)
+            _install(session.commander, calibration)
         for number in range(1, passes + 1):
             done = _pass(session.commander, chosen, calibration, learning, quiet=as_json)
             if number == passes:
                 done = finish(done, datetime.now(UTC))
             calibration = done.calibration
-            session.commander.install_calibration(calibration)
+            _install(session.commander, calibration)
             if not as_json:
                 typer.echo(f"pass {number}: {summary(done)}")
             if done.finished:
@@ -126,3 +126,8 @@ def _closed(recording: str) -> Path:
             fail(f"{path}: not there {CLOSED_S:g} s after the pass; `motord record recover` helps")
         time.sleep(0.05)
     return path
+
+
+def _install(commander: "Commander", calibration: "Calibration") -> None:
+    """Install what was learned on top of the calibration in force, whose findings are accepted."""
+    commander.install_calibration(calibration, accept=calibration.serious_names)

@@ -102,7 +102,7 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
         "bench": facts.get("bench"),
         "motor": motor.get("name") if isinstance(motor, dict) else motor,
         "plan": _plan_name(facts.get("plan")),
-        "calibration": facts.get("calibration"),
+        "calibration": _calibration(facts),
         "notes": facts.get("notes"),
         **_black_box(facts.get("blackbox")),
         "start": facts.get("start"),
@@ -121,6 +121,14 @@ def _lines(facts: dict[str, Any]) -> Iterator[str]:
             f"  {p.get('index', '?'):>3}  {p.get('torque_Nm', 0):6.2f} Nm "
             f"{p.get('speed_Hz', 0):6.3f} Hz  {p.get('turns', 0):5.1f} turns  {p.get('quality')}"
         )
+
+
+def _calibration(facts: dict[str, Any]) -> str:
+    """Return the calibration in force, and the serious findings that were accepted with it."""
+    accepted = facts.get("calibration_findings")
+    if not (accepted and isinstance(accepted, list)):
+        return f"{facts.get('calibration') or ''}"
+    return f"{facts.get('calibration')}, in spite of {', '.join(map(str, accepted))}"
 
 
 def _black_box(account: object) -> dict[str, object]:

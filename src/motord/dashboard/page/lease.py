@@ -1,5 +1,6 @@
 """The lease of one page: renewed only by what the page itself answers."""
 
+import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -30,7 +31,9 @@ class PageLease:
         self._changed = changed
         self._lease_s = 0.0
         self._good_until_s = 0.0
-        self._renewing = self._closed = False
+        self._closed = False
+        self._acquiring = asyncio.Lock()
+        self._renewing = ""  # the token that is being renewed
 
     @property
     def held(self) -> bool:
@@ -43,9 +46,14 @@ class PageLease:
         return max(0.0, self._good_until_s - time.monotonic()) if self.held else 0.0
 
     async def acquire(self, *, force: bool) -> str | None:
-        """Acquire the lease; return from whom it was taken over. Raises ClientError."""
-        if self.held:
-            return None
+        """Acquire the lease; return from whom it was taken over. Raises ClientError.
+
+        Asked for twice, it is acquired once: of two grants the first would be worth nothing.
+        """
+        async with self._acquiring:
+            return None if self.held else await self._acquire(force=force)
+
+    async def _acquire(self, *, force: bool) -> str | None:
         begun_s = time.monotonic()
         grant = await self._call("lease/acquire", urgent=True, holder=self.holder, force=force)
         self.token, self.why = grant["token"], ""
@@ -61,18 +69,21 @@ class PageLease:
 
     async def renew(self) -> None:
         """Renew the lease, because the page has just answered the newest ping."""
-        if not self.held or self._renewing:
+        token = self.token
+        if not token or token == self._renewing:
             return
-        self._renewing, begun_s, token = True, time.monotonic(), self.token
+        self._renewing, begun_s = token, time.monotonic()
         try:
             await self._call("lease/renew", urgent=True, token=token)
-            self._good_until_s = begun_s + self._lease_s
+            if token == self.token:
+                self._good_until_s = begun_s + self._lease_s
         except ClientError as error:
             gone = error.code != "unreachable" or time.monotonic() > self._good_until_s
             if gone and token == self.token:
                 self.lose(str(error))
         finally:
-            self._renewing = False
+            if token == self._renewing:
+                self._renewing = ""
 
     def check(self) -> None:
         """Give up a lease that was not renewed in time."""

@@ -27,7 +27,7 @@ LOOK_S = 0.1
 UNANSWERED_S = 1.0
 """A page that has not answered a ping for so long gets no more traces, turns and timing."""
 GONE_S = 30.0
-"""After so long its socket is closed."""
+"""After so long, or if it takes no message for so long, its socket is closed."""
 CONNECTION_S = 0.25
 UNSENT_MAX = 256
 """Events and replies that wait for a slow page; older events are dropped."""
@@ -40,7 +40,20 @@ Sender = Callable[[bytes], Awaitable[None]]
 
 
 class PageGone(Exception):
-    """A page that has not answered for too long."""
+    """A page that has answered nothing, or taken nothing, for too long."""
+
+
+def _in_time(send: Sender) -> Sender:
+    """Return what sends a message, and raises PageGone if the page does not take it."""
+
+    async def send_in_time(message: bytes) -> None:
+        try:
+            async with asyncio.timeout(GONE_S):
+                await send(message)
+        except TimeoutError:
+            raise PageGone from None
+
+    return send_in_time
 
 
 class LivePage:
@@ -90,6 +103,7 @@ class LivePage:
 
     async def send_all(self, send: Sender) -> None:
         """Send what there is to send; never returns. Raises PageGone."""
+        send = _in_time(send)
         while True:
             with suppress(TimeoutError):
                 async with asyncio.timeout(self._pause_s()):
@@ -135,9 +149,10 @@ class LivePage:
             return
         self._frame_s, self._fresh = now_s, False
         for view in tuple(self._views.values()):
-            trace = view.trace(self._bench.history, self._bench.grid.lost)
+            trace = view.trace(self._bench.history, self._bench.counter.losses.lost_ticks)
             if trace is not None:
                 await send(trace)
+            await asyncio.sleep(0)  # other pages, too, want to be answered
 
     def received(self, message: PageMessage) -> None:
         """Do what the page asks for."""

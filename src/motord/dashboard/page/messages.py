@@ -7,13 +7,15 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, 
 from motord.api.requests import MAX_REQUEST_BYTES
 from motord.config.base import what_is_wrong
 from motord.dashboard.frames import FrameError, decode
-from motord.dashboard.history import BUCKETS_MAX
+from motord.dashboard.history import BUCKETS_MAX, RETENTION_S
 from motord.dashboard.signals import ROW
 
 MAX_BYTES = MAX_REQUEST_BYTES + 1024
 """The longest message: a request in its envelope."""
 VIEWS_MAX = 32
-SPAN_MAX_S = 86_400.0
+SPAN_MAX_S = RETENTION_S[-1]
+END_MAX_S = 1e9
+"""Windows end within 30 years of the server's start."""
 
 
 def _known(name: str) -> str:
@@ -35,7 +37,7 @@ class ViewWanted(_FromPage):
     kind: Literal["view"]
     view: Annotated[int, Field(ge=0, lt=VIEWS_MAX)]
     span_s: Annotated[float, Field(gt=0, le=SPAN_MAX_S)]
-    end_s: float | None = None
+    end_s: Annotated[float, Field(ge=-END_MAX_S, le=END_MAX_S)] | None = None
     buckets: Annotated[int, Field(ge=1, le=BUCKETS_MAX)]
     signals: Annotated[list[SignalName], Field(max_length=len(ROW))]
 

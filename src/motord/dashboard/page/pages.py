@@ -1,7 +1,6 @@
 """The pages that are open, and what comes from the daemon to all of them."""
 
 import asyncio
-from contextlib import suppress
 from typing import Any
 
 from motord.api.messages import BenchState
@@ -15,6 +14,7 @@ from motord.security.roles import Role
 PAGES_MAX = 16
 SIGNIFICANT = 2.0
 """Standard errors that an order of the cogging torque must exceed to be marked."""
+LOOK_UP_S = 1.0
 RESTARTED = "the daemon was started again: whoever was in command no longer is"
 
 
@@ -85,17 +85,24 @@ class Pages:
                 page.lease.lose(RESTARTED)
         self._uptime_s = state.uptime_s
         calibration = state.calibration.id if state.calibration is not None else ""
-        if calibration != self._calibration:
-            self._calibration = calibration
+        looking = self._lookup is not None and not self._lookup.done()
+        if calibration != self._calibration and not looking:
             self._lookup = asyncio.create_task(self._look_up_orders(calibration))
 
     async def _look_up_orders(self, calibration: str) -> None:
-        """Find out which orders of the turn the calibration in force makes up for."""
+        """Find out which orders of the turn the calibration in force makes up for.
+
+        Where the daemon does not say, it is asked again after `LOOK_UP_S`.
+        """
         harmonics: list[dict[str, Any]] = []
         if calibration:
-            with suppress(ClientError):
+            try:
                 shown = await self._link.call(CALIBRATION_SHOW.name, id=calibration)
-                harmonics = shown["tau_cog_harmonics"]
+            except ClientError:
+                await asyncio.sleep(LOOK_UP_S)
+                return
+            harmonics = shown["tau_cog_harmonics"]
+        self._calibration = calibration
         self.bench.calibrated = [
             h["order"] for h in harmonics if h["amplitude_Nm"] > SIGNIFICANT * (h["stderr_Nm"] or 0)
         ]

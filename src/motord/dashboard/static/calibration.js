@@ -1,11 +1,12 @@
 /** The calibration in force and earlier ones: gains and offsets with intervals, cogging torque, what it brought. */
 
 import { byId, element, setText } from "./dom.js";
-import { number } from "./format.js";
+import { number, significant } from "./format.js";
 import { intervalPlot, turnCurve } from "./intervals.js";
 
 const PHASES = ["a", "b", "c"];
 const ORDERS_SHOWN = 6;
+const SEVERITIES = ["serious", "warning", "note"];
 
 export class CalibrationPanel {
   /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
@@ -59,7 +60,7 @@ export class CalibrationPanel {
     if (!id) return;
     try {
       const reply = await this._socket.call("calibration/show", { id });
-      byId("calibration-content").replaceChildren(...content(reply));
+      if (byId("calibration-choice").value === id) byId("calibration-content").replaceChildren(...content(reply));
     } catch (error) {
       this._messages.failure("calibration")(/** @type {Error} */ (error));
     }
@@ -76,7 +77,8 @@ function content(found) {
     rms.after && `after ${number(rms.after.mean, 2)} % (worst ${number(rms.after.max, 2)} %)`,
   ].filter(Boolean).join(", ");
   return [
-    element("p", { class: "about" }, `${found.in_force ? "In force. " : "Earlier, not in force. "}${found.method}, ${found.runs?.length ?? 0} recordings${found.learned ? ", with learned corrections" : ""}`),
+    element("p", { class: "about" }, `${found.in_force ? "In force. " : "Earlier, not in force. "}${found.method}, ${found.runs?.length ?? 0} recording${found.runs?.length === 1 ? "" : "s"}${found.learned ? ", with learned corrections" : ""}`),
+    findings(found.findings ?? []),
     element("h4", {}, "\u03b1, gain by phase, 95 %"), intervalPlot(estimates(found.alpha, found.alpha_95), 1, 4, ""),
     element("h4", {}, "\u03b2, offset by phase, 95 %"), intervalPlot(estimates(found.beta_A, found.beta_95_A), 0, 3, "A"),
     element("h4", {}, "\u03c4 cog over a turn, Nm"), turnCurve(found.tau_cog_Nm ?? [], "Nm"),
@@ -84,6 +86,22 @@ function content(found) {
     gained ? element("p", { class: "about" }, `RMS error: ${gained}`) : null,
     found.observable?.length ? element("ul", { class: "hint" }, ...found.observable.map((/** @type {string} */ text) => element("li", {}, text))) : null,
   ].filter((one) => one !== null);
+}
+
+/** @param {string} text */
+const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}.`;
+
+/**
+ * Where the data depart from the model, the serious ones first.
+ * @param {{name: string, value: number, limit: number, unit: string, severity: string, meaning: string, action: string}[]} found
+ */
+function findings(found) {
+  if (!found.length) return null;
+  const bySeverity = [...found].sort((a, b) => SEVERITIES.indexOf(a.severity) - SEVERITIES.indexOf(b.severity));
+  return element("ul", { class: "findings", "aria-label": "Where the data depart from the model" }, ...bySeverity.map((one) => element("li", { class: one.severity },
+    element("strong", {}, `${one.severity === "serious" ? "Serious" : one.severity === "warning" ? "Warning" : "Note"}: ${one.name}`),
+    ` ${significant(one.value)} ${one.unit} (limit ${significant(one.limit)})`,
+    element("span", {}, `${sentence(one.meaning)} ${sentence(one.action)}`))));
 }
 
 /** @param {{order: number, amplitude_Nm: number, stderr_Nm: number | null}[]} harmonics */

@@ -36,6 +36,7 @@ export class Socket {
     /** @type {WebSocket | null} */
     this._socket = null;
     this._received_ms = 0;
+    this._attempt = 0;
     setInterval(() => this._checkSilence(), 1000);
     addEventListener("online", () => this._soon());
   }
@@ -45,8 +46,10 @@ export class Socket {
   }
 
   async connect() {
+    const attempt = ++this._attempt;
     this._onStatus("connecting", "");
     const session = await checkToken(this._token);
+    if (attempt !== this._attempt) return; // another attempt began meanwhile
     if (session.status === "bad") return this._onStatus("refused", session.message);
     if (session.status === "unreachable") return this._again(session.message);
     const url = new URL("socket", location.href);
@@ -59,7 +62,9 @@ export class Socket {
       this._received_ms = performance.now();
       this._onStatus("open", "");
     };
-    socket.onmessage = (event) => this._received(event.data);
+    socket.onmessage = (event) => {
+      if (socket === this._socket) this._received(event.data);
+    };
     socket.onclose = (event) => this._closed(socket, event.reason);
   }
 

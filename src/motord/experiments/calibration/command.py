@@ -12,6 +12,7 @@ from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, Calibrator
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
+from motord.findings import accept_options
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:
@@ -76,6 +77,11 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
         yield (
             f"- currents: {1e6 * delay_s[0]:.0f} +- {1.96e6 * delay_s[1]:.0f} us older than "
             "the recording says (accounted for)"
+        )
+    if c.serious_findings:
+        yield (
+            "to apply it in spite of it: motord calibration install FILE "
+            + accept_options(c.serious_findings)
         )
     yield from error_table(c.rms_error_percent)
 

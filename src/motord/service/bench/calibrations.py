@@ -75,6 +75,10 @@ class CalibrationStore:
         """Return the id of the calibration in force, "" if there is none."""
         return self.current.id if self.current is not None else ""
 
+    def accepted_findings(self) -> list[str]:
+        """Return the names of the serious findings of the calibration in force."""
+        return self.current.serious_names if self.current is not None else []
+
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:
@@ -120,4 +124,5 @@ class CalibrationStore:
             age=self.current.age(now),
             method=self.current.method,
             path=str(self.path),
+            findings=self.accepted_findings(),
         )

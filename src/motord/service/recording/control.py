@@ -40,7 +40,7 @@ NO_TICKS = np.empty(0, TICK_DTYPE)
 class RecordingControl:
     """Decides what the recorder records. No call but `stop` waits for it.
 
-    The loop counts its timing in the file `timing`. `calibration_id` and `realtime` go into the
+    The loop counts its timing in the file `timing`. `calibration_*` and `realtime` go into the
     metadata of the next recording; `driven` says whether the external drive turns the bench;
     `state` is recorded whenever it changes; `on_plan_unrecorded` is called with the reason when a
     plan has to end.
@@ -56,6 +56,7 @@ class RecordingControl:
         timing: Path,
         *,
         calibration_id: Callable[[], str] = str,
+        calibration_findings: Callable[[], list[str]] = list,
         realtime: Callable[[], dict[str, Any]] = dict,
         driven: Callable[[], bool] = bool,
         state: Callable[[int], NamedState] | None = None,
@@ -73,6 +74,7 @@ class RecordingControl:
         self._timing = TimingLog(timing, self.recorder.event)
         self._states, self._state = StateLog(self.recorder.state), state
         self._calibration_id, self._realtime = calibration_id, realtime
+        self._calibration_findings = calibration_findings
         self._driven, self._on_plan_unrecorded = driven, on_plan_unrecorded
 
     def loop_down(self) -> None:
@@ -141,7 +143,11 @@ class RecordingControl:
 
     def about(self) -> dict[str, Any]:
         """Return the metadata of a recording that begins now."""
-        now = {"calibration": self._calibration_id(), "realtime": self._realtime()}
+        now = {
+            "calibration": self._calibration_id(),
+            "calibration_findings": self._calibration_findings(),
+            "realtime": self._realtime(),
+        }
         return {**self._described, **now}
 
     def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:

@@ -87,10 +87,14 @@ class Installation:
                 return None
             self._store.current = prepared.calibration
             bench.calibration_installed()
+            accepted = prepared.calibration.serious_names
             bench.events.emit(
-                "calibration", f"{prepared.calibration.id} installed by {context.holder}",
+                "calibration",
+                f"{prepared.calibration.id} installed by {context.holder}"
+                + (f" in spite of {', '.join(accepted)}" if accepted else ""),
                 id=prepared.calibration.id,
-            )  # fmt: skip
+                findings=accepted,
+            )
             return InstalledCalibration(
                 id=prepared.calibration.id,
                 created=prepared.calibration.created.isoformat(),

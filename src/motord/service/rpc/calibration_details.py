@@ -38,6 +38,7 @@ def details(calibration: Calibration, path: Path) -> CalibrationDetails:
         delta_epsilon_source=c.delta_epsilon_source,
         condition_number=c.condition_number,
         observable=list(c.observable),
+        findings=content.get("findings", []),
         learned=c.learned is not None,
         rms_error_percent={
             name: content["rms_error_percent"][name] for name in ("before", "after")

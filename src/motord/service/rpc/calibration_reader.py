@@ -10,7 +10,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,6 +23,7 @@ from motord.api.requests import (
 )
 from motord.calibration import Calibration, CalibrationError, load
 from motord.config import MotorConfig
+from motord.findings import accept_options
 from motord.service.bench.calibrations import check_given
 from motord.service.rpc.calibration_details import details
 
@@ -43,9 +44,25 @@ def read(payload: bytes, motor: MotorConfig) -> tuple[str, Calibration]:
     """Read a request to install a calibration, here and now."""
     request = parse(CALIBRATION_INSTALL, payload, max_request_bytes(motor.counts))
     try:
-        return request.token, check_given(motor, request.calibration, request.path)
+        calibration = check_given(motor, request.calibration, request.path)
     except CalibrationError as error:
         raise RpcError("invalid", str(error)) from None
+    _check_accepted(calibration, request.accept)
+    return request.token, calibration
+
+
+def _check_accepted(calibration: Calibration, accepted: Collection[str]) -> None:
+    """Raise RpcError, which says what to type, unless all serious findings are `accepted`."""
+    serious = calibration.serious_findings
+    missing = [one.figure() for one in serious if one.name not in accepted]
+    if missing:
+        raise RpcError(
+            "refused",
+            f"calibration {calibration.id} has {len(missing)} serious "
+            f"finding{'s' * (len(missing) > 1)}: {'; '.join(missing)}. `motord calibration show "
+            "FILE` says what that means and what to do; to apply it all the same: `motord "
+            f"calibration install FILE {accept_options(serious)}`",
+        )
 
 
 def read_files(paths: Sequence[Path]) -> dict[Path, CalibrationDetails | str]:

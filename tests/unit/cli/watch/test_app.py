@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from motord.cli.bench.watch.app import WatchApp
-from motord.cli.bench.watch.controls import UNANSWERED_S
 from motord.cli.bench.watch.feed import Feed
 from motord.cli.bench.watch.glyphs import UNICODE
 from motord.cli.bench.watch.keys import ACTIONS, KEYS
 from motord.cli.bench.watch.operator_session import OperatorSession
+from motord.cli.bench.watch.pending_stop import UNANSWERED_S
 from motord.client import ClientError
 from tests.unit.cli.watch.samples import NOW_NS, PLAN, TRIP, FakeClient, state, ticks
 
@@ -127,7 +127,7 @@ async def test_a_stop_that_fails_or_is_not_answered_says_so(client):
     async with watching(client) as watched:
         await watched.press("s")
         await watched.sees("stop FAILED: the daemon is gone; use the emergency stop")
-        watched.app._controls._stop_asked_s -= UNANSWERED_S + 1.0
+        watched.app._controls._stopping._asked_s -= UNANSWERED_S + 1.0
         await watched.sees("stop NOT confirmed")
 
 
@@ -137,7 +137,7 @@ async def test_a_stop_without_an_answer_says_so(client):
     client.replies["stop"] = lambda: never.wait(PATIENCE_S) and {"state": "OFF"}
     async with watching(client) as watched:
         await watched.press("s")
-        watched.app._controls._stop_asked_s -= UNANSWERED_S + 1.0
+        watched.app._controls._stopping._asked_s -= UNANSWERED_S + 1.0
         await watched.sees("the daemon has not confirmed the stop: use the emergency stop")
         never.set()
 

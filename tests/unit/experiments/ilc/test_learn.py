@@ -15,6 +15,7 @@ from motord.cli.connection_options import with_connection
 from motord.cli.plan import learn as module
 from motord.experiments.ilc.report import fill
 from motord.experiments.plans import build
+from motord.findings import Finding
 from motord.report.html import Page
 from motord.reproduce.learning import learn_virtual
 from tests.support.virtual_calibration import calibrate_virtual, verify_virtual
@@ -46,7 +47,8 @@ class Daemon:
         self.passes = 0
         self.ends = "done"
 
-    def install_calibration(self, calibration: Calibration) -> None:
+    def install_calibration(self, calibration: Calibration, *, accept: list[str]) -> None:
+        assert accept == calibration.serious_names
         self.calibration = from_json(calibration.to_json(), "given")
         self.installed.append(self.calibration.id)
 
@@ -135,6 +137,16 @@ def test_a_pass_that_ends_otherwise_ends_it_in_a_line(
     assert code == 1
     assert message in error
     assert not daemon.installed
+
+
+def test_what_was_accepted_stays_accepted(daemon: Daemon) -> None:
+    in_force = daemon.calibration
+    assert in_force is not None
+    serious = Finding("kirchhoff", 2.0, 0.5, "%", "serious", "meaning", "action")
+    daemon.calibration = Calibration(**{**dict(in_force), "id": "", "findings": (serious,)})
+    code, _, error = run("--passes", 2)
+    assert code == 0, error
+    assert daemon.calibration.serious_names == ["kirchhoff"]
 
 
 def test_there_has_to_be_a_calibration(daemon: Daemon) -> None:

@@ -2,9 +2,7 @@
 
 import asyncio
 import os
-import signal
 import sys
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -25,8 +23,6 @@ if TYPE_CHECKING:
 
 LOOK_S = 1.0
 LINE_NS = 1_000_000_000
-GIVE_UP_S = 5.0
-"""A screen that has not ended so long after a signal is hung: the process ends without it."""
 
 ForS = Annotated[
     float | None, typer.Option("--for-s", min=0, metavar="S", help="End after this time.")
@@ -116,30 +112,12 @@ def in_one_line(state: "BenchState") -> str:
 
 
 async def _run(app: "WatchApp", session: "OperatorSession") -> None:
-    """Run the screen until it ends or SIGTERM or SIGHUP (a terminal that is closed) come.
+    """Run the screen until it ends, or until a signal ends it."""
+    from motord.cli.bench.ending_signals import ending_signals
 
-    The handlers are Python's own, not those of the event loop: a screen whose terminal takes no
-    more output does not get to the latter.
-    """
     loop = asyncio.get_running_loop()
-
-    def end(number: int, frame: object) -> None:
-        loop.call_soon_threadsafe(app.exit)
-        hung = threading.Timer(GIVE_UP_S, _give_up, (session, number))
-        hung.daemon = True
-        hung.start()
-
-    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
+    with ending_signals(lambda: loop.call_soon_threadsafe(app.exit), session.give):
         await app.run_async(mouse=False)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _give_up(session: "OperatorSession", number: int) -> None:
-    session.give()
-    os._exit(128 + number)
 
 
 def _on_screen(client: "Client", for_s: float | None, *, ascii_only: bool) -> None:

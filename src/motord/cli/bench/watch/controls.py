@@ -4,7 +4,6 @@ What is shown as the state is always what the daemon published, never what was a
 is "stopping..." until then.
 """
 
-import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -21,15 +20,13 @@ from motord.cli.bench.watch.dialogs import (
 )
 from motord.cli.bench.watch.feed import EVENTS_KEPT, Feed
 from motord.cli.bench.watch.operator_session import OperatorSession, in_thread, refusal_text
+from motord.cli.bench.watch.pending_stop import PendingStop
 from motord.client import ClientError, Commander
 from motord.security.access import permits
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
     from motord.security.identity import Identity
-
-UNANSWERED_S = 2.0
-"""A stop that the daemon has not confirmed after this time is said to be unanswered."""
 
 
 class Controls:
@@ -48,8 +45,7 @@ class Controls:
         self.message, self.alarming = "", False
         self.events_back = 0
         self._command = ""  # that the daemon has not answered
-        self._stop_asked_s: float | None = None
-        self._stop_answered = False
+        self._stopping = PendingStop()
         self._actions: dict[str, Callable[[], object]] = {
             "stop": self.stop,
             "pause": self.pause_or_resume,
@@ -96,33 +92,21 @@ class Controls:
     @property
     def pending(self) -> str:
         """What was asked of the daemon and is not confirmed."""
-        if self._stop_asked_s is None:
-            return f"{self._command}..." if self._command else ""
-        return "stop NOT confirmed" if self._stop_is_late() else "stopping..."
+        if self._stopping.under_way:
+            return "stop NOT confirmed" if self._stopping.late else "stopping..."
+        return f"{self._command}..." if self._command else ""
 
     def follow(self) -> None:
         """Take note of what the daemon did meanwhile."""
         if why := self._session.lost():
             self._say(f"the lease is lost: {why}", alarming=True)
-        if self._stop_asked_s is None:
-            return
-        state, fresh = self._state(), not self._feed.stale
-        if (
-            self._stop_answered
-            and fresh
-            and state is not None
-            and state.state in ("OFF", "TRIPPED")
-        ):
-            self._stop_asked_s = None
+        state = None if self._feed.stale else self._state()
+        if state is not None and self._stopping.confirm(state.state):
             self._say(f"stopped: the daemon says {state.state}")
-        elif self._stop_is_late() and not self.message:
+        elif self._stopping.late and not self.message:
             self._say(
                 "the daemon has not confirmed the stop: use the emergency stop", alarming=True
             )
-
-    def _stop_is_late(self) -> bool:
-        asked_s = self._stop_asked_s
-        return asked_s is not None and time.monotonic() - asked_s > UNANSWERED_S
 
     def _state(self) -> "BenchState | None":
         return self._feed.state()[0]
@@ -135,7 +119,7 @@ class Controls:
         self.dialog = None
         if not self._may("stop"):
             return
-        self._stop_asked_s, self._stop_answered = time.monotonic(), False
+        self._stopping.ask()
         self._say("")
         in_thread(self._stop)
 
@@ -145,7 +129,7 @@ class Controls:
         except ClientError as error:
             self._say(f"stop FAILED: {error}; use the emergency stop", alarming=True)
             return
-        self._stop_answered = True
+        self._stopping.answered()
 
     def _may(self, rpc: str) -> bool:
         """Return whether our identity may call an RPC; say so if not."""

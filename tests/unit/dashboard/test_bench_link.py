@@ -1,0 +1,113 @@
+"""The connection to the daemon: whatever goes wrong, it goes on and leaves nothing behind."""
+
+import asyncio
+
+import pytest
+
+from motord.client import ClientError
+from motord.dashboard import bench_link
+from motord.dashboard.bench_link import BenchLink
+
+PATIENCE_S = 20.0
+
+
+class FakeSubscription:
+    closed = False
+
+    def __init__(self, callback):
+        self.callback = callback
+
+    def close(self):
+        self.closed = True
+
+
+class FakeClient:
+    """Notes who subscribes; `publish` lets an item come."""
+
+    bench, endpoint = "sim", "tcp/127.0.0.1:1"
+
+    def __init__(self):
+        self.subscriptions, self.closed = {}, False
+
+    def __getattr__(self, name):
+        if not name.startswith("subscribe_"):
+            raise AttributeError(name)
+
+        def subscribe(callback):
+            self.subscriptions[name] = FakeSubscription(callback)
+            return self.subscriptions[name]
+
+        return subscribe
+
+    def publish(self, item):
+        self.subscriptions["subscribe_mesh"].callback(item)
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.fixture(autouse=True)
+def hurried(monkeypatch):
+    monkeypatch.setattr(bench_link, "LOOK_S", 0.001)
+
+
+async def until(condition):
+    async with asyncio.timeout(PATIENCE_S):
+        while not condition():
+            await asyncio.sleep(0.001)
+
+
+async def kept(link, connected, condition):
+    """Keep the connection until `condition()`."""
+    keeping = asyncio.create_task(link.keep(connected))
+    await until(lambda: condition() or keeping.done())
+    assert not keeping.done(), keeping.exception()
+    keeping.cancel()
+
+
+@pytest.mark.parametrize("error", [ClientError("busy", "later"), KeyError("loop")])
+def test_it_asks_again_what_the_daemon_remembers_whatever_was_wrong(error, caplog):
+    calls = []
+
+    async def connected():
+        calls.append(1)
+        if len(calls) < 3:
+            raise error
+
+    async def main():
+        link = BenchLink(FakeClient(), FakeClient)
+        link._received_s += PATIENCE_S  # it publishes
+        await kept(link, connected, lambda: len(calls) == 3)
+
+    asyncio.run(main())
+    assert ("connecting to the daemon" in caplog.text) == isinstance(error, KeyError)
+
+
+@pytest.mark.parametrize("error", [ClientError("unreachable", "nobody"), ValueError("odd")])
+def test_a_new_connection_takes_the_place_of_a_silent_one(error, monkeypatch):
+    monkeypatch.setattr(bench_link, "RECONNECT_S", 0.0)
+    first, made, taken = FakeClient(), [], []
+
+    def connect():
+        made.append(FakeClient())
+        if len(made) < 3:
+            raise error
+        monkeypatch.setattr(bench_link, "RECONNECT_S", PATIENCE_S)
+        return made[-1]
+
+    async def main():
+        link = BenchLink(first, connect)
+        link._received_s -= 1.0  # silent
+        link.start(taken.extend)
+        await kept(link, None, lambda: first.closed)
+        assert link.client is made[2]
+        first.publish("old")
+        made[2].publish("new")
+        await until(lambda: taken)
+
+    asyncio.run(main())
+    assert taken == [("mesh", "new")]
+    assert len(first.subscriptions) == 5
+    assert all(one.closed for one in first.subscriptions.values())
+    assert made[2].subscriptions.keys() == first.subscriptions.keys()
+    assert not any(one.closed for one in made[2].subscriptions.values())

@@ -1,0 +1,45 @@
+"""A page that takes nothing any more: it costs a socket for a while, and nobody else anything."""
+
+import asyncio
+
+import pytest
+
+from motord import config
+from motord.dashboard import app
+from motord.dashboard.live_bench import LiveBench
+from motord.dashboard.page import live_page
+from motord.dashboard.page.live_page import LivePage, PageGone
+from motord.security.roles import Role
+from tests.unit.dashboard.fake_link import FakeLink
+
+PATIENCE_S = 20.0
+
+
+async def never(_):
+    await asyncio.Event().wait()
+
+
+def test_a_page_that_takes_nothing_is_gone(monkeypatch):
+    monkeypatch.setattr(live_page, "GONE_S", 0.01)
+
+    async def main():
+        bench = LiveBench("sim", config.load().model_dump(mode="json"))
+        page = LivePage("anna@bench page 1", Role.OPERATOR, bench, FakeLink())
+        async with asyncio.timeout(PATIENCE_S):
+            await page.send_all(never)
+
+    with pytest.raises(PageGone):
+        asyncio.run(main())
+
+
+def test_closing_it_does_not_wait_for_it(monkeypatch):
+    monkeypatch.setattr(app, "CLOSE_S", 0.01)
+
+    class Socket:
+        send_bytes = staticmethod(never)
+
+    async def main():
+        async with asyncio.timeout(PATIENCE_S):
+            await app._close(Socket(), app.NO_ANSWER, "it has not answered")
+
+    asyncio.run(main())
