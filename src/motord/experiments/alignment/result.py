@@ -9,6 +9,7 @@ import numpy as np
 from motord.config import MotorConfig, PhaseOrder
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.rests_checks import TorqueAnswer
+from motord.intervals import coverage_factor
 
 POORLY_POINTS = 2.0
 """95 % limit of the zero, in encoder points, beyond which it is worth more stops."""
@@ -26,7 +27,7 @@ class Alignment:
     of the torque that is left where the rotor rests; friction_rad: how far that takes a single rest
     off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;
     apart_rad (n,): how far each is from where the vector would take it without cogging and errors;
-    left_rad (n,): what of that the fit does not explain.
+    left_rad (n,): what of that the fit does not explain. degrees_of_freedom: of its standard error.
     """
 
     JSON: ClassVar[dict[str, str]] = {
@@ -34,6 +35,7 @@ class Alignment:
         "told": "configured",
         "encoder_offset_stderr_rad": "offset_stderr_rad",
         "encoder_offset_stderr_points": "offset_stderr_points",
+        "degrees_of_freedom": "degrees_of_freedom",
         "pole_pairs": "pole_pairs",
         "friction_Nm": "friction_Nm",
         "friction_rad": "friction_rad",
@@ -60,6 +62,7 @@ class Alignment:
     angle_rad: np.ndarray
     apart_rad: np.ndarray
     left_rad: np.ndarray
+    degrees_of_freedom: int
     bench_file: Path | None = None
 
     @property
@@ -97,6 +100,16 @@ class Alignment:
         return self.points(self.offset_stderr_rad)
 
     @property
+    def offset_half_width_rad(self) -> float:
+        """Half of the zero's 95 % interval."""
+        return coverage_factor(self.degrees_of_freedom) * self.offset_stderr_rad
+
+    @property
+    def offset_half_width_points(self) -> float:
+        """The same in encoder points."""
+        return self.points(self.offset_half_width_rad)
+
+    @property
     def friction_points(self) -> float:
         """How far friction takes a single stop off, in encoder points."""
         return self.points(self.friction_rad)
@@ -121,7 +134,7 @@ class Alignment:
         off = self.off_points
         if off is None:
             notes = ["the bench file has it otherwise: torque would not be what is asked for"]
-        elif abs(off) > 0.5 + 1.96 * self.offset_stderr_points:
+        elif abs(off) > 0.5 + self.offset_half_width_points:
             notes = [f"the bench file's zero is {off:+.1f} encoder points off"]
         else:
             notes = [f"the bench file has it right, its zero within {abs(off):.2f} encoder points"]
@@ -137,7 +150,7 @@ class Alignment:
                     f"phase {phase}: sensed current is {gain:.2f} times the commanded one; are its "
                     "scales right?"
                 )
-        if 1.96 * self.offset_stderr_points > POORLY_POINTS:
+        if self.offset_half_width_points > POORLY_POINTS:
             notes.append(
                 "the zero is not known well: take more stops (rests, turns), or two currents, "
                 "which tell cogging from the rest"

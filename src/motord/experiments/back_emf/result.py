@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.config import SEQUENCE, MotorConfig
 from motord.identification.harmonics import synthesis
+from motord.intervals import coverage_factor
 
 UNBALANCED = 0.002
 """Part of the fundamental by which a phase may differ from the mean of the three."""
@@ -45,6 +46,7 @@ class MeasuredBackEmf:
         **{name: name for name in ("offset_V", "noise_V")},
         "delay_s": "fitted_delay_s",
         "delay_stderr_s": "delay_stderr_s",
+        "degrees_of_freedom": "degrees_of_freedom",
         "notes": "notes",
         "k_V_s_per_rad": "rounded_table",
     }
@@ -76,6 +78,16 @@ class MeasuredBackEmf:
     def delay_stderr_s(self) -> float | None:
         """Standard error of that age."""
         return self.delay_s[1] if self.delay_s else None
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the standard errors: turns of each point but one."""
+        return max(sum(self.turns) - len(self.turns), 1)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Half of a 95 % interval in standard errors."""
+        return coverage_factor(self.degrees_of_freedom)
 
     @property
     def rounded_table(self) -> np.ndarray:

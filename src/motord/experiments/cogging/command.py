@@ -15,6 +15,7 @@ from motord.experiments.cogging.report import report
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.text import TextTable
 
 
@@ -34,7 +35,7 @@ def estimate(
 
 
 def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]:
-    motor = measured.motor
+    motor, t = measured.motor, measured.coverage_factor
     yield TextTable(
         f"cogging torque, {motor.slots} slots, {motor.poles} poles: "
         f"main order {measured.main_order}",
@@ -42,8 +43,8 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.2f} +- {1.96e3 * h.stderr_Nm:.2f}",
-                f"{h.phase_rad:.3f} +- {1.96 * h.phase_stderr_rad:.3f}" if h.significant else "",
+                plus_minus(1e3 * h.amplitude_Nm, 1e3 * t * h.stderr_Nm),
+                plus_minus(h.phase_rad, t * h.phase_stderr_rad) if h.significant else "",
                 "yes" if h.allowed else "no",
             )
             for h in measured.harmonics

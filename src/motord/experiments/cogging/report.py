@@ -12,6 +12,7 @@ from motord.experiments.cogging.result import (
     SpeedResult,
 )
 from motord.experiments.subject import Recordings, facts
+from motord.intervals import plus_minus
 from motord.report.html import Page
 
 
@@ -84,13 +85,14 @@ def _allowed(measured: MeasuredCogging) -> tuple[int, ...]:
 
 
 def _harmonics(page: Page, measured: MeasuredCogging) -> None:
+    t = measured.coverage_factor
     page.table(
         ["order", "amplitude (mNm)", "phase (rad)", "from"],
         [
             [
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1.96e3 * h.stderr_Nm:.3f}",
-                f"{h.phase_rad:.4f}" if h.significant else "",
+                plus_minus(1e3 * h.amplitude_Nm, 1e3 * t * h.stderr_Nm, "\u00b1"),
+                plus_minus(h.phase_rad, t * h.phase_stderr_rad, "\u00b1") if h.significant else "",
                 _origin(h, measured),
             ]
             for h in measured.harmonics

@@ -9,6 +9,7 @@ from motord.config import MotorConfig
 from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.identification.harmonics import synthesis
 from motord.identification.orders import periods_per_slot_pitch
+from motord.intervals import coverage_factor
 
 FEW_TURNS = 6
 """Turns in all below which the noise's colour is not known."""
@@ -78,6 +79,7 @@ class MeasuredCogging:
         "main_order": "main_order",
         "periods_per_slot_pitch": "periods_per_slot_pitch",
         "harmonics": "harmonics",
+        "degrees_of_freedom": "degrees_of_freedom",
         "peak_Nm": "peak_Nm",
         "tau_cog_Nm": "rounded_tau_cog_Nm",
         "speeds": "speed_results",
@@ -93,6 +95,16 @@ class MeasuredCogging:
     allowed: np.ndarray
     speeds: tuple[SpeedCogging, ...]
     comparison: "Comparison | None" = None
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the standard errors: turns of each speed but one."""
+        return max(sum(one.turns - 1 for one in self.speeds), 1)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Half of a 95 % interval in standard errors."""
+        return coverage_factor(self.degrees_of_freedom)
 
     @property
     def amplitude_Nm(self) -> np.ndarray:

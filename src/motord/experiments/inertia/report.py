@@ -14,6 +14,7 @@ from motord.experiments.inertia.plots import (
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import Acceleration
 from motord.experiments.subject import Recordings, facts
+from motord.intervals import coverage_factor
 from motord.report.html import Page
 
 UNIT = "10\u207b\u00b3 kg m\u00b2"
@@ -24,7 +25,7 @@ def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     subject = recordings.subject
     page = Page("Moment of inertia", f"{subject.motor.name} on bench {subject.bench}")
     name = "oscillation" if isinstance(found, Oscillation) else "acceleration"
-    percent = 196 * found.uncertainty_kg_m2 / found.inertia_kg_m2
+    percent = 100 * coverage_factor() * found.uncertainty_kg_m2 / found.inertia_kg_m2
     page.cards(
         [
             (f"{grams(found.inertia_kg_m2)} {UNIT}", f"by {name}"),
