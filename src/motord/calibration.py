@@ -6,16 +6,20 @@ file whose content does not fit its id is refused, and so is one of another moto
 
 import hashlib
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime
+from math import pi
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from motord.atomic_write import write_whole
 from motord.config import Finite, MotorConfig, NonNegative, Positive
 from motord.config.base import what_is_wrong
 from motord.findings import Finding
+from motord.intervals import coverage_factor, plus_minus
 from motord.learned import LearnedTorque
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
@@ -60,7 +64,7 @@ class Harmonic(_Part):
     """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad).
 
     stderr_Nm: of the amplitude, None where a single trial does not show it; phase_stderr_rad: of
-    the phase, None in files that do not tell.
+    the phase, None in files that do not tell. degrees_of_freedom: of both, None for many.
     """
 
     order: Annotated[int, Field(ge=1)]
@@ -68,6 +72,60 @@ class Harmonic(_Part):
     phase_rad: Finite
     stderr_Nm: NonNegative | None
     phase_stderr_rad: NonNegative | None = None
+    degrees_of_freedom: Positive | None = None
+
+    @property
+    def half_width_Nm(self) -> float | None:
+        """Half of the amplitude's 95 % interval; None where it is not known."""
+        if self.stderr_Nm is None:
+            return None
+        return coverage_factor(self.degrees_of_freedom) * self.stderr_Nm
+
+    def in_mNm(self, sign: str = "+-") -> str:
+        """Return the amplitude (mNm) with half of its interval."""
+        amplitude_mNm = 1e3 * abs(self.amplitude_Nm)
+        if self.half_width_Nm is None:
+            return f"{amplitude_mNm:.2f} (error not known from one trial)"
+        return plus_minus(amplitude_mNm, 1e3 * self.half_width_Nm, sign)
+
+    @property
+    def phase_in_words(self) -> str:
+        """The phase with half of its interval; nothing where it says nothing."""
+        half_rad = self.phase_half_width_rad
+        if half_rad is None:
+            return f"{self.phase_rad:.3f}"
+        return plus_minus(self.phase_rad, half_rad) if half_rad < pi / 2 else ""
+
+    @property
+    def phase_half_width_rad(self) -> float | None:
+        """Half of the phase's 95 % interval, at most pi; None where it is not known."""
+        if self.phase_stderr_rad is None:
+            return None
+        return min(coverage_factor(self.degrees_of_freedom) * self.phase_stderr_rad, pi)
+
+
+class DegreesOfFreedom(_Part):
+    """Effective degrees of freedom of the standard errors: 95 % intervals are by Student's t."""
+
+    alpha: tuple[Positive, Positive, Positive]
+    beta_A: tuple[Positive, Positive, Positive]
+    delta_epsilon: Positive | None = None
+
+    @classmethod
+    def of(cls, freedom: np.ndarray, delta_epsilon_seen: bool) -> "DegreesOfFreedom":
+        """Return those of alpha, beta and delta epsilon, freedom (7,)."""
+        values = [round(float(value), 2) for value in freedom]
+        return cls(
+            alpha=(values[0], values[1], values[2]),
+            beta_A=(values[3], values[4], values[5]),
+            delta_epsilon=values[6] if delta_epsilon_seen else None,
+        )
+
+
+def half_widths(stderr: Sequence[float], freedom: Sequence[float] | None) -> tuple[float, ...]:
+    """Return halves of 95 % intervals; freedom: degrees of each, None for many."""
+    each = freedom if freedom is not None else [None] * len(stderr)
+    return tuple(coverage_factor(f) * s for s, f in zip(stderr, each, strict=True))
 
 
 class RmsSummary(_Part):
@@ -110,7 +168,8 @@ class Calibration(_Part):
 
     alpha has product 1 and beta_A sums to 0 where the data cannot tell otherwise (`observable`
     says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts. findings: where
-    the data depart from the model; None in files of before they were looked for.
+    the data depart from the model; None in files of before they were looked for. degrees_of_freedom
+    of the standard errors; None for many, as files from before had it.
     """
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
@@ -123,6 +182,7 @@ class Calibration(_Part):
     alpha_stderr: StandardErrors
     beta_A: Triple
     beta_stderr_A: StandardErrors
+    degrees_of_freedom: DegreesOfFreedom | None = None
     delta_epsilon: Positive = 1.0
     delta_epsilon_source: str = "assumed"
     tau_cog_Nm: tuple[Finite, ...]
@@ -133,6 +193,18 @@ class Calibration(_Part):
     findings: tuple[Finding, ...] | None = None
 
     learned: LearnedTorque | None = None
+
+    @property
+    def alpha_half_width(self) -> tuple[float, ...]:
+        """Halves of alpha's 95 % intervals (3,)."""
+        freedom = self.degrees_of_freedom
+        return half_widths(self.alpha_stderr, freedom.alpha if freedom else None)
+
+    @property
+    def beta_half_width_A(self) -> tuple[float, ...]:
+        """Halves of beta's 95 % intervals (3,)."""
+        freedom = self.degrees_of_freedom
+        return half_widths(self.beta_stderr_A, freedom.beta_A if freedom else None)
 
     @model_validator(mode="after")
     def _consistent(self) -> "Calibration":
@@ -207,16 +279,18 @@ class Calibration(_Part):
         return in_words(self.age_s(now or datetime.now(UTC)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of the file; without `learned` or `findings` where there are none.
+        """Return the content of the file.
 
-        Nor is there an error of a phase where none is known, or an encoder's direction of 1: files
-        from before have no such keys.
+        Without what files from before had no keys for, where there is none of it: what was learned,
+        findings, degrees of freedom, the error of a phase, or an encoder's direction other than 1.
         """
-        nothing = {name for name in ("learned", "findings") if getattr(self, name) is None}
+        names = ("learned", "findings", "degrees_of_freedom")
+        nothing = {name for name in names if getattr(self, name) is None}
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
         for harmonic in content["tau_cog_harmonics"]:
-            if harmonic["phase_stderr_rad"] is None:
-                del harmonic["phase_stderr_rad"]
+            for name in ("phase_stderr_rad", "degrees_of_freedom"):
+                if harmonic[name] is None:
+                    del harmonic[name]
         if content["motor"]["encoder_direction"] == 1:
             del content["motor"]["encoder_direction"]
         return content

@@ -196,6 +196,7 @@ def calibration(which: str) -> dict[str, Any]:
             {"order": n, "amplitude_Nm": a, "phase_rad": 0.4, "stderr_Nm": e} for n, a, e in orders
         ],
         "findings": FINDINGS if entry["in_force"] else [],
+        "tau_cog_half_widths_Nm": [1.98 * e for _, _, e in orders],
         "observable": ["the product of the gains: assumed 1"], "learned": False,
         "rms_error_percent": {
             "before": {"mean": 3.1, "max": 4.2}, "after": {"mean": 0.38, "max": 0.61},

@@ -250,6 +250,8 @@ class CalibrationDetails(CalibrationEntry):
     """Their standard errors."""
     beta_95_A: list[Interval]
     """Their 95 % intervals."""
+    degrees_of_freedom: dict[str, Any] | None = None
+    """Of the standard errors: `alpha`, `beta_A`, `delta_epsilon`; none in files from before."""
     delta_epsilon: Number
     """Common gain of the currents."""
     delta_epsilon_source: str
@@ -266,6 +268,8 @@ class CalibrationDetails(CalibrationEntry):
     """Torque error before and after, percent of rated torque."""
     tau_cog_harmonics: list[dict[str, Any]]
     """Orders of the cogging torque."""
+    tau_cog_half_widths_Nm: list[Number | None] = []
+    """Halves of the 95 % intervals of their amplitudes."""
     angle_rad: list[Number]
     """Angles of the curve."""
     tau_cog_Nm: list[Number]

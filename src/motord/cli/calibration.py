@@ -143,6 +143,9 @@ def install(
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, in words."""
+    from motord.calibration import Harmonic, half_widths
+    from motord.intervals import plus_minus
+
     motor = c["motor"]
     lines = [
         f"calibration  {c['id']}, {age} old ({datetime.fromisoformat(c['created']):%Y-%m-%d %H:%M} "
@@ -153,17 +156,19 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
         f"method       {c['method']}, condition number {c['condition_number']:.3g}",
         f"recordings   {', '.join(c['runs'])}",
     ]
+    freedom = c.get("degrees_of_freedom") or {}
+    alpha = half_widths(c["alpha_stderr"], freedom.get("alpha"))
+    beta_A = half_widths(c["beta_stderr_A"], freedom.get("beta_A"))
     lines += [
-        f"phase {'abc'[phase]}      alpha {c['alpha'][phase]:.4f} +- "
-        f"{1.96 * c['alpha_stderr'][phase]:.4f}, beta {c['beta_A'][phase]:+.4f} +- "
-        f"{1.96 * c['beta_stderr_A'][phase]:.4f} A"
+        f"phase {'abc'[phase]}      alpha {plus_minus(c['alpha'][phase], alpha[phase])}, "
+        f"beta {plus_minus(c['beta_A'][phase], beta_A[phase])} A"
         for phase in range(3)
     ]
     lines.append(f"delta eps    {c['delta_epsilon']:.4f} ({c['delta_epsilon_source']})")
     lines += [
-        f"order {h['order']:4d}   {1e3 * h['amplitude_Nm']:.2f} +- {_half_mNm(h)} "
-        f"mNm, phase {h['phase_rad']:+.3f} rad"
-        for h in c["tau_cog_harmonics"]
+        f"order {h.order:4d}   {h.in_mNm()} mNm"
+        + (f", phase {h.phase_in_words} rad" if h.phase_in_words else "")
+        for h in (Harmonic.model_validate(one) for one in c["tau_cog_harmonics"])
     ]
     for name in ("before", "after"):
         if summary := c["rms_error_percent"][name]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from motord.identification import IdentifyError
-from motord.identification.harmonics import lines_at, over_one_turn
+from motord.identification.harmonics import lines_at
 from motord.identification.orders import resolved_order
 from motord.identification.resample import interpolate, rising, uncrowded
 from motord.identification.turning import continuous_turns
@@ -46,8 +46,8 @@ class Samples:
     """An operating point ready to be identified from; n samples, time rising strictly.
 
     t_s (n,) from the first sample; count (n,); torque_Nm (n,); i_A (n, 3) sensed currents at t_s;
-    command_A (n, 3): commands where they were recorded, else the sensed currents averaged over
-    angle; turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
+    command_A (n, 3): commands where they were recorded (commanded), else the sensed currents;
+    turns: (first, end) of each whole turn. Where the currents of a phase were not recorded
     all currents are nan.
     """
 
@@ -60,6 +60,7 @@ class Samples:
     i_A: np.ndarray
     command_A: np.ndarray
     turns: tuple[tuple[int, int], ...]
+    commanded: bool = True
 
     @property
     def label(self) -> str:
@@ -135,6 +136,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     count = ticks["encoder_count"][good].astype(np.int64)
     turns = continuous_turns(count, counts, label)
     i_A = np.ascontiguousarray(i_A[good])
+    command_A = _commands(ticks, good) if sensed.any() else None
     return Samples(
         torque_set_Nm=point.torque_Nm,
         speed_set_Hz=point.speed_Hz,
@@ -143,8 +145,9 @@ def prepare(point: PointData, counts: int) -> Samples:
         count=count,
         torque_Nm=torque_Nm[good],
         i_A=i_A,
-        command_A=_commands(ticks, good, count, i_A, turns, counts) if sensed.any() else i_A,
+        command_A=i_A if command_A is None else command_A,
         turns=turns,
+        commanded=command_A is not None,
     )
 
 
@@ -157,21 +160,12 @@ def require_currents(samples: Samples) -> None:
         )
 
 
-def _commands(
-    ticks: np.ndarray,
-    good: np.ndarray | slice,
-    count: np.ndarray,
-    i_A: np.ndarray,
-    turns: tuple[tuple[int, int], ...],
-    counts: int,
-) -> np.ndarray:
-    """Return the commanded currents of the samples `good`, or the sensed ones over angle (n, 3)."""
-    if set(COMMANDS) <= set(ticks.dtype.names or ()):
-        commands = _columns(ticks, COMMANDS)[good]
-        if np.isfinite(commands).all():
-            return commands
-    lines = current_lines(count, i_A, turns, counts)
-    return np.column_stack([over_one_turn(line, counts)[count] for line in lines.T])
+def _commands(ticks: np.ndarray, good: np.ndarray | slice) -> np.ndarray | None:
+    """Return the commanded currents of the samples `good` (n, 3), None where there are none."""
+    if not set(COMMANDS) <= set(ticks.dtype.names or ()):
+        return None
+    commands = _columns(ticks, COMMANDS)[good]
+    return commands if np.isfinite(commands).all() else None
 
 
 def current_lines(

@@ -85,6 +85,8 @@ class Bench:
     lag_s: float = 0.0004
     i_age_s: float = 0.0
     fine_Hz: int = 8_000
+    gain_scatter: float = 0.0
+    """Standard deviation of each phase's gain from point to point, in parts of it."""
 
     def point(
         self, torque_Nm: float, speed_Hz: float, turns: float, seed: int, calibration: object = None
@@ -97,7 +99,9 @@ class Bench:
         t_s = np.arange(n) / (self.rate_Hz * fine)
         angle_rad = self._angle(t_s, speed_Hz, rng)
         late_rad = self._angle_at(t_s, angle_rad, -self.lag_s)
-        sensed_A, flowing_A = self._currents(late_rad, torque_Nm, calibration)
+        own = np.random.default_rng([seed, 1]).standard_normal(3)
+        alpha = np.array(self.truth.alpha) * (1 + self.gain_scatter * own)
+        sensed_A, flowing_A = self._currents(late_rad, torque_Nm, calibration, alpha)
         k = self._back_emf(angle_rad)
         torque_true = (flowing_A * k).sum(axis=1) + self.truth.cogging_Nm(angle_rad)
         torque_seen = self.truth.delta * self._through_sensor(torque_true, t_s)
@@ -173,10 +177,10 @@ class Bench:
         return (i_A - beta) / (alpha * gain)
 
     def _currents(
-        self, angle_rad: np.ndarray, torque_Nm: float, calibration: object
+        self, angle_rad: np.ndarray, torque_Nm: float, calibration: object, alpha: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return (sensed, flowing) currents."""
-        alpha, beta = np.array(self.truth.alpha), np.array(self.truth.beta_A)
+        """Return (sensed, flowing) currents with gains `alpha` (3,)."""
+        beta = np.array(self.truth.beta_A)
         sensed = self._command(angle_rad, torque_Nm, calibration)
         if self.motor.connection == "star":
             surplus = (alpha * sensed + beta).sum(axis=1, keepdims=True)
@@ -208,7 +212,8 @@ class Bench:
     def true_rms_percent(self, torque_Nm: float, calibration: object) -> float:
         """RMS error (4.16) over one turn of what the motor makes, currents without lag."""
         angle_rad = np.linspace(0, 2 * np.pi, 20_000, endpoint=False)
-        _, flowing_A = self._currents(angle_rad, torque_Nm, calibration)
+        alpha = np.array(self.truth.alpha)
+        _, flowing_A = self._currents(angle_rad, torque_Nm, calibration, alpha)
         torque = (flowing_A * self._back_emf(angle_rad)).sum(axis=1)
         torque = torque + self.truth.cogging_Nm(angle_rad)
         return float(100 * torque.std() / self.motor.rated_torque_Nm)

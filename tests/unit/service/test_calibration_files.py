@@ -106,7 +106,9 @@ def test_what_is_in_one_comes_with_intervals_and_the_cogging_torque_in_short(kep
     assert shown["alpha"] == list(kept.first.alpha)
     assert shown["alpha_95"][0] == pytest.approx([0.8 - 1.96e-3, 0.8 + 1.96e-3])
     assert shown["beta_95_A"][1] == pytest.approx([-0.5 - 1.96e-2, -0.5 + 1.96e-2])
+    assert shown["degrees_of_freedom"] is None
     assert shown["tau_cog_harmonics"][0]["order"] == 48
+    assert shown["tau_cog_half_widths_Nm"] == pytest.approx([1.96e-3], rel=1e-3)
     assert len(shown["angle_rad"]) == len(shown["tau_cog_Nm"]) <= CURVE_MAX
     assert kept.show()["id"] == kept.second.id
     with pytest.raises(RpcError, match="no calibration 0123 is kept"):

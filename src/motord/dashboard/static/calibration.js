@@ -82,7 +82,7 @@ function content(found) {
     element("h4", {}, "\u03b1, gain by phase, 95 %"), intervalPlot(estimates(found.alpha, found.alpha_95), 1, 4, ""),
     element("h4", {}, "\u03b2, offset by phase, 95 %"), intervalPlot(estimates(found.beta_A, found.beta_95_A), 0, 3, "A"),
     element("h4", {}, "\u03c4 cog over a turn, Nm"), turnCurve(found.tau_cog_Nm ?? [], "Nm"),
-    orders(found.tau_cog_harmonics ?? []),
+    orders(found.tau_cog_harmonics ?? [], found.tau_cog_half_widths_Nm ?? []),
     gained ? element("p", { class: "about" }, `RMS error: ${gained}`) : null,
     found.observable?.length ? element("ul", { class: "hint" }, ...found.observable.map((/** @type {string} */ text) => element("li", {}, text))) : null,
   ].filter((one) => one !== null);
@@ -104,11 +104,11 @@ function findings(found) {
     element("span", {}, `${sentence(one.meaning)} ${sentence(one.action)}`))));
 }
 
-/** @param {{order: number, amplitude_Nm: number, stderr_Nm: number | null}[]} harmonics */
-function orders(harmonics) {
-  const largest = [...harmonics].sort((a, b) => Math.abs(b.amplitude_Nm) - Math.abs(a.amplitude_Nm)).slice(0, ORDERS_SHOWN);
+/** @param {{order: number, amplitude_Nm: number}[]} harmonics @param {(number | null)[]} halfWidths_Nm */
+function orders(harmonics, halfWidths_Nm) {
+  const largest = harmonics.map((one, i) => ({ ...one, half_Nm: halfWidths_Nm[i] })).sort((a, b) => Math.abs(b.amplitude_Nm) - Math.abs(a.amplitude_Nm)).slice(0, ORDERS_SHOWN);
   const head = element("tr", {}, ...["order", "amplitude, mNm", "\u00b1 95 %"].map((text) => element("th", { scope: "col" }, text)));
   const rows = largest.map((one) => element("tr", {}, element("td", {}, String(one.order)),
-    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), 1)), element("td", {}, one.stderr_Nm === null ? "?" : number(1960 * one.stderr_Nm, 1))));
+    element("td", {}, number(1000 * Math.abs(one.amplitude_Nm), 1)), element("td", {}, one.half_Nm === null ? "?" : number(1000 * one.half_Nm, 1))));
   return element("table", { class: "figures" }, element("thead", {}, head), element("tbody", {}, ...rows));
 }

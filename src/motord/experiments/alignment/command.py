@@ -59,8 +59,8 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
     yield f"encoder_direction = {result.direction}"
     yield (
         f"encoder_offset_rad = {result.fields['encoder_offset_rad']}  "
-        f"# +- {1.96 * result.offset_stderr_rad:.2g} (95 %), "
-        f"{1.96 * result.offset_stderr_points:.2f} encoder points"
+        f"# +- {result.offset_half_width_rad:.2g} (95 %), "
+        f"{result.offset_half_width_points:.2g} encoder points"
     )
     yield f"- the rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn"
     yield (

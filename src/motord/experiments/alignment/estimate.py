@@ -89,6 +89,7 @@ def align(sweeps: Sequence[np.ndarray], motor: MotorConfig) -> Alignment:
         angle_rad=(fit.angle_rad + fit.offset_rad) % TURN,
         apart_rad=fit.apart_rad(),
         left_rad=fit.left_Nm / fit.stiffness,
+        degrees_of_freedom=fit.freedom,
     )
 
 
@@ -111,9 +112,9 @@ def _fundamental(harmonics: Sequence[BackEmfHarmonic]) -> complex:
 class _Fit:
     """The weighted least squares, iterated over the offset and the weights.
 
-    angle_rad (n,): of the encoder, forwards positive. After `run`: offset_rad, stderr_rad;
-    unknowns: gains of b and c against a, offsets (A), cogging (Nm), friction (Nm); left_Nm (n,);
-    stiffness (n,): how the torque of the currents changes with the angle (Nm/rad).
+    angle_rad (n,): of the encoder, forwards positive. After `run`: offset_rad, stderr_rad,
+    freedom; unknowns: gains of b and c against a, offsets (A), cogging (Nm), friction (Nm);
+    left_Nm (n,); stiffness (n,): how the torque of the currents changes with the angle (Nm/rad).
     """
 
     def __init__(
@@ -208,11 +209,14 @@ class _Fit:
         columns = np.concatenate([self.stiffness[:, np.newaxis], gains, k, self._fixed], axis=1)
         made_Nm = torque.sum(axis=1)
         scaled = columns * (weight / noise_Nm**2)[:, np.newaxis]
-        normal = scaled.T @ columns
+        information = scaled.T @ columns
+        normal = information.copy()
         normal[np.arange(1, columns.shape[1]), np.arange(1, columns.shape[1])] += self._prior**-2
         solution = np.linalg.solve(normal, -scaled.T @ made_Nm)
         self.left_Nm = made_Nm + columns @ solution
-        self.stderr_rad = float(np.sqrt(np.linalg.inv(normal)[0, 0]))
+        inverse = np.linalg.inv(normal)
+        self.stderr_rad = float(np.sqrt(inverse[0, 0]))
+        self.freedom = max(int(weight.size - np.trace(inverse @ information)), 1)
         self.unknowns = solution[1:]
         self.offset_rad += float(solution[0])
         return float(solution[0])

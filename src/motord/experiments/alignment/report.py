@@ -24,7 +24,7 @@ def fill(page: Page, result: Alignment) -> None:
     )
     page.points(
         [
-            f"Zero known to \u00b1{1.96 * result.offset_stderr_points:.2f} encoder points (95 %), "
+            f"Zero known to \u00b1{result.offset_half_width_points:.2g} encoder points (95 %), "
             "and to a whole electrical turn.",
             f"The rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn.",
             f"Friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest, RMS, which takes a "

@@ -11,6 +11,7 @@ from motord.config import MotorConfig, PhaseOrder
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.rests_checks import TorqueAnswer
 from motord.findings import Finding
+from motord.intervals import coverage_factor
 
 POORLY_POINTS = 2.0
 """95 % limit of the zero, in encoder points, beyond which it is worth more stops."""
@@ -28,7 +29,7 @@ class Alignment:
     of the torque that is left where the rotor rests; friction_rad: how far that takes a single rest
     off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;
     apart_rad (n,): how far each is from where the vector would take it without cogging and errors;
-    left_rad (n,): what of that the fit does not explain.
+    left_rad (n,): what of that the fit does not explain. degrees_of_freedom: of its standard error.
     """
 
     JSON: ClassVar[dict[str, str]] = {
@@ -36,6 +37,7 @@ class Alignment:
         "told": "configured",
         "encoder_offset_stderr_rad": "offset_stderr_rad",
         "encoder_offset_stderr_points": "offset_stderr_points",
+        "degrees_of_freedom": "degrees_of_freedom",
         "pole_pairs": "pole_pairs",
         "friction_Nm": "friction_Nm",
         "friction_rad": "friction_rad",
@@ -62,6 +64,7 @@ class Alignment:
     angle_rad: np.ndarray
     apart_rad: np.ndarray
     left_rad: np.ndarray
+    degrees_of_freedom: int
     bench_file: Path | None = None
 
     @property
@@ -99,6 +102,16 @@ class Alignment:
         return self.points(self.offset_stderr_rad)
 
     @property
+    def offset_half_width_rad(self) -> float:
+        """Half of the zero's 95 % interval."""
+        return coverage_factor(self.degrees_of_freedom) * self.offset_stderr_rad
+
+    @property
+    def offset_half_width_points(self) -> float:
+        """The same in encoder points."""
+        return self.points(self.offset_half_width_rad)
+
+    @property
     def friction_points(self) -> float:
         """How far friction takes a single stop off, in encoder points."""
         return self.points(self.friction_rad)
@@ -130,7 +143,7 @@ class Alignment:
     @property
     def off_limit_points(self) -> float:
         """How far the configured zero may be off without a finding, in encoder points."""
-        return 0.5 + 1.96 * self.offset_stderr_points
+        return 0.5 + self.offset_half_width_points
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -164,7 +177,7 @@ class Alignment:
                     f"phase {phase}: sensed current is {gain:.2f} times the commanded one",
                     "are its scales right?",
                 )  # fmt: skip
-        doubt = 1.96 * self.offset_stderr_points
+        doubt = self.offset_half_width_points
         if doubt > POORLY_POINTS:
             yield Finding(
                 "zero-not-known-well", doubt, POORLY_POINTS, "encoder points", "warning",

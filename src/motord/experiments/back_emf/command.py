@@ -11,6 +11,7 @@ from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.text import TextTable
 
 
@@ -21,25 +22,24 @@ def estimate(recordings: Recordings) -> MeasuredBackEmf:
 
 
 def _text(found: MeasuredBackEmf, _: Recordings) -> Iterator[str | TextTable]:
+    t = found.coverage_factor
     yield TextTable(
         f"back-EMF, {found.motor.name}, mean of the phases",
         ("order", "amplitude (mV s/rad)", "% of fundamental", "phase (rad)"),
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_V_s_per_rad:.3f} +- {1.96e3 * h.stderr_V_s_per_rad:.3f}",
+                plus_minus(1e3 * h.amplitude_V_s_per_rad, 1e3 * t * h.stderr_V_s_per_rad),
                 f"{100 * h.amplitude_V_s_per_rad / found.fundamental:.3f}",
-                f"{h.phase_rad:.4f} +- {1.96 * h.phase_stderr_rad:.4f}",
+                plus_minus(h.phase_rad, t * h.phase_stderr_rad),
             )
             for h in found.harmonics
             if h.in_table
         ],
     )
     if found.delay_s is not None:
-        yield (
-            f"- voltages: {1e6 * found.delay_s[0]:.0f} +- {1.96e6 * found.delay_s[1]:.0f} us older "
-            "than the recording says (accounted for)"
-        )
+        age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * t * found.delay_s[1])
+        yield f"- voltages: {age_us} us older than the recording says (accounted for)"
     for line in left_out_lines(found.left_out):
         yield f"- {line}"
 

@@ -33,7 +33,8 @@ def waves(measured: np.ndarray, found: MeasuredBackEmf) -> Figure:
         fundamental = harmonics[0].amplitude_V_s_per_rad
         order = [h.order for h in harmonics]
         percent = 100 * np.array([h.amplitude_V_s_per_rad for h in harmonics]) / fundamental
-        noise = 100 * 1.96 * np.array([h.stderr_V_s_per_rad for h in harmonics]) / fundamental
+        noise = np.array([h.stderr_V_s_per_rad for h in harmonics])
+        noise *= 100 * found.coverage_factor / fundamental
         right.bar(order, percent, 0.7, color=AFTER)
         right.plot(order, noise, color=SOFT, linewidth=1.2, label="noise, 95 %")
         right.set(yscale="log", xlabel="electrical order", ylabel="amplitude (% of fundamental)")

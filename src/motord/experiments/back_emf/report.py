@@ -6,6 +6,7 @@ from motord.experiments.back_emf.plots import waves
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.subject import Recordings, facts
+from motord.intervals import plus_minus
 from motord.report.html import Page
 
 
@@ -23,7 +24,7 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
     page.heading("Back-EMF, measured by driving the rotor")
     harmonics, measured = found.harmonics, found.table()
     configured = found.motor.back_emf_table()
-    fundamental = harmonics[0].amplitude_V_s_per_rad
+    fundamental, t = harmonics[0].amplitude_V_s_per_rad, found.coverage_factor
     page.picture(
         waves(measured, found),
         "Back-EMF over speed (V s/rad) of the three phases over the first electrical period, and "
@@ -35,9 +36,9 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
         [
             [
                 str(h.order),
-                f"{1e3 * h.amplitude_V_s_per_rad:.3f} \u00b1 {1.96e3 * h.stderr_V_s_per_rad:.3f}",
+                plus_minus(1e3 * h.amplitude_V_s_per_rad, 1e3 * t * h.stderr_V_s_per_rad, "\u00b1"),
                 f"{100 * h.amplitude_V_s_per_rad / fundamental:.3f}",
-                f"{h.phase_rad:.4f}",
+                plus_minus(h.phase_rad, t * h.phase_stderr_rad, "\u00b1"),
             ]
             for h in harmonics
             if h.in_table
@@ -47,9 +48,9 @@ def fill(page: Page, found: MeasuredBackEmf) -> None:
     apart = np.abs(measured - configured).max() / fundamental
     items = [f"Largest difference from the bench file: {100 * apart:.2f} % of the fundamental."]
     if found.delay_s is not None:
+        age_us = plus_minus(1e6 * found.delay_s[0], 1e6 * t * found.delay_s[1], "\u00b1")
         items.append(
-            f"The voltages are {1e6 * found.delay_s[0]:.0f} \u00b1 {1.96e6 * found.delay_s[1]:.0f} "
-            "\u00b5s older than the recording says (accounted for)."
+            f"The voltages are {age_us} \u00b5s older than the recording says (accounted for)."
         )
     items += [f"{line[0].upper()}{line[1:]}." for line in left_out_lines(found.left_out)]
     page.points(items)

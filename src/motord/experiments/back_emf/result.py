@@ -9,6 +9,7 @@ from motord.config import SEQUENCE, MotorConfig
 from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.left_out import LeftOut
+from motord.intervals import coverage_factor
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class MeasuredBackEmf:
         "delay_s": "fitted_delay_s",
         "delay_stderr_s": "delay_stderr_s",
         "left_out": "left_out",
+        "degrees_of_freedom": "degrees_of_freedom",
         "k_V_s_per_rad": "rounded_table",
     }
 
@@ -78,6 +80,16 @@ class MeasuredBackEmf:
     def delay_stderr_s(self) -> float | None:
         """Standard error of that age."""
         return self.delay_s[1] if self.delay_s else None
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Of the standard errors: turns of each point but one."""
+        return max(sum(self.turns) - len(self.turns), 1)
+
+    @property
+    def coverage_factor(self) -> float:
+        """Half of a 95 % interval in standard errors."""
+        return coverage_factor(self.degrees_of_freedom)
 
     @property
     def rounded_table(self) -> np.ndarray:

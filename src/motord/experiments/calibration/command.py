@@ -13,6 +13,7 @@ from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, C
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
 from motord.findings import accept_options
+from motord.intervals import coverage_factor, plus_minus
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:
@@ -46,14 +47,15 @@ def _report(found: CalibratedRuns, recordings: Recordings) -> "Page":
 
 def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     c = found.calibration
+    alpha, beta_A = c.alpha_half_width, c.beta_half_width_A
     yield TextTable(
         f"{c.motor.name}, {c.method} estimator",
         ("phase", "alpha", "beta (A)"),
         [
             (
                 "abc"[phase],
-                f"{c.alpha[phase]:.4f} +- {1.96 * c.alpha_stderr[phase]:.4f}",
-                f"{c.beta_A[phase]:.4f} +- {1.96 * c.beta_stderr_A[phase]:.4f}",
+                plus_minus(c.alpha[phase], alpha[phase]),
+                plus_minus(c.beta_A[phase], beta_A[phase]),
             )
             for phase in range(3)
         ],
@@ -64,20 +66,17 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.2f} +- "
-                + ("?" if h.stderr_Nm is None else f"{1.96e3 * h.stderr_Nm:.2f}"),
-                f"{h.phase_rad:.3f}",
+                h.in_mNm(),
+                h.phase_in_words,
             )
             for h in c.tau_cog_harmonics
         ],
     )
     for note in c.observable:
         yield f"- {note}"
-    if (delay_s := found.result.current_delay_s) is not None:
-        yield (
-            f"- currents: {1e6 * delay_s[0]:.0f} +- {1.96e6 * delay_s[1]:.0f} us older than "
-            "the recording says (accounted for)"
-        )
+    if (age := found.result.current_delay_s) is not None:
+        age_us = plus_minus(1e6 * age[0], 1e6 * coverage_factor(age[2]) * age[1])
+        yield f"- currents: {age_us} us older than the recording says (accounted for)"
     if c.serious_findings:
         yield (
             "to apply it in spite of it: motord calibration install FILE "

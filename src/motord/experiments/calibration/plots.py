@@ -60,7 +60,7 @@ def _harmonics(axes: Axes, estimates: Sequence[Estimate], reference: Estimate | 
         x = np.array([place[h.order] for h in item.harmonics])
         x = x + width * (row - (len(items) - 1) / 2)
         amplitude_Nm = np.array([abs(h.amplitude_Nm) for h in item.harmonics])
-        error = 1.96 * np.array([h.stderr_Nm or 0.0 for h in item.harmonics])
+        error = np.array([h.half_width_Nm or 0.0 for h in item.harmonics])
         axes.bar(
             x, amplitude_Nm, width, yerr=None if item.alpha_stderr is None else error,
             color=colours[row], ecolor=INK, error_kw={"elinewidth": 1.2, "capsize": 2.0},

@@ -11,6 +11,7 @@ from motord.experiments.calibration.estimate.truth import recorded_truth
 from motord.experiments.calibration.plots import Labelled, cogging
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings, facts
+from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 
@@ -62,11 +63,11 @@ def _gains(page: Page, estimates: Sequence[Labelled], reference: Labelled | None
     )
     items = [*([reference] if reference else []), *estimates]
     rows = [
-        [f"\u03b1 {phase}", *(_number(e.alpha, e.alpha_stderr, p) for _, e in items)]
+        [f"\u03b1 {phase}", *(_number(e.alpha, e.alpha_half_width, p) for _, e in items)]
         for p, phase in enumerate("abc")
     ]
     rows += [
-        [f"\u03b2 {phase} (A)", *(_number(e.beta_A, e.beta_stderr_A, p) for _, e in items)]
+        [f"\u03b2 {phase} (A)", *(_number(e.beta_A, e.beta_half_width_A, p) for _, e in items)]
         for p, phase in enumerate("abc")
     ]
     page.table(["", *(label for label, _ in items)], rows, numbers=True)
@@ -74,12 +75,13 @@ def _gains(page: Page, estimates: Sequence[Labelled], reference: Labelled | None
 
 def _drawn(item: Labelled) -> Gains:
     label, e = item
-    return Gains(label, e.alpha, e.beta_A, e.alpha_stderr, e.beta_stderr_A)
+    return Gains(label, e.alpha, e.beta_A, e.alpha_half_width, e.beta_half_width_A)
 
 
-def _number(values: np.ndarray, stderr: np.ndarray | None, phase: int) -> str:
-    text = f"{values[phase]:.4f}"
-    return text if stderr is None else f"{text} \u00b1 {1.96 * stderr[phase]:.4f}"
+def _number(values: np.ndarray, half_width: np.ndarray | None, phase: int) -> str:
+    if half_width is None:
+        return f"{values[phase]:.4f}"
+    return plus_minus(values[phase], half_width[phase], "\u00b1")
 
 
 def _cogging(page: Page, estimates: Sequence[Labelled], reference: Labelled | None) -> None:
@@ -99,7 +101,6 @@ def _amplitude(item: Estimate, order: int) -> str:
     harmonic = next((h for h in item.harmonics if h.order == order), None)
     if harmonic is None:
         return ""
-    text = f"{1e3 * abs(harmonic.amplitude_Nm):.2f}"
-    if item.alpha_stderr is None or harmonic.stderr_Nm is None:
-        return text
-    return f"{text} \u00b1 {1.96e3 * harmonic.stderr_Nm:.2f}"
+    if item.alpha_stderr is None:
+        return f"{1e3 * abs(harmonic.amplitude_Nm):.2f}"
+    return harmonic.in_mNm("\u00b1")

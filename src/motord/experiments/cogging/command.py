@@ -17,6 +17,7 @@ from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.driven_recordings import driven_points
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.text import TextTable
 
 
@@ -45,8 +46,8 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
         [
             (
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.2f} +- {1e3 * h.half_width_Nm:.2f}",
-                f"{h.phase_rad:.3f} +- {h.phase_half_width_rad:.3f}" if h.significant else "",
+                plus_minus(1e3 * h.amplitude_Nm, 1e3 * h.half_width_Nm),
+                plus_minus(h.phase_rad, h.phase_half_width_rad) if h.significant else "",
                 "yes" if h.allowed else "no",
             )
             for h in measured.harmonics

@@ -13,6 +13,7 @@ from motord.experiments.cogging.result import (
 )
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.subject import Recordings, facts
+from motord.intervals import plus_minus
 from motord.report.html import Page
 
 
@@ -95,8 +96,8 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
         [
             [
                 str(h.order),
-                f"{1e3 * h.amplitude_Nm:.3f} \u00b1 {1e3 * h.half_width_Nm:.3f}",
-                f"{h.phase_rad:.4f} \u00b1 {h.phase_half_width_rad:.4f}" if h.significant else "",
+                plus_minus(1e3 * h.amplitude_Nm, 1e3 * h.half_width_Nm, "\u00b1"),
+                plus_minus(h.phase_rad, h.phase_half_width_rad, "\u00b1") if h.significant else "",
                 _origin(h, measured),
             ]
             for h in measured.harmonics

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.special import stdtrit
 
 from motord.config import MotorConfig
 from motord.experiments.cogging.at_speed import SpeedCogging
@@ -13,6 +12,7 @@ from motord.findings import Finding
 from motord.identification.harmonics import synthesis
 from motord.identification.left_out import LeftOut
 from motord.identification.orders import periods_per_slot_pitch
+from motord.intervals import coverage_factor
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class MeasuredCogging:
     @property
     def harmonics(self) -> tuple[MeanHarmonic, ...]:
         """The orders as harmonics."""
-        factor = float(stdtrit(self.degrees_of_freedom, 0.975))
+        factor = coverage_factor(self.degrees_of_freedom)
         return tuple(
             MeanHarmonic(
                 int(order), float(amplitude), float(phase), float(stderr),

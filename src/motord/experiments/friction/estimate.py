@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from math import hypot
 
 import numpy as np
-from scipy.stats import t as student
 
 from motord.config import MotorConfig
 from motord.experiments.friction.coast_down import CoastDown
@@ -25,6 +24,7 @@ from motord.experiments.friction.result import (
 )
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit
+from motord.intervals import coverage_factor, t_quantile
 
 LEAST_COAST_DOWNS = 3
 """Coast-downs of a direction below which their scatter says nothing."""
@@ -72,7 +72,7 @@ def _direction(
     quantile = _quantile(group, 0.975)
     value = fit.solution * inertia.kg_m2
     half = quantile * np.sqrt(np.diag(fit.covariance)) * inertia.kg_m2
-    whole = np.hypot(half, 1.96 * inertia.relative_uncertainty * value)
+    whole = np.hypot(half, coverage_factor() * inertia.relative_uncertainty * value)
     if at_rad_s:
         stribeck = Stribeck(
             *_interval(float(value[-2]), float(whole[-2])),
@@ -121,7 +121,7 @@ def _search_stribeck(
 
 
 def _quantile(group: CoastDownFit, probability: float) -> float:
-    return float(student.ppf(probability, len(group.coasts) - 1))
+    return t_quantile(probability, len(group.coasts) - 1)
 
 
 def _interval(value: float, half: float) -> tuple[float, float, float]:
@@ -149,7 +149,7 @@ def _curve(
             seen[-1] = 0.0  # a change of w_s, of which there is none at the best
         value = float(weights @ seen)
         half = quantile * float(np.sqrt(weights @ fit.covariance @ weights))
-        half = hypot(half, 1.96 * inertia.relative_uncertainty * value)
+        half = hypot(half, coverage_factor() * inertia.relative_uncertainty * value)
         low, high = sorted((sign * (value - half), sign * (value + half)))
         points.append(CurvePoint(sign * float(speed_rad_s), sign * value * j, low * j, high * j))
     return tuple(points)

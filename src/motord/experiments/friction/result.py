@@ -6,6 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from motord.findings import Finding
+from motord.intervals import coverage_factor
 
 Direction = Literal["forwards", "backwards"]
 
@@ -140,7 +141,7 @@ class Friction:
             for one in self.directions
             if one.stribeck is None
         ]
-        share = 1.96 * self.inertia.relative_uncertainty
+        share = coverage_factor() * self.inertia.relative_uncertainty
         said.append(
             f"all torques are in proportion to the inertia, {self.inertia.kg_m2:.5g} kg m2 "
             f"({self.inertia.source}, +-{100 * share:.2g} %)"

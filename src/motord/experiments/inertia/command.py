@@ -33,6 +33,7 @@ from motord.experiments.subject import (
     recorded_settings,
 )
 from motord.identification import IdentifyError
+from motord.intervals import plus_minus
 from motord.recording.reader import Run
 from motord.report.text import TextTable
 
@@ -147,10 +148,11 @@ def _json(found: Oscillation | Acceleration, recordings: Recordings) -> dict[str
 
 
 def _text(found: Oscillation | Acceleration, _: Recordings) -> Iterator[str | TextTable]:
-    value, u = found.inertia_kg_m2, found.uncertainty_kg_m2
+    value = found.inertia_kg_m2
+    half = found.half_width_kg_m2
     oscillated = isinstance(found, Oscillation)
     yield (
-        f"J = {1e3 * value:.4f} +- {1e3 * 1.96 * u:.4f} e-3 kg m2 (95 %; {196 * u / value:.2f} %), "
+        f"J = {plus_minus(1e3 * value, 1e3 * half)} e-3 kg m2 (95 %; {100 * half / value:.2g} %), "
         f"{OSCILLATION if oscillated else ACCELERATION}"
     )
     if isinstance(found, Oscillation):

@@ -23,6 +23,7 @@ from motord.identification import IdentifyError
 from motord.identification.free_decay import Decay, fit_decay, mean_frequency
 from motord.identification.log_decrement import FivePeriods, Swing, find_swing, five_periods
 from motord.identification.turning import unwrap_counts
+from motord.intervals import coverage_factor
 
 FEW_RELEASES = 4
 """Releases below which their scatter says little."""
@@ -131,6 +132,11 @@ class Oscillation:
     def uncertainty_kg_m2(self) -> float:
         """Its standard uncertainty (GUM)."""
         return self.budget.uncertainty_kg_m2
+
+    @property
+    def half_width_kg_m2(self) -> float:
+        """Half of the 95 % interval."""
+        return coverage_factor() * self.uncertainty_kg_m2
 
     @property
     def effective_mass_factor(self) -> np.ndarray:

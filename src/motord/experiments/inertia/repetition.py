@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.special import stdtrit
 from scipy.stats import chi2
 
 from motord.findings import Finding
+from motord.intervals import t_quantile
 
 RARE = 0.001
 """Probability at which chance alone makes a finding."""
@@ -44,7 +44,7 @@ def both_ways(values: np.ndarray, stderr: np.ndarray, forwards: np.ndarray) -> B
     findings = [*_few(values.size), *_scatter(scatter, noise, freedom)]
     if len(groups) == 2:
         apart = sqrt(sum(1 / group.size for group in groups)) * scatter
-        limit = float(stdtrit(freedom, 1 - RARE / 2)) * apart
+        limit = t_quantile(1 - RARE / 2, freedom) * apart
         findings += _directions(means[0] - means[1], limit)
     return BothWays(mean, scatter * reduced, float(freedom), tuple(findings))
 

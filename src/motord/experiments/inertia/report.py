@@ -24,7 +24,7 @@ def report(found: Oscillation | Acceleration, recordings: Recordings) -> Page:
     subject = recordings.subject
     page = Page("Moment of inertia", f"{subject.motor.name} on bench {subject.bench}")
     name = "oscillation" if isinstance(found, Oscillation) else "acceleration"
-    percent = 196 * found.uncertainty_kg_m2 / found.inertia_kg_m2
+    percent = 100 * found.half_width_kg_m2 / found.inertia_kg_m2
     page.cards(
         [
             (f"{grams(found.inertia_kg_m2)} {UNIT}", f"by {name}"),

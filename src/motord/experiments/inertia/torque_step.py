@@ -22,12 +22,12 @@ from math import pi, sqrt
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.special import stdtrit
 
 from motord.config import AccelerationConfig, TorqueSensorConfig
 from motord.experiments.inertia.repetition import BothWays, both_ways
 from motord.findings import Finding
 from motord.identification import IdentifyError
+from motord.intervals import coverage_factor
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
 """Columns of the ticks of a step."""
@@ -107,10 +107,14 @@ class Acceleration:
     findings: tuple[Finding, ...] = ()
 
     @property
+    def half_width_kg_m2(self) -> float:
+        """Half of the 95 % interval, by Student's t."""
+        return coverage_factor(self.freedom) * self.uncertainty_kg_m2
+
+    @property
     def interval_95_kg_m2(self) -> tuple[float, float]:
         """95 % interval, by Student's t."""
-        factor = float(stdtrit(self.freedom, 0.975)) if self.freedom else 1.96
-        half = factor * self.uncertainty_kg_m2
+        half = self.half_width_kg_m2
         return self.inertia_kg_m2 - half, self.inertia_kg_m2 + half
 
 

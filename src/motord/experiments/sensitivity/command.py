@@ -13,6 +13,7 @@ from motord.experiments.sensitivity.estimate import DEFAULT_TORQUE_Nm, sensitivi
 from motord.experiments.sensitivity.report import report, slope_rows
 from motord.experiments.sensitivity.result import Again, Sensitivity
 from motord.experiments.subject import AnalysisError, Recordings
+from motord.intervals import plus_minus
 from motord.report.text import TextTable
 
 
@@ -76,6 +77,9 @@ def _practice(result: Sensitivity) -> Iterator[str | TextTable]:
 
 def _again(again: Again) -> TextTable:
     found = again.found
+    alpha, beta_A = found.alpha_half_width, found.beta_half_width_A
+    assert alpha is not None
+    assert beta_A is not None
     return TextTable(
         "errors that were induced, and calibrated again",
         ("phase", "alpha", "found", "beta (A)", "found (A)"),
@@ -83,9 +87,9 @@ def _again(again: Again) -> TextTable:
             (
                 "abc"[p],
                 f"{again.alpha[p]:.4f}",
-                f"{found.alpha[p]:.4f} +- {1.96 * found.alpha_stderr[p]:.4f}",
+                plus_minus(found.alpha[p], alpha[p]),
                 f"{again.beta_A[p]:.4f}",
-                f"{found.beta_A[p]:.4f} +- {1.96 * found.beta_stderr_A[p]:.4f}",
+                plus_minus(found.beta_A[p], beta_A[p]),
             )
             for p in range(3)
         ],

@@ -8,6 +8,7 @@ from motord.experiments.sensitivity.plots import SYMBOL, traces
 from motord.experiments.sensitivity.plots_volume import limit, slices
 from motord.experiments.sensitivity.result import Again, Sensitivity, Theory
 from motord.experiments.subject import Recordings
+from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 
@@ -114,7 +115,7 @@ def slope_rows(
         [
             f"{names[one.what]}{after} {side}",
             str(branch.points),
-            f"{branch.slope:.2f} {pm} {1.96 * branch.slope_stderr:.2f}",
+            plus_minus(branch.slope, branch.slope_half_width, pm),
             f"{branch.theory_slope:.2f}",
         ]
         for one in result.series
@@ -126,7 +127,9 @@ def slope_rows(
 def _again(page: Page, again: Again) -> None:
     found = again.found
     induced = Gains("induced", again.alpha, again.beta_A)
-    identified = Gains("found", found.alpha, found.beta_A, found.alpha_stderr, found.beta_stderr_A)
+    identified = Gains(
+        "found", found.alpha, found.beta_A, found.alpha_half_width, found.beta_half_width_A
+    )
     page.heading("A calibration from known errors")
     page.picture(
         gains([identified], induced),

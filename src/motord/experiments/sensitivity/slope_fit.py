@@ -9,6 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from motord.intervals import coverage_factor
+
 CLEAR_OF_FLOOR = 2.5
 """Theory of a point, in parts of the ripple without any error, from which on it is on a line."""
 
@@ -34,6 +36,11 @@ class Branch:
     at_ideal: float
     theory_slope: float
     used: np.ndarray
+
+    @property
+    def slope_half_width(self) -> float:
+        """Half of the slope's 95 % interval."""
+        return coverage_factor(max(self.points - 2, 1)) * self.slope_stderr
 
     @property
     def points(self) -> int:

@@ -15,19 +15,19 @@ STYLES = ((AFTER, "o"), (OTHER, "s"))
 
 @dataclass(frozen=True)
 class Gains:
-    """alpha and beta_A (3,) as one method found them, with standard errors if it has any."""
+    """alpha and beta_A (3,) as one method found them, and halves of 95 % intervals, if any."""
 
     label: str
     alpha: np.ndarray
     beta_A: np.ndarray
-    alpha_stderr: np.ndarray | None = None
-    beta_stderr_A: np.ndarray | None = None
+    alpha_half_width: np.ndarray | None = None
+    beta_half_width_A: np.ndarray | None = None
 
 
 def gains(estimates: Sequence[Gains], reference: Gains | None) -> Figure:
     """Return alpha and beta of each phase; with a reference, how far each is off it.
 
-    Bars are 95 % intervals (1.96 standard errors).
+    Bars are 95 % intervals.
     """
     with drawing():
         picture = figure(2.9)
@@ -35,13 +35,13 @@ def gains(estimates: Sequence[Gains], reference: Gains | None) -> Figure:
         for row, estimate in enumerate(estimates):
             base = reference.alpha if reference else np.zeros(3)
             scale = 100 / base if reference else np.ones(3)
-            errors = estimate.alpha_stderr
+            errors = estimate.alpha_half_width
             _dots(
                 left, estimate.label, row, len(estimates), (estimate.alpha - base) * scale,
                 None if errors is None else errors * np.abs(scale),
             )  # fmt: skip
             offset_A = estimate.beta_A - (reference.beta_A if reference else 0.0)
-            _dots(right, None, row, len(estimates), offset_A, estimate.beta_stderr_A)
+            _dots(right, None, row, len(estimates), offset_A, estimate.beta_half_width_A)
         _label(left, "Phase gains \u03b1", reference, "%", "\u03b1")
         _label(right, "Phase offsets \u03b2", reference, "A", "\u03b2 (A)")
         picture.legend(loc="outside upper right", ncols=3, borderaxespad=0.1)
@@ -54,12 +54,12 @@ def _dots(
     row: int,
     rows: int,
     values: np.ndarray,
-    stderr: np.ndarray | None,
+    half_width: np.ndarray | None,
 ) -> None:
     colour, marker = STYLES[row % len(STYLES)]
     y = np.arange(3) + 0.3 * (row - (rows - 1) / 2)
     axes.errorbar(
-        values, y, xerr=None if stderr is None else 1.96 * stderr, fmt=marker, color=colour,
+        values, y, xerr=half_width, fmt=marker, color=colour,
         markersize=6, capsize=3.5, elinewidth=1.4, label=label,
     )  # fmt: skip
 

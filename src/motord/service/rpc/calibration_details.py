@@ -9,8 +9,6 @@ from motord.calibration import Calibration, in_words
 
 CURVE_MAX = 2048
 """Values of the cogging torque over a turn; of more counts every so many-th one is given."""
-INTERVAL_STDERR = 1.96
-"""Half of a 95 % interval, in standard errors."""
 
 
 def details(calibration: Calibration, path: Path) -> CalibrationDetails:
@@ -30,10 +28,11 @@ def details(calibration: Calibration, path: Path) -> CalibrationDetails:
         runs=list(c.runs),
         alpha=list(c.alpha),
         alpha_stderr=list(c.alpha_stderr),
-        alpha_95=_intervals(c.alpha, c.alpha_stderr),
+        alpha_95=_intervals(c.alpha, c.alpha_half_width),
+        degrees_of_freedom=content.get("degrees_of_freedom"),
         beta_A=list(c.beta_A),
         beta_stderr_A=list(c.beta_stderr_A),
-        beta_95_A=_intervals(c.beta_A, c.beta_stderr_A),
+        beta_95_A=_intervals(c.beta_A, c.beta_half_width_A),
         delta_epsilon=c.delta_epsilon,
         delta_epsilon_source=c.delta_epsilon_source,
         condition_number=c.condition_number,
@@ -44,6 +43,7 @@ def details(calibration: Calibration, path: Path) -> CalibrationDetails:
             name: content["rms_error_percent"][name] for name in ("before", "after")
         },
         tau_cog_harmonics=content["tau_cog_harmonics"],
+        tau_cog_half_widths_Nm=[h.half_width_Nm for h in c.tau_cog_harmonics],
         angle_rad=[2 * math.pi * count / c.motor.counts for count in shown],
         tau_cog_Nm=[c.tau_cog_Nm[count] for count in shown],
     )
@@ -56,8 +56,5 @@ def aged(found: CalibrationDetails, in_force: str) -> CalibrationDetails:
     return found.model_copy(update=now)
 
 
-def _intervals(values: tuple[float, ...], stderr: tuple[float, ...]) -> list[Interval]:
-    return [
-        [value - INTERVAL_STDERR * error, value + INTERVAL_STDERR * error]
-        for value, error in zip(values, stderr, strict=True)
-    ]
+def _intervals(values: tuple[float, ...], half_widths: tuple[float, ...]) -> list[Interval]:
+    return [[value - half, value + half] for value, half in zip(values, half_widths, strict=True)]

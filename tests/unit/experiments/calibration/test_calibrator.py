@@ -83,7 +83,7 @@ def test_currents_of_unknown_age_are_aligned_by_the_torque() -> None:
         point.ticks["i_age_ns"] = 0  # the recording says nothing of their age
     result = calibrate(mesh, bench.motor, bench.sensor)
     assert result.current_delay_s is not None
-    delay_s, stderr_s = result.current_delay_s
+    delay_s, stderr_s, _ = result.current_delay_s
     assert abs(delay_s - 0.5e-3) < 4 * stderr_s + 0.05e-3
     assert np.abs(result.alpha / gauged(bench.truth.alpha) - 1).max() < 0.004
 

@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from motord.experiments.calibration.estimate.identifiability import (
     COMMON,
-    Identifiability,
     assess,
     unit_product,
 )
@@ -62,5 +61,19 @@ def test_what_the_data_show(
 def test_weak_numbers_do_not_count_as_seen() -> None:
     matrix = information(100.0, 25.0)  # standard errors 0.1, and 0.2 A of 20 A
     identifiable = assess(matrix, matrix, rated_A=20.0)
-    assert identifiable == Identifiability(identifiable.gain_direction, offset_seen=False)
     assert identifiable.gain_direction is not None
+    assert not identifiable.offset_seen
+    assert (identifiable.gain_nearly, identifiable.offset_nearly) == (False, True)
+    opened = identifiable.opened()
+    assert opened.offset_seen
+    assert opened.gain_direction is identifiable.gain_direction
+
+
+def test_an_offset_is_seen_where_only_the_size_of_all_gains_and_offsets_is_not() -> None:
+    """Kirchhoff's law shows it, given the common gain that is assumed."""
+    matrix = information(1e6, 1e6)
+    size = np.array([1.0, 1.1, 0.9, 0.8, 0.3, 0.4, 0, 0])
+    matrix -= np.outer(matrix @ size, size @ matrix) / (size @ matrix @ size)
+    identifiable = assess(matrix, information(1e6, 0.0), rated_A=20.0)
+    assert identifiable.gain_direction is not None
+    assert identifiable.offset_seen

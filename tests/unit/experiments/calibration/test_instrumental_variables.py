@@ -1,9 +1,14 @@
 """Commanded currents as functions of the encoder count."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.turn_products import instruments
+from motord.experiments.calibration.estimate.turn_products import (
+    instruments,
+    instruments_by_parity,
+)
 from motord.identification.basis import Basis
 from motord.identification.operating_points import Samples, current_lines
 from tests.unit.identification.synthetic_bench import motor
@@ -40,6 +45,19 @@ def test_lines_are_those_of_the_commands(noise_A: float) -> None:
     assert np.allclose(lines[ORDERS], LINES_A * cell, atol=0.01)
     others = np.delete(np.abs(lines), ORDERS, axis=0)
     assert others.max() < 0.03 + 0.1 * noise_A
+
+
+def test_noise_of_a_turn_is_not_in_its_own_instruments() -> None:
+    one = replace(samples(), commanded=False)
+    basis = Basis.of(motor(counts=COUNTS), (16,))
+    before_A, rates = instruments_by_parity(one, basis)
+    assert np.allclose(before_A[0], before_A[1], atol=0.05)
+    for first, end in one.turns[::2]:
+        one.command_A[first:end] += np.random.default_rng(2).normal(size=(end - first, 3))
+    after_A, rates_after = instruments_by_parity(one, basis)
+    assert np.array_equal(after_A[0], before_A[0])
+    assert np.array_equal(rates_after[0], rates[0])
+    assert np.abs(after_A[1] - before_A[1]).std() > 0.05
 
 
 def test_tables_are_the_derivatives_of_the_currents() -> None:

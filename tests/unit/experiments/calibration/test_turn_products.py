@@ -45,15 +45,18 @@ def test_each_turn_is_the_products_of_its_columns(tau_s: float) -> None:
     currents_A = np.concatenate([s.i_A, s.command_A], axis=1)
     torque, currents = np.zeros((2, 24, 24)), np.zeros((2, 8, 8))
     binned = np.zeros((2, 32, basis.command.start + 2))
-    tables = basis.back_emf, basis.cogging, np.random.default_rng(3).normal(size=(64, 4))
+    rates = np.random.default_rng(3).normal(size=(2, 64, 4))
+    tables = basis.back_emf, basis.cogging
     state = np.zeros((2, basis.width - 1))
     sum_up_turns(
-        s.count, s.t_s, currents_A, s.torque_Nm, np.array(s.turns), *tables, tau_s, state,
-        torque, currents, 2 * s.torque_Nm, binned,
+        s.count, s.t_s, currents_A, s.torque_Nm, np.array(s.turns), *tables, rates,
+        tau_s, state, torque, currents, 2 * s.torque_Nm, binned,
     )  # fmt: skip
     columns = np.zeros((s.count.size, basis.width))
     modelled = np.zeros((s.count.size, basis.width - 1))
-    fill_columns(s.count, s.t_s, currents_A, 0, *tables, modelled)
+    for odd, (first, end) in zip((1, 0, 1), ((0, s.turns[0][0]), *s.turns), strict=True):
+        part = modelled[first:end]
+        fill_columns(s.count, s.t_s, currents_A, first, *tables, rates[odd], part)
     if tau_s:
         dt_s = np.diff(s.t_s, prepend=s.t_s[0])
         highpass(modelled, dt_s, tau_s, np.zeros((2, basis.width - 1)))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.calibration import Calibration, Harmonic
+from motord.calibration import Calibration, DegreesOfFreedom, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.causes import findings
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
@@ -37,11 +37,14 @@ from motord.identification.orders import (
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.zero_sequence import is_missing, restored
+from motord.intervals import coverage_factor, plus_minus
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 
 ROUNDS = 4
 """Fits by which the zero sequence of the currents settles, where it was not recorded."""
+
+NEARLY_SEEN = "; it is nearly seen: intervals contain what it would be"
 
 
 class Calibrator:
@@ -108,15 +111,16 @@ class Calibrator:
         rated_A = self._motor.rated_current_A()
         regression = Regression(self._points, self._basis, len(orders), has_law)
         fitted = fit(regression, rated_A)
-        check_fit(fitted)
         if self._bare:
             fitted, regression = self._with_zero_sequence(fitted, len(orders), rated_A)
+        check_fit(fitted)
         notes = _observability(fitted)
         agreement = kirchhoff_agreement(regression, rated_A) if has_law else None
         if agreement is not None:
             notes.append(agreement.in_words())
         notes += self._left_out(orders)
         harmonics = _harmonics(fitted, orders)
+        seen = fitted.identifiable.gain_direction is None
         return CalibrationResult(
             method="joint",
             alpha=fitted.solution.alpha,
@@ -124,9 +128,8 @@ class Calibrator:
             beta_A=fitted.solution.theta[BETA],
             beta_stderr_A=fitted.stderr[BETA],
             delta_epsilon=fitted.solution.delta_epsilon,
-            delta_epsilon_stderr=(
-                float(fitted.stderr[-1]) if fitted.identifiable.gain_direction is None else None
-            ),
+            delta_epsilon_stderr=float(fitted.stderr[-1]) if seen else None,
+            degrees_of_freedom=DegreesOfFreedom.of(fitted.errors.freedom[[*range(6), -1]], seen),
             tau_cog_Nm=cogging_table(harmonics, self._motor.counts),
             harmonics=harmonics,
             observable=tuple(notes),
@@ -136,7 +139,7 @@ class Calibrator:
             findings=findings(
                 lack_of_fit(regression, fitted.solution.theta),
                 self._motor,
-                fitted.current_delay_s,
+                fitted.current_delay_s[:2],
                 max(point.period_s for point in self._points),
                 agreement,
             ),
@@ -217,20 +220,20 @@ def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...
         place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
         cosine, sine = fitted.solution.theta[place]
         amplitude = float(np.hypot(cosine, sine))
-        direction = np.array([cosine, sine]) / max(amplitude, 1e-300)
-        across = np.array([-direction[1], direction[0]])
-        variance, variance_across = (
-            d @ fitted.covariance[place, place] @ d for d in (direction, across)
+        along, across = np.zeros((2, fitted.solution.vector.size))
+        along[place] = np.array([cosine, sine]) / max(amplitude, 1e-300)
+        across[place] = -along[place][1], along[place][0]
+        (stderr, freedom), (stderr_across, freedom_across) = map(
+            fitted.errors.along, (along, across)
         )
         found.append(
             Harmonic(
                 order=order,
                 amplitude_Nm=amplitude,
                 phase_rad=float(np.arctan2(cosine, sine)),
-                stderr_Nm=float(np.sqrt(variance)),
-                phase_stderr_rad=min(
-                    float(np.sqrt(variance_across)) / max(amplitude, 1e-300), np.pi
-                ),
+                stderr_Nm=stderr,
+                phase_stderr_rad=min(stderr_across / max(amplitude, 1e-300), np.pi),
+                degrees_of_freedom=min(freedom, freedom_across),
             )
         )
     return tuple(found)
@@ -240,18 +243,19 @@ def _observability(fitted: JointFit) -> list[str]:
     """Return what was not identifiable, and how it was fixed, for the file."""
     notes = []
     if fitted.identifiable.gain_direction is None:
-        value, stderr = fitted.solution.delta_epsilon, fitted.stderr[-1]
-        notes.append(f"common gain delta epsilon: measured, {value:.4f} +- {stderr:.4f}")
+        half = coverage_factor(fitted.errors.freedom[-1]) * fitted.stderr[-1]
+        measured = plus_minus(fitted.solution.delta_epsilon, half)
+        notes.append(f"common gain delta epsilon: measured, {measured} (95 %)")
     else:
         notes.append(
             "common gain delta epsilon: not seen (it makes mean torque only); assumed to be 1, "
-            "product of alpha set to 1"
+            "product of alpha set to 1" + NEARLY_SEEN * fitted.identifiable.gain_nearly
         )
     if fitted.identifiable.offset_seen:
         notes.append("common offset of the currents: measured")
     else:
         notes.append(
             "common offset of the currents: not seen (the back-EMFs add up to nothing); "
-            "sum of beta set to 0"
+            "sum of beta set to 0" + NEARLY_SEEN * fitted.identifiable.offset_nearly
         )
     return notes

@@ -7,7 +7,7 @@ the phases makes nothing but mean torque; a common offset of the currents makes 
 the back-EMF has triplen harmonics. Poels 2008, eq. (4.17), (4.18).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,16 +28,32 @@ COMMON_OFFSET_SHARE = 0.02
 COMMON_OFFSET_STDERR = 0.005
 """As COMMON_GAIN_STDERR, for the common offset, in parts of the rated current."""
 
+NEARLY = 5.0
+"""By so much a common gain or offset may miss what counts as seen and still widen the errors."""
+
 
 @dataclass(frozen=True)
 class Identifiability:
     """gain_direction (3,): the change of alpha that no data show, None if all is seen.
 
-    offset_seen: whether the common offset of the currents is seen.
+    offset_seen: whether the common offset of the currents is seen. gain_nearly, offset_nearly:
+    whether what is not seen nearly is: fixing it is then a decision that may be wrong.
     """
 
     gain_direction: np.ndarray | None
     offset_seen: bool
+    gain_nearly: bool = False
+    offset_nearly: bool = False
+
+    def opened(self) -> "Identifiability":
+        """Return the same with all that is nearly seen taken for seen."""
+        return replace(
+            self,
+            gain_direction=None if self.gain_nearly else self.gain_direction,
+            offset_seen=self.offset_seen or self.offset_nearly,
+            gain_nearly=False,
+            offset_nearly=False,
+        )
 
     def subspace(self, parameters: int) -> np.ndarray:
         """Return an orthonormal basis (parameters, m) of what is estimated from the data."""
@@ -75,16 +91,33 @@ def assess(
     alpha = _after_elimination(information, ALPHA)
     values, vectors = np.linalg.eigh(alpha)
     largest = np.linalg.eigvalsh(_after_elimination(torque_information, ALPHA))[-1]
-    gain_seen = values[0] > (COMMON_GAIN_SHARE**2) * largest and values[0] > COMMON_GAIN_STDERR**-2
+    gain = _visibility(values[0], largest, COMMON_GAIN_SHARE, COMMON_GAIN_STDERR)
     direction = vectors[:, 0] * np.sign(vectors[:, 0].sum() or 1.0)
+    if gain < 1:  # it is fixed, so that an offset is not to be told from it
+        fixed = _embed(direction, ALPHA, len(information))
+        information = information + np.outer(fixed, fixed) * np.trace(information)
     beta = _after_elimination(information, BETA)
-    offset = _information_along(beta, COMMON)
     largest = np.linalg.eigvalsh(_after_elimination(torque_information, BETA))[-1]
-    offset_seen = (
-        offset > (COMMON_OFFSET_SHARE**2) * largest
-        and offset > (COMMON_OFFSET_STDERR * rated_A) ** -2
+    offset = _visibility(
+        _information_along(beta, COMMON),
+        largest,
+        COMMON_OFFSET_SHARE,
+        COMMON_OFFSET_STDERR * rated_A,
     )
-    return Identifiability(None if gain_seen else direction, bool(offset_seen))
+    return Identifiability(
+        None if gain >= 1 else direction,
+        offset >= 1,
+        gain_nearly=1 / NEARLY <= gain < 1,
+        offset_nearly=1 / NEARLY <= offset < 1,
+    )
+
+
+def _visibility(information: float, largest: float, share: float, stderr: float) -> float:
+    """Return how well something is seen, in parts of what counts as seen."""
+    if information <= 0:
+        return 0.0
+    known = float(np.sqrt(information))
+    return min(known * stderr, known / share / max(float(np.sqrt(max(largest, 0.0))), 1e-300))
 
 
 def _information_along(matrix: np.ndarray, direction: np.ndarray) -> float:

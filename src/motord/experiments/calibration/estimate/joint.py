@@ -23,13 +23,13 @@ from motord.experiments.calibration.estimate.normal_equations import (
     Regression,
     TurnSums,
 )
+from motord.experiments.calibration.estimate.scatter import PointScores, errors
 from motord.identification import IdentifyError
+from motord.identification.variance_components import VarianceComponents
+from motord.intervals import coverage_factor
 
 ITERATIONS = 4
 """Rounds of weighting: the weights follow from what the last round left unexplained."""
-
-MIN_POINTS = 6
-"""Operating points from which on the differences between points tell of standard errors."""
 
 AGREEING_ERRORS = 3.0
 """Standard errors within which torque and Kirchhoff's law count as agreeing."""
@@ -53,28 +53,30 @@ class Solution:
 class JointFit:
     """A solution with what it rests on.
 
-    covariance (p + 1, p + 1) of solution.vector; noise_Nm (points,): standard deviation that is
+    errors: of solution.vector (p + 1,); noise_Nm (points,): standard deviation that is
     left in each operating point; condition_number of what was solved, columns scaled alike;
     delay_unit_s: unit of the age of the currents.
     """
 
     solution: Solution
-    covariance: np.ndarray
+    errors: VarianceComponents
     identifiable: Identifiability
     noise_Nm: np.ndarray
     condition_number: float
     delay_unit_s: float
 
     @property
-    def current_delay_s(self) -> tuple[float, float]:
-        """By how much the currents are older than the recording says, and its standard error."""
-        unit_s = self.delay_unit_s
-        return float(self.solution.theta[DELAY]) * unit_s, float(self.stderr[DELAY]) * unit_s
+    def current_delay_s(self) -> tuple[float, float, float]:
+        """By how much the currents are older than the recording says, its standard error, and the
+        degrees of freedom of that."""
+        stderr_s = float(self.stderr[DELAY]) * self.delay_unit_s
+        delay_s = float(self.solution.theta[DELAY]) * self.delay_unit_s
+        return delay_s, stderr_s, float(self.errors.freedom[DELAY])
 
     @property
     def stderr(self) -> np.ndarray:
         """Standard errors of solution.vector."""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+        return self.errors.stderr
 
 
 def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> JointFit:
@@ -85,23 +87,50 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     turns = regression.sums(np.ones(3))
     weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
     identifiable = Identifiability(COMMON, offset_seen=False)
+    theta = np.zeros(turns.xy.shape[1])
     for _ in range(ITERATIONS):
-        normals = turns.normals(weight, kirchhoff_weight)
+        normals = turns.normals(weight, kirchhoff_weight, theta)
         solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
         turns = regression.sums(solution.theta[ALPHA])
         variance = turns.mean_by_point(turns.unexplained(solution.theta))
         weight = 1 / variance
         kirchhoff_weight = turns.kirchhoff_weight(solution.theta) if use_law else 0.0
-        normals = turns.normals(weight, kirchhoff_weight)
+        theta = solution.theta
+        normals = turns.normals(weight, kirchhoff_weight, theta)
         identifiable = assess(normals.information, normals.torque_information, rated_A)
+    solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
     return JointFit(
-        solution=solve(normals.left, normals.right.sum(axis=0), identifiable),
-        covariance=_covariance(normals, turns.point, identifiable),
+        solution=solution,
+        errors=_errors(normals, turns.point, solution, identifiable),
         identifiable=identifiable,
         noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
         condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
     )
+
+
+def _errors(
+    normals: NormalEquations,
+    point: np.ndarray,
+    solution: Solution,
+    identifiable: Identifiability,
+) -> VarianceComponents:
+    """Return the errors of the solution's vector.
+
+    Where something was fixed that the data show nearly well enough, they are the wider of both:
+    those of the solution that leaves it open, and how far that lies away.
+    """
+    if identifiable.gain_nearly or identifiable.offset_nearly:
+        opened = identifiable.opened()
+        other = solve(normals.left, normals.right.sum(axis=0), opened)
+        apart = other.vector - solution.vector
+        return _errors(normals, point, other, opened) + VarianceComponents.known(
+            np.outer(apart, apart)
+        )
+    inverse = _inverse(normals.left, identifiable)
+    scores = PointScores.of(normals, point, solution.theta, inverse)
+    influence = _derivative(normals.left, solution, identifiable) @ inverse
+    return errors(scores, solution.theta[ALPHA], influence, normals.prior, identifiable)
 
 
 def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) -> Solution:
@@ -130,38 +159,27 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
     return Solution(theta, theta[ALPHA], 1.0)
 
 
-def _covariance(
-    normals: NormalEquations, point: np.ndarray, identifiable: Identifiability
+def _inverse(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
+    """Return the inverse of (p, p) on what is seen, as `solve` uses it."""
+    subspace = identifiable.subspace(len(normal))
+    return np.asarray(subspace @ np.linalg.solve(subspace.T @ normal @ subspace, subspace.T))
+
+
+def _derivative(
+    normal: np.ndarray, solution: Solution, identifiable: Identifiability
 ) -> np.ndarray:
-    """Return the covariance of the solution's vector, from leaving out one turn at a time.
-
-    Turns are the blocks: whatever colour the noise has within a turn is accounted for. What is
-    alike in all turns of an operating point and different in the next (encoder counts in step
-    with the samples, gains that drift) shows when whole points are left out; where that gives
-    larger errors, these are taken.
-    """
-    turns = _jackknife(normals, np.arange(point.size), identifiable)
-    if len(np.unique(point)) < MIN_POINTS:
-        return turns
-    points = _jackknife(normals, point, identifiable)
-    ratio = np.diag(points) / np.maximum(np.diag(turns), 1e-300)
-    growth = np.sqrt(np.maximum(ratio, 1.0))
-    return np.asarray(turns * np.outer(growth, growth))
-
-
-def _jackknife(
-    normals: NormalEquations, group: np.ndarray, identifiable: Identifiability
-) -> np.ndarray:
-    """Return the covariance from leaving out one group of turns (group (b,)) at a time."""
-    lefts, rights = normals.torque + normals.law, normals.right
-    left, right = normals.left, rights.sum(axis=0)
-    without = []
-    for one in np.unique(group):
-        out = group == one
-        part = left - lefts[out].sum(axis=0), right - rights[out].sum(axis=0)
-        without.append(solve(*part, identifiable).vector)
-    spread = np.array(without) - np.mean(without, axis=0)
-    return np.asarray((len(without) - 1) / len(without) * spread.T @ spread)
+    """Return the derivative of the solution's vector by theta on what is seen (p + 1, p)."""
+    size, slopes = len(normal), 1 / solution.theta[ALPHA]
+    derivative = np.eye(size + 1, size)
+    if identifiable.gain_direction is None:
+        derivative[-1, ALPHA] = solution.delta_epsilon * slopes / 3
+        derivative[ALPHA, ALPHA] /= solution.delta_epsilon
+        derivative[ALPHA, ALPHA] -= np.outer(solution.alpha, slopes) / 3
+        return derivative
+    fixed = identifiable.gain_vector(size)
+    change = fixed - _inverse(normal, identifiable) @ (normal @ fixed)
+    derivative[:-1, ALPHA] -= np.outer(change, slopes) / (slopes @ change[ALPHA])
+    return derivative
 
 
 def _condition_number(information: np.ndarray, identifiable: Identifiability) -> float:
@@ -178,7 +196,7 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
     The ratios follow from the currents, with no torque sensor: the direction in which the
     instrumented currents do not vary.
     """
-    law = turns.normals(np.ones(turns.samples.size), 1.0).law.sum(axis=0)
+    law = turns.law().sum(axis=0)
     law = (law + law.T) / 2
     offset = law[ALPHA, BETA.start]
     gains = law[ALPHA, ALPHA] - np.outer(offset, offset) / law[BETA.start, BETA.start]
@@ -213,5 +231,6 @@ def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
     difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
     least = np.maximum(torque.stderr[ALPHA], 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
-    errors = float(abs(difference[worst]) / least[worst])
-    return Kirchhoff("abc"[worst], float(difference[worst]), errors)
+    wider = coverage_factor(torque.errors.freedom[worst]) / coverage_factor()
+    off = float(abs(difference[worst]) / least[worst]) / wider
+    return Kirchhoff("abc"[worst], float(difference[worst]), off)

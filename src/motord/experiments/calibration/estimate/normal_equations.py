@@ -66,18 +66,38 @@ class TurnSums:
         squares = float(theta @ self.kirchhoff_xx.sum(axis=0) @ theta)
         return float(self.samples.sum()) / squares if squares > 0 else 0.0
 
-    def normals(self, weight: np.ndarray, kirchhoff_weight: float) -> "NormalEquations":
+    def normals(
+        self, weight: np.ndarray, kirchhoff_weight: float, theta: np.ndarray
+    ) -> "NormalEquations":
         """Return the normal equations of each turn by two-stage least squares.
 
-        weight (b,) of each turn's torque samples. The first stage, regressors on instruments, is
-        fitted over all turns and kept, so that a turn can be left out of the second.
+        weight (b,) of each turn's torque samples; theta (p,): parameters of the last round. The
+        first stage, regressors on instruments, is fitted over all turns and kept, so that a turn
+        can be left out of the second.
         """
         first = _first_stage(weight, self.zz, self.zx)
-        ones = np.full(weight.size, kirchhoff_weight)
-        law_first = _first_stage(ones, self.kirchhoff_zz, self.kirchhoff_zx)
         torque = weight[:, None, None] * (first.T @ self.zx)
-        law = kirchhoff_weight * (law_first.T @ self.kirchhoff_zx)
+        law = _without_pull(kirchhoff_weight * self.law(), theta)
         return NormalEquations(torque, law, weight[:, None] * (self.zy @ first))
+
+    def law(self) -> np.ndarray:
+        """Return the squares that Kirchhoff's law leaves in each turn, as a form (b, p, p)."""
+        first = _first_stage(np.ones(self.samples.size), self.kirchhoff_zz, self.kirchhoff_zx)
+        return np.asarray(first.T @ self.kirchhoff_zx)
+
+
+def _without_pull(law: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Return the law's squares (b, p, p) without what noise of the currents adds to them.
+
+    Gains and offsets half as large fulfil the law as well. But what currents with noise, or gains
+    that change, do not add up to would pull all of them towards zero.
+    """
+    size = np.zeros(theta.size)
+    size[ALPHA], size[BETA] = theta[ALPHA], theta[BETA]
+    noise = np.zeros_like(law)
+    share = (law @ size @ size) / max(float(size[ALPHA] @ size[ALPHA]), 1e-300)
+    noise[:, ALPHA, ALPHA] = share[:, None, None] * np.eye(3)
+    return np.asarray(law - noise)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from motord.calibration import CalibratedMotor, Calibration, Harmonic
+from motord.calibration import (
+    CalibratedMotor,
+    Calibration,
+    DegreesOfFreedom,
+    Harmonic,
+    half_widths,
+)
 from motord.config import MotorConfig
 from motord.findings import Finding
 from motord.identification.harmonics import harmonics_table
@@ -29,6 +35,19 @@ class Estimate:
     harmonics: tuple[Harmonic, ...]
     alpha_stderr: np.ndarray | None = None
     beta_stderr_A: np.ndarray | None = None
+    degrees_of_freedom: DegreesOfFreedom | None = None
+
+    @property
+    def alpha_half_width(self) -> np.ndarray | None:
+        """Halves of alpha's 95 % intervals (3,); None for what is true."""
+        freedom = self.degrees_of_freedom
+        return _half_widths(self.alpha_stderr, freedom.alpha if freedom else None)
+
+    @property
+    def beta_half_width_A(self) -> np.ndarray | None:
+        """The same of beta."""
+        freedom = self.degrees_of_freedom
+        return _half_widths(self.beta_stderr_A, freedom.beta_A if freedom else None)
 
     @classmethod
     def of_calibration(cls, calibration: Calibration) -> "Estimate":
@@ -40,6 +59,7 @@ class Estimate:
             harmonics=calibration.tau_cog_harmonics,
             alpha_stderr=np.array(calibration.alpha_stderr),
             beta_stderr_A=np.array(calibration.beta_stderr_A),
+            degrees_of_freedom=calibration.degrees_of_freedom,
         )
 
     @classmethod
@@ -77,9 +97,9 @@ def cogging_table(harmonics: Sequence[Harmonic], counts: int) -> np.ndarray:
 class CalibrationResult(Estimate):
     """What an estimator found.
 
-    current_delay_s: by how much the currents are older than the recording says, and its standard
-    error (joint only); ripples: of the operating points that were identified from; findings: where
-    these depart from the model (joint only).
+    current_delay_s: by how much the currents are older than the recording says, its standard error
+    and the degrees of freedom of that (joint only); ripples: of the operating points that were
+    identified from; findings: where these depart from the model (joint only).
     """
 
     method: Method
@@ -89,7 +109,7 @@ class CalibrationResult(Estimate):
     delta_epsilon_stderr: float | None
     observable: tuple[str, ...]
     condition_number: float
-    current_delay_s: tuple[float, float] | None = None
+    current_delay_s: tuple[float, float, float] | None = None
     ripples: tuple[PointRipple, ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -107,6 +127,7 @@ class CalibrationResult(Estimate):
             alpha_stderr=_triple(self.alpha_stderr),
             beta_A=_triple(self.beta_A),
             beta_stderr_A=_triple(self.beta_stderr_A),
+            degrees_of_freedom=self.degrees_of_freedom,
             delta_epsilon=self.delta_epsilon,
             delta_epsilon_source=", ".join(runs) if measured else "assumed",
             tau_cog_Nm=tuple(self.tau_cog_Nm.tolist()),
@@ -116,6 +137,12 @@ class CalibrationResult(Estimate):
             rms_error_percent=rms_errors(self.ripples),
             findings=self.findings,
         )
+
+
+def _half_widths(
+    stderr: np.ndarray | None, freedom: tuple[float, float, float] | None
+) -> np.ndarray | None:
+    return None if stderr is None else np.array(half_widths(stderr.tolist(), freedom))
 
 
 def _triple(values: np.ndarray) -> tuple[float, float, float]:

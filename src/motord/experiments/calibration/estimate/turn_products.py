@@ -9,6 +9,10 @@ they were looked up. Multiplied with tables at the present count they would shar
 the count with the model, whose error has the same rounding in it, and what is the same in both is
 taken for a signal. Averaged over the turns at each count they are functions of the count alone,
 and given the count the rounding is as likely either way.
+
+Where no commands were recorded, the sensed currents averaged over angle take their place: for even
+turns the averages of odd ones, and the other way round, so that a turn's noise is not in its own
+instruments (split-sample instrumental variables, Angrist and Krueger 1995).
 """
 
 from dataclasses import dataclass
@@ -68,9 +72,11 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
     counts = basis.back_emf.shape[0]
-    lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
-    commands_A, rates = instruments(lines, basis, samples.speed_Hz)
-    currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
+    tables_A, rates = instruments_by_parity(samples, basis)
+    commands_A = tables_A[0][samples.count]
+    for first, end in samples.turns[1::2]:
+        commands_A[first:end] = tables_A[1][samples.count[first:end]]
+    currents_A = np.concatenate([samples.i_A, commands_A], axis=1)
     turns = np.array(samples.turns)
     torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
     currents = np.zeros((len(turns), 8, 8))
@@ -100,8 +106,23 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         torque=_without_trend(both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
         currents=both_triangles(currents)[:, :7, :7],
         samples=turns[:, 1] - turns[:, 0],
-        spectrum=TurnSpectrum.of(samples, binned, commands_A, basis, sensor),
+        spectrum=TurnSpectrum.of(samples, binned, tables_A.mean(axis=0), basis, sensor),
     )
+
+
+def instruments_by_parity(samples: Samples, basis: Basis) -> tuple[np.ndarray, np.ndarray]:
+    """Return tables of currents (2, counts, 3) and rates (2, counts, 4) for even and odd turns."""
+    turns, counts = samples.turns, basis.back_emf.shape[0]
+    if samples.commanded or len(turns) < 2:
+        lines = current_lines(samples.count, samples.command_A, turns, counts)
+        table_A, rates = instruments(lines, basis, samples.speed_Hz)
+        return np.array([table_A, table_A]), np.array([rates, rates])
+    found = []
+    for others in (turns[1::2], turns[::2]):
+        chosen = np.concatenate([np.arange(*turn) for turn in others])
+        lines = current_lines(samples.count[chosen], samples.command_A[chosen], others, counts)
+        found.append(instruments(lines, basis, samples.speed_Hz))
+    return np.array([one[0] for one in found]), np.array([one[1] for one in found])
 
 
 def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.ndarray, np.ndarray]:
@@ -150,9 +171,9 @@ def sum_up_turns(
     And to `binned` (2, bins, m + 2), of even and of odd turns, the sums in each bin of the angle of
     the first m columns (all but the instruments), of the torque without drift, and the samples.
 
-    turns (b, 2): first and end of each; torque (b, w, w), currents (b, 8, 8), of which the upper
-    triangles hold. tau_s, state (2, .): the high-pass, see `highpass`; 0 for none. A strip of
-    samples at a time, small enough for the processor's cache.
+    turns (b, 2): first and end of each; rates (2, counts, 4): for even and odd turns. torque
+    (b, w, w), currents (b, 8, 8): the upper triangles hold. tau_s, state (2, .): the high-pass, see
+    `highpass`; 0 for none. A strip of samples at a time, small enough for the processor's cache.
     """
     width = 16 + cogging.shape[1]
     columns = np.empty((STRIP, width))
@@ -165,7 +186,9 @@ def sum_up_turns(
         middle_s, span_s = t_s[first:end].mean(), max(t_s[end - 1] - t_s[first], 1e-300)
         for start in range(first, end, STRIP):
             rows = min(STRIP, end - start)
-            fill_columns(count, t_s, currents_A, start, back_emf, cogging, rates, columns[:rows])
+            fill_columns(
+                count, t_s, currents_A, start, back_emf, cogging, rates[turn % 2], columns[:rows]
+            )
             if tau_s > 0:
                 for row in range(rows):
                     dt_s[row] = t_s[start + row] - t_s[max(start + row - 1, 0)]

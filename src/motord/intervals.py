@@ -1,0 +1,27 @@
+"""95 % intervals by Student's t, and figures with the digits that these allow."""
+
+from math import floor, isfinite, log10
+
+import numpy as np
+from scipy.special import stdtrit
+
+LEVEL = 0.95
+"""Share of intervals that hold the truth."""
+
+
+def coverage_factor(freedom: float | None = None) -> float:
+    """Return half of a 95 % interval in standard errors; freedom: degrees of, None for many."""
+    return t_quantile((1 + LEVEL) / 2, np.inf if freedom is None else freedom)
+
+
+def t_quantile(probability: float, freedom: float) -> float:
+    """Return the quantile of Student's t, of one degree of freedom at least."""
+    return float(stdtrit(max(freedom, 1.0), probability))
+
+
+def plus_minus(value: float, half_width: float, sign: str = "+-") -> str:
+    """Return value and half of its interval with two digits of the latter: "0.8012 +- 0.0034"."""
+    if not (isfinite(half_width) and half_width > 0):
+        return f"{value:.4g} {sign} {half_width:.2g}"
+    decimals = max(1 - floor(log10(half_width) + 1e-9), 0)
+    return f"{value:.{decimals}f} {sign} {half_width:.{decimals}f}"

@@ -1,0 +1,218 @@
+"""Share of a calibration's intervals that hold the truth: `python -m tests.campaigns.coverage`.
+
+Four motors, star and independent, with and without the columns of commands, 3 to 30 points, with
+and without 1 % of scatter of the phases' gains between the points; samples from a bench of numpy
+that shares no code with the estimator. Exits with 1 if a share is not kept.
+"""
+
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.intervals import coverage_factor
+from motord.virtual import processors
+from tests.campaigns import seeds
+from tests.unit.identification.synthetic_bench import Bench, Truth, motor
+
+SEEDS = 200
+COVERED = (0.90, 0.99)
+SLACK = 2.5
+"""Standard deviations of a share over few trials by which it may lie outside COVERED."""
+
+MOTORS = ((48, 8, 2000, 0.0), (12, 5, 1000, 0.12), (36, 6, 1237, 0.01), (9, 4, 1000, 0.05))
+"""Slots, pole pairs, counts, and third harmonic of the back-EMF."""
+
+MESHES = {
+    3: ((1.0, 3.0, 5.0), (0.7,)),
+    5: ((1.0, 2.0, 3.0, 4.0, 5.0), (0.7,)),
+    6: ((1.0, 3.0, 5.0), (0.6, 0.9)),
+    8: ((1.0, 2.5, 4.0, 5.5), (0.6, 0.9)),
+    12: ((1.0, 2.5, 4.0, 5.5), (0.5, 0.7, 0.9)),
+    30: ((0.8, 1.6, 2.4, 3.2, 4.0, 5.0), (0.5, 0.6, 0.7, 0.8, 0.9)),
+}
+"""Torques (Nm) and speeds (Hz), by the number of points."""
+
+TURNS = 6
+
+
+@dataclass(frozen=True)
+class Case:
+    """A trial: index of the motor, connection, commands recorded, points, scatter, seed."""
+
+    motor: int
+    connection: str
+    commands: bool
+    points: int
+    scatter: float
+    seed: int
+
+    @property
+    def group(self) -> tuple[str, str, int, float]:
+        """What trials are put together by."""
+        recorded = "commands" if self.commands else "no commands"
+        return self.connection, recorded, self.points, self.scatter
+
+    def bench(self, *, delta_epsilon_is_1: bool) -> Bench:
+        """Return the bench, with gains and offsets of its own."""
+        slots, pole_pairs, counts, third = MOTORS[self.motor]
+        rng = np.random.default_rng([self.seed, self.motor, self.points])
+        a, b, c = rng.uniform(0.8, 1.2, 3)
+        beta_A = rng.uniform(-1, 1, 3)
+        delta = float(rng.uniform(0.97, 1.03))
+        main = int(np.lcm(slots, 2 * pole_pairs))
+        truth = Truth(
+            alpha=(a, b, c),
+            beta_A=(beta_A[0], beta_A[1], beta_A[2]),
+            delta=float(1 / np.cbrt(a * b * c)) if delta_epsilon_is_1 else delta,
+            cogging={2 * pole_pairs: (0.06, 0.3), slots: (0.03, 1.0), main: (0.1, -0.5)},
+        )
+        return Bench(
+            motor=motor(slots, pole_pairs, counts, self.connection, third),
+            truth=truth,
+            rate_Hz=500,
+            fine_Hz=2000,
+            sensor=replace_resonance(Bench().sensor),
+            ripple_order=2 * pole_pairs,
+            gain_scatter=self.scatter,
+        )
+
+    def found(self) -> tuple[Bench, CalibrationResult]:
+        """Return the bench and what the calibration finds on it.
+
+        Where delta epsilon is not seen, intervals hold if it is what is assumed: 1.
+        """
+        bench, result = self._found(delta_epsilon_is_1=False)
+        words = " ".join(result.observable)
+        if result.delta_epsilon_stderr is None and "nearly" not in words:
+            return self._found(delta_epsilon_is_1=True)
+        return bench, result
+
+    def _found(self, *, delta_epsilon_is_1: bool) -> tuple[Bench, CalibrationResult]:
+        bench = self.bench(delta_epsilon_is_1=delta_epsilon_is_1)
+        calibrator = Calibrator(bench.motor, bench.sensor)
+        for point in bench.mesh(*MESHES[self.points], turns=TURNS + 0.5, seed=self.seed):
+            names = point.ticks.dtype.names or ()
+            kept = [name for name in names if self.commands or "cmd" not in name]
+            calibrator.add(replace(point, ticks=point.ticks[kept]))
+        return bench, calibrator.joint()
+
+
+def replace_resonance(sensor):  # type: ignore[no-untyped-def]
+    """Return the sensor with a rigid mount: its resonance lies above what 500 Hz can sample."""
+    return sensor.model_copy(update={"resonance_Hz": 0.0})
+
+
+Row = tuple[str, float, float]
+"""Kind of parameter, error over half of the interval, half of the interval."""
+
+
+def rows(bench: Bench, result: CalibrationResult) -> Iterator[Row]:
+    """Yield the errors of all parameters."""
+    truth, freedom = bench.truth, result.degrees_of_freedom
+    assert freedom is not None
+    alpha = np.array(truth.alpha)
+    common = float(np.cbrt(alpha.prod()))
+    beta_A = truth.delta * np.array(truth.beta_A)
+    if bench.motor.connection == "independent" and not any(
+        h.order == 3 for h in bench.motor.back_emf
+    ):
+        beta_A -= beta_A.mean()
+
+    def row(kind: str, error: float, stderr: float, degrees: float | None) -> Row:
+        half = coverage_factor(degrees) * stderr
+        return kind, error / half, half
+
+    for p in range(3):
+        yield row(
+            "alpha", result.alpha[p] - alpha[p] / common, result.alpha_stderr[p], freedom.alpha[p]
+        )
+        yield row("beta", result.beta_A[p] - beta_A[p], result.beta_stderr_A[p], freedom.beta_A[p])
+    if result.delta_epsilon_stderr is not None:
+        error = result.delta_epsilon - truth.delta * common
+        yield row("delta epsilon", error, result.delta_epsilon_stderr, freedom.delta_epsilon)
+    by_order = {h.order: h for h in result.harmonics}
+    for order, (amplitude_Nm, phase_rad) in truth.cogging.items():
+        h = by_order[order]
+        assert h.phase_stderr_rad is not None
+        turned = (h.phase_rad - phase_rad + np.pi) % (2 * np.pi) - np.pi
+        error_Nm = h.amplitude_Nm - truth.delta * amplitude_Nm
+        yield row("amplitude", error_Nm, h.stderr_Nm, h.degrees_of_freedom)
+        yield row("phase", turned, h.phase_stderr_rad, h.degrees_of_freedom)
+
+
+def trial(case: Case) -> list[Row]:
+    """Return the rows of a trial."""
+    return list(rows(*case.found()))
+
+
+def cases(count: int, points: tuple[int, ...] = tuple(MESHES)) -> list[Case]:
+    """Return all cases of so many seeds."""
+    found = product(
+        range(len(MOTORS)), ("independent", "star"), (True, False), points, (0.0, 0.01),
+        seeds.several(count),
+    )  # fmt: skip
+    return [Case(*one) for one in found]
+
+
+@dataclass(frozen=True)
+class Share:
+    """Of the intervals of one kind in a group: how many hold the truth, and their median half."""
+
+    group: tuple[object, ...]
+    kind: str
+    trials: int
+    covered: float
+    half: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the share is as it should be, within what so few trials can tell."""
+        slack = SLACK * np.sqrt(0.05 * 0.95 / self.trials)
+        return bool(COVERED[0] - slack <= self.covered <= COVERED[1] + slack)
+
+
+def shares(chosen: list[Case], found: list[list[Row]]) -> list[Share]:
+    """Put trials together."""
+    groups: dict[tuple[tuple[object, ...], str], list[tuple[float, float]]] = defaultdict(list)
+    for case, trial_rows in zip(chosen, found, strict=True):
+        for kind, ratio, half in trial_rows:
+            groups[case.group, kind].append((ratio, half))
+    return [
+        Share(
+            group,
+            kind,
+            len({id(v) for v in values}),
+            float(np.mean([abs(ratio) <= 1 for ratio, _ in values])),
+            float(np.median([half for _, half in values])),
+        )
+        for (group, kind), values in groups.items()
+    ]
+
+
+def main(count: int = SEEDS, *points: int) -> int:
+    """Run all trials and print them; return the exit code."""
+    chosen = cases(count, points or tuple(MESHES))
+    with processors() as pool:
+        found = list(pool.map(trial, chosen, chunksize=8))
+    bad = 0
+    for share in sorted(shares(chosen, found), key=lambda s: (s.kind, s.group)):
+        connection, recorded, points_, scatter = share.group
+        print(
+            f"{share.kind:14s} {connection:12s} {recorded:12s} {points_:3d} points  scatter "
+            f"{100 * scatter:.0f} %: {100 * share.covered:5.1f} % of {share.trials}, half "
+            f"{share.half:.2g}",
+            *() if share.kept else ("NOT KEPT",),
+        )
+        bad += not share.kept
+    print(f"{bad} not kept")
+    return int(bad > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))

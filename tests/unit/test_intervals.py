@@ -1,0 +1,55 @@
+"""Intervals by Student's t, and variances that are sums of parts."""
+
+import numpy as np
+import pytest
+
+from motord.identification.variance_components import VarianceComponents
+from motord.intervals import coverage_factor, plus_minus, t_quantile
+
+
+@pytest.mark.parametrize(
+    ("freedom", "factor"),
+    [(None, 1.95996), (1, 12.7062), (0.2, 12.7062), (2, 4.30265), (30, 2.04227)],
+)
+def test_coverage_factors_are_those_of_the_tables(freedom: float | None, factor: float) -> None:
+    assert coverage_factor(freedom) == pytest.approx(factor, rel=1e-5)
+
+
+def test_quantiles_of_one_side() -> None:
+    assert t_quantile(0.95, 4) == pytest.approx(2.13185, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("value", "half_width", "text"),
+    [
+        (0.80123, 0.00341, "0.8012 +- 0.0034"),
+        (0.80123, 0.001, "0.8012 +- 0.0010"),
+        (-0.5, 0.25, "-0.50 +- 0.25"),
+        (1234.5, 321.0, "1234 +- 321"),
+        (3.0, 0.0, "3 +- 0"),
+        (3.14159, float("inf"), "3.142 +- inf"),
+    ],
+)
+def test_figures_have_the_digits_that_mean_something(
+    value: float, half_width: float, text: str
+) -> None:
+    assert plus_minus(value, half_width) == text
+
+
+def test_a_known_covariance_has_all_freedom() -> None:
+    known = VarianceComponents.known(np.diag([4.0, 9.0]))
+    assert known.stderr.tolist() == [2.0, 3.0]
+    assert coverage_factor(known.freedom[0]) == pytest.approx(coverage_factor(), rel=1e-4)
+
+
+def test_freedom_of_a_sum_is_satterthwaites() -> None:
+    """Two means of 4 and 9 values: (v1 + v2)^2 / (v1^2 / 3 + v2^2 / 8)."""
+    parts = np.array([[[0.5]], [[2.0]]])
+    one, other = (
+        VarianceComponents(part[None], np.ones(1), np.array([[2.0 / freedom]]))
+        for part, freedom in zip(parts, (3, 8), strict=True)
+    )
+    both = one + other
+    assert both.stderr[0] ** 2 == pytest.approx(2.5)
+    assert both.freedom[0] == pytest.approx(2.5**2 / (0.5**2 / 3 + 2.0**2 / 8))
+    assert both.along(np.array([3.0])) == pytest.approx((3 * both.stderr[0], both.freedom[0]))
