@@ -141,6 +141,14 @@ def install(
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
+def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
+    from pydantic import TypeAdapter
+
+    from motord.findings import Finding
+
+    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))
+
+
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, in words."""
     motor = c["motor"]
@@ -172,11 +180,3 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
     lines += [f"- {words}" for words in c["observable"]]
     lines += [f"- {finding.in_words()}" for finding in _findings(c)]
     return lines
-
-
-def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
-    from pydantic import TypeAdapter
-
-    from motord.findings import Finding
-
-    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))

@@ -12,7 +12,6 @@ from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, Calibrator
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
-from motord.findings import accept_options
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:
@@ -79,12 +78,9 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
         )
     for finding in c.findings or ():
         yield f"- {finding.in_words()}"
-    if c.serious_findings:
-        yield (
-            "to apply it in spite of it: motord calibration install FILE "
-            + accept_options(c.serious_findings)
-        )
     yield from error_table(c.rms_error_percent)
+    if c.serious_findings:
+        yield f"to apply it all the same: motord calibration install FILE {c.accept_options}"
 
 
 ANALYSIS = Analysis(
