@@ -55,7 +55,7 @@ with client.lease("notebook") as lease:
     print(ticks.losses)
 
 # %% [markdown]
-# `losses` tells ticks that were lost on the way (none here) from periods that the loop itself
+# `losses` has ticks that were lost on the way (none here), and periods that the loop itself
 # missed.
 
 # %%

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write `path` in one step: a temporary file beside it, synced, then renamed. Raises OSError.
+    """Write `path` in one step: a temporary file next to it, synced, then renamed. Raises OSError.
 
     Until then `path` holds what it held before. A link stays a link; a pipe or a device is
     written to as it is.

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from math import pi
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -269,6 +270,11 @@ class Calibration(_Part):
     def serious_names(self) -> list[str]:
         """Names of its serious findings, each once."""
         return list(dict.fromkeys(one.name for one in self.serious_findings))
+
+    @property
+    def accept_options(self) -> str:
+        """Options of `motord calibration install` with which it is applied."""
+        return " ".join(f"--accept {quote(name)}" for name in self.serious_names)
 
     def age_s(self, now: datetime) -> float:
         """Return how long ago it was made (s)."""

@@ -10,7 +10,7 @@ import can
 from motord.config import CanBusConfig
 from motord.wire.can.frame_format import EXTENDED
 
-# python-can tells its own log of errors that it also raises
+# python-can writes errors to its own log that it also raises
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 RECEIVE_BUFFER_BYTES = 1 << 20

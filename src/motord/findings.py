@@ -1,7 +1,5 @@
 """Findings: where data depart from the model of a result, and what that usually means."""
 
-import shlex
-from collections.abc import Iterable
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -33,9 +31,3 @@ class Finding:
     def in_words(self) -> str:
         """Return the finding as one line of text."""
         return f"{self.severity}: {self.figure()}: {self.meaning}; {self.action}"
-
-
-def accept_options(findings: Iterable[Finding]) -> str:
-    """Return the options of `motord calibration install` that accept these findings."""
-    names = dict.fromkeys(finding.name for finding in findings)
-    return " ".join(f"--accept {shlex.quote(name)}" for name in names)

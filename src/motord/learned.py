@@ -1,4 +1,4 @@
-"""What was learned of the torque beside gains, offsets and cogging: a part of the calibration.
+"""What was learned of the torque besides gains, offsets and cogging: a part of the calibration.
 
 For each operating point of a mesh of torques and speeds a sum of harmonics over the turn, which
 the control kernel takes from its torque reference.

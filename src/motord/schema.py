@@ -148,7 +148,7 @@ class BridgeStatus(IntFlag):
 
 FAULT_COUNT_SHIFT = 8
 """In a simulated or emulated bench, `bridge_status` from this bit on counts the faults injected so
-far, modulo 128, so that every recording tells when each began."""
+far, modulo 128, so that every recording says when each began."""
 
 
 def _tick_fields() -> tuple[Field, ...]:

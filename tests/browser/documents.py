@@ -190,12 +190,12 @@ def calibration(which: str) -> dict[str, Any]:
         **entry, "runs": ["sim-20260101T080000000Z-calibrate-000.mcap"],
         "alpha": alpha, "alpha_95": [[a - 0.0045, a + 0.0045] for a in alpha],
         "beta_A": beta_A, "beta_95_A": [[b - 0.022, b + 0.022] for b in beta_A],
+        "findings": FINDINGS if entry["in_force"] else [],
         "angle_rad": angle,
         "tau_cog_Nm": [sum(a * math.sin(n * x + n) for n, a, _ in orders) for x in angle],
         "tau_cog_harmonics": [
             {"order": n, "amplitude_Nm": a, "phase_rad": 0.4, "stderr_Nm": e} for n, a, e in orders
         ],
-        "findings": FINDINGS if entry["in_force"] else [],
         "tau_cog_half_widths_Nm": [1.98 * e for _, _, e in orders],
         "observable": ["the product of the gains: assumed 1"], "learned": False,
         "rms_error_percent": {

@@ -41,7 +41,7 @@ BELOW: dict[str, dict[str, type[BaseModel]]] = {
 
 BENCH = """A bench file is TOML. Every key is optional unless it says **required**; an unknown key
 is an error that names it, and so is a value of another type. Numbers carry their unit in their
-name. Paths are looked for beside the file; `package:NAME` ships with motord.
+name. Paths are looked for next to the file; `package:NAME` ships with motord.
 
 `config/bench.toml` is an example for a real bench, `config/emulated.toml` one for the emulator.
 `motord check -c FILE` says what is wrong, with file and line. That includes rules between several

@@ -259,7 +259,7 @@ class CalibrationDetails(CalibrationEntry):
     condition_number: Number
     """Of the fit."""
     observable: list[str]
-    """What could and could not be told apart."""
+    """What could and could not be separated."""
     findings: list[dict[str, Any]] = []
     """Where its data depart from the model, with value, limit, meaning and what to do."""
     learned: bool

@@ -68,8 +68,8 @@ def _header(template: Template) -> Iterator[str]:
     yield f"A bench file of motord {version('motord')}:"
     yield f"{template.summary}."
     yield ""
-    yield "Names carry their units. Files are looked for beside this one; `package:NAME` ships with"
-    yield "motord. What is left out has its default; what is wrong is named by line on reading."
+    yield "Names carry their units. Files are looked for next to this one; `package:NAME` ships"
+    yield "with motord. What is left out has its default; what is wrong is named by line."
     if template.real:
         yield ""
         yield f"Where it says {CHECK}, the value is an example's: nobody was asked for it. Look it"

@@ -141,6 +141,14 @@ def install(
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
+def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
+    from pydantic import TypeAdapter
+
+    from motord.findings import Finding
+
+    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))
+
+
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, in words."""
     from motord.calibration import Harmonic, half_widths
@@ -177,16 +185,3 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
     lines += [f"- {words}" for words in c["observable"]]
     lines += [f"- {finding.in_words()}" for finding in _findings(c)]
     return lines
-
-
-def _half_mNm(harmonic: dict[str, Any]) -> str:
-    stderr_Nm = harmonic["stderr_Nm"]
-    return "(not known from one trial)" if stderr_Nm is None else f"{1.96e3 * stderr_Nm:.2f}"
-
-
-def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
-    from pydantic import TypeAdapter
-
-    from motord.findings import Finding
-
-    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))

@@ -23,11 +23,11 @@ def reproduce(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rigs' noise and drift.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Small meshes, to see the page.")] = False,
     keep_recordings: Annotated[
-        bool, typer.Option("--keep-recordings", help="Leave the runs, 1 GB, beside the page.")
+        bool, typer.Option("--keep-recordings", help="Leave the runs, 1 GB, next to the page.")
     ] = False,
     as_json: ResultAsJson = False,
 ) -> None:
-    """Run every experiment of Poels 2008 in virtual time; write one page beside its numbers."""
+    """Run every experiment of Poels 2008 in virtual time; write one page next to its numbers."""
     from motord.reproduce.page import write_page
     from motord.reproduce.poels2008 import as_json as rows
 

@@ -43,7 +43,7 @@ def simulate(
     """Run a plan on the simulated rig, much faster than real time, and record it.
 
     Shows what a plan will do on this bench before it is run there, and makes recordings to try
-    analyses on. The recording holds the truth of the simulation beside the ticks.
+    analyses on. The recording holds the truth of the simulation besides the ticks.
     """
     from motord.calibration import load
     from motord.simulate import PlanSource

@@ -150,7 +150,7 @@ class Client(DaemonConnection):
     ) -> TickSubscription:
         """Receive every tick, in blocks: structured arrays of shape (n,), `schema.TICK_DTYPE`.
 
-        kept: blocks that wait to be read; older ones are lost. `losses` tells what is missing.
+        kept: blocks that wait to be read; older ones are lost. `losses` says what is missing.
 
         >>> with client.subscribe_ticks() as ticks:
         ...     for block in ticks:

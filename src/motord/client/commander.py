@@ -63,7 +63,7 @@ class Commander:
 
         speed_Hz: turns per second, which the brake is servoed to. brake: its excitation itself, 0
         to 1. drive_Hz: speed of the external drive. enable: enable the bench first. Returns before
-        the torque is reached, which `reached_in_s` of the reply tells.
+        the torque is reached, which `reached_in_s` of the reply says.
         """
         given = {
             "torque_Nm": torque_Nm,

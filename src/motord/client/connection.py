@@ -112,8 +112,8 @@ class DaemonConnection:
         """Wait until the gateway can pass on `name`, if our role may ask for it; `ROUTE_S` at most.
 
         A gateway that has just opened lets clients in before it knows the daemon's queryables and
-        the way there, and drops meanwhile what they send. What it drops cannot be told from what
-        the daemon took without a reply, so nothing is sent until then, and then once.
+        the way there, and drops meanwhile what they send. What it drops looks like what the daemon
+        took without a reply, so nothing is sent until then, and then once.
         """
         try:
             gateway = ",".join(map(str, self._session.info.routers_zid()))

@@ -55,7 +55,7 @@ class CanConfig(CanBusConfig):
     connect_timeout_s: Positive = 2.0
     """Feedback has to come within this time of the start."""
     dbc: Path
-    """The drive's DBC; beside the bench file, or `package:NAME`."""
+    """The drive's DBC; next to the bench file, or `package:NAME`."""
     signals: CanSignalMap
     """Which signals of the DBC are command and feedback."""
 

@@ -29,7 +29,7 @@ class BenchConfig(Section):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")] = "bench"
     """Part of every Zenoh key and of every recording's name: letters, digits, `_.-`."""
     rig: Path | None = None
-    """Truth of a simulated or emulated bench; beside the bench file, or `package:NAME`."""
+    """Truth of a simulated or emulated bench; next to the bench file, or `package:NAME`."""
     faults: Path | None = None
     """A timeline of faults to inject into a simulated or an emulated bench."""
     rig_patience_s: Positive | None = None

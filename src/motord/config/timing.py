@@ -24,7 +24,7 @@ differs from a slower one in the other direction."""
 INTERVALS_MIN = 2
 """Intervals that must pass before silence is a fault: one message may be lost."""
 SUPERVISOR_ACTS_S = 0.05
-"""Within this time the supervisor has acted on what the ticks or the clock tell it: two of its
+"""Within this time the supervisor has acted on what the ticks or the clock show: two of its
 steps, a plan's look and a tick."""
 ORDER_S = 0.1
 """Longest time for which a set-point of the supervisor for a slow device is good."""

@@ -1,4 +1,4 @@
-"""What currents and torque should be, beside what is measured: compiled."""
+"""What currents and torque should be, compared with what is measured: compiled."""
 
 import math
 

@@ -26,7 +26,7 @@ class TickGrid:
     """Gives ticks at `rate_Hz` their slots; slot 0 is at `epoch_ns` (Unix).
 
     The counter of the loop's periods places them, so that no jitter of the sample's time moves a
-    tick to another slot. After a restart it begins anew at the time that the ticks tell.
+    tick to another slot. After a restart it begins anew at the time of the ticks.
     """
 
     def __init__(self, rate_Hz: float, epoch_ns: int) -> None:

@@ -44,7 +44,7 @@ class TurnAverager:
 
     def __init__(self) -> None:
         self.completed = 0
-        """How many turns there have been; tells whether there is news."""
+        """How many turns there have been; another number is news."""
         self._turns: deque[BinnedTurn] = deque(maxlen=TURNS)
         self._angle_rad: float | None = None  # of the newest tick, not wrapped
         self._turn = 0
@@ -95,8 +95,8 @@ class TurnAverager:
         """Return the amplitude at each order (ORDERS + 1,) over the last turns; order 0: the mean.
 
         Of turns at the newest set-point that did not change meanwhile: a ramp or a trip has every
-        order. NaN without any, and for orders that so few ticks a turn cannot tell. Least squares:
-        places that were visited more often do not count for more.
+        order. NaN without any, and for orders that so few ticks a turn do not resolve. Least
+        squares: places that were visited more often do not count for more.
         """
         out = np.full(ORDERS + 1, np.nan, np.float32)
         newest_Nm = self._turns[-1].set_Nm[1]

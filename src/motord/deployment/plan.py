@@ -114,7 +114,7 @@ def _shipped(name: str, path: str) -> DeployedFile:
 
 
 def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
-    """Yield the bench file and what it names by relative paths, as files beside it."""
+    """Yield the bench file and what it names by relative paths, as files next to it."""
     text = bench_file.read_text(encoding="utf-8")
     yield DeployedFile(BENCH, text, kept=True)
     for table, key, name in named_files(tomllib.loads(text)):
@@ -131,12 +131,12 @@ def _bench_files(bench_file: Path) -> Iterator[DeployedFile]:
             if is_hidden(named):
                 raise DeploymentError(
                     f"{bench_file}: {key} = {name!r} is in a home, which the service cannot see: "
-                    "put it beside the bench file and name it without a folder"
+                    "put it next to the bench file and name it without a folder"
                 )
         elif ".." in named.parts:
             raise DeploymentError(
                 f"{bench_file}: {key} = {name!r} is outside of its folder and would not be found "
-                f"from {ETC}: put it beside the bench file"
+                f"from {ETC}: put it next to the bench file"
             )
         else:
             yield DeployedFile(ETC / named, _text(bench_file.parent / named), kept=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from motord.emulate import EmulatorError
 
 BACKLOG_BYTES = 4096
-"""Bytes kept for a host that is behind, beside those the kernel keeps; more are lost."""
+"""Bytes kept for a host that is behind, besides those the kernel keeps; more are lost."""
 
 
 class Pty:

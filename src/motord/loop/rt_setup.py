@@ -1,7 +1,7 @@
 """Real-time rights of the loop process: all that can be had, and a loud account of the rest.
 
 `apply` changes the calling process for the rest of its life; `probe` asks in a process of its own
-and leaves nothing behind. docs/realtime.md tells how a system grants each right.
+and leaves nothing behind. docs/realtime.md says how a system grants each right.
 """
 
 import platform

@@ -146,7 +146,7 @@ class BlackBox:
 
 
 def make_room(path: Path, keep: int) -> None:
-    """Remove the oldest boxes beside `path`, so that with it there are `keep`. Raises OSError."""
+    """Remove the oldest boxes in the folder of `path`: with it there are `keep`. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True)
     bench = path.name.rpartition("-")[0]
     pattern = re.compile(rf"{re.escape(bench)}-{STAMP}\.mcap({re.escape(PART)})?")

@@ -90,7 +90,7 @@ class RecorderLink:
         self._send({"do": "operating_point", "t_ns": t_ns, "content": point})
 
     def blackbox(self, request: BlackBoxRequest) -> None:
-        """Write a black box, beside any recording."""
+        """Write a black box, in parallel with any recording."""
         self._send({"do": "blackbox", **vars(request)})
 
     def blackbox_event(self, event: Mapping[str, Any]) -> None:

@@ -39,7 +39,7 @@ class RingPiece:
     """Ticks in order, shape (n,); before them `lost` were lost.
 
     `resumed` is the mark after which they go on, if they are the first after a restart of the
-    recorder; `new_ring` tells that they are the first of a loop that started anew.
+    recorder; `new_ring` says that they are the first of a loop that started anew.
     """
 
     block: Block
@@ -55,7 +55,7 @@ def last_mark(stem: Path) -> Mark | None:
 
 
 def neighbours(stem: Path) -> tuple[Mark, ...]:
-    """Return the last ticks of the newest other recordings beside `stem`, the latest first.
+    """Return the last ticks of the newest other recordings in `stem`'s folder, the latest first.
 
     One of them ended where `stem` begins, if it is of the same bench.
     """

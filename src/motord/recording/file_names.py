@@ -51,13 +51,13 @@ def stem_of(path: Path) -> Path | None:
 def numbers(stem: Path) -> list[int]:
     """Return the numbers that files of `stem` have, finished or not, in ascending order."""
     pattern = re.compile(rf"{re.escape(stem.name)}-(\d+){re.escape(_SUFFIX)}({re.escape(PART)})?")
-    names = [path.name for path in _beside(stem)]
+    names = [path.name for path in _in_folder_of(stem)]
     return sorted({int(match[1]) for match in map(pattern.fullmatch, names) if match})
 
 
 def newest_others(stem: Path, count: int) -> list[Path]:
-    """Return the files beside `stem` that are not of it and were written last, newest first."""
-    others = (path for path in _beside(stem) if stem_of(whole_of(path)) not in (None, stem))
+    """Return the newest files in the folder of `stem` that are not of it, newest first."""
+    others = (path for path in _in_folder_of(stem) if stem_of(whole_of(path)) not in (None, stem))
     return [path for _, path in newest_first(others)[:count]]
 
 
@@ -79,5 +79,5 @@ def next_file(stem: Path) -> Path:
     return file_name(stem, taken[-1] + 1 if taken else 0)
 
 
-def _beside(stem: Path) -> list[Path]:
+def _in_folder_of(stem: Path) -> list[Path]:
     return list(stem.parent.iterdir()) if stem.parent.is_dir() else []

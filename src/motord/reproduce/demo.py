@@ -1,7 +1,7 @@
 """`motord demo`: mesh without compensation, calibration, mesh with it, all in virtual time.
 
 The shortest part of `motord reproduce`. Everything is read back from the recordings. The truth
-that the simulation records beside the ticks serves the evaluation alone: the root-mean-square
+that the simulation records besides the ticks serves the evaluation alone: the root-mean-square
 error of the true torque.
 """
 
@@ -46,7 +46,7 @@ FILES = {
     "calibration": "calibration.json",
     "report": "report.html",
 }
-"""What a demo leaves in its folder, beside `demo.json`; by their names in that."""
+"""What a demo leaves in its folder, besides `demo.json`; by their names in that."""
 
 HIGHEST_ORDER = 300
 

@@ -105,8 +105,7 @@ def _acceleration(found: Results) -> Iterator[Row]:
         "2.2.1",
         "inertia by acceleration",
         "not done: damping neglected in (2.1) would spoil it",
-        f"{found_kg_m2} kg m\u00b2 (true "
-        f"{truth:g}); by (2.1) {step.plain_kg_m2:.5f}",
+        f"{found_kg_m2} kg m\u00b2 (true {truth:g}); by (2.1) {step.plain_kg_m2:.5f}",
         "With friction in the fit and the measured torque on the other side it works; the sensor's "
         "gain is then what limits it.",
     )

@@ -206,7 +206,7 @@ def _learn(
 
 
 def save_summary(path: Path, found: Results, rows: Mapping[str, Any]) -> None:
-    """Write what was found beside the report's numbers, JSON. Raises OSError."""
+    """Write what was found next to the report's numbers, JSON. Raises OSError."""
     content = {
         "schema": "motord.reproduction/1",
         "runs": [run.name for run in found.runs],

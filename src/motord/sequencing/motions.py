@@ -93,7 +93,7 @@ def within(
 def near_speed(
     speed_Hz: float, tolerance: float, since: Observation
 ) -> Callable[[Observation], bool]:
-    """Return what tells whether the mean over a turn is within `tolerance` (in parts) of a speed.
+    """Return what says whether the mean over a turn is within `tolerance` (in parts) of a speed.
 
     It says nothing of that speed before a turn has passed `since` it was demanded.
     """

@@ -60,7 +60,7 @@ class RingWriter:
         memory_barrier()
 
     def close(self) -> None:
-        """Tell the readers that no more ticks will come. May be called twice."""
+        """State to the readers that no more ticks will come. May be called twice."""
         self._words[_CLOSED] = 1
 
 

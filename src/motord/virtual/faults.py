@@ -147,7 +147,7 @@ def new_link(
 
 
 class Player:
-    """Plays a timeline into a rig and its wires; `events` tells what was injected, and when."""
+    """Plays a timeline into a rig and its wires; `events` states what was injected, and when."""
 
     def __init__(self, timeline: Timeline, rate_Hz: int, link: np.ndarray) -> None:
         """Raises ConfigError for faults that a virtual bench cannot have."""

@@ -21,7 +21,7 @@ class Forecast:
     """What became of a point in the simulation.
 
     trouble: why it would fail, "" if it would not; quality: of its last take; simulated: False if
-    there was no time for it, or if it cannot be, for the reason that trouble then tells.
+    there was no time for it, or if it cannot be, for the reason that trouble then states.
     """
 
     point: OperatingPoint

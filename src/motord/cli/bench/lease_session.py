@@ -115,7 +115,7 @@ def hold(client: "Client", lease: "Lease", answer: "StateReply", for_s: float | 
 
 @dataclass
 class _Watched:
-    """What a bench was seen in, to tell when it is no longer what was commanded.
+    """What a bench was seen in, to find out when it is no longer what was commanded.
 
     States up to `read_ns` (Unix) may be of before the answer to the command.
     """

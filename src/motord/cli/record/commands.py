@@ -26,7 +26,7 @@ def info(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what a recording holds, and what is missing of it."""
+    """Report what a recording holds, and what is missing of it."""
     from motord.recording.info import describe
     from motord.recording.reader import open_run
 

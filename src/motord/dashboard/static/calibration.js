@@ -67,6 +67,22 @@ export class CalibrationPanel {
   }
 }
 
+/** @param {string} text */
+const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}.`;
+
+/**
+ * Where the data depart from the model, the serious ones first.
+ * @param {{name: string, value: number, limit: number, unit: string, severity: string, meaning: string, action: string}[]} found
+ */
+function findings(found) {
+  if (!found.length) return null;
+  const bySeverity = [...found].sort((a, b) => SEVERITIES.indexOf(a.severity) - SEVERITIES.indexOf(b.severity));
+  return element("ul", { class: "findings", "aria-label": "Where the data depart from the model" }, ...bySeverity.map((one) => element("li", { class: one.severity },
+    element("strong", {}, `${one.severity === "serious" ? "Serious" : one.severity === "warning" ? "Warning" : "Note"}: ${one.name}`),
+    ` ${significant(one.value)} ${one.unit} (limit ${significant(one.limit)})`,
+    element("span", {}, `${sentence(one.meaning)} ${sentence(one.action)}`))));
+}
+
 /** @param {any} found the reply of `calibration/show` */
 function content(found) {
   const estimates = (/** @type {number[]} */ values, /** @type {number[][]} */ intervals) =>
@@ -86,22 +102,6 @@ function content(found) {
     gained ? element("p", { class: "about" }, `RMS error: ${gained}`) : null,
     found.observable?.length ? element("ul", { class: "hint" }, ...found.observable.map((/** @type {string} */ text) => element("li", {}, text))) : null,
   ].filter((one) => one !== null);
-}
-
-/** @param {string} text */
-const sentence = (text) => text && `${text[0].toUpperCase()}${text.slice(1)}.`;
-
-/**
- * Where the data depart from the model, the serious ones first.
- * @param {{name: string, value: number, limit: number, unit: string, severity: string, meaning: string, action: string}[]} found
- */
-function findings(found) {
-  if (!found.length) return null;
-  const bySeverity = [...found].sort((a, b) => SEVERITIES.indexOf(a.severity) - SEVERITIES.indexOf(b.severity));
-  return element("ul", { class: "findings", "aria-label": "Where the data depart from the model" }, ...bySeverity.map((one) => element("li", { class: one.severity },
-    element("strong", {}, `${one.severity === "serious" ? "Serious" : one.severity === "warning" ? "Warning" : "Note"}: ${one.name}`),
-    ` ${significant(one.value)} ${one.unit} (limit ${significant(one.limit)})`,
-    element("span", {}, `${sentence(one.meaning)} ${sentence(one.action)}`))));
 }
 
 /** @param {{order: number, amplitude_Nm: number}[]} harmonics @param {(number | null)[]} halfWidths_Nm */

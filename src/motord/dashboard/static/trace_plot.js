@@ -1,4 +1,4 @@
-/** One plot over time: the signals of a group, limits, marks and cursor, with their values beside it. */
+/** One plot over time: the signals of a group, limits, marks and cursor, with their values next to it. */
 
 import uPlot from "./vendor/uPlot.esm.js";
 import { bandPaths, noPaths } from "./bands.js";
@@ -218,7 +218,7 @@ function line(ctx, x0, y0, x1, y1) {
 /** @param {string} rgb */
 const translucent = (rgb) => rgb.replace("rgb(", "rgba(").replace(")", ", 0.3)");
 
-/** Decimals that tell steps of `step` apart. @param {number} step */
+/** Decimals that distinguish steps of `step`. @param {number} step */
 const decimals = (step) => Math.max(0, Math.min(6, Math.ceil(-Math.log10(step) - 1e-9)));
 
 /** A value, or from minimum to maximum where they differ. @param {number} low @param {number} high @param {number} digits */

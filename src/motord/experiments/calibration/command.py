@@ -12,7 +12,6 @@ from motord.experiments.analysis import Analysis
 from motord.experiments.calibration.estimate.calibrator import CalibratedRuns, Calibrator
 from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
-from motord.findings import accept_options
 from motord.intervals import coverage_factor, plus_minus
 from motord.report.text import TextTable
 
@@ -77,12 +76,9 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     if (age := found.result.current_delay_s) is not None:
         age_us = plus_minus(1e6 * age[0], 1e6 * coverage_factor(age[2]) * age[1])
         yield f"- currents: {age_us} us older than the recording says (accounted for)"
-    if c.serious_findings:
-        yield (
-            "to apply it in spite of it: motord calibration install FILE "
-            + accept_options(c.serious_findings)
-        )
     yield from error_table(c.rms_error_percent)
+    if c.serious_findings:
+        yield f"to apply it all the same: motord calibration install FILE {c.accept_options}"
 
 
 ANALYSIS = Analysis(

@@ -70,7 +70,7 @@ class PythonCan:
 
     def close(self) -> None:
         """Release the channel; may be called twice."""
-        with suppress(*FAILURES):  # an adapter that was unplugged cannot be told
+        with suppress(*FAILURES):  # an adapter that was unplugged takes no command
             self._bus.shutdown()
 
     def _take(self, message: can.Message, received: list[CanFrame]) -> None:

@@ -1,4 +1,4 @@
-"""How late the loop wakes up and how long it works on this machine, beside cyclictest.
+"""How late the loop wakes up and how long it works on this machine, compared with cyclictest.
 
 Loop and cyclictest run in turn for a fraction of a second each, on the same processor, with the
 same priority and period. On a virtual machine the host may stop the processor at any moment: a

@@ -1,4 +1,4 @@
-"""alpha and beta of the phases with error bars, beside a reference."""
+"""alpha and beta of the phases with error bars, and those of a reference."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

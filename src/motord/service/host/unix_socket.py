@@ -1,7 +1,7 @@
 """The Unix socket on which a daemon may listen: reached by the members of a group, by nobody else.
 
 Zenoh makes the socket, takes the place of one that a dead daemon left, and refuses a path on which
-another daemon listens; a lock file beside the socket tells it which is which.
+another daemon listens; a lock file next to the socket tells it which is which.
 """
 
 import os

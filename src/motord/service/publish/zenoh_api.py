@@ -44,7 +44,7 @@ class Api:
 
     `offloaded` has the RPCs with work that must not delay the supervisor. `documents` answer
     queries for the newest state, events, plan progress and mesh. `max_request_bytes` is that of the
-    longest request; `in_command` tells whether a payload holds the token of the lease in force.
+    longest request; `in_command` says whether a payload holds the token of the lease in force.
     """
 
     def __init__(

@@ -23,7 +23,6 @@ from motord.api.requests import (
 )
 from motord.calibration import Calibration, CalibrationError, load
 from motord.config import MotorConfig
-from motord.findings import accept_options
 from motord.service.bench.calibrations import check_given
 from motord.service.rpc.calibration_details import details
 
@@ -61,7 +60,7 @@ def _check_accepted(calibration: Calibration, accepted: Collection[str]) -> None
             f"calibration {calibration.id} has {len(missing)} serious "
             f"finding{'s' * (len(missing) > 1)}: {'; '.join(missing)}. `motord calibration show "
             "FILE` says what that means and what to do; to apply it all the same: `motord "
-            f"calibration install FILE {accept_options(serious)}`",
+            f"calibration install FILE {calibration.accept_options}`",
         )
 
 

@@ -4,7 +4,7 @@ The body of a frame is `type u8, sequence u16, payload, CRC-16 u16`, little-endi
 it is byte-stuffed (`wire.bridge.cobs`) and ended by a zero byte; over CAN it is cut into pieces
 (`wire.bridge.segmentation`). Each side numbers all the frames it sends. The CRC covers
 type, sequence and payload. The layouts come from the firmware's header (`wire.bridge.layout`).
-`docs/protocols.md` tells who sends what when.
+`docs/protocols.md` says who sends what when.
 
 Status words are those of `schema.BridgeStatus`. Times are the board's microsecond clock, which
 wraps at 32 bits.

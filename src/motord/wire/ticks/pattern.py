@@ -41,7 +41,7 @@ class Pattern:
         return len(rows)
 
     def _all_match(self, rows: Bytes) -> bool:
-        """Tell whether all rows, a multiple of `_ROWS_FOLDED`, match.
+        """Return whether all rows, a multiple of `_ROWS_FOLDED`, match.
 
         A byte is the same in all rows if their conjunction and their disjunction have it. Several
         rows are folded as one long one, which saves numpy a loop for each.
