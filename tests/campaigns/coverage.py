@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 
+from motord.config import TorqueSensorConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.intervals import coverage_factor
@@ -58,6 +59,12 @@ class Case:
         recorded = "commands" if self.commands else "no commands"
         return self.connection, recorded, self.points, self.scatter
 
+    @property
+    def noise(self) -> int:
+        """Seed of noise and scatter: no two trials have the same."""
+        points = list(MESHES).index(self.points)
+        return (self.seed * len(MESHES) + points) * len(MOTORS) + self.motor
+
     def bench(self, *, delta_epsilon_is_1: bool) -> Bench:
         """Return the bench, with gains and offsets of its own."""
         slots, pole_pairs, counts, third = MOTORS[self.motor]
@@ -77,7 +84,7 @@ class Case:
             truth=truth,
             rate_Hz=500,
             fine_Hz=2000,
-            sensor=replace_resonance(Bench().sensor),
+            sensor=TorqueSensorConfig(highpass_time_constant_s=2.0),
             ripple_order=2 * pole_pairs,
             gain_scatter=self.scatter,
         )
@@ -96,16 +103,11 @@ class Case:
     def _found(self, *, delta_epsilon_is_1: bool) -> tuple[Bench, CalibrationResult]:
         bench = self.bench(delta_epsilon_is_1=delta_epsilon_is_1)
         calibrator = Calibrator(bench.motor, bench.sensor)
-        for point in bench.mesh(*MESHES[self.points], turns=TURNS + 0.5, seed=self.seed):
+        for point in bench.mesh(*MESHES[self.points], turns=TURNS + 0.5, seed=self.noise):
             names = point.ticks.dtype.names or ()
             kept = [name for name in names if self.commands or "cmd" not in name]
             calibrator.add(replace(point, ticks=point.ticks[kept]))
         return bench, calibrator.joint()
-
-
-def replace_resonance(sensor):  # type: ignore[no-untyped-def]
-    """Return the sensor with a rigid mount: its resonance lies above what 500 Hz can sample."""
-    return sensor.model_copy(update={"resonance_Hz": 0.0})
 
 
 Row = tuple[str, float, float]
@@ -179,17 +181,18 @@ class Share:
 
 def shares(chosen: list[Case], found: list[list[Row]]) -> list[Share]:
     """Put trials together."""
-    groups: dict[tuple[tuple[object, ...], str], list[tuple[float, float]]] = defaultdict(list)
+    groups: dict[tuple[tuple[object, ...], str], list[tuple[Case, float, float]]]
+    groups = defaultdict(list)
     for case, trial_rows in zip(chosen, found, strict=True):
         for kind, ratio, half in trial_rows:
-            groups[case.group, kind].append((ratio, half))
+            groups[case.group, kind].append((case, ratio, half))
     return [
         Share(
             group,
             kind,
-            len({id(v) for v in values}),
-            float(np.mean([abs(ratio) <= 1 for ratio, _ in values])),
-            float(np.median([half for _, half in values])),
+            len({case for case, *_ in values}),
+            float(np.mean([abs(ratio) <= 1 for _, ratio, _ in values])),
+            float(np.median([half for *_, half in values])),
         )
         for (group, kind), values in groups.items()
     ]

@@ -16,6 +16,7 @@ from motord.config import load
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.plans import build
 from motord.identification.operating_points import split
+from motord.intervals import coverage_factor
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, processors, run_plan
@@ -35,14 +36,14 @@ SLACK = 2.5
 
 @dataclass(frozen=True)
 class Trial:
-    """Errors (n,) of all parameters of the joint estimator and their stated standard errors (n,).
+    """Errors of all parameters of the joint estimator, halves of their 95 % intervals (n,).
 
     alpha (3,): error of the residual estimator in parts of the truth.
     """
 
     names: tuple[str, ...]
     error: np.ndarray
-    stderr: np.ndarray
+    half_width: np.ndarray
     alpha: np.ndarray
     residual_alpha: np.ndarray
 
@@ -73,9 +74,14 @@ def trial(seed: int) -> Trial:
     common = float(np.cbrt(alpha.prod()))
     alpha = alpha / common
     beta_A = delta * np.array(truth.inverter.beta_A)
+    freedom = joint.degrees_of_freedom
     assert joint.delta_epsilon_stderr is not None
+    assert freedom is not None
+    assert joint.alpha_half_width is not None
+    assert joint.beta_half_width_A is not None
     rows = [("delta epsilon", joint.delta_epsilon - delta * epsilon * common)]
-    errors = [joint.delta_epsilon_stderr, *joint.alpha_stderr, *joint.beta_stderr_A]
+    half = coverage_factor(freedom.delta_epsilon) * joint.delta_epsilon_stderr
+    halves = [half, *joint.alpha_half_width, *joint.beta_half_width_A]
     rows += [(f"alpha {p}", e) for p, e in zip("abc", joint.alpha - alpha, strict=True)]
     rows += [(f"beta {p}", e) for p, e in zip("abc", joint.beta_A - beta_A, strict=True)]
     for wave in truth.motor.cogging:
@@ -85,11 +91,11 @@ def trial(seed: int) -> Trial:
             (f"order {wave.order} amplitude", found.amplitude_Nm - delta * wave.amplitude_Nm)
         )
         rows.append((f"order {wave.order} phase", turned))
-        errors += [found.stderr_Nm, found.phase_stderr_rad]
+        halves += [found.half_width_Nm, found.phase_half_width_rad]
     return Trial(
         names=tuple(name for name, _ in rows),
         error=np.array([error for _, error in rows]),
-        stderr=np.array(errors),
+        half_width=np.array(halves),
         alpha=joint.alpha / alpha - 1,
         residual_alpha=residual.alpha / alpha - 1,
     )
@@ -106,14 +112,14 @@ class Verdict:
 def judge(trials: Sequence[Trial]) -> Verdict:
     """Put trials together."""
     error = np.array([t.error for t in trials])
-    stderr = np.array([t.stderr for t in trials])
-    covered = (np.abs(error) <= 1.96 * stderr).mean(axis=0)
+    half_width = np.array([t.half_width for t in trials])
+    covered = (np.abs(error) <= half_width).mean(axis=0)
     lines, failures = [], []
     slack = SLACK * np.sqrt(0.95 * 0.05 / len(trials)) if len(trials) < SEEDS else 0.0
     for n, name in enumerate(trials[0].names):
         lines.append(
             f"{name:20s} in its interval {100 * covered[n]:5.1f} %   bias {error[:, n].mean():+.6f}"
-            f"   spread {error[:, n].std(ddof=1):.6f}   stated {stderr[:, n].mean():.6f}"
+            f"   spread {error[:, n].std(ddof=1):.6f}   half {half_width[:, n].mean():.6f}"
         )
         if not COVERED[0] - slack <= covered[n] <= COVERED[1] + slack:
             failures.append(f"{name}: in its interval in {100 * covered[n]:.1f} % of the cases")

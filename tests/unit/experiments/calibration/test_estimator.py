@@ -12,15 +12,15 @@ def trials() -> list[Trial]:
 
 
 def test_the_truth_lies_within_the_stated_errors(trials: list[Trial]) -> None:
-    ratio = np.array([t.error / t.stderr for t in trials])
-    assert np.abs(ratio).max() < 4.0
-    assert 0.3 < np.sqrt((ratio**2).mean()) < 1.6
+    ratio = np.array([t.error / t.half_width for t in trials])
+    assert np.abs(ratio).max() < 2.0
+    assert 0.15 < np.sqrt((ratio**2).mean()) < 0.8
 
 
 def test_delta_epsilon_is_measured(trials: list[Trial]) -> None:
     assert trials[0].names[0] == "delta epsilon"
     assert max(abs(t.error[0]) for t in trials) < 0.01
-    assert all(1e-4 < t.stderr[0] < 5e-3 for t in trials)
+    assert all(2e-4 < t.half_width[0] < 0.02 for t in trials)
 
 
 def test_the_residual_estimator_is_biased_where_the_joint_one_is_not(trials: list[Trial]) -> None:
@@ -29,10 +29,10 @@ def test_the_residual_estimator_is_biased_where_the_joint_one_is_not(trials: lis
 
 
 def test_a_campaign_tells_what_was_not_kept(trials: list[Trial]) -> None:
-    sure = [Trial(t.names, t.error, t.stderr * 1e-3, t.alpha + 0.01, t.alpha) for t in trials]
+    sure = [Trial(t.names, t.error, t.half_width * 1e-3, t.alpha + 0.01, t.alpha) for t in trials]
     failures = judge(sure).failures
     assert sum("in its interval" in failure for failure in failures) > 10
     assert any("joint" in failure for failure in failures)
     assert any("residual" in failure for failure in failures)
-    off = [Trial(t.names, t.error + 0.02, t.stderr, t.alpha, t.residual_alpha) for t in trials]
+    off = [Trial(t.names, t.error + 0.02, t.half_width, t.alpha, t.residual_alpha) for t in trials]
     assert any("delta epsilon is off" in failure for failure in judge(off).failures)

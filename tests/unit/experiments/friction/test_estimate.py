@@ -9,6 +9,7 @@ from motord.experiments.analysis import encode
 from motord.experiments.friction.coast_down import CoastDown
 from motord.experiments.friction.result import DirectionalFriction, Inertia
 from motord.identification import IdentifyError
+from motord.intervals import coverage_factor
 from tests.campaigns.friction import ROTORS, coverage, trial
 from tests.unit.experiments.friction.coasting import INERTIA, Rotor, coast_downs, friction
 
@@ -107,7 +108,7 @@ def test_the_inertia_scales_torques_and_widens_their_intervals() -> None:
     doubled = friction(coasts, Inertia(2 * INERTIA.kg_m2, 0.02, "test")).directions[0]
     assert doubled.coulomb_Nm == pytest.approx(2 * exact.coulomb_Nm)
     half = doubled.coulomb_high_Nm - doubled.coulomb_Nm
-    expected = np.hypot(2 * exact.coulomb_fit_Nm, 1.96 * 0.02 * doubled.coulomb_Nm)
+    expected = np.hypot(2 * exact.coulomb_fit_Nm, coverage_factor() * 0.02 * doubled.coulomb_Nm)
     assert half == pytest.approx(expected)
 
 

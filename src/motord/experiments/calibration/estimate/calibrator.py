@@ -41,8 +41,11 @@ from motord.intervals import coverage_factor, plus_minus
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 
-ROUNDS = 4
-"""Fits by which the zero sequence of the currents settles, where it was not recorded."""
+MOST_ROUNDS = 12
+"""Fits in which the zero sequence of the currents must settle, where it was not recorded."""
+
+SETTLED = 1e-4
+"""Change of alpha from fit to fit below which it has settled."""
 
 NEARLY_SEEN = "; it is nearly seen: intervals contain what it would be"
 
@@ -167,7 +170,7 @@ class Calibrator:
                 "some operating points have currents with a zero sequence, others without; "
                 "calibrate from runs of one drive only"
             )
-        for _ in range(ROUNDS):
+        for _ in range(MOST_ROUNDS):
             alpha = fitted.solution.alpha
             points = [
                 accumulate(restored(samples, alpha), self._basis, self._sensor)
@@ -175,7 +178,14 @@ class Calibrator:
             ]
             regression = Regression(points, self._basis, orders, False)
             fitted = fit(regression, rated_A)
-        return fitted, regression
+            if np.abs(fitted.solution.alpha - alpha).max() < SETTLED:
+                return fitted, regression
+        gains = ", ".join(f"{gain:.2f}" for gain in fitted.solution.alpha)
+        raise IdentifyError(
+            "the currents have no zero sequence, and with that which follows from the gains found "
+            f"these do not settle (alpha {gains}): check wiring, back-EMF and encoder offset, or "
+            "record the currents of all three phases"
+        )
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""

@@ -8,6 +8,7 @@ from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.normal_equations import ALPHA
 from motord.experiments.calibration.estimate.turn_products import TurnProducts
 from motord.identification import IdentifyError
+from motord.intervals import coverage_factor
 
 MIN_TURNS = 2
 """Whole turns that each operating point needs."""
@@ -92,7 +93,8 @@ def check_fit(fitted: JointFit) -> None:
         )
     low, high = ALPHA_RANGE
     for phase in range(3):
-        if not low <= alpha[phase] <= high:
+        half = coverage_factor(fitted.errors.freedom[phase]) * stderr[phase]
+        if not low - half <= alpha[phase] <= high + half:
             raise IdentifyError(
                 f"phase {'abc'[phase]} comes out with a gain of {alpha[phase]:.2f} relative to the "
                 "others: no sensor error is that large; check wiring, back-EMF and encoder offset"

@@ -101,7 +101,7 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
     return JointFit(
         solution=solution,
-        errors=_errors(normals, turns.point, solution, identifiable),
+        errors=stated_errors(normals, turns.point, solution, identifiable),
         identifiable=identifiable,
         noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
         condition_number=_condition_number(normals.information, identifiable),
@@ -109,7 +109,7 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
     )
 
 
-def _errors(
+def stated_errors(
     normals: NormalEquations,
     point: np.ndarray,
     solution: Solution,
@@ -124,7 +124,7 @@ def _errors(
         opened = identifiable.opened()
         other = solve(normals.left, normals.right.sum(axis=0), opened)
         apart = other.vector - solution.vector
-        return _errors(normals, point, other, opened) + VarianceComponents.known(
+        return stated_errors(normals, point, other, opened) + VarianceComponents.known(
             np.outer(apart, apart)
         )
     inverse = _inverse(normals.left, identifiable)

@@ -1,0 +1,84 @@
+"""Errors of the joint estimator from turns and points, against trials of a small linear model."""
+
+import numpy as np
+import pytest
+
+from motord.experiments.calibration.estimate.identifiability import COMMON, Identifiability
+from motord.experiments.calibration.estimate.joint import solve, stated_errors
+from motord.experiments.calibration.estimate.normal_equations import (
+    ALPHA,
+    BETA,
+    DELAY,
+    FIRST_COGGING,
+    NormalEquations,
+)
+from motord.intervals import coverage_factor
+from tests.campaigns.coverage import Case, trial
+
+ANGLE = 2 * np.pi * np.arange(48) / 48
+PHASES = 2 * np.pi * np.arange(3) / 3
+TRUTH = np.array([1.02, 0.97, 1.01, 0.3, -0.1, -0.2, 0.0, 0.0, 0.06, -0.02])
+TRUTH[ALPHA] /= np.cbrt(TRUTH[ALPHA].prod())
+INDEPENDENT = Identifiability(COMMON, offset_seen=False)
+
+
+def columns(torque_Nm: float) -> np.ndarray:
+    """Independent phases: neither a common gain nor a common offset makes ripple."""
+    waves = np.zeros((ANGLE.size, TRUTH.size))
+    waves[:, ALPHA] = torque_Nm / 3 * np.cos(2 * (ANGLE[:, None] - PHASES))
+    waves[:, BETA] = 0.2 * np.cos(ANGLE[:, None] - PHASES)
+    waves[:, DELAY] = 0.01 * np.sin(3 * ANGLE)
+    waves[:, FIRST_COGGING] = np.cos(2 * ANGLE)
+    waves[:, FIRST_COGGING + 1] = np.sin(2 * ANGLE)
+    return waves
+
+
+def normals(
+    torques_Nm: tuple[float, ...], turns: int, scatter: float, rng: np.random.Generator
+) -> NormalEquations:
+    lefts, rights = [], []
+    for torque_Nm in torques_Nm:
+        x, theta = columns(torque_Nm), TRUTH.copy()
+        theta[ALPHA] *= 1 + scatter * rng.standard_normal(3)
+        for _ in range(turns):
+            y = x @ theta + 0.02 * rng.standard_normal(ANGLE.size)
+            lefts.append(x.T @ x / 0.02**2)
+            rights.append(x.T @ y / 0.02**2)
+    left = np.array(lefts)
+    return NormalEquations(left, np.zeros_like(left), np.array(rights))
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("torques_Nm", [(1.0, 3.0, 5.0), (1.0, 1.0, 3.0, 3.0, 5.0, 5.0)], ids=len)
+def test_intervals_hold_the_truth(torques_Nm: tuple[float, ...], scatter: float) -> None:
+    rng = np.random.default_rng(5)
+    held = []
+    for _ in range(80):
+        one = normals(torques_Nm, 5, scatter, rng)
+        found = solve(one.left, one.right.sum(axis=0), INDEPENDENT)
+        point = np.repeat(np.arange(len(torques_Nm)), 5)
+        errors = stated_errors(one, point, found, INDEPENDENT)
+        factor = np.array([coverage_factor(freedom) for freedom in errors.freedom])
+        inside = np.abs(found.vector[:-1] - TRUTH) <= (factor * errors.stderr)[:-1]
+        held.append(inside[[0, 1, 2, 3, 4, 5, 8, 9]])
+    covered = np.mean(held, axis=0)
+    assert covered.min() > 0.85
+    assert 0.90 <= covered.mean() <= 0.995
+
+
+def test_the_scatter_of_gains_is_in_the_errors_and_costs_freedom() -> None:
+    rng = np.random.default_rng(3)
+    stated = {}
+    for scatter in (0.0, 0.02):
+        one = normals((1.0, 3.0, 5.0, 1.0, 3.0, 5.0), 8, scatter, rng)
+        found = solve(one.left, one.right.sum(axis=0), INDEPENDENT)
+        stated[scatter] = stated_errors(one, np.repeat(np.arange(6), 8), found, INDEPENDENT)
+    assert (stated[0.02].stderr[ALPHA] > 4 * stated[0.0].stderr[ALPHA]).all()
+    assert (stated[0.02].freedom[ALPHA] < 12).all()
+
+
+@pytest.mark.parametrize("connection", ["star", "independent"])
+def test_trials_of_the_campaign(connection: str) -> None:
+    rows = trial(Case(1, connection, commands=False, points=3, scatter=0.01, seed=2))
+    assert {kind for kind, *_ in rows} >= {"alpha", "beta", "amplitude", "phase"}
+    assert max(abs(ratio) for _, ratio, _ in rows) < 2.5
