@@ -189,8 +189,9 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
 @dataclass(frozen=True)
 class Kirchhoff:
     """alpha from the torque alone less that of Kirchhoff's law: the worst phase, and by how many
-    standard errors."""
+    standard errors. differences: of all phases (3,)."""
 
+    differences: np.ndarray
     phase: str
     difference: float
     errors: float
@@ -214,4 +215,4 @@ def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
     least = np.maximum(torque.stderr[ALPHA], 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
     errors = float(abs(difference[worst]) / least[worst])
-    return Kirchhoff("abc"[worst], float(difference[worst]), errors)
+    return Kirchhoff(difference, "abc"[worst], float(difference[worst]), errors)

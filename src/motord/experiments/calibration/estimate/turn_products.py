@@ -69,7 +69,7 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
     counts = basis.back_emf.shape[0]
     lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
-    commands_A, rates = instruments(lines, basis, samples.speed_Hz)
+    commands_A, rates = instruments(lines, basis, samples.velocity_Hz)
     currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
     turns = np.array(samples.turns)
     torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
