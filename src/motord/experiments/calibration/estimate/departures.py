@@ -38,8 +38,8 @@ class Cause:
     """A departure that explains more of the rest than chance would.
 
     size (terms,), in the effect's units; sigmas: by how many standard errors it is other than zero;
-    shift (p,): by how much it has moved the model's parameters, of all `alike` the largest; alike:
-    names of other departures that explain nearly as much. rms_Nm: largest line that it leaves.
+    rms_Nm: largest line that it leaves. alike: names of other departures that explain nearly as
+    much. shifts (n, p): by how much it has moved the model's parameters, and what is alike would.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Cause:
     size: np.ndarray
     sigmas: float
     rms_Nm: float
-    shift: np.ndarray
+    shifts: np.ndarray
     alike: tuple[str, ...]
 
 
@@ -99,13 +99,13 @@ def causes(evidence: Evidence, subspace: np.ndarray) -> tuple[tuple[Cause, ...],
             break
         alike = [n for n in _alike(evidence.effects, gains, number) if n not in chosen]
         own = slice(0, subspace.shape[1])
-        shifts = [
+        moved = [
             evidence.fitted(plain, [*chosen, n]).solution[own] - so_far.solution[own]
             for n in (number, *alike)
         ]
-        shift = subspace @ max(shifts, key=lambda one: float(one @ one))
+        shifts = np.array(moved) @ subspace.T
         names = tuple(sorted({evidence.effects[n].name for n in alike}))
-        found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shift, names))
+        found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shifts, names))
         chosen.append(number)
     return tuple(found), evidence.fitted(plain, chosen).left_lines(evidence.rows)
 

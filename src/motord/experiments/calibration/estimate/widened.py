@@ -5,9 +5,11 @@ explains is that much more than noise. So
 
     stderr^2 = (dispersion stderr)^2 + sum of shift^2
 
-with the shifts of all departures found. The estimates themselves stay as the model has them.
+with the shifts of all departures found, of those that look alike the largest. The estimates
+themselves stay as the model has them.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +40,9 @@ def with_lack_of_fit(
     """Return the result with findings, and standard errors that account for them."""
     assert result.current_delay_s is not None
     age_s, age_stderr_s = result.current_delay_s
-    shifted_s = age_s + sum(float(one.shift[DELAY]) for one in fit.causes) * DELAY_SHARE * period_s
+    shifted_s = (
+        age_s + sum(float(one.shifts[0, DELAY]) for one in fit.causes) * DELAY_SHARE * period_s
+    )
     found = findings(fit, bench, (age_s, age_stderr_s), shifted_s, period_s, kirchhoff)
     if not found:
         return result
@@ -46,7 +50,7 @@ def with_lack_of_fit(
     alpha_squares, delta_epsilon_square = _gain_shifts(result, fit)
     if kirchhoff is not None and kirchhoff.errors > AGREEING_ERRORS:
         alpha_squares = alpha_squares + kirchhoff.differences**2
-    beta_squares = sum((one.shift[BETA] ** 2 for one in fit.causes), np.zeros(3))
+    beta_squares = _sum_of_largest(one.shifts[:, BETA] ** 2 for one in fit.causes)
     delta_epsilon_stderr = result.delta_epsilon_stderr
     if delta_epsilon_stderr is not None:
         delta_epsilon_stderr = float(
@@ -65,31 +69,39 @@ def with_lack_of_fit(
     )
 
 
+def _sum_of_largest(squares: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the sum over causes of the largest of (n, m) over n: what is alike counts once."""
+    return np.asarray(sum(each.max(axis=0) for each in squares))
+
+
 def _gain_shifts(result: CalibrationResult, fit: LackOfFit) -> tuple[np.ndarray, float]:
     """Return the sums of squares of the shifts of alpha (3,), product 1, and of delta epsilon."""
+    if not fit.causes:
+        return np.zeros(3), 0.0
     gain = result.delta_epsilon * result.alpha
-    alpha, common = np.zeros(3), 0.0
+    squares = []
     for cause in fit.causes:
-        moved = np.maximum(gain + cause.shift[ALPHA], 1e-3)
-        product = float(np.cbrt(moved.prod()))
-        alpha = alpha + (moved / product - result.alpha) ** 2
-        common += (product - result.delta_epsilon) ** 2
-    return alpha, common
+        moved = np.maximum(gain + cause.shifts[:, ALPHA], 1e-3)
+        common = np.cbrt(moved.prod(axis=1, keepdims=True))
+        alpha, delta_epsilon = moved / common - result.alpha, common - result.delta_epsilon
+        squares.append(np.column_stack([alpha, delta_epsilon]) ** 2)
+    total = _sum_of_largest(squares)
+    return total[:3], float(total[3])
 
 
 def _widened(harmonic: Harmonic, fit: LackOfFit, place: int) -> Harmonic:
     """Return a harmonic whose cos and sin are parameters `place` and the next."""
     along = np.array([np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)])
     across = np.array([along[1], -along[0]])
-    shifts = [one.shift[place : place + 2] for one in fit.causes]
-    amplitude_square = sum(float(along @ one) ** 2 for one in shifts)
+    turned = np.column_stack([along, across])
+    shifts = [one.shifts[:, place : place + 2] @ turned for one in fit.causes]
+    amplitude_square, across_square = np.zeros(2) + _sum_of_largest(one**2 for one in shifts)
     amplitude_square += sum(_blurred_Nm(harmonic, one) ** 2 for one in fit.causes)
-    across_square = sum(float(across @ one) ** 2 for one in shifts)
+    stderr_Nm = np.hypot(fit.dispersion * harmonic.stderr_Nm, np.sqrt(amplitude_square))
     phase_stderr = np.hypot(
         fit.dispersion * (harmonic.phase_stderr_rad or 0.0),
         np.sqrt(across_square) / max(harmonic.amplitude_Nm, 1e-300),
     )
-    stderr_Nm = np.hypot(fit.dispersion * harmonic.stderr_Nm, np.sqrt(amplitude_square))
     return harmonic.model_copy(
         update={
             "stderr_Nm": float(stderr_Nm),
