@@ -1,9 +1,8 @@
 """Lack of fit: what the joint estimator leaves at each order of the turn, beyond noise, and why.
 
-rest_h(p) is the line that the model leaves at order h of operating point p. Where the model holds,
-sum_p |rest_h(p)|^2 / noise_h(p)^2 is a sum of P squares of two noises each, over P: F distributed.
-Departures that leave a pattern over orders and points come first (`departures`); what they do not
-explain is listed by order.
+rest_h(p) is the line that the model leaves at order h of operating point p. Departures that leave a
+pattern over orders and points come first (`departures`); what they do not explain is listed by
+order, where it is alike at all points but for a growth with the torque.
 """
 
 from dataclasses import dataclass
@@ -34,6 +33,10 @@ from motord.experiments.calibration.estimate.turn_spectrum import orders_average
 
 MODELLED_SHARE = 1e-6
 """Part of the strongest order's square from which on the model's columns are at an order."""
+
+
+POWERS = (0, 1, 2)
+"""Powers of the torque with which what is left may grow."""
 
 
 @dataclass(frozen=True)
@@ -119,32 +122,37 @@ def _modelled(own: np.ndarray, cogging_orders: tuple[int, ...]) -> np.ndarray:
 def left_orders(
     torque_Nm: np.ndarray, rest_Nm: np.ndarray, noise_Nm: np.ndarray
 ) -> tuple[LeftOrder, ...]:
-    """Return the orders at which the rest (points, h) is significantly more than noise.
+    """Return the orders at which the rest (points, h) grows with a power of the torque, or none.
 
-    The encoder's counts leave lines that are alike in turns of nearly the same speed, which noise
-    does not know of. So what is common among the orders is taken from the orders themselves: the
-    spread of their normal scores (an empirical null distribution, Efron 2004).
+    What is left has to be alike at all points but for that growth: against the noise, and against
+    what else is left at the order. Encoder counts nearly in step with the samples leave lines that
+    turns repeat, so that noise does not account for them, but points do not.
     """
     points, orders = rest_Nm.shape
-    squares = np.abs(rest_Nm) ** 2 / noise_Nm**2
+    y = rest_Nm / noise_Nm
     freedom = 2 * orders_averaged(orders) * points
-    scores = stats.norm.isf(stats.f.sf(squares.mean(axis=0), 2 * points, freedom))
-    spread = max(float(np.median(np.abs(scores))) / stats.norm.isf(0.25), 1.0)
-    p_values = stats.norm.sf(scores / spread)
-    found = []
-    for column in np.flatnonzero(p_values < FALSE_SHARE / orders):
-        y = rest_Nm[:, column] / noise_Nm[:, column]
-        gains = []
-        for power in (0, 1, 2):
-            x = torque_Nm**power / noise_Nm[:, column]
-            gains.append(float(np.abs(x @ y) ** 2 / max(x @ x, 1e-300)))
-        found.append(
-            LeftOrder(
-                order=int(column) + 1,
-                rms_Nm=float(np.sqrt((np.abs(rest_Nm[:, column]) ** 2).mean() / 2)),
-                noise_Nm=float(np.sqrt((noise_Nm[:, column] ** 2).mean() / 2)),
-                power=int(np.argmax(gains)),
-                p_value=float(p_values[column]),
-            )
+    p_values = []
+    for power in POWERS:
+        x = (torque_Nm**power)[:, None] / noise_Nm
+        gained = np.abs((x * y).sum(axis=0)) ** 2 / np.maximum((x**2).sum(axis=0), 1e-300)
+        else_left = ((np.abs(y) ** 2).sum(axis=0) - gained) / max(points - 1, 1)
+        against_noise = stats.f.sf(gained, 2, freedom)
+        against_rest = stats.f.sf(gained / np.maximum(else_left, 1e-9), 2, 2 * max(points - 1, 1))
+        p_values.append(np.maximum(against_noise, against_rest if points > 1 else 0.0))
+    power = np.argmin(p_values, axis=0)
+    p_value = np.min(p_values, axis=0) * len(POWERS)
+    return tuple(
+        LeftOrder(
+            order=int(column) + 1,
+            rms_Nm=_rms(rest_Nm[:, column]),
+            noise_Nm=_rms(noise_Nm[:, column]),
+            power=POWERS[power[column]],
+            p_value=float(p_value[column]),
         )
-    return tuple(found)
+        for column in np.flatnonzero(p_value < FALSE_SHARE / orders)
+    )
+
+
+def _rms(lines_Nm: np.ndarray) -> float:
+    """Return the RMS torque of lines (points,) over the points."""
+    return float(np.sqrt((np.abs(lines_Nm) ** 2).mean() / 2))
