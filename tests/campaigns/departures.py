@@ -173,9 +173,10 @@ class Trial(NamedTuple):
 
 
 def rig(connection: str, changes: Changes) -> tuple[Config, RigTruth]:
-    """Return the packaged bench with a rig that departs from it."""
+    """Return the packaged bench with a rig that departs from it; its gains stay what they are."""
     config, truth = load(), load_truth()
     tables = truth.model_dump(exclude_none=True)
+    tables["inverter"]["gain_drift_per_K"] = (0.0, 0.0, 0.0)
     for name, table in changes.items():
         tables[name] |= table
     tables["motor"]["connection"] = connection
