@@ -28,10 +28,8 @@ def test_a_bench_as_the_model_has_it_gives_no_finding(connection: str) -> None:
     ("connection", "row", "mesh", "name", "size"),
     [
         ("independent", "encoder 0.1 deg once", MESH, "encoder-error-order-1", 0.1),
-        ("independent", "torque sensor's cross-talk 1 % at 2p", MESH, "torque-sensor-crosstalk", 1),
         ("star", "back-EMF's order 7 (1 %) missing", MESH, "back-emf", 1.02),
         ("star", "current sensors' gain 1 % over range", MESH, "current-sensor-nonlinearity", None),
-        ("star", "cogging 5 % more with current", MESH, "cogging-load", None),
         ("star", "high-pass told 50 % too long", TWO_SPEEDS, "highpass-time-constant", 50),
         ("independent", "friction ripple 0.3 % at order 48, both directions", TWO_SPEEDS,
          "friction-ripple", 0.3),

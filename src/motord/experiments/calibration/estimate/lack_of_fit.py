@@ -58,12 +58,15 @@ class LeftOrder:
 class LackOfFit:
     """What a fit leaves. rest_Nm, noise_Nm (points, orders): lines and their standard errors.
 
-    left: the orders that the causes do not account for; dispersion: root of the mean square of what
-    is left at the model's own orders, over its noise.
+    torque_Nm (points,): set-points. left_Nm (points, orders): lines that the causes do not account
+    for, left: the orders at which they are more than noise; dispersion: root of their mean square
+    at the model's own orders, over the noise.
     """
 
+    torque_Nm: np.ndarray
     rest_Nm: np.ndarray
     noise_Nm: np.ndarray
+    left_Nm: np.ndarray
     causes: tuple[Cause, ...]
     left: tuple[LeftOrder, ...]
     dispersion: float
@@ -97,7 +100,7 @@ def lack_of_fit(regression: Regression, fitted: JointFit, motor: MotorConfig) ->
     modelled = _modelled(own[:, :FIRST_COGGING], cogging_orders)
     squares = (np.abs(unexplained_Nm[:, modelled]) / noise_Nm[:, modelled]) ** 2
     dispersion = max(float(np.sqrt(squares.mean())), 1.0)
-    return LackOfFit(rest_Nm, noise_Nm, found, left, dispersion)
+    return LackOfFit(torque_Nm, rest_Nm, noise_Nm, unexplained_Nm, found, left, dispersion)
 
 
 def _rest(regression: Regression, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
