@@ -1,6 +1,6 @@
 """`[plans.*]`: what each experiment does by default."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
@@ -52,6 +52,9 @@ class CalibrateConfig(MeshConfig):
     """Factors of one phase's current at further points; none: delta epsilon is assumed to be 1."""
     gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
     """Torques of these points; empty: the mesh's middle torque."""
+    directions: Literal["forwards", "both"] = "forwards"
+    """"both": every other point of the mesh is taken backwards, which separates the ripple of
+    friction from cogging torque; where the load may be turned backwards."""
 
     @field_validator("gain_steps")
     @classmethod

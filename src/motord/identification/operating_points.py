@@ -83,6 +83,17 @@ class Samples:
         duration_s = self.t_s[self.turns[-1][1] - 1] - self.t_s[self.turns[0][0]]
         return float(len(self.turns) / (duration_s + self.period_s))
 
+    @property
+    def velocity_Hz(self) -> float:
+        """Mean speed over the whole turns (turns/s), negative backwards."""
+        return self.speed_Hz if _forwards(self.count) else -self.speed_Hz
+
+
+def _forwards(count: np.ndarray) -> bool:
+    """Return whether most steps of the counts (n,) are upwards; a turn's end is one downwards."""
+    steps = np.diff(count)
+    return bool((steps > 0).sum() >= (steps < 0).sum())
+
 
 def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> Iterator[PointData]:
     """Yield the good operating points of a run, in their order.

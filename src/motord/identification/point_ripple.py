@@ -98,7 +98,7 @@ def _mean(values: list[float]) -> float | None:
 def point_ripple(samples: Samples, motor: MotorConfig, sensor: TorqueSensorConfig) -> PointRipple:
     """Return the ripple of an operating point."""
     order = np.arange(1, highest_order(samples, motor, sensor) + 1)
-    seen = response(sensor, order * samples.speed_Hz) * cell_gain(order, motor.counts)
+    seen = response(sensor, order * samples.velocity_Hz) * cell_gain(order, motor.counts)
     return ripple_of(samples, samples.torque_Nm, seen, motor)
 
 
@@ -144,6 +144,11 @@ def without_drift(samples: Samples, torque_Nm: np.ndarray) -> np.ndarray:
     t_s = samples.t_s
     means = np.array([torque_Nm[first:end].mean() for first, end in samples.turns])
     middles_s = np.array([t_s[first:end].mean() for first, end in samples.turns])
+    if means.size > 1:  # the first and the last half turn drift as the turns beside them
+        ends = [0, -1]
+        steps_s, steps_Nm = np.diff(middles_s)[ends], np.diff(means)[ends]
+        middles_s = np.pad(middles_s, 1, constant_values=tuple(middles_s[ends] + [-1, 1] * steps_s))
+        means = np.pad(means, 1, constant_values=tuple(means[ends] + [-1, 1] * steps_Nm))
     drift = np.interp(t_s[whole], middles_s, means)
     return np.asarray(torque_Nm[whole] - drift)
 

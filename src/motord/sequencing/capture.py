@@ -56,7 +56,7 @@ def capture(point: OperatingPoint, demand: Demand) -> Motion[Observation]:
 
     return (
         yield from within(
-            3.0 * point.turns / point.speed_Hz + 5.0,
+            3.0 * point.turns / abs(point.speed_Hz) + 5.0,
             hold(replace(demand, plan_point=point.index), turned),
             lambda seen: f"{seen.demand.label}: the rotor stopped turning",
         )

@@ -17,9 +17,11 @@ from motord.sequencing.settings import Compensation, chosen, compensation
 Mesh = TypeVar("Mesh", bound=MeshConfig)
 
 
-def serpentine(
-    torques_Nm: Sequence[float], speeds_Hz: Sequence[float]
-) -> list[tuple[float, float]]:
+Places = list[tuple[float, float]]
+"""Torques with speeds (Nm, turns/s)."""
+
+
+def serpentine(torques_Nm: Sequence[float], speeds_Hz: Sequence[float]) -> Places:
     """Return torques with speeds, torque by torque, speeds up and down so that steps are small."""
     return [
         (torque_Nm, speed_Hz)
@@ -35,10 +37,12 @@ def mesh_plan(
     settings: Mapping[str, Any],
     compensate: Compensation,
     more_points: Callable[[Mesh], tuple[OperatingPoint, ...]] = lambda _: (),
+    places: Callable[[Mesh], Places] = lambda mesh: serpentine(mesh.torques_Nm, mesh.speeds_Hz),
 ) -> Plan:
     """Return the plan over the mesh of `[plans.NAME]`, a `section`, with `settings`.
 
-    compensate: what is applied unless set otherwise; more_points: what is taken after the mesh.
+    compensate: what is applied unless set otherwise; more_points: what is taken after the mesh;
+    places: the mesh's torques with speeds, in order.
     Raises PlanError.
     """
     given = dict(settings)
@@ -48,7 +52,7 @@ def mesh_plan(
     check_operating_points(config, mesh.torques_Nm, mesh.speeds_Hz)
     points = tuple(
         OperatingPoint(index, torque_Nm, speed_Hz, mesh.turns)
-        for index, (torque_Nm, speed_Hz) in enumerate(serpentine(mesh.torques_Nm, mesh.speeds_Hz))
+        for index, (torque_Nm, speed_Hz) in enumerate(places(mesh))
     )
     more = more_points(mesh)
     for point in more:

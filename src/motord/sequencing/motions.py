@@ -98,7 +98,7 @@ def near_speed(
     It says nothing of that speed before a turn has passed `since` it was demanded.
     """
     return lambda seen: (
-        seen.since_s(since) > 1.0 / speed_Hz
+        seen.since_s(since) > 1.0 / abs(speed_Hz)
         and abs(seen.turn_speed_Hz / speed_Hz - 1.0) < tolerance
     )
 

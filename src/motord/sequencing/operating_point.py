@@ -18,7 +18,7 @@ APPROACH_S = 3.0
 def operating_point_s(mesh: MeshConfig, brake: BrakeConfig, point: OperatingPoint) -> float:
     """Return an estimate of the time that `operating_point` takes (s)."""
     lead_s = LEAD_TIME_CONSTANTS * brake.excitation_time_constant_s
-    return lead_s + APPROACH_S + mesh.settle_s + point.turns / point.speed_Hz
+    return lead_s + APPROACH_S + mesh.settle_s + point.turns / abs(point.speed_Hz)
 
 
 @restartable
@@ -64,7 +64,8 @@ def _lead_torque(servo: BrakeServo, demand: Demand) -> Motion[Observation]:
     brake = servo.excitation(demand.torque_Nm, demand.speed_Hz)
     lead_s = servo.lead_s(seen.demand.brake, brake)
     if lead_s:
-        torque_Nm = min(seen.demand.torque_Nm, demand.torque_Nm)
+        before_Nm, torque_Nm = seen.demand.torque_Nm, demand.torque_Nm
+        torque_Nm = min(before_Nm, torque_Nm, key=abs) if before_Nm * torque_Nm > 0 else 0.0
         seen = yield from wait(replace(demand, brake=brake, torque_Nm=torque_Nm), lead_s)
     return seen
 
@@ -82,6 +83,6 @@ def _hold_speed(
 
 
 def _why_not_reached(seen: Observation, timeout_s: float) -> str:
-    fast = seen.speed_Hz > seen.demand.speed_Hz
+    fast = abs(seen.speed_Hz) > abs(seen.demand.speed_Hz)
     hint = "does the brake answer?" if fast else "is the rotor free?"
     return f"the speed was still {seen.turn_speed_Hz:.3g} Hz after {timeout_s:g} s; {hint}"

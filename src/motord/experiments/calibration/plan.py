@@ -6,12 +6,24 @@ from typing import Any
 from motord.config import Config
 from motord.config.plans import CalibrateConfig
 from motord.sequencing import Induced, OperatingPoint, Plan
-from motord.sequencing.mesh import mesh_plan
+from motord.sequencing.mesh import Places, mesh_plan, serpentine
 
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     """Return the plan over the mesh of `[plans.calibrate]` with `settings`. Raises PlanError."""
-    return mesh_plan("calibrate", CalibrateConfig, config, settings, "off", _gain_points)
+    return mesh_plan("calibrate", CalibrateConfig, config, settings, "off", _gain_points, _places)
+
+
+def _places(mesh: CalibrateConfig) -> Places:
+    """Return the mesh's torques with speeds; in both directions, every other one backwards, last.
+
+    Like the fields of a chessboard, so each direction has all torques and speeds.
+    """
+    places = serpentine(mesh.torques_Nm, mesh.speeds_Hz)
+    if mesh.directions == "forwards":
+        return places
+    backwards = [(-torque_Nm, -speed_Hz) for torque_Nm, speed_Hz in places[1::2]]
+    return places[::2] + backwards
 
 
 def _gain_points(mesh: CalibrateConfig) -> tuple[OperatingPoint, ...]:

@@ -1,41 +1,74 @@
 """What a calibration says of a bench that departs from its model; all rows in the campaign."""
 
-from math import radians
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate.lack_of_fit import _left_orders
-from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS
-from tests.campaigns.departures import DEPARTURES, calibrated
+from motord.experiments.calibration.estimate import lack_of_fit
+from motord.experiments.calibration.estimate.lack_of_fit import left_orders
+from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
+from tests.campaigns.departures import DEPARTURES, calibrated, errors_over_half_widths
 
 MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.9], "turns": 6, "settle_s": 0.3}
-
-
-def names(connection: str, changes: object, mesh: dict[str, object] = MESH) -> list[str]:
-    return [one.name for one in calibrated(connection, changes, 1, mesh).findings]
+TWO_SPEEDS = {**MESH, "speeds_Hz": [0.5, 0.9], "torques_Nm": [1.0, 5.0]}
+ROWS = {departure.name: departure for departure in DEPARTURES}
 
 
 @pytest.mark.parametrize("connection", ["independent", "star"])
 def test_a_bench_as_the_model_has_it_gives_no_finding(connection: str) -> None:
-    assert names(connection, {}) == []
+    result, truth = calibrated(connection, None, 1, mesh=MESH)
+    assert result.findings == ()
+    assert result.dispersion == 1.0
+    assert any("friction ripple: not separated" in note for note in result.observable)
+    assert (errors_over_half_widths(result, truth) < 2).all()
 
 
-def test_an_eccentric_encoder_is_named_with_its_size() -> None:
-    error = {"order": 1, "amplitude_rad": radians(0.1), "phase_rad": 0.4}
-    result = calibrated("independent", {"encoder": {"errors": [error]}}, 1, MESH)
-    [finding] = [one for one in result.findings if one.name == "encoder-error-order-1"]
-    assert finding.value == pytest.approx(0.1, rel=0.05)
-    assert (finding.unit, finding.severity) == ("deg", "serious")
+@pytest.mark.parametrize(
+    ("connection", "row", "mesh", "name", "size"),
+    [
+        ("independent", "encoder 0.1 deg once", MESH, "encoder-error-order-1", 0.1),
+        ("star", "back-EMF's order 7 (1 %) missing", MESH, "back-emf", 1.02),
+        ("star", "current sensors' gain 1 % over range", MESH, "current-sensor-nonlinearity", None),
+        ("star", "high-pass told 50 % too long", TWO_SPEEDS, "highpass-time-constant", 50),
+        ("independent", "friction ripple 0.3 % at order 48, both directions", TWO_SPEEDS,
+         "friction-ripple", 0.3),
+    ],
+)  # fmt: skip
+def test_a_departure_is_named_and_the_intervals_account_for_it(
+    connection: str, row: str, mesh: dict[str, object], name: str, size: float | None
+) -> None:
+    result, truth = calibrated(connection, ROWS[row], 1, mesh=mesh)
+    assert name in [one.name for one in result.findings]
+    finding = next(one for one in result.findings if one.name == name)
     assert finding.value > finding.limit
-    assert "eccentric" in finding.in_words()
+    assert finding.severity == "serious"
+    if size is not None:
+        assert finding.value == pytest.approx(size, rel=0.3)
+    assert np.median(errors_over_half_widths(result, truth)) < 1
 
 
-@pytest.mark.parametrize("name", ["current sensors' gain 1 % over range",
-                                  "cogging 5 % more with current"])  # fmt: skip
-def test_what_grows_with_the_current_is_named(name: str) -> None:
-    departure = next(one for one in DEPARTURES if one.name == name)
-    assert set(names("star", departure.changes(1.0))) & set(departure.found_as)
+def test_without_the_search_for_departures_an_eccentric_encoder_passes_for_something_else(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The broken twin: what the test above would see if nothing were looked for."""
+    blind: Callable[..., object] = lambda evidence, _: ((), evidence.rows.rest_Nm)  # noqa: E731
+    monkeypatch.setattr(lack_of_fit, "causes", blind)
+    monkeypatch.setattr(lack_of_fit, "left_orders", lambda *_: ())
+    result, truth = calibrated("independent", ROWS["encoder 0.5 deg once"], 1, mesh=MESH)
+    assert result.findings == ()
+    assert errors_over_half_widths(result, truth).max() > 10
+
+
+def test_the_noise_of_a_sensor_that_drifts_is_found_at_low_orders() -> None:
+    rng = np.random.default_rng(4)
+    true = 1 + 30 / np.arange(1, 121) ** 2
+    half = true * np.abs(rng.normal(size=(11, 120, 2)) @ [1, 1j]) / np.sqrt(2)
+    assert np.median(smooth_noise(half) / true) == pytest.approx(1.0, abs=0.1)
+    for order in (1, 2, 6, 20, 120):
+        assert np.median(smooth_noise(half)[:, order - 1] / true[order - 1]) == pytest.approx(
+            1.0, abs=0.35
+        )
 
 
 def test_noise_alone_is_rarely_taken_for_an_order() -> None:
@@ -48,7 +81,7 @@ def test_noise_alone_is_rarely_taken_for_an_order() -> None:
         rest = parts[0] + 1j * parts[1]
         freedom = 2 * SMOOTHED_ORDERS
         noise = np.sqrt(rng.chisquare(freedom, size=(points, orders)) / freedom)
-        found += bool(_left_orders(torque_Nm, rest, noise))
+        found += bool(left_orders(torque_Nm, rest, noise))
     assert found <= 6  # 0.2 % expected of 300
 
 
@@ -59,5 +92,5 @@ def test_an_order_that_stands_out_is_found_with_its_growth() -> None:
     rest = (rng.normal(size=(4, 100)) + 1j * rng.normal(size=(4, 100))) / np.sqrt(2)
     for order, power in ((10, 0), (20, 1), (30, 2)):
         rest[:, order - 1] += 30 * torque_Nm**power / (torque_Nm**power).max()
-    found = _left_orders(torque_Nm, rest, noise)
+    found = left_orders(torque_Nm, rest, noise)
     assert [(one.order, one.power) for one in found] == [(10, 0), (20, 1), (30, 2)]

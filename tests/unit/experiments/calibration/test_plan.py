@@ -44,3 +44,15 @@ def test_verify_has_no_such_points() -> None:
     assert len(build("verify", load()).points) == 30
     with pytest.raises(PlanError, match="gain_steps"):
         build("verify", load(), {"gain_steps": [0.8]})
+
+
+def test_in_both_directions_every_other_point_is_taken_backwards_after_the_others() -> None:
+    settings = {"torques_Nm": [1.0, 3.0], "speeds_Hz": [0.5, 0.7], "gain_steps": []}
+    both = build("calibrate", load(), {**settings, "directions": "both"})
+    forwards = build("calibrate", load(), settings)
+    places = [(one.torque_Nm, one.speed_Hz) for one in both.points]
+    assert places == [(1.0, 0.5), (3.0, 0.7), (-1.0, -0.7), (-3.0, -0.5)]
+    assert {(abs(a), abs(b)) for a, b in places} == {
+        (one.torque_Nm, one.speed_Hz) for one in forwards.points
+    }
+    assert both.seconds == forwards.seconds

@@ -7,10 +7,10 @@ import numpy as np
 
 from motord.calibration import Calibration, DegreesOfFreedom, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate.causes import findings
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.lack_of_fit import lack_of_fit
+from motord.experiments.calibration.estimate.meanings import BenchFile
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     BETA,
@@ -24,6 +24,7 @@ from motord.experiments.calibration.estimate.result import (
     cogging_table,
 )
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
+from motord.experiments.calibration.estimate.widened import with_lack_of_fit
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.identification import IdentifyError
@@ -48,6 +49,13 @@ SETTLED = 1e-4
 """Change of alpha from fit to fit below which it has settled."""
 
 NEARLY_SEEN = "; it is nearly seen: intervals contain what it would be"
+
+
+ONE_DIRECTION = (
+    "friction ripple: not separated from cogging torque, as all points turn the same way; what "
+    "repeats in friction is counted as cogging torque, whose intervals do not cover it (set "
+    "directions = both where the load may be turned backwards)"
+)
 
 
 class Calibrator:
@@ -122,9 +130,11 @@ class Calibrator:
         if agreement is not None:
             notes.append(agreement.in_words())
         notes += self._left_out(orders)
+        if len({point.spectrum.direction for point in self._points}) < 2:
+            notes.append(ONE_DIRECTION)
         harmonics = _harmonics(fitted, orders)
         seen = fitted.identifiable.gain_direction is None
-        return CalibrationResult(
+        result = CalibrationResult(
             method="joint",
             alpha=fitted.solution.alpha,
             alpha_stderr=fitted.stderr[ALPHA],
@@ -139,13 +149,13 @@ class Calibrator:
             condition_number=fitted.condition_number,
             current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
-            findings=findings(
-                lack_of_fit(regression, fitted.solution.theta),
-                self._motor,
-                fitted.current_delay_s[:2],
-                max(point.period_s for point in self._points),
-                agreement,
-            ),
+        )
+        return with_lack_of_fit(
+            result,
+            lack_of_fit(regression, fitted, self._motor),
+            agreement,
+            BenchFile(self._motor, self._sensor),
+            max(point.period_s for point in self._points),
         )
 
     def _left_out(self, orders: tuple[int, ...]) -> list[str]:

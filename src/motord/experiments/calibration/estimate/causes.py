@@ -6,8 +6,14 @@ from itertools import groupby
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import AGREEING_ERRORS, Kirchhoff
-from motord.experiments.calibration.estimate.lack_of_fit import EncoderError, LackOfFit, LeftOrder
+from motord.experiments.calibration.estimate.departures import Cause
+from motord.experiments.calibration.estimate.joint import Kirchhoff
+from motord.experiments.calibration.estimate.lack_of_fit import LackOfFit, LeftOrder
+from motord.experiments.calibration.estimate.meanings import (
+    MEANINGS,
+    BenchFile,
+    fitted_time_constant_s,
+)
 from motord.findings import Finding
 
 AGE_PERIODS = 1.0
@@ -16,8 +22,8 @@ AGE_PERIODS = 1.0
 SERIOUS_NOISES = 3.0
 """The residual at an order is serious from so many times the noise of a point on."""
 
-MINOR_SHARE = 0.15
-"""Orders at which less is left than this share of an encoder error's largest line count as its."""
+LIMIT_SIGMAS = 3.0
+"""Standard errors of a departure's size that are its limit."""
 
 _BY_GROWTH = (
     (
@@ -46,45 +52,45 @@ _OTHER = (
 
 def findings(
     fit: LackOfFit,
-    motor: MotorConfig,
+    bench: BenchFile,
     current_age_s: tuple[float, float],
+    explained_age_s: float,
     period_s: float,
     kirchhoff: Kirchhoff | None,
 ) -> tuple[Finding, ...]:
-    """Return the findings of a calibration. current_age_s: with its standard error."""
+    """Return the findings of a calibration.
+
+    current_age_s: with its standard error; explained_age_s: what is left of it with the causes.
+    """
     return (
-        *(_of_encoder(error) for error in fit.encoder),
-        *_of_orders(_own(fit), motor),
-        *_of_age(*current_age_s, period_s),
+        *(_of_cause(cause, bench, current_age_s[0]) for cause in fit.causes),
+        *_of_orders(fit.left, bench.motor),
+        *_of_age(explained_age_s, current_age_s[1], period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
     )
 
 
-def _own(fit: LackOfFit) -> list[LeftOrder]:
-    """Return the orders that are not the second order of an encoder error's effect."""
-    if not fit.encoder:
-        return list(fit.left)
-    largest_Nm = float(np.sqrt((np.abs(fit.rest_Nm) ** 2).mean(axis=0) / 2).max())
-    return [one for one in fit.left if one.rms_Nm > MINOR_SHARE * largest_Nm]
-
-
-def _of_encoder(error: EncoderError) -> Finding:
-    size_deg = abs(float(np.degrees(error.amplitude_rad)))
-    what = {
-        0: "the encoder's zero is not where [bridge] says",
-        1: f"the encoder is eccentric: it is off by {size_deg:.2g} deg once a turn",
-        2: f"the encoder is off by {size_deg:.2g} deg twice a turn: an oval or tilted disc",
-    }.get(error.order, f"the encoder is off by {size_deg:.2g} deg {error.order} times a turn")
+def _of_cause(cause: Cause, bench: BenchFile, age_s: float) -> Finding:
+    meaning = MEANINGS.get(cause.name) or MEANINGS["encoder-error"]
+    size = meaning.size(cause, bench)
+    text = meaning.text.format(
+        size=f"{size:.2g}",
+        order=cause.order,
+        told_s=f"{bench.sensor.highpass_time_constant_s:g}",
+        fitted_s=f"{fitted_time_constant_s(cause, bench):.2g}",
+    )
+    if cause.name == "back-emf":
+        text += f" (without it, currents fit as if {1e6 * age_s:.0f} us older than recorded)"
+    if cause.alike:
+        text += f"; {' or '.join(cause.alike)} would look nearly the same"
     return Finding(
-        name="encoder-zero" if error.order == 0 else f"encoder-error-order-{error.order}",
-        value=size_deg,
-        limit=float(3 * np.degrees(error.stderr_rad)),
-        unit="deg",
+        name=cause.name,
+        value=size,
+        limit=LIMIT_SIGMAS * size / cause.sigmas,
+        unit=meaning.unit,
         severity="serious",
-        meaning=what + ", seen in the neighbours of the torque's orders",
-        action="centre the encoder, or measure its error on a coasting rotor"
-        if error.order
-        else "align it with `motord plan start align`",
+        meaning=text,
+        action=meaning.action,
     )
 
 
@@ -137,12 +143,12 @@ def _of_age(age_s: float, stderr_s: float, period_s: float) -> Iterator[Finding]
 
 
 def _of_kirchhoff(agreement: Kirchhoff) -> Iterator[Finding]:
-    if agreement.errors <= AGREEING_ERRORS:
+    if agreement.agrees:
         return
     yield Finding(
         name="kirchhoff",
         value=100 * agreement.difference,
-        limit=100 * AGREEING_ERRORS * abs(agreement.difference) / agreement.errors,
+        limit=100 * agreement.limit * abs(agreement.difference) / agreement.errors,
         unit="%",
         severity="serious",
         meaning=f"alpha of phase {agreement.phase} from the torque alone is that far from what "

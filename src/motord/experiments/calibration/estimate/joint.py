@@ -26,13 +26,13 @@ from motord.experiments.calibration.estimate.normal_equations import (
 from motord.experiments.calibration.estimate.scatter import PointScores, errors
 from motord.identification import IdentifyError
 from motord.identification.variance_components import VarianceComponents
-from motord.intervals import coverage_factor
+from motord.intervals import t_quantile
 
 ITERATIONS = 4
 """Rounds of weighting: the weights follow from what the last round left unexplained."""
 
-AGREEING_ERRORS = 3.0
-"""Standard errors within which torque and Kirchhoff's law count as agreeing."""
+FALSE_DISAGREEMENT = 0.002
+"""Probability that noise makes torque and Kirchhoff's law count as disagreeing."""
 
 
 @dataclass(frozen=True)
@@ -207,16 +207,23 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
 @dataclass(frozen=True)
 class Kirchhoff:
     """alpha from the torque alone less that of Kirchhoff's law: the worst phase, and by how many
-    standard errors."""
+    standard errors, of which noise makes up to `limit`. differences: of all phases (3,)."""
 
+    differences: np.ndarray
     phase: str
     difference: float
     errors: float
+    limit: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether noise explains the difference."""
+        return self.errors <= self.limit
 
     def in_words(self) -> str:
         """Return whether the two agree."""
         size = f"{100 * self.difference:+.2f} % in phase {self.phase}"
-        if self.errors <= AGREEING_ERRORS:
+        if self.agrees:
             return f"alpha from the torque alone agrees with Kirchhoff's law ({size})"
         return (
             f"alpha from the torque alone disagrees with Kirchhoff's law: {size}, "
@@ -231,6 +238,6 @@ def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
     difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
     least = np.maximum(torque.stderr[ALPHA], 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
-    wider = coverage_factor(torque.errors.freedom[worst]) / coverage_factor()
-    off = float(abs(difference[worst]) / least[worst]) / wider
-    return Kirchhoff("abc"[worst], float(difference[worst]), off)
+    limit = t_quantile(1 - FALSE_DISAGREEMENT / 6, torque.errors.freedom[worst])  # of three phases
+    errors = float(abs(difference[worst]) / least[worst])
+    return Kirchhoff(difference, "abc"[worst], float(difference[worst]), errors, limit)

@@ -1,10 +1,8 @@
 """Lack of fit: what the joint estimator leaves at each order of the turn, beyond noise, and why.
 
-rest_h(p) is the line that the model leaves at order h of operating point p. Where the model holds,
-sum_p |rest_h(p)|^2 / noise_h(p)^2 is a sum of P squares of two noises each, over P: F distributed.
-Encoder errors come first, because one of order m makes neighbours h +- m of every order h: the
-angle theta + e(theta) is read, so the torque misses T'(theta) e(theta), with T' the change of the
-model's torque with the angle at the present currents.
+rest_h(p) is the line that the model leaves at order h of operating point p. Departures that leave a
+pattern over orders and points come first (`departures`); what they do not explain is listed by
+order, where it is alike at all points but for a growth with the torque.
 """
 
 from dataclasses import dataclass
@@ -12,36 +10,33 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from motord.config import MotorConfig
+from motord.experiments.calibration.estimate.departures import (
+    FALSE_SHARE,
+    MINOR_SHARE,
+    Cause,
+    Evidence,
+    causes,
+)
+from motord.experiments.calibration.estimate.effects import effects, model_columns, point_models
+from motord.experiments.calibration.estimate.joint import JointFit
+from motord.experiments.calibration.estimate.kirchhoff_rows import kirchhoff_rows
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
-    BETA,
+    DELAY,
     FIRST_COGGING,
+    ZOH,
     Regression,
 )
-from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, TurnSpectrum
+from motord.experiments.calibration.estimate.score_test import ResidualRows
+from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged, smooth_noise
 
-FALSE_SHARE = 0.002
-"""Probability that noise is taken for an order, or an encoder error, over all that are tried."""
-
-ENCODER_ORDERS = (0, 1, 2, 3, 4)
-"""Orders of encoder errors that are looked for; 0 is its zero."""
-
-NOISE_FREEDOM = 2 * SMOOTHED_ORDERS
-"""Degrees of freedom of the noise of one point and order."""
+MODELLED_SHARE = 1e-6
+"""Part of the strongest order's square from which on the model's columns are at an order."""
 
 
-@dataclass(frozen=True)
-class EncoderError:
-    """An encoder that reads theta + amplitude_rad sin(order theta + phase_rad); order 0: its zero.
-
-    p_value: the probability of so much by chance.
-    """
-
-    order: int
-    amplitude_rad: float
-    phase_rad: float
-    stderr_rad: float
-    p_value: float
+POWERS = (0, 1, 2)
+"""Powers of the torque with which what is left may grow."""
 
 
 @dataclass(frozen=True)
@@ -63,169 +58,104 @@ class LeftOrder:
 class LackOfFit:
     """What a fit leaves. rest_Nm, noise_Nm (points, orders): lines and their standard errors.
 
-    left: the orders that encoder errors do not account for.
+    torque_Nm (points,): set-points. left_Nm (points, orders): lines that the causes do not account
+    for, left: the orders at which they are more than noise; dispersion: root of their mean square
+    at the model's own orders, over the noise.
     """
 
     torque_Nm: np.ndarray
     rest_Nm: np.ndarray
     noise_Nm: np.ndarray
-    encoder: tuple[EncoderError, ...]
+    left_Nm: np.ndarray
+    causes: tuple[Cause, ...]
     left: tuple[LeftOrder, ...]
+    dispersion: float
 
 
-def lack_of_fit(regression: Regression, theta: np.ndarray) -> LackOfFit:
-    """Return what the parameters theta (p,) leave of the points' torque."""
-    points = [point.spectrum for point in regression.points]
-    highest = min(point.highest for point in points)
-    coefficients = regression.coefficients(theta)[: regression.basis.command.start]
-    lines = [point.residual(coefficients) for point in points]
-    rest_Nm = np.array([rest[:highest] for rest, _ in lines])
-    noise_Nm = _not_zero(np.array([noise[:highest] for _, noise in lines]))
-    torque_Nm = np.array([point.torque_set_Nm for point in points])
-    changes = [_change_with_angle(regression, point, theta) for point in points]
-    encoder = _encoder_errors(points, changes, rest_Nm, noise_Nm)
-    unexplained_Nm = rest_Nm.copy()
-    for error in encoder:
-        for row, (point, change) in enumerate(zip(points, changes, strict=True)):
-            effects = _encoder_effects(point, change, error.order, highest)
-            size = error.amplitude_rad * np.array(
-                [np.sin(error.phase_rad), np.cos(error.phase_rad)][: len(effects)]
-            )
-            unexplained_Nm[row] -= size @ effects
-    left = _left_orders(torque_Nm, unexplained_Nm, noise_Nm)
-    return LackOfFit(torque_Nm, rest_Nm, noise_Nm, encoder, left)
-
-
-def _not_zero(noise_Nm: np.ndarray) -> np.ndarray:
-    """Return the noise (points, orders), nowhere less than 1e-12 of the largest."""
-    return np.asarray(np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300)))
-
-
-def _change_with_angle(
-    regression: Regression, point: TurnSpectrum, theta: np.ndarray
-) -> np.ndarray:
-    """Return dT/dtheta of the model at the commanded currents (bins,), Nm/rad."""
-    basis, bins = regression.basis, point.command_A.shape[0]
-    tables = np.column_stack([basis.back_emf, basis.cogging[:, : 2 * regression.orders]])
-    at = np.arange(bins) * tables.shape[0] // bins
-    slopes = np.column_stack([_slope(column)[at] for column in tables.T])
-    of_currents = (slopes[:, :3] * point.command_A) @ theta[ALPHA]
-    of_currents += slopes[:, :3] @ theta[BETA]
-    return np.asarray(of_currents + slopes[:, 3:] @ theta[FIRST_COGGING:])
-
-
-def _slope(table: np.ndarray) -> np.ndarray:
-    """Return the derivative over the angle of a table over the turn (counts,)."""
-    lines = np.fft.rfft(table)
-    return np.asarray(np.fft.irfft(1j * np.arange(lines.size) * lines, table.size))
-
-
-def _encoder_effects(
-    point: TurnSpectrum, change_Nm_per_rad: np.ndarray, order: int, highest: int
-) -> np.ndarray:
-    """Return lines (2, highest) that encoder errors cos(m theta), sin(m theta) of 1 rad leave.
-
-    Of order 0, which has no sine, (1, highest).
-    """
-    bins = change_Nm_per_rad.size
-    angle_rad = order * 2 * np.pi * np.arange(bins) / bins
-    waves = [np.cos(angle_rad), np.sin(angle_rad)][: 1 if order == 0 else 2]
-    lines = np.fft.rfft(-change_Nm_per_rad * np.array(waves), axis=1)[:, 1 : highest + 1]
-    return np.asarray(2 / bins * lines * point.highpass[:highest])
-
-
-def _encoder_errors(
-    points: list[TurnSpectrum],
-    changes: list[np.ndarray],
-    rest_Nm: np.ndarray,
-    noise_Nm: np.ndarray,
-) -> tuple[EncoderError, ...]:
-    """Return the encoder errors that explain significantly more than noise of the rest.
-
-    The largest is fitted first, then what it leaves is looked at for the others. Where the rest is
-    larger than noise for another reason, that counts as noise.
-    """
-    found: list[EncoderError] = []
-    rest_Nm, orders = rest_Nm.copy(), list(ENCODER_ORDERS)
-    while orders:
-        tried = []
-        for order in orders:
-            effects = np.array(
-                [
-                    _encoder_effects(point, change, order, rest_Nm.shape[1])
-                    for point, change in zip(points, changes, strict=True)
-                ]
-            )
-            tried.append(_fit_encoder_error(order, effects, rest_Nm, noise_Nm))
-        best = min(tried, key=lambda one: one[0].p_value)
-        error, explained_Nm = best
-        if error.p_value > FALSE_SHARE / len(ENCODER_ORDERS):
-            break
-        found.append(error)
-        rest_Nm = rest_Nm - explained_Nm
-        orders.remove(error.order)
-    return tuple(found)
-
-
-def _fit_encoder_error(
-    order: int, effects: np.ndarray, rest_Nm: np.ndarray, noise_Nm: np.ndarray
-) -> tuple[EncoderError, np.ndarray]:
-    """Fit the error of one order to the rest (points, h); effects (points, 1 or 2, h).
-
-    Returns it, and what it explains of the rest. Order by order: the noise at an order is the
-    measured one, or what the fit leaves there over the points, if that is more.
-    """
-    terms = effects.shape[1]
-    scaled = np.moveaxis(effects, 1, 2) / noise_Nm[:, :, None]
-    wanted = rest_Nm / noise_Nm
-    dispersion = np.ones(rest_Nm.shape[1])
-    for _ in range(3):
-        x = (scaled / np.sqrt(dispersion)[None, :, None]).reshape(-1, terms)
-        y = (wanted / np.sqrt(dispersion)).ravel()
-        normal = (x.conj().T @ x).real
-        right = (x.conj().T @ y).real
-        solution = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
-        left = wanted - scaled @ solution
-        dispersion = np.maximum((np.abs(left) ** 2).mean(axis=0), 1.0)
-    # a line of noise 1 has 1/2 in its real part: the information is twice the normal matrix
-    gained = 2 * float(right @ solution)
-    freedom = 2 * wanted.size
-    statistic = gained / terms
-    variance = np.linalg.pinv(2 * normal)
-    cosine, sine = (*solution, 0.0)[:2]
-    amplitude = float(np.hypot(cosine, sine))
-    direction = solution / max(amplitude, 1e-300)
-    error = EncoderError(
-        order=order,
-        amplitude_rad=amplitude if order else float(cosine),
-        phase_rad=float(np.arctan2(cosine, sine)) if order else np.pi / 2,
-        stderr_rad=float(np.sqrt(direction @ variance @ direction)),
-        p_value=float(stats.f.sf(statistic, terms, min(freedom, NOISE_FREEDOM * wanted.shape[0]))),
+def lack_of_fit(regression: Regression, fitted: JointFit, motor: MotorConfig) -> LackOfFit:
+    """Return what a fit leaves of the points' torque."""
+    theta = fitted.solution.theta
+    rest_Nm, noise_Nm = _rest(regression, theta)
+    cogging_orders = regression.basis.orders[: regression.orders]
+    models = point_models(regression, theta, rest_Nm.shape[1])
+    own = model_columns(models, regression, theta[ALPHA])
+    law = kirchhoff_rows(regression, theta)
+    prior = np.eye(theta.size)[[DELAY, ZOH]]
+    further = np.concatenate([prior, law.columns(theta.size)])
+    subspace = fitted.identifiable.subspace(theta.size)
+    rows = ResidualRows(
+        rest_Nm=rest_Nm,
+        noise_Nm=noise_Nm,
+        columns=np.einsum("pjh,jk->pkh", own, subspace),
+        further=-further @ theta,
+        further_columns=further @ subspace,
     )
-    return error, scaled @ solution * noise_Nm
+    tried = effects(models, motor, cogging_orders)
+    of_law = [np.pad(law.rows(one.law), ((len(prior), 0), (0, 0))) for one in tried]
+    found, unexplained_Nm = causes(Evidence(rows, tried, of_law), subspace)
+    torque_Nm = np.array([point.torque_set_Nm for point in regression.points])
+    left = left_orders(torque_Nm, unexplained_Nm, noise_Nm)
+    if found:
+        left = tuple(one for one in left if one.rms_Nm > MINOR_SHARE * found[0].rms_Nm)
+    modelled = _modelled(own[:, :FIRST_COGGING], cogging_orders)
+    squares = (np.abs(unexplained_Nm[:, modelled]) / noise_Nm[:, modelled]) ** 2
+    dispersion = max(float(np.sqrt(squares.mean())), 1.0)
+    return LackOfFit(torque_Nm, rest_Nm, noise_Nm, unexplained_Nm, found, left, dispersion)
 
 
-def _left_orders(
+def _rest(regression: Regression, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lines (points, orders) that parameters theta (p,) leave, and their noise."""
+    spectra = [point.spectrum for point in regression.points]
+    highest = min(spectrum.highest for spectrum in spectra)
+    coefficients = regression.coefficients(theta)[: regression.basis.command.start]
+    lines = [spectrum.residual(coefficients) for spectrum in spectra]
+    rest_Nm = np.array([rest[:highest] for rest, _ in lines])
+    noise_Nm = smooth_noise(np.array([half[:highest] for _, half in lines]))
+    return rest_Nm, np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300))
+
+
+def _modelled(own: np.ndarray, cogging_orders: tuple[int, ...]) -> np.ndarray:
+    """Return at which orders (orders,) the model has columns (points, n, orders), or cogging."""
+    strength = (np.abs(own) ** 2).sum(axis=(0, 1))
+    at_order = np.arange(1, strength.size + 1)
+    found = (strength > MODELLED_SHARE * strength.max()) | np.isin(at_order, cogging_orders)
+    return np.asarray(found)
+
+
+def left_orders(
     torque_Nm: np.ndarray, rest_Nm: np.ndarray, noise_Nm: np.ndarray
 ) -> tuple[LeftOrder, ...]:
-    """Return the orders at which the rest (points, h) is significantly more than noise."""
+    """Return the orders at which the rest (points, h) grows with a power of the torque, or none.
+
+    What is left has to be alike at all points but for that growth: against the noise, and against
+    what else is left at the order. Encoder counts nearly in step with the samples leave lines that
+    turns repeat, so that noise does not account for them, but points do not.
+    """
     points, orders = rest_Nm.shape
-    squares = np.abs(rest_Nm) ** 2 / noise_Nm**2
-    p_values = stats.f.sf(squares.mean(axis=0), 2 * points, NOISE_FREEDOM * points)
-    found = []
-    for column in np.flatnonzero(p_values < FALSE_SHARE / orders):
-        y = rest_Nm[:, column] / noise_Nm[:, column]
-        gains = []
-        for power in (0, 1, 2):
-            x = torque_Nm**power / noise_Nm[:, column]
-            gains.append(float(np.abs(x @ y) ** 2 / max(x @ x, 1e-300)))
-        found.append(
-            LeftOrder(
-                order=int(column) + 1,
-                rms_Nm=float(np.sqrt((np.abs(rest_Nm[:, column]) ** 2).mean() / 2)),
-                noise_Nm=float(np.sqrt((noise_Nm[:, column] ** 2).mean() / 2)),
-                power=int(np.argmax(gains)),
-                p_value=float(p_values[column]),
-            )
+    y = rest_Nm / noise_Nm
+    freedom = 2 * orders_averaged(orders) * points
+    p_values = []
+    for power in POWERS:
+        x = (torque_Nm**power)[:, None] / noise_Nm
+        gained = np.abs((x * y).sum(axis=0)) ** 2 / np.maximum((x**2).sum(axis=0), 1e-300)
+        else_left = ((np.abs(y) ** 2).sum(axis=0) - gained) / max(points - 1, 1)
+        against_noise = stats.f.sf(gained, 2, freedom)
+        against_rest = stats.f.sf(gained / np.maximum(else_left, 1e-9), 2, 2 * max(points - 1, 1))
+        p_values.append(np.maximum(against_noise, against_rest if points > 1 else 0.0))
+    power = np.argmin(p_values, axis=0)
+    p_value = np.min(p_values, axis=0) * len(POWERS)
+    return tuple(
+        LeftOrder(
+            order=int(column) + 1,
+            rms_Nm=_rms(rest_Nm[:, column]),
+            noise_Nm=_rms(noise_Nm[:, column]),
+            power=POWERS[power[column]],
+            p_value=float(p_value[column]),
         )
-    return tuple(found)
+        for column in np.flatnonzero(p_value < FALSE_SHARE / orders)
+    )
+
+
+def _rms(lines_Nm: np.ndarray) -> float:
+    """Return the RMS torque of lines (points,) over the points."""
+    return float(np.sqrt((np.abs(lines_Nm) ** 2).mean() / 2))

@@ -99,7 +99,9 @@ class CalibrationResult(Estimate):
 
     current_delay_s: by how much the currents are older than the recording says, its standard error
     and the degrees of freedom of that (joint only); ripples: of the operating points that were
-    identified from; findings: where these depart from the model (joint only).
+    identified from; findings: where these depart from the model (joint only); dispersion: factor by
+    which the standard errors are larger than noise alone would make them, because of what no
+    finding explains.
     """
 
     method: Method
@@ -112,6 +114,7 @@ class CalibrationResult(Estimate):
     current_delay_s: tuple[float, float, float] | None = None
     ripples: tuple[PointRipple, ...] = ()
     findings: tuple[Finding, ...] = ()
+    dispersion: float = 1.0
 
     def to_calibration(
         self, motor: MotorConfig, created: datetime, runs: Sequence[str]

@@ -115,13 +115,13 @@ def instruments_by_parity(samples: Samples, basis: Basis) -> tuple[np.ndarray, n
     turns, counts = samples.turns, basis.back_emf.shape[0]
     if samples.commanded or len(turns) < 2:
         lines = current_lines(samples.count, samples.command_A, turns, counts)
-        table_A, rates = instruments(lines, basis, samples.speed_Hz)
+        table_A, rates = instruments(lines, basis, samples.velocity_Hz)
         return np.array([table_A, table_A]), np.array([rates, rates])
     found = []
     for others in (turns[1::2], turns[::2]):
         chosen = np.concatenate([np.arange(*turn) for turn in others])
         lines = current_lines(samples.count[chosen], samples.command_A[chosen], others, counts)
-        found.append(instruments(lines, basis, samples.speed_Hz))
+        found.append(instruments(lines, basis, samples.velocity_Hz))
     return np.array([one[0] for one in found]), np.array([one[1] for one in found])
 
 

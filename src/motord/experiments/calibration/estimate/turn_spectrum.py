@@ -22,7 +22,16 @@ BEYOND = 1.25
 """Orders are looked at so far beyond the highest of the model."""
 
 SMOOTHED_ORDERS = 15
-"""Neighbouring orders over which the noise is averaged."""
+"""Neighbouring orders over which the noise is averaged; fewer towards order 1, where it rises."""
+
+
+def orders_averaged(highest: int) -> np.ndarray:
+    """Return over how many orders the noise is averaged, around each of orders 1 to `highest`.
+
+    A sensor that drifts has noise that rises steeply towards order 1.
+    """
+    half = min(SMOOTHED_ORDERS, highest) // 2
+    return np.asarray(2 * np.minimum(half - (2 * half + 1 > highest), np.arange(highest) // 2) + 1)
 
 
 @dataclass(frozen=True)
@@ -31,11 +40,12 @@ class TurnSpectrum:
 
     visits (2, 2 h + 1): transform of the samples in each bin, its order 0 first. sums
     (2, h + 1, w): transform of the columns' sums. command_A (bins, 3): commanded currents over the
-    turn. highpass (h,): complex gain of the torque sensor's amplifier.
+    turn. highpass (h,): complex gain of the torque sensor's amplifier. velocity_Hz: mean speed,
+    negative backwards.
     """
 
     torque_set_Nm: float
-    speed_Hz: float
+    velocity_Hz: float
     visits: np.ndarray
     sums: np.ndarray
     command_A: np.ndarray
@@ -56,17 +66,22 @@ class TurnSpectrum:
         wanted = round(BEYOND * max(basis.orders, default=1))
         highest = resolved_order(fewest, bins, wanted)
         highest = max(order_below_resonance(sensor, highest, samples.speed_Hz), 1)
-        tau = 2j * np.pi * samples.speed_Hz * sensor.highpass_time_constant_s
+        tau = 2j * np.pi * samples.velocity_Hz * sensor.highpass_time_constant_s
         turned = tau * np.arange(1, highest + 1)
         visits = np.fft.fft(binned[:, :, -1], axis=1)[:, np.arange(2 * highest + 1) % bins]
         return cls(
             torque_set_Nm=samples.torque_set_Nm,
-            speed_Hz=samples.speed_Hz,
+            velocity_Hz=samples.velocity_Hz,
             visits=visits,
             sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1],
             command_A=command_A[np.arange(bins) * counts // bins],
             highpass=turned / (1 + turned) if tau else np.ones(highest, complex),
         )
+
+    @property
+    def direction(self) -> int:
+        """1 forwards, -1 backwards."""
+        return 1 if self.velocity_Hz > 0 else -1
 
     @property
     def highest(self) -> int:
@@ -76,8 +91,8 @@ class TurnSpectrum:
     def residual(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what the columns with these coefficients (w - 1,) leave of the torque.
 
-        Lines of orders 1 to h, complex: order h is Re(line exp(j h theta)); and the standard error
-        of each.
+        Lines of orders 1 to h, complex: order h is Re(line exp(j h theta)); and half the difference
+        of even and odd turns, whose mean square is that of the lines' noise.
         """
         sums = self.sums[:, :, -1] - self.sums[:, :, :-1] @ coefficients
         both = np.concatenate([sums[:, :0:-1].conj(), sums], axis=1)
@@ -87,12 +102,26 @@ class TurnSpectrum:
                 for visits, right in zip(self.visits, both, strict=True)
             ]
         )
-        return halves.mean(axis=0), _smooth(np.abs(halves[0] - halves[1]) / 2)
+        return halves.mean(axis=0), np.abs(halves[0] - halves[1]) / 2
 
 
-def _smooth(noise: np.ndarray) -> np.ndarray:
-    """Return the root of the mean square over neighbouring orders."""
-    half = min(SMOOTHED_ORDERS, noise.size) // 2
-    padded = np.pad(noise**2, half, mode="edge")
-    mean = np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
-    return np.asarray(np.sqrt(mean))
+def smooth_noise(half_Nm: np.ndarray) -> np.ndarray:
+    """Return the noise (points, orders) of which `half_Nm` (points, orders) is one sample each.
+
+    Its level is that of neighbouring orders at each point; how it rises towards order 1 is
+    taken to be alike at all points.
+    """
+    squares = half_Nm**2
+    orders = squares.shape[1]
+    shape = _means(squares.mean(axis=0, keepdims=True), orders_averaged(orders))
+    shape = np.maximum(shape, 1e-24 * max(float(shape.max()), 1e-300))
+    wide = np.full(orders, min(SMOOTHED_ORDERS, 2 * ((orders - 1) // 2) + 1))
+    return np.asarray(np.sqrt(shape * _means(squares / shape, wide)))
+
+
+def _means(values: np.ndarray, averaged: np.ndarray) -> np.ndarray:
+    """Return means of values (n, orders) over `averaged` (orders,) neighbouring orders, odd."""
+    orders = values.shape[1]
+    before = np.pad(np.cumsum(values, axis=1), ((0, 0), (1, 0)))
+    first = np.clip(np.arange(orders) - averaged // 2, 0, orders - averaged)
+    return np.asarray((before[:, first + averaged] - before[:, first]) / averaged)

@@ -1,0 +1,167 @@
+"""Which departures of a bench explain what a fit leaves.
+
+Greedy forward selection: the effect that gains most in a score test is kept if that is more than
+chance; of those that gain nearly as much, the one with fewest parameters. Then the same again with
+it in the model. So it is known, too, how far each departure has moved the model's own parameters.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from motord.experiments.calibration.estimate.effects import Effect
+from motord.experiments.calibration.estimate.score_test import Gain, ResidualRows, WeighedRows
+
+FALSE_SHARE = 0.002
+"""Probability that noise is taken for a departure, or for an order, over all that are tried."""
+
+LOOKED_AT = 5
+"""Effects that gain most, of which one may be kept."""
+
+MAX_CAUSES = 4
+"""Departures that are kept at most."""
+
+EXPLAINS_AS_WELL = 0.9
+"""Part of the most that is gained from which on an effect cannot be told from the best."""
+
+MINOR_SHARE = 0.15
+"""Part of the largest line of the first departure: what leaves less counts as its second order."""
+
+ROUNDS = 3
+"""Fits by which the dispersion at each order settles."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A departure that explains more of the rest than chance would.
+
+    size (terms,), in the effect's units; sigmas: by how many standard errors it is other than zero;
+    rms_Nm: largest line that it leaves. alike: names of other departures that explain nearly as
+    much. shifts (n, p): by how much it has moved the model's parameters, and what is alike would.
+    """
+
+    name: str
+    order: int
+    size: np.ndarray
+    sigmas: float
+    rms_Nm: float
+    shifts: np.ndarray
+    alike: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a fit leaves, and the effects that might explain it.
+
+    further: rows (m, terms) of each effect in the rows' further ones.
+    """
+
+    rows: ResidualRows
+    effects: Sequence[Effect]
+    further: Sequence[np.ndarray]
+
+    def columns(self, weighed: WeighedRows, number: int) -> np.ndarray:
+        """Return the rows (n, terms) of an effect."""
+        return weighed.effect(self.effects[number].lines, self.further[number])
+
+    def fitted(self, weighed: WeighedRows, chosen: Sequence[int]) -> WeighedRows:
+        """Return the rows with the chosen effects in the model."""
+        if not chosen:
+            return weighed
+        return weighed.with_columns(np.column_stack([self.columns(weighed, n) for n in chosen]))
+
+
+def _rms(lines_Nm: np.ndarray) -> np.ndarray:
+    """Return the RMS torque of lines (points, orders) over the points."""
+    return np.asarray(np.sqrt((np.abs(lines_Nm) ** 2).mean(axis=0) / 2))
+
+
+def causes(evidence: Evidence, subspace: np.ndarray) -> tuple[tuple[Cause, ...], np.ndarray]:
+    """Return the departures that are there, and the lines (points, orders) that all leave.
+
+    subspace (p, k): what the columns of the rows' model stand for among its p parameters.
+    """
+    plain = evidence.rows.weighed(np.ones(evidence.rows.rest_Nm.shape[1]))
+    found: list[Cause] = []
+    chosen: list[int] = []
+    while len(found) < MAX_CAUSES:
+        so_far = evidence.fitted(plain, chosen)
+        gains = so_far.gains([evidence.columns(plain, n) for n in range(len(evidence.effects))])
+        best = _significant(evidence, chosen, gains)
+        if best is None:
+            break
+        number, sigmas = best
+        effect, size = evidence.effects[number], gains[number].size
+        rms_Nm = float(_rms(np.einsum("pth,t->ph", effect.lines, size)).max())
+        if found and rms_Nm < MINOR_SHARE * found[0].rms_Nm:
+            break
+        alike = [n for n in _alike(evidence.effects, gains, number) if n not in chosen]
+        own = slice(0, subspace.shape[1])
+        moved = [
+            evidence.fitted(plain, [*chosen, n]).solution[own] - so_far.solution[own]
+            for n in (number, *alike)
+        ]
+        shifts = np.array(moved) @ subspace.T
+        names = tuple(sorted({evidence.effects[n].name for n in alike}))
+        found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shifts, names))
+        chosen.append(number)
+    return tuple(found), evidence.fitted(plain, chosen).left_lines(evidence.rows)
+
+
+def _alike(effects: Sequence[Effect], gains: Sequence[Gain], number: int) -> list[int]:
+    """Return the effects of other names that gain nearly as much as one."""
+    least = EXPLAINS_AS_WELL * gains[number].chi_square
+    name = effects[number].name
+    return [n for n, one in enumerate(gains) if effects[n].name != name and one.chi_square >= least]
+
+
+def _ranked(gains: Sequence[Gain], chosen: Sequence[int]) -> list[int]:
+    """Return the effects by what they gain; of those that gain nearly the most, the simplest."""
+    open_ = [n for n, gain in enumerate(gains) if gain.terms and n not in chosen]
+    most = max((gains[n].chi_square for n in open_), default=0.0)
+
+    def rank(n: int) -> tuple[bool, int, float]:
+        nearly = gains[n].chi_square >= EXPLAINS_AS_WELL * most
+        return not nearly, gains[n].terms * nearly, -gains[n].chi_square
+
+    return sorted(open_, key=rank)[:LOOKED_AT]
+
+
+def _with(plain: WeighedRows, columns: Sequence[np.ndarray], chosen: Sequence[int]) -> WeighedRows:
+    """Return the rows with the chosen effects in the model."""
+    if not chosen:
+        return plain
+    return plain.with_columns(np.column_stack([columns[n] for n in chosen]))
+
+
+def _significant(
+    evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain]
+) -> tuple[int, float] | None:
+    """Return the first effect, as ranked, that is more than chance, and its standard errors.
+
+    Order by order: the noise at an order is the measured one, or what the fit leaves there over the
+    points, if that is more.
+    """
+    samples = evidence.rows.rest_Nm.size
+    level = FALSE_SHARE / len(evidence.effects)
+    for number in _ranked(gains, chosen):
+        if _p_value(gains[number], samples) > level:
+            continue
+        dispersion = np.ones(evidence.rows.rest_Nm.shape[1])
+        for _ in range(ROUNDS):
+            weighed = evidence.rows.weighed(dispersion)
+            left = evidence.fitted(weighed, [*chosen, number]).left_lines(evidence.rows)
+            dispersion = np.maximum((np.abs(left / evidence.rows.noise_Nm) ** 2).mean(axis=0), 1.0)
+        weighed = evidence.rows.weighed(dispersion)
+        columns = evidence.columns(weighed, number)
+        [gain] = evidence.fitted(weighed, chosen).gains([columns])
+        if gain.terms and _p_value(gain, samples) <= level:
+            return number, float(np.sqrt(gain.chi_square))
+    return None
+
+
+def _p_value(gain: Gain, freedom: int) -> float:
+    """Return the probability of so much by chance; freedom: of the noise's estimate."""
+    return float(stats.f.sf(gain.chi_square / gain.terms, gain.terms, freedom))

@@ -1,0 +1,251 @@
+"""What departures of a bench leave of the torque, by order of the turn, per unit of their size.
+
+T = sum_p i_p k_p + cogging torque is the torque of the model at the commanded currents, T' its
+change with the angle at those currents. An encoder error e(theta) leaves -T' e; a wrong time
+constant of the high-pass H leaves T dH / d(1/tau) d(1/tau) with dH / d(1/tau) = -H^2 / (j w); a
+harmonic dk that the back-EMF lacks leaves sum_p i_p dk_p; and so on, linear in its size.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from motord.config import BackEmfHarmonic, MotorConfig
+from motord.config.motor import back_emf_waves
+from motord.experiments.calibration.estimate.normal_equations import (
+    ALPHA,
+    BETA,
+    DELAY_SHARE,
+    FIRST_COGGING,
+    ZOH_SHARE,
+    Regression,
+)
+from motord.experiments.calibration.estimate.turn_spectrum import TurnSpectrum
+
+ENCODER_ORDERS = (0, 1, 2, 3, 4)
+"""Orders of encoder errors that are looked for; 0 is its zero."""
+
+BACK_EMF_ORDERS = (3, 5, 7, 9, 11, 13)
+"""Electrical orders that the back-EMF may have besides its fundamental."""
+
+SHAFT_ORDERS = (1, 2, 3, 4)
+"""Orders that eccentric or tilted parts have."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A departure: `name` as in its finding, `order` of the turn, electrical for a back-EMF.
+
+    lines (points, terms, orders): what a unit of each of its parameters leaves at orders 1, 2, ...
+    law (points, terms, 4): what it adds to Kirchhoff's law, in parts of i*_a, i*_b, i*_c and 1.
+    """
+
+    name: str
+    order: int
+    lines: np.ndarray
+    law: np.ndarray
+
+
+@dataclass(frozen=True)
+class PointModel:
+    """The model at an operating point, over the bins of the turn.
+
+    angle_rad (bins,); gain (3,): delta epsilon alpha; i_A (bins, 3): what flows by the commands and
+    the gains found; k (bins, 3); cogging_Nm, change_Nm_per_rad (bins,): T' above.
+    """
+
+    spectrum: TurnSpectrum
+    orders: int
+    angle_rad: np.ndarray
+    gain: np.ndarray
+    i_A: np.ndarray
+    k: np.ndarray
+    cogging_Nm: np.ndarray
+    change_Nm_per_rad: np.ndarray
+
+    @cached_property
+    def torque_Nm(self) -> np.ndarray:
+        """Torque (bins,)."""
+        return np.asarray((self.i_A * self.k).sum(axis=1) + self.cogging_Nm)
+
+    @cached_property
+    def amplitude_A(self) -> np.ndarray:
+        """Amplitude of balanced phase currents of the same heat (bins,)."""
+        return np.asarray(np.sqrt((self.i_A**2).sum(axis=1) * 2 / 3))
+
+    def lines(self, torque_Nm: np.ndarray) -> np.ndarray:
+        """Return the lines (n, orders) that torques (n, bins) have behind the high-pass."""
+        lines = np.fft.rfft(torque_Nm, axis=1)[:, 1 : self.orders + 1]
+        return np.asarray(2 / self.angle_rad.size * lines * self.spectrum.highpass[: self.orders])
+
+    def waves(self, order: int) -> np.ndarray:
+        """Return cos and sin of an order of the turn (2, bins); of order 0 1 alone."""
+        turned_rad = order * self.angle_rad
+        return np.array([np.cos(turned_rad), np.sin(turned_rad)][: 2 if order else 1])
+
+
+def point_models(regression: Regression, theta: np.ndarray, orders: int) -> list[PointModel]:
+    """Return the model at each point with parameters theta (p,)."""
+    basis = regression.basis
+    tables = np.column_stack([basis.back_emf, basis.cogging[:, : 2 * regression.orders]])
+    slopes = np.column_stack([_slope(column) for column in tables.T])
+    models = []
+    for point in regression.points:
+        command_A = point.spectrum.command_A
+        bins = command_A.shape[0]
+        at = np.arange(bins) * tables.shape[0] // bins
+        i_A = command_A * theta[ALPHA] + theta[BETA]
+        waves = theta[FIRST_COGGING:]
+        models.append(
+            PointModel(
+                spectrum=point.spectrum,
+                orders=orders,
+                angle_rad=2 * np.pi * np.arange(bins) / bins,
+                gain=theta[ALPHA],
+                i_A=i_A,
+                k=tables[at, :3],
+                cogging_Nm=tables[at, 3:] @ waves,
+                change_Nm_per_rad=(i_A * slopes[at, :3]).sum(axis=1) + slopes[at, 3:] @ waves,
+            )
+        )
+    return models
+
+
+def _slope(table: np.ndarray) -> np.ndarray:
+    """Return the derivative over the angle of a table over the turn (counts,)."""
+    lines = np.fft.rfft(table)
+    return np.asarray(np.fft.irfft(1j * np.arange(lines.size) * lines, table.size))
+
+
+def effects(
+    models: Sequence[PointModel], motor: MotorConfig, cogging_orders: Sequence[int]
+) -> list[Effect]:
+    """Return the effects of all departures that these points can show."""
+    found = []
+    for name, order, torques_Nm in _departures(motor):
+        lines = np.array([point.lines(torques_Nm(point)) for point in models])
+        found.append(_without_law(name, order, lines))
+    found.append(
+        _without_law("highpass-time-constant", 0, np.array([_highpass(p) for p in models]))
+    )
+    found.append(_of_currents("current-sensor-crosstalk", models, _current_crosstalk))
+    found.append(_of_currents("current-sensor-nonlinearity", models, _gain_curve))
+    directions = np.array([point.spectrum.direction for point in models])
+    if np.ptp(directions) > 0:
+        for order in sorted({*SHAFT_ORDERS, *cogging_orders}):
+            lines = np.array([point.lines(point.waves(order)) for point in models])
+            against = -directions[:, None, None] * lines
+            found.append(_without_law("friction-ripple", order, against))
+    return found
+
+
+Torques = Callable[[PointModel], np.ndarray]
+"""Torques (terms, bins) at a point, of a unit of each parameter."""
+
+
+def _departures(motor: MotorConfig) -> Iterator[tuple[str, int, Torques]]:
+    """Yield name, order and torques of the departures that Kirchhoff's law does not show."""
+    for order in ENCODER_ORDERS:
+        name = f"encoder-error-order-{order}" if order else "encoder-zero"
+        yield name, order, partial(_encoder_error, order)
+    for order in BACK_EMF_ORDERS:
+        yield "back-emf", order, partial(_harmonic, motor, order)
+    electrical = [motor.pole_pairs * n for n in (1, 2, 4, 6)]
+    for order in sorted({*SHAFT_ORDERS, *electrical}):
+        yield "torque-sensor-crosstalk", order, partial(_torque_crosstalk, order)
+    yield "back-emf-load", 0, lambda p: -(p.amplitude_A * (p.i_A * p.k).sum(axis=1))[None]
+    yield "cogging-load", 0, lambda p: (p.amplitude_A * p.cogging_Nm)[None]
+
+
+def _encoder_error(order: int, point: PointModel) -> np.ndarray:
+    return np.asarray(-point.change_Nm_per_rad * point.waves(order))
+
+
+def _torque_crosstalk(order: int, point: PointModel) -> np.ndarray:
+    return np.asarray(point.torque_Nm * point.waves(order))
+
+
+def _without_law(name: str, order: int, lines: np.ndarray) -> Effect:
+    return Effect(name, order, lines, np.zeros((*lines.shape[:2], 4)))
+
+
+def _of_currents(
+    name: str,
+    models: Sequence[PointModel],
+    parts: Callable[[PointModel], tuple[np.ndarray, np.ndarray]],
+) -> Effect:
+    lines, law = [], []
+    for point in models:
+        torques_Nm, share = parts(point)
+        lines.append(point.lines(torques_Nm))
+        law.append(share)
+    return Effect(name, 0, np.array(lines), np.array(law))
+
+
+def _harmonic(motor: MotorConfig, order: int, point: PointModel) -> np.ndarray:
+    """Return the torques of cos and sin of an electrical order of 1 V s/rad in the back-EMF."""
+    electrical_rad = motor.pole_pairs * (point.angle_rad + motor.encoder_offset_rad)
+    unit = [
+        BackEmfHarmonic(order=order, amplitude_V_s_per_rad=1.0, phase_rad=phase_rad)
+        for phase_rad in (np.pi / 2, 0.0)
+    ]
+    k = [back_emf_waves([one], electrical_rad, motor.phase_order) for one in unit]
+    return np.array([(point.i_A * one).sum(axis=1) for one in k])
+
+
+def _current_crosstalk(point: PointModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return torques and law of 1 of each phase's current in the sensors of the two others."""
+    pairs = [(p, q) for p in range(3) for q in range(3) if p != q]
+    command_A = point.spectrum.command_A
+    torques_Nm = [-point.gain[p] * command_A[:, q] * point.k[:, p] for p, q in pairs]
+    law = [-point.gain[p] * np.eye(4)[q] for p, q in pairs]
+    return np.array(torques_Nm), np.array(law)
+
+
+def _gain_curve(point: PointModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return torques and law of gains that change by 1 per A and 1 per A^2, phase by phase.
+
+    Of the square of a current the law shows the mean, of its cube what is like the current.
+    """
+    torques_Nm, law = [], []
+    for power in (2, 3):
+        for p in range(3):
+            i_A = point.spectrum.command_A[:, p]
+            torques_Nm.append(point.gain[p] * i_A**power * point.k[:, p])
+            like = np.mean(i_A**4) / max(np.mean(i_A**2), 1e-300)
+            law.append(np.eye(4)[3] * np.mean(i_A**2) if power == 2 else np.eye(4)[p] * like)
+            law[-1] = law[-1] * point.gain[p]
+    return np.array(torques_Nm), np.array(law)
+
+
+def _highpass(point: PointModel) -> np.ndarray:
+    """Return the lines (1, orders) of 1/tau that is 1 / s larger than told."""
+    turned = 2j * np.pi * point.spectrum.velocity_Hz * np.arange(1, point.orders + 1)
+    gain = point.spectrum.highpass[: point.orders]
+    return np.asarray(-point.lines(point.torque_Nm[None]) * gain / turned)
+
+
+def model_columns(
+    models: Sequence[PointModel], regression: Regression, gain: np.ndarray
+) -> np.ndarray:
+    """Return the lines (points, p, orders) of a unit of each parameter of the model itself.
+
+    gain (3,): delta epsilon alpha, which the currents' age counts with.
+    """
+    period_s = float(np.mean([point.period_s for point in regression.points]))
+    columns = []
+    for point in models:
+        command_A, waves = point.spectrum.command_A, 2 * regression.orders
+        turning = 2 * np.pi * point.spectrum.velocity_Hz
+        rate = turning * np.column_stack([_slope(i) for i in command_A.T])
+        second = turning * np.column_stack([_slope(i) for i in rate.T])
+        k_rate = turning * np.column_stack([_slope(k) for k in point.k.T])
+        at = np.arange(command_A.shape[0]) * regression.basis.cogging.shape[0]
+        cogging = regression.basis.cogging[at // command_A.shape[0], :waves]
+        age = DELAY_SHARE * period_s * (rate * point.k * gain).sum(axis=1)
+        zoh = (second * point.k + 0.5 * rate * k_rate).sum(axis=1) * ZOH_SHARE * period_s**2
+        own = np.column_stack([command_A * point.k, point.k, age, zoh, cogging])
+        columns.append(point.lines(own.T))
+    return np.array(columns)

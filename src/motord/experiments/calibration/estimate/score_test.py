@@ -1,0 +1,122 @@
+"""Score tests: how much better a fit would be with an effect that its model has not.
+
+The residual y of a fit, its model's columns X and an effect's columns G are rows of unit variance.
+With M = 1 - X X^+, S = G' M G and b = G' M y, the effect gains b' S^+ b in chi-square, which has
+rank(S) degrees of freedom where the model holds (Rao 1948). With the effect in it, the model's own
+parameters would move to X^+ (y - G S^+ b).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+RESOLVED = 1e-4
+"""Part of an effect that the model cannot take the place of, below which nothing is said of it."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What an effect gains: chi_square with `terms` degrees of freedom; size (terms,) of it.
+
+    terms: 0 where the model can take its place.
+    """
+
+    chi_square: float
+    terms: int
+    size: np.ndarray
+
+
+@dataclass(frozen=True)
+class ResidualRows:
+    """The rest of a fit: lines (points, orders), with noise, and further rows of unit variance.
+
+    columns (points, p, orders), further_columns (m, p): of the model; further (m,): their rest.
+    """
+
+    rest_Nm: np.ndarray
+    noise_Nm: np.ndarray
+    columns: np.ndarray
+    further: np.ndarray
+    further_columns: np.ndarray
+
+    def weighed(self, dispersion: np.ndarray) -> "WeighedRows":
+        """Return rows whose noise is larger by the root of `dispersion` (orders,)."""
+        # a line of noise 1 has 1/2 in its real part
+        weight = np.sqrt(2 / dispersion) / self.noise_Nm
+        y = np.concatenate([_real(self.rest_Nm * weight), self.further])
+        return WeighedRows(y, _stacked(self.columns, self.further_columns, weight), weight)
+
+
+@dataclass(frozen=True)
+class WeighedRows:
+    """y (n,) and X (n, p), weighed."""
+
+    y: np.ndarray
+    x: np.ndarray
+    weight: np.ndarray
+
+    def effect(self, lines: np.ndarray, further: np.ndarray) -> np.ndarray:
+        """Return the rows (n, terms) of an effect: lines (points, terms, orders), (m, terms)."""
+        return _stacked(lines, further, self.weight)
+
+    def with_columns(self, more: np.ndarray) -> "WeighedRows":
+        """Return the same with columns (n, terms) added to the model."""
+        return WeighedRows(self.y, np.column_stack([self.x, more]), self.weight)
+
+    @cached_property
+    def solution(self) -> np.ndarray:
+        """What the columns of the model count for (p,), least squares."""
+        inverse, scale = self._inverse
+        return np.asarray(scale * (inverse @ (scale * (self.x.T @ self.y))))
+
+    @property
+    def left(self) -> np.ndarray:
+        """What the model's columns leave of y (n,)."""
+        return np.asarray(self.y - self.x @ self.solution)
+
+    def left_lines(self, rows: ResidualRows) -> np.ndarray:
+        """Return the lines (points, orders) that the model's columns leave of those of `rows`."""
+        lines = self.left[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
+        return np.asarray((lines[0] + 1j * lines[1]) / self.weight)
+
+    def gains(self, effects: Sequence[np.ndarray]) -> list[Gain]:
+        """Return what each effect (n, terms) would gain."""
+        inverse, scale = self._inverse
+        left = self.left
+        x = self.x * scale
+        gained = []
+        for g in effects:
+            cross = x.T @ g
+            s = g.T @ g - cross.T @ inverse @ cross
+            gained.append(_gain(s, np.diag(g.T @ g), g.T @ left))
+        return gained
+
+    @cached_property
+    def _inverse(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pseudo-inverse (p, p) of X'X with columns scaled alike, and the scales."""
+        normal = self.x.T @ self.x
+        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        normal = normal * np.outer(scale, scale)
+        return np.linalg.pinv(normal, rcond=1e-10, hermitian=True), scale
+
+
+def _gain(s: np.ndarray, whole: np.ndarray, b: np.ndarray) -> Gain:
+    scale = 1 / np.sqrt(np.maximum(whole, 1e-300))
+    values, vectors = np.linalg.eigh(s * np.outer(scale, scale))
+    seen = values > RESOLVED
+    parts = (vectors[:, seen].T @ (scale * b)) / values[seen]
+    size = scale * (vectors[:, seen] @ parts)
+    return Gain(float(b @ size), int(seen.sum()), size)
+
+
+def _real(lines: np.ndarray) -> np.ndarray:
+    """Return real and imaginary parts of all lines in one."""
+    return np.concatenate([lines.real.ravel(), lines.imag.ravel()])
+
+
+def _stacked(lines: np.ndarray, further: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the rows of columns: lines (points, columns, orders), further rows (m, columns)."""
+    weighed = np.moveaxis(lines * weight[:, None, :], 1, 2).reshape(-1, lines.shape[1])
+    return np.concatenate([weighed.real, weighed.imag, further])

@@ -1,0 +1,127 @@
+"""Intervals that account for what a fit leaves: a result with its findings.
+
+A departure that is found has moved the model's parameters by a known amount, and what no departure
+explains is that much more than noise. So
+
+    stderr^2 = (dispersion stderr)^2 + sum of shift^2
+
+with the shifts of all departures found, of those that look alike the largest. The estimates
+themselves stay as the model has them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from motord.calibration import Harmonic
+from motord.experiments.calibration.estimate.causes import findings
+from motord.experiments.calibration.estimate.departures import Cause
+from motord.experiments.calibration.estimate.joint import Kirchhoff
+from motord.experiments.calibration.estimate.lack_of_fit import LackOfFit
+from motord.experiments.calibration.estimate.meanings import BenchFile
+from motord.experiments.calibration.estimate.normal_equations import (
+    ALPHA,
+    BETA,
+    DELAY,
+    DELAY_SHARE,
+    FIRST_COGGING,
+)
+from motord.experiments.calibration.estimate.result import CalibrationResult
+
+
+def with_lack_of_fit(
+    result: CalibrationResult,
+    fit: LackOfFit,
+    kirchhoff: Kirchhoff | None,
+    bench: BenchFile,
+    period_s: float,
+) -> CalibrationResult:
+    """Return the result with findings, and standard errors that account for them."""
+    assert result.current_delay_s is not None
+    age_s, age_stderr_s, _ = result.current_delay_s
+    shifted_s = (
+        age_s + sum(float(one.shifts[0, DELAY]) for one in fit.causes) * DELAY_SHARE * period_s
+    )
+    found = findings(fit, bench, (age_s, age_stderr_s), shifted_s, period_s, kirchhoff)
+    if not found:
+        return result
+    dispersion = fit.dispersion
+    alpha_squares, delta_epsilon_square = _gain_shifts(result, fit)
+    if kirchhoff is not None and not kirchhoff.agrees:
+        alpha_squares = alpha_squares + kirchhoff.differences**2
+    beta_squares = _sum_of_largest(one.shifts[:, BETA] ** 2 for one in fit.causes)
+    delta_epsilon_stderr = result.delta_epsilon_stderr
+    if delta_epsilon_stderr is not None:
+        delta_epsilon_stderr = float(
+            np.hypot(dispersion * delta_epsilon_stderr, np.sqrt(delta_epsilon_square))
+        )
+    return replace(
+        result,
+        alpha_stderr=np.sqrt((dispersion * result.alpha_stderr) ** 2 + alpha_squares),
+        beta_stderr_A=np.sqrt((dispersion * result.beta_stderr_A) ** 2 + beta_squares),
+        delta_epsilon_stderr=delta_epsilon_stderr,
+        harmonics=tuple(
+            _widened(one, fit, FIRST_COGGING + 2 * n) for n, one in enumerate(result.harmonics)
+        ),
+        observable=(*result.observable, _in_words(fit)),
+        findings=found,
+        dispersion=dispersion,
+    )
+
+
+def _in_words(fit: LackOfFit) -> str:
+    moved = "".join(f", and how far {one.name} moves each estimate" for one in fit.causes)
+    return f"intervals hold noise times {fit.dispersion:.2f} (dispersion of the residual){moved}"
+
+
+def _sum_of_largest(squares: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the sum over causes of the largest of (n, m) over n: what is alike counts once."""
+    return np.asarray(sum(each.max(axis=0) for each in squares))
+
+
+def _gain_shifts(result: CalibrationResult, fit: LackOfFit) -> tuple[np.ndarray, float]:
+    """Return the sums of squares of the shifts of alpha (3,), product 1, and of delta epsilon."""
+    if not fit.causes:
+        return np.zeros(3), 0.0
+    gain = result.delta_epsilon * result.alpha
+    squares = []
+    for cause in fit.causes:
+        moved = np.maximum(gain + cause.shifts[:, ALPHA], 1e-3)
+        common = np.cbrt(moved.prod(axis=1, keepdims=True))
+        alpha, delta_epsilon = moved / common - result.alpha, common - result.delta_epsilon
+        squares.append(np.column_stack([alpha, delta_epsilon]) ** 2)
+    total = _sum_of_largest(squares)
+    return total[:3], float(total[3])
+
+
+def _widened(harmonic: Harmonic, fit: LackOfFit, place: int) -> Harmonic:
+    """Return a harmonic whose cos and sin are parameters `place` and the next."""
+    along = np.array([np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)])
+    across = np.array([along[1], -along[0]])
+    turned = np.column_stack([along, across])
+    shifts = [one.shifts[:, place : place + 2] @ turned for one in fit.causes]
+    amplitude_square, across_square = np.zeros(2) + _sum_of_largest(one**2 for one in shifts)
+    amplitude_square += sum(_blurred_Nm(harmonic, one) ** 2 for one in fit.causes)
+    assert harmonic.stderr_Nm is not None  # that of the joint estimator
+    stderr_Nm = np.hypot(fit.dispersion * harmonic.stderr_Nm, np.sqrt(amplitude_square))
+    phase_stderr = np.hypot(
+        fit.dispersion * (harmonic.phase_stderr_rad or 0.0),
+        np.sqrt(across_square) / max(harmonic.amplitude_Nm, 1e-300),
+    )
+    return harmonic.model_copy(
+        update={
+            "stderr_Nm": float(stderr_Nm),
+            "phase_stderr_rad": min(float(phase_stderr), np.pi),
+        }
+    )
+
+
+def _blurred_Nm(harmonic: Harmonic, cause: Cause) -> float:
+    """Return by how much an encoder's error makes a line smaller, to second order.
+
+    sin(h (theta + e sin m theta)) has J_0(h e) = 1 - (h e)^2 / 4 of its line.
+    """
+    if not cause.name.startswith("encoder-error"):
+        return 0.0
+    return harmonic.amplitude_Nm * harmonic.order**2 * float(cause.size @ cause.size) / 4
