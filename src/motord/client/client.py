@@ -42,7 +42,7 @@ class Client(DaemonConnection):
     """
 
     def state(self) -> BenchState:
-        """Return the state now."""
+        """Return the newest state, which the daemon renews ten times a second."""
         return decode_state(self.ask("state"))
 
     def events(self) -> list[Event]:
