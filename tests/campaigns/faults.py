@@ -249,7 +249,7 @@ one.
 A board that starts anew (`bridge_reboot`: a brown-out, its watchdog) opens the enable line and
 keeps it open until a heartbeat has asked for that; those of the run, which still ask for a closed
 one, do not close it. So the power stage goes off at once, which is the first cause,
-`INVERTER_FAULT`, if the drive tells of it; samples that are missing come after that. In OFF, READY
+`INVERTER_FAULT`, if the drive reports it; samples that are missing come after that. In OFF, READY
 and TRIPPED the line is open already, and only a reboot that lasts longer than
 `bridge.stale_after_s` is a cause.
 """

@@ -53,8 +53,7 @@ class CalibrateConfig(MeshConfig):
     gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
     """Torques of these points; empty: the mesh's middle torque."""
     directions: Literal["forwards", "both"] = "forwards"
-    """"both": every other point of the mesh is taken backwards, which separates the ripple of
-    friction from cogging torque; where the load may be turned backwards."""
+    """"both": every other point is taken backwards; separates friction ripple from cogging."""
 
     @field_validator("gain_steps")
     @classmethod
