@@ -135,7 +135,7 @@ DEPARTURES = (
         lambda x: {"motor": {"cogging_rise_per_A": 0.05 * x / RATED_A}},
     ),
     Departure(
-        "high-pass told 50 % too long",
+        "high-pass stated 50 % too long",
         ("highpass-time-constant",),
         lambda x: {"torque_sensor": {"highpass_time_constant_s": 2.0 / (1 + 0.5 * x)}},
     ),

@@ -90,7 +90,7 @@ def _orders(found: MeasuredBackEmf) -> Iterator[Finding]:
             1e3 * float(found.stderr[largest].max()), "mV s/rad", "note",
             f"orders per turn that are no multiple of the pole pairs: {listed}: unequal magnets, "
             "an eccentric rotor or encoder",
-            "beside the fundamental's order: check that the encoder is concentric",
+            "next to the fundamental's order: check that the encoder is concentric",
         )  # fmt: skip
 
 

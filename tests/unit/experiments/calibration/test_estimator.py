@@ -20,7 +20,7 @@ def test_the_truth_lies_within_the_stated_errors(trials: list[Trial]) -> None:
 def test_delta_epsilon_is_measured(trials: list[Trial]) -> None:
     assert trials[0].names[0] == "delta epsilon"
     assert max(abs(t.error[0]) for t in trials) < 0.01
-    assert all(2e-4 < t.half_width[0] < 0.02 for t in trials)
+    assert all(1.96e-4 < t.half_width[0] < 9.8e-3 for t in trials)
 
 
 def test_the_residual_estimator_is_biased_where_the_joint_one_is_not(trials: list[Trial]) -> None:

@@ -76,7 +76,7 @@ def _of_cause(cause: Cause, bench: BenchFile, age_s: float) -> Finding:
     text = meaning.text.format(
         size=f"{size:.2g}",
         order=cause.order,
-        told_s=f"{bench.sensor.highpass_time_constant_s:g}",
+        stated_s=f"{bench.sensor.highpass_time_constant_s:g}",
         fitted_s=f"{fitted_time_constant_s(cause, bench):.2g}",
     )
     if cause.name == "back-emf":

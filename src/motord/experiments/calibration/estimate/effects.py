@@ -221,7 +221,7 @@ def _gain_curve(point: PointModel) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _highpass(point: PointModel) -> np.ndarray:
-    """Return the lines (1, orders) of 1/tau that is 1 / s larger than told."""
+    """Return the lines (1, orders) of 1/tau that is 1 / s larger than the bench file says."""
     turned = 2j * np.pi * point.spectrum.velocity_Hz * np.arange(1, point.orders + 1)
     gain = point.spectrum.highpass[: point.orders]
     return np.asarray(-point.lines(point.torque_Nm[None]) * gain / turned)

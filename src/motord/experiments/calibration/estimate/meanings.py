@@ -1,4 +1,4 @@
-"""Departures of a bench in words: how large, what they usually mean, what to do."""
+"""Departures of a bench, described: how large, what they usually mean, what to do."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class BenchFile:
 
 @dataclass(frozen=True)
 class Meaning:
-    """How a kind of departure is told: its size in `unit`, what it means, what to do.
+    """How a kind of departure is described: its size in `unit`, what it means, what to do.
 
     text: with `{size}` and `{order}`.
     """
@@ -77,8 +77,8 @@ def _corner_percent(cause: Cause, bench: BenchFile) -> float:
 
 def fitted_time_constant_s(cause: Cause, bench: BenchFile) -> float:
     """Return the time constant of the torque sensor's high-pass that fits; inf for none (s)."""
-    told_s = bench.sensor.highpass_time_constant_s
-    rate = float(cause.size[0]) + (1 / told_s if told_s else 0.0)
+    stated_s = bench.sensor.highpass_time_constant_s
+    rate = float(cause.size[0]) + (1 / stated_s if stated_s else 0.0)
     return 1 / rate if rate > 0 else float("inf")
 
 
@@ -106,7 +106,7 @@ MEANINGS = {
         "% of the corner frequency",
         _corner_percent,
         "low orders are turned as by a high-pass of the torque sensor whose time constant is "
-        "{fitted_s} s, where [torque_sensor] highpass_time_constant_s says {told_s} s",
+        "{fitted_s} s, where [torque_sensor] highpass_time_constant_s says {stated_s} s",
         "measure the charge amplifier's time constant (after a step of torque its output falls to "
         "37 % in that time), correct it and analyse again",
     ),
