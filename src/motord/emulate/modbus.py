@@ -5,7 +5,7 @@ import logging
 import socket
 import threading
 from collections.abc import Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from pathlib import Path
 
 from pymodbus.constants import ExcCodes
@@ -37,9 +37,8 @@ class ModbusServers:
     def __init__(self, devices: Mapping[str, tuple[ModbusConfig, RegisterDevice]]) -> None:
         """Take the devices by name. Raises EmulatorError if two share port and unit."""
         self._places = _group(devices)
-        self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, name="modbus", daemon=True)
-        self._ready: Future[None] = Future()
+        self._serving: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = Future()
         self._ptys: list[Pty] = []
         self._servers: list[ModbusBaseServer] = []
 
@@ -47,35 +46,43 @@ class ModbusServers:
         """Listen on every port. Raises EmulatorError for one that cannot be had."""
         self._thread.start()
         try:
-            self._ready.result()
-        except EmulatorError:
+            self._serving.result()
+        except BaseException:
             self.close()
             raise
 
     def close(self) -> None:
         """End the servers and remove the pseudo-terminals; may be called twice."""
         if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._loop.stop)
+            if wait([self._serving]).done and self._serving.exception() is None:
+                loop, end = self._serving.result()
+                loop.call_soon_threadsafe(end.set)  # the thread waits for it: its loop is open
             self._thread.join()
         for pty in self._ptys:
             pty.close()
 
     def _run(self) -> None:
         try:
-            self._loop.run_until_complete(self._listen())
-        except EmulatorError as error:
-            self._ready.set_exception(error)
-        else:
-            self._ready.set_result(None)
-            self._loop.run_forever()
-        self._loop.run_until_complete(self._shut_down())
-        self._loop.close()
+            asyncio.run(self._serve())
+        except Exception as error:
+            if self._serving.done():
+                raise
+            self._serving.set_exception(error)  # of whatever kind: `start` waits for it
+
+    async def _serve(self) -> None:
+        end = asyncio.Event()
+        try:
+            await self._listen()
+            self._serving.set_result((asyncio.get_running_loop(), end))
+            await end.wait()
+        finally:
+            await self._shut_down()
 
     async def _listen(self) -> None:
         for (place, port), units in self._places.items():
             devices = [_sim_device(*unit) for unit in units]
             if port:
-                _probe(place, port)
+                _refuse_taken(place, port)
                 server: ModbusBaseServer = ModbusTcpServer(
                     [*devices, _nobody()], address=(place, port)
                 )
@@ -83,7 +90,10 @@ class ModbusServers:
                 self._ptys.append(Pty(Path(place)))
                 server = _PtyServer([*devices, _nobody()], self._ptys[-1])
             self._servers.append(server)
-            await server.serve_forever(background=True)
+            try:
+                await server.serve_forever(background=True)
+            except RuntimeError as error:  # taken since the look at it
+                raise EmulatorError(f"Modbus at {place}: {error}") from error
 
     async def _shut_down(self) -> None:
         for server in self._servers:
@@ -158,8 +168,8 @@ def _nobody() -> SimDevice:
     return SimDevice(0, everything, action=access)
 
 
-def _probe(host: str, port: int) -> None:
-    """Find out if `port` can be listened on. Raises EmulatorError saying why not."""
+def _refuse_taken(host: str, port: int) -> None:
+    """Raise EmulatorError if `port` cannot be listened on, saying why not."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -116,7 +116,12 @@ async def _run(app: "WatchApp", session: "OperatorSession") -> None:
     from motord.cli.bench.ending_signals import ending_signals
 
     loop = asyncio.get_running_loop()
-    with ending_signals(lambda: loop.call_soon_threadsafe(app.exit), session.give):
+
+    def end() -> None:
+        with suppress(RuntimeError):  # the loop is over: the screen has ended by itself
+            loop.call_soon_threadsafe(app.exit)
+
+    with ending_signals(end, session.give):
         await app.run_async(mouse=False)
 
 
