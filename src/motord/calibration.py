@@ -69,6 +69,18 @@ class Harmonic(_Part):
     phase_stderr_rad: NonNegative | None = None
 
 
+class AddedOrder(_Part):
+    """A cogging order that slots and poles do not allow, and the data show.
+
+    p_value: probability of so much by chance; bic: by how much the Bayesian information criterion
+    falls, with the number of turns.
+    """
+
+    order: Annotated[int, Field(ge=1)]
+    p_value: NonNegative
+    bic: Finite
+
+
 class RmsSummary(_Part):
     """RMS error over the operating points, percent of rated torque."""
 
@@ -108,8 +120,9 @@ class Calibration(_Part):
     """A calibration, Poels 2008, eq. (4.1): what flows is alpha epsilon i* + beta_A in each phase.
 
     alpha has product 1 and beta_A sums to 0 where the data cannot tell otherwise (`observable`
-    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts. findings: where
-    the data depart from the model; None in files of before they were looked for.
+    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts; added_orders:
+    those of its orders that slots and poles do not allow. findings: where the data depart from the
+    model; None in files of before they were looked for.
     """
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
@@ -126,6 +139,7 @@ class Calibration(_Part):
     delta_epsilon_source: str = "assumed"
     tau_cog_Nm: tuple[Finite, ...]
     tau_cog_harmonics: tuple[Harmonic, ...] = ()
+    added_orders: tuple[AddedOrder, ...] = ()
     observable: tuple[str, ...] = ()
     condition_number: Annotated[float, Field(ge=1)]
     rms_error_percent: RmsErrors = RmsErrors()
@@ -196,12 +210,13 @@ class Calibration(_Part):
         return in_words(self.age_s(now or datetime.now(UTC)))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of the file; without `learned` or `findings` where there are none.
+        """Return the content of the file; without `learned`, `findings`, `added_orders` if none.
 
         Nor is there an error of a phase where none is known, or an encoder's direction of 1: files
         from before have no such keys.
         """
         nothing = {name for name in ("learned", "findings") if getattr(self, name) is None}
+        nothing |= set() if self.added_orders else {"added_orders"}
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
         for harmonic in content["tau_cog_harmonics"]:
             if harmonic["phase_stderr_rad"] is None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from motord.calibration import Calibration, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate.causes import findings
+from motord.experiments.calibration.estimate.causes import common_offset_or_cogging, findings
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.lack_of_fit import lack_of_fit
@@ -16,6 +16,14 @@ from motord.experiments.calibration.estimate.normal_equations import (
     BETA,
     FIRST_COGGING,
     Regression,
+)
+from motord.experiments.calibration.estimate.order_search import (
+    Search,
+    Weighted,
+    in_a_row,
+    search,
+    significant,
+    unconfirmed,
 )
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import (
@@ -39,6 +47,8 @@ from motord.identification.zero_sequence import is_missing, restored
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 
+NO_COGGING = "significant cogging torque: at no order"
+
 ROUNDS = 4
 """Fits by which the zero sequence of the currents settles, where it was not recorded."""
 
@@ -52,8 +62,14 @@ class Calibrator:
     currents were recorded without their zero sequence, it keeps them all.
     """
 
-    def __init__(self, motor: MotorConfig, sensor: TorqueSensorConfig) -> None:
-        self._motor, self._sensor = motor, sensor
+    def __init__(
+        self,
+        motor: MotorConfig,
+        sensor: TorqueSensorConfig,
+        again: Callable[[], Iterable[PointData]] | None = None,
+    ) -> None:
+        """again: gives the points once more, where the data ask for more orders than expected."""
+        self._motor, self._sensor, self._again = motor, sensor, again
         self._orders = allowed_orders(
             motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
         )
@@ -74,8 +90,11 @@ class Calibrator:
 
         progress: called with the part of the run's recorded points that is done.
         """
-        calibrator = cls(subject.motor, subject.sensor)
-        for run in runs:
+        all_runs = list(runs)
+        calibrator = cls(
+            subject.motor, subject.sensor, lambda: (p for run in all_runs for p in captures(run))
+        )
+        for run in all_runs:
             points = len(run.operating_points())
             for number, point in enumerate(captures(run), start=1):
                 calibrator.add(point)
@@ -84,8 +103,7 @@ class Calibrator:
 
     def add(self, point: PointData) -> None:
         """Take an operating point. Raises IdentifyError."""
-        samples = prepare(point, self._motor.counts)
-        require_currents(samples)
+        samples = self._samples(point)
         self._points.append(accumulate(samples, self._basis, self._sensor))
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
@@ -102,20 +120,19 @@ class Calibrator:
         """Return the result of the joint estimator. Raises IdentifyError."""
         check_points(self._points)
         orders = self._sampled_orders()
-        # Kirchhoff's law says nothing of currents that were made to add up to nothing
-        has_law = self._motor.connection == "star" and not self._bare
-        rated_A = self._motor.rated_current_A()
-        regression = Regression(self._points, self._basis, len(orders), has_law)
-        fitted = fit(regression, rated_A)
-        check_fit(fitted)
-        if self._bare:
-            fitted, regression = self._with_zero_sequence(fitted, len(orders), rated_A)
+        first, regression = self._fitted(self._points, self._basis, len(orders))
+        left = lack_of_fit(regression, first.solution.theta)
+        found = search(Weighted.of(regression, first, left), orders, self._motor.pole_pairs)
+        fitted, regression, found = self._with_added(first, regression, found)
+        harmonics = _harmonics(fitted, regression.basis.orders[: regression.orders])
         notes = _observability(fitted)
-        agreement = kirchhoff_agreement(regression, rated_A) if has_law else None
+        rated_A = self._motor.rated_current_A()
+        agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
         if agreement is not None:
             notes.append(agreement.in_words())
-        notes += self._left_out(orders)
-        harmonics = _harmonics(fitted, orders)
+        notes += [*self._left_out(orders), *found.in_words()]
+        shown = significant(harmonics, len(self._points))
+        notes.append(f"significant cogging torque: {in_a_row(shown)}" if shown else NO_COGGING)
         return CalibrationResult(
             method="joint",
             alpha=fitted.solution.alpha,
@@ -128,18 +145,39 @@ class Calibrator:
             ),
             tau_cog_Nm=cogging_table(harmonics, self._motor.counts),
             harmonics=harmonics,
+            added_orders=tuple(trial.entered() for trial in found.added),
             observable=tuple(notes),
             condition_number=fitted.condition_number,
             current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
-            findings=findings(
-                lack_of_fit(regression, fitted.solution.theta),
-                self._motor,
-                fitted.current_delay_s,
-                max(point.period_s for point in self._points),
-                agreement,
+            findings=(
+                *findings(
+                    lack_of_fit(regression, fitted.solution.theta),
+                    self._motor,
+                    fitted.current_delay_s,
+                    max(point.period_s for point in self._points),
+                    agreement,
+                ),
+                *common_offset_or_cogging(first, fitted, harmonics, self._motor),
             ),
         )
+
+    def _with_added(
+        self, fitted: JointFit, regression: Regression, found: Search
+    ) -> tuple[JointFit, Regression, Search]:
+        """Return the fit with the orders that were found, and those that it confirms."""
+        if self._again is None:
+            found = found.without([trial.order for trial in found.added])
+        known = regression.basis.orders[: regression.orders]
+        while found.added and self._again is not None:
+            basis = Basis.of(self._motor, (*known, *(trial.order for trial in found.added)))
+            points = [accumulate(self._samples(p), basis, self._sensor) for p in self._again()]
+            more, bigger = self._fitted(points, basis, len(basis.orders))
+            weak = unconfirmed(found, _harmonics(more, basis.orders))
+            if not weak:
+                return more, bigger, found
+            found = found.without(weak)
+        return fitted, regression, found
 
     def _left_out(self, orders: tuple[int, ...]) -> list[str]:
         """Return which currents and which cogging orders were not in the data."""
@@ -154,24 +192,39 @@ class Calibrator:
             notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
         return notes
 
-    def _with_zero_sequence(
-        self, fitted: JointFit, orders: int, rated_A: float
+    def _fitted(
+        self, points: list[TurnProducts], basis: Basis, orders: int
     ) -> tuple[JointFit, Regression]:
-        """Return the fit to currents with the zero sequence that it itself implies."""
+        """Return the fit with the first `orders` of the basis, to currents that are whole.
+
+        A zero sequence of the currents that was not recorded is the one that the fit implies.
+        """
+        rated_A = self._motor.rated_current_A()
+        # Kirchhoff's law says nothing of currents that were made to add up to nothing
+        has_law = self._motor.connection == "star" and not self._bare
+        regression = Regression(points, basis, orders, has_law)
+        fitted = fit(regression, rated_A)
+        check_fit(fitted)
+        if not self._bare:
+            return fitted, regression
         if len(self._bare) < len(self._points):
             raise IdentifyError(
                 "some operating points have currents with a zero sequence, others without; "
                 "calibrate from runs of one drive only"
             )
         for _ in range(ROUNDS):
-            alpha = fitted.solution.alpha
             points = [
-                accumulate(restored(samples, alpha), self._basis, self._sensor)
+                accumulate(restored(samples, fitted.solution.alpha), basis, self._sensor)
                 for samples in self._bare
             ]
-            regression = Regression(points, self._basis, orders, False)
+            regression = Regression(points, basis, orders, False)
             fitted = fit(regression, rated_A)
         return fitted, regression
+
+    def _samples(self, point: PointData) -> Samples:
+        samples = prepare(point, self._motor.counts)
+        require_currents(samples)
+        return samples
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""
@@ -206,6 +259,7 @@ class CalibratedRuns:
 
 
 def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:
+    """Return the amplitudes of the orders, which are those of the fit in turn, by rising order."""
     found = []
     for row, order in enumerate(orders):
         place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
@@ -227,7 +281,7 @@ def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...
                 ),
             )
         )
-    return tuple(found)
+    return tuple(sorted(found, key=lambda harmonic: harmonic.order))
 
 
 def _observability(fitted: JointFit) -> list[str]:

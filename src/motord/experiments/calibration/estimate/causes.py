@@ -5,8 +5,9 @@ from itertools import groupby
 
 import numpy as np
 
+from motord.calibration import Harmonic
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import AGREEING_ERRORS, Kirchhoff
+from motord.experiments.calibration.estimate.joint import AGREEING_ERRORS, JointFit, Kirchhoff
 from motord.experiments.calibration.estimate.lack_of_fit import EncoderError, LackOfFit, LeftOrder
 from motord.findings import Finding
 
@@ -58,6 +59,29 @@ def findings(
         *_of_age(*current_age_s, period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
     )
+
+
+def common_offset_or_cogging(
+    expected: JointFit, fitted: JointFit, harmonics: Sequence[Harmonic], motor: MotorConfig
+) -> Iterator[Finding]:
+    """Yield a finding if the offset that all phases have in common is lost to added orders.
+
+    expected: the fit without them. Both make torque at odd multiples of three times the pole pairs.
+    """
+    if fitted.identifiable.offset_seen or not expected.identifiable.offset_seen:
+        return
+    alike = [h for h in harmonics if h.order % (6 * motor.pole_pairs) == 3 * motor.pole_pairs]
+    for h in alike[:1]:
+        yield Finding(
+            name="common-offset-or-cogging",
+            value=1e3 * h.amplitude_Nm,
+            limit=3e3 * h.stderr_Nm,
+            unit="mNm",
+            severity="warning",
+            meaning=f"cogging torque of order {h.order} and an offset that all phases have in "
+            "common look alike: their sum is right, the offset was taken as none",
+            action="measure the offsets at rest; in a star the sensed currents show their sum",
+        )
 
 
 def _own(fit: LackOfFit) -> list[LeftOrder]:

@@ -63,12 +63,14 @@ class LeftOrder:
 class LackOfFit:
     """What a fit leaves. rest_Nm, noise_Nm (points, orders): lines and their standard errors.
 
-    left: the orders that encoder errors do not account for.
+    left_Nm (points, orders): lines that encoder errors do not account for; left: the orders at
+    which these are more than noise.
     """
 
     torque_Nm: np.ndarray
     rest_Nm: np.ndarray
     noise_Nm: np.ndarray
+    left_Nm: np.ndarray
     encoder: tuple[EncoderError, ...]
     left: tuple[LeftOrder, ...]
 
@@ -77,7 +79,7 @@ def lack_of_fit(regression: Regression, theta: np.ndarray) -> LackOfFit:
     """Return what the parameters theta (p,) leave of the points' torque."""
     points = [point.spectrum for point in regression.points]
     highest = min(point.highest for point in points)
-    coefficients = regression.coefficients(theta)[: regression.basis.command.start]
+    coefficients = regression.coefficients(theta)
     lines = [point.residual(coefficients) for point in points]
     rest_Nm = np.array([rest[:highest] for rest, _ in lines])
     noise_Nm = _not_zero(np.array([noise[:highest] for _, noise in lines]))
@@ -93,7 +95,7 @@ def lack_of_fit(regression: Regression, theta: np.ndarray) -> LackOfFit:
             )
             unexplained_Nm[row] -= size @ effects
     left = _left_orders(torque_Nm, unexplained_Nm, noise_Nm)
-    return LackOfFit(torque_Nm, rest_Nm, noise_Nm, encoder, left)
+    return LackOfFit(torque_Nm, rest_Nm, noise_Nm, unexplained_Nm, encoder, left)
 
 
 def _not_zero(noise_Nm: np.ndarray) -> np.ndarray:

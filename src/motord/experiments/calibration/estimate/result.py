@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from motord.calibration import CalibratedMotor, Calibration, Harmonic
+from motord.calibration import AddedOrder, CalibratedMotor, Calibration, Harmonic
 from motord.config import MotorConfig
 from motord.findings import Finding
 from motord.identification.harmonics import harmonics_table
@@ -78,8 +78,9 @@ class CalibrationResult(Estimate):
     """What an estimator found.
 
     current_delay_s: by how much the currents are older than the recording says, and its standard
-    error (joint only); ripples: of the operating points that were identified from; findings: where
-    these depart from the model (joint only).
+    error (joint only); ripples: of the operating points that were identified from; added_orders:
+    cogging orders that only the data ask for; findings: where the points depart from the model
+    (joint only, both).
     """
 
     method: Method
@@ -91,6 +92,7 @@ class CalibrationResult(Estimate):
     condition_number: float
     current_delay_s: tuple[float, float] | None = None
     ripples: tuple[PointRipple, ...] = ()
+    added_orders: tuple[AddedOrder, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     def to_calibration(
@@ -111,6 +113,7 @@ class CalibrationResult(Estimate):
             delta_epsilon_source=", ".join(runs) if measured else "assumed",
             tau_cog_Nm=tuple(self.tau_cog_Nm.tolist()),
             tau_cog_harmonics=self.harmonics,
+            added_orders=self.added_orders,
             observable=self.observable,
             condition_number=self.condition_number,
             rms_error_percent=rms_errors(self.ripples),
