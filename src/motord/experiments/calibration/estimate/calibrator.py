@@ -122,11 +122,13 @@ class Calibrator:
         orders = self._sampled_orders()
         first, regression = self._fitted(self._points, self._basis, len(orders))
         left = lack_of_fit(regression, first.solution.theta)
-        found = search(Weighted.of(regression, first, left), orders, self._motor.pole_pairs)
+        known = (*orders, *left.minor)
+        rated_A = self._motor.rated_current_A()
+        problem = Weighted.of(regression, first, left, rated_A)
+        found = search(problem, known, self._motor.pole_pairs)
         fitted, regression, found = self._with_added(first, regression, found)
         harmonics = _harmonics(fitted, regression.basis.orders[: regression.orders])
         notes = _observability(fitted)
-        rated_A = self._motor.rated_current_A()
         agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
         if agreement is not None:
             notes.append(agreement.in_words())
@@ -158,6 +160,7 @@ class Calibrator:
                     max(point.period_s for point in self._points),
                     agreement,
                 ),
+                *found.findings(harmonics),
                 *common_offset_or_cogging(first, fitted, harmonics, self._motor),
             ),
         )

@@ -26,6 +26,9 @@ FALSE_SHARE = 0.002
 ENCODER_ORDERS = (0, 1, 2, 3, 4)
 """Orders of encoder errors that are looked for; 0 is its zero."""
 
+SECOND_ORDER_SHARE = 0.15
+"""Orders with less than this share of the largest line of an encoder error count as its."""
+
 NOISE_FREEDOM = 2 * SMOOTHED_ORDERS
 """Degrees of freedom of the noise of one point and order."""
 
@@ -73,6 +76,13 @@ class LackOfFit:
     left_Nm: np.ndarray
     encoder: tuple[EncoderError, ...]
     left: tuple[LeftOrder, ...]
+
+    @property
+    def minor(self) -> tuple[int, ...]:
+        """Orders at which no more is left than an encoder error makes in second order."""
+        power = (np.abs(self.left_Nm) ** 2).mean(axis=0)
+        largest = (np.abs(self.rest_Nm - self.left_Nm) ** 2).mean(axis=0).max()
+        return tuple((np.flatnonzero(power <= SECOND_ORDER_SHARE**2 * largest) + 1).tolist())
 
 
 def lack_of_fit(regression: Regression, theta: np.ndarray) -> LackOfFit:

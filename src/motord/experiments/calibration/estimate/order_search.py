@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit import NOISE_FREEDOM, LackOfFit
 from motord.experiments.calibration.estimate.normal_equations import BETA, Regression
 from motord.experiments.calibration.estimate.turn_spectrum import lines_of
+from motord.findings import Finding
 
 FALSE_SHARE = 0.002
 """Probability that noise makes any order enter, over all that are tried."""
@@ -32,20 +33,36 @@ SEPARABLE = 1e-5
 CLEAR = 0.1
 """Part of its effect from which on an order counts as one that nothing imitates."""
 
+TOLERANCE = 10.0
+"""Squares of noise by which one explanation has to be worse than another to be given up."""
+
+FIRST_ORDER = 2
+"""Lowest order that is tried: mean and slope of each turn, which drift makes, are most of order 1.
+"""
+
 CONFIRMED = 3.0
 """Standard errors that the amplitude of an order that entered has in the fit at least."""
+
+OFFSET_SHARE = 0.01
+"""Part of the rated current that the offsets have to be known to with an order for it to enter."""
+
+MEASURE_APART = (
+    "measure the offsets at rest, or the cogging torque without currents (`motord plan start "
+    "cogging`)"
+)
 
 MAX_ADDED = 12
 """Orders that enter at most: each costs time and memory."""
 
 
 @dataclass(frozen=True)
-class Trial:
+class OrderTrial:
     """An order that was tried.
 
     stderr_Nm: of its amplitude, nan where other parameters imitate it; clear: whether none comes
     near to that; offset_A_per_Nm: by how much it moves the offsets if it is there and left out;
-    predicts: whether torques predict each other.
+    offset_stderr_A: how well these, less what all have in common, are known with it; predicts:
+    whether torques predict each other.
     """
 
     order: int
@@ -55,6 +72,7 @@ class Trial:
     stderr_Nm: float
     clear: bool
     offset_A_per_Nm: float
+    offset_stderr_A: float
     predicts: bool
 
     def enters(self, tried: int) -> bool:
@@ -80,6 +98,7 @@ class Weighted:
     """
 
     torque_Nm: np.ndarray
+    rated_A: float
     rest: np.ndarray
     columns: np.ndarray
     waves: np.ndarray
@@ -89,7 +108,9 @@ class Weighted:
     turns: int
 
     @classmethod
-    def of(cls, regression: Regression, fitted: JointFit, fit: LackOfFit) -> "Weighted":
+    def of(
+        cls, regression: Regression, fitted: JointFit, fit: LackOfFit, rated_A: float
+    ) -> "Weighted":
         """Return the problem around a fit. Where points scatter more than noise, that is noise."""
         points, counts = regression.points, regression.basis.back_emf.shape[0]
         theta, highest = fitted.solution.theta, fit.left_Nm.shape[1]
@@ -103,6 +124,7 @@ class Weighted:
         noise_Nm = fit.noise_Nm * np.sqrt(np.maximum(scatter, 1.0))
         return cls(
             torque_Nm=fit.torque_Nm,
+            rated_A=rated_A,
             rest=fit.left_Nm / noise_Nm,
             columns=np.array(lines) / noise_Nm[:, :, None],
             waves=waves / noise_Nm,
@@ -144,17 +166,52 @@ def _scatter(rest: np.ndarray, waves: np.ndarray) -> np.ndarray:
 class Search:
     """Orders that entered, of how many that were tried, over how many turns.
 
-    imitated: those that did not, and that the currents' offsets can imitate.
+    imitated: those that did not, and that the currents' offsets can imitate. instead: pairs of an
+    order that entered and one that would explain as much in its place. inseparable: orders that
+    the data show, and with which the currents' offsets would not be known.
     """
 
-    added: tuple[Trial, ...]
-    imitated: tuple[Trial, ...]
+    added: tuple[OrderTrial, ...]
+    imitated: tuple[OrderTrial, ...]
+    instead: tuple[tuple[int, int], ...]
+    inseparable: tuple[int, ...]
     tried: int
     turns: int
 
     def without(self, orders: Sequence[int]) -> "Search":
         """Return the search with these orders out again."""
-        return replace(self, added=tuple(one for one in self.added if one.order not in orders))
+        return replace(
+            self,
+            added=tuple(one for one in self.added if one.order not in orders),
+            instead=tuple(pair for pair in self.instead if pair[0] not in orders),
+        )
+
+    def findings(self, harmonics: Sequence[Harmonic]) -> Iterator[Finding]:
+        """Yield a finding for each order that the data cannot tell from others or from offsets."""
+        for order in self.inseparable:
+            yield Finding(
+                name=f"offsets-or-cogging-order-{order}",
+                value=float(order),
+                limit=0.0,
+                unit="per turn",
+                severity="serious",
+                meaning=f"cogging torque of order {order} is there, but these points do not tell "
+                "it from offsets of the currents: it was taken for these, which are wrong",
+                action=MEASURE_APART,
+            )
+        for order, other in self.instead:
+            [h] = [h for h in harmonics if h.order == order]
+            yield Finding(
+                name=f"cogging-order-{order}-or-{other}",
+                value=1e3 * h.amplitude_Nm,
+                limit=1e3 * CONFIRMED * h.stderr_Nm,
+                unit="mNm",
+                severity="serious",
+                meaning=f"cogging torque of order {order}, with other offsets of the currents, and "
+                f"of order {other} explain the torque alike: the offsets' intervals hold for "
+                f"order {order}",
+                action=MEASURE_APART,
+            )
 
     def in_words(self) -> Iterator[str]:
         """Yield which orders were added and why, and which could not be told from offsets."""
@@ -183,27 +240,37 @@ class Search:
 
 def search(problem: Weighted, known: Sequence[int], pole_pairs: int) -> Search:
     """Return the orders that enter beside those that are `known`, by forward selection."""
-    added: list[Trial] = []
-    candidates = [o for o in range(1, problem.rest.shape[1] + 1) if o not in known]
-    count = len(candidates)
+    added: list[OrderTrial] = []
+    rivals: list[tuple[int, int]] = []
+    candidates = [o for o in range(FIRST_ORDER, problem.rest.shape[1] + 1) if o not in known]
+    count, most_A = len(candidates), OFFSET_SHARE * problem.rated_A
     while True:
         trials = tried(problem, candidates)
-        good = [trial for trial in trials if trial.enters(count)]
+        shown = [trial for trial in trials if trial.enters(count)]
+        good = [trial for trial in shown if trial.offset_stderr_A < most_A]
         if not good or len(added) == MAX_ADDED:
             break
-        best = max(good, key=lambda trial: trial.gain)
+        most = max(trial.gain for trial in good) - TOLERANCE
+        near = [trial for trial in good if trial.gain >= most]
+        # of several that explain as much, one that offsets imitate: it is seen at many orders
+        best = min(near, key=lambda trial: (trial.clear, -trial.gain))
         added.append(best)
+        rivals += [(best.order, trial.order) for trial in near if trial is not best]
         problem = problem.with_order(best.order)
         candidates.remove(best.order)
+    rivals += [(trial.order, 0) for trial in shown if trial not in good]
     imitated = tuple(
         trial
         for trial in trials
         if trial.order % (2 * pole_pairs) == pole_pairs and not trial.clear
     )
-    return Search(tuple(added), imitated, count, problem.turns)
+    orders = {trial.order for trial in added}
+    instead = tuple(pair for pair in rivals if pair[1] not in orders and 0 not in pair)
+    inseparable = {pair[0] for pair in rivals if not pair[1]} - {pair[1] for pair in instead}
+    return Search(tuple(added), imitated, instead, tuple(sorted(inseparable)), count, problem.turns)
 
 
-def tried(problem: Weighted, orders: Sequence[int]) -> list[Trial]:
+def tried(problem: Weighted, orders: Sequence[int]) -> list[OrderTrial]:
     """Return the trial of each of the orders."""
     flat = problem.columns.reshape(-1, problem.columns.shape[2])
     information = 2 * (flat.conj().T @ flat).real + problem.apart
@@ -215,24 +282,29 @@ def tried(problem: Weighted, orders: Sequence[int]) -> list[Trial]:
 def _inverse(information: np.ndarray) -> np.ndarray:
     scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information * np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(scaled, rcond=1e-11, hermitian=True) * np.outer(scale, scale))
+    return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * np.outer(scale, scale))
 
 
-def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray) -> Trial:
+def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray) -> OrderTrial:
     place, pair = order - 1, problem.pair(order)
     cross = 2 * (pair.conj().T @ problem.columns[:, place]).real
     whole = 2 * float((np.abs(pair[:, 0]) ** 2).sum())
     score = 2 * (pair.conj().T @ problem.rest[:, place]).real - cross @ step
     values, vectors = np.linalg.eigh(whole * np.eye(2) - cross @ inverse @ cross.T)
-    offset_A = float(np.abs(inverse @ cross.T)[BETA].max())
+    moves_A = (inverse @ cross.T)[BETA]
+    offset_A = float(np.abs(moves_A).max())
+    apart_A = np.linalg.norm((moves_A - moves_A.mean(axis=0)) @ vectors, axis=0)
+    offset_stderr_A = float((apart_A / np.sqrt(np.maximum(values, 1e-12 * whole))).max())
     seen = values > SEPARABLE * whole
     if not seen.any():
-        return Trial(order, 0.0, 1.0, 0.0, float("nan"), False, offset_A, False)
+        return OrderTrial(
+            order, 0.0, 1.0, 0.0, float("nan"), False, offset_A, offset_stderr_A, False
+        )
     part, terms = vectors[:, seen], int(seen.sum())
     gain = float(((part.T @ score) ** 2 / values[seen]).sum())
     bic = gain - terms * float(np.log(problem.turns))
     p_value = _chance(problem, place, gain, terms) if bic > 0 else 1.0
-    return Trial(
+    return OrderTrial(
         order=order,
         gain=gain,
         p_value=p_value,
@@ -240,6 +312,7 @@ def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray)
         stderr_Nm=float(values[0] ** -0.5) if seen.all() else float("nan"),
         clear=bool(values[0] > CLEAR * whole),
         offset_A_per_Nm=offset_A,
+        offset_stderr_A=offset_stderr_A,
         predicts=p_value < FALSE_SHARE
         and _predicts(problem, place, pair @ part, part.T @ cross, inverse, step),
     )
@@ -262,22 +335,41 @@ def _predicts(
     inverse: np.ndarray,
     step: np.ndarray,
 ) -> bool:
-    """Return whether what other torques show of an order lessens what is left at each torque."""
+    """Return whether an order is the same at all torques.
+
+    What other torques show of it lessens what is left at each torque, and an amplitude that grows
+    with the torque, or with its square, does not explain more of it; both but for noise.
+    """
     torques_Nm = np.unique(problem.torque_Nm)
     if torques_Nm.size < 2:
         return False
     effect = -problem.columns @ (inverse @ cross.T)  # (points, h, terms)
     effect[:, place] += pair
     rest = problem.rest - problem.columns @ step
+    growing = max(_growing(problem, effect, rest, power) for power in (1, 2))
+    if growing > _explained(effect, rest) + TOLERANCE:
+        return False
     for torque_Nm in torques_Nm:
         out = problem.torque_Nm == torque_Nm
         others = effect[~out].reshape(-1, effect.shape[2])
         normal = (others.conj().T @ others).real
         size = np.linalg.lstsq(normal, (others.conj().T @ rest[~out].ravel()).real, rcond=None)[0]
         after = rest[out] - effect[out] @ size
-        if (np.abs(after) ** 2).sum() >= (np.abs(rest[out]) ** 2).sum():
+        if (np.abs(after) ** 2).sum() > (np.abs(rest[out]) ** 2).sum() + TOLERANCE:
             return False
     return True
+
+
+def _growing(problem: Weighted, effect: np.ndarray, rest: np.ndarray, power: int) -> float:
+    """Return how much of the rest an effect explains that grows with a power of the torque."""
+    scale = (problem.torque_Nm / problem.torque_Nm.max()) ** power
+    return _explained(effect * scale[:, None, None], rest)
+
+
+def _explained(effect: np.ndarray, rest: np.ndarray) -> float:
+    flat = effect.reshape(-1, effect.shape[2])
+    right = (flat.conj().T @ rest.ravel()).real
+    return float(right @ np.linalg.lstsq((flat.conj().T @ flat).real, right, rcond=None)[0])
 
 
 def in_a_row(orders: Iterable[int]) -> str:
@@ -287,8 +379,12 @@ def in_a_row(orders: Iterable[int]) -> str:
 
 
 def unconfirmed(search: Search, harmonics: Sequence[Harmonic]) -> tuple[int, ...]:
-    """Return the orders that entered whose amplitude in the fit is not above its noise."""
-    added = {trial.order for trial in search.added}
+    """Return the orders that entered whose amplitude in the fit is not above its noise.
+
+    But for those that offsets imitate: they stay, and make the offsets' intervals as wide as the
+    data have it.
+    """
+    added = {trial.order for trial in search.added if trial.clear}
     return tuple(
         h.order for h in harmonics if h.order in added and h.amplitude_Nm < CONFIRMED * h.stderr_Nm
     )
