@@ -82,6 +82,12 @@ def test_what_cannot_be_told_apart_is_said() -> None:
     assert "would not be noticed" in line
 
 
+def test_where_all_orders_are_known_there_is_nothing_to_say() -> None:
+    nothing = search(problem(np.random.default_rng(1)), range(1, ORDERS + 1), POLE_PAIRS)
+    assert nothing.added == ()
+    assert not list(nothing.in_words())
+
+
 def test_another_order_that_explains_as_much_is_a_finding() -> None:
     given = problem(np.random.default_rng(7), imitator=0.3)
     given.rest[:, 39] -= 0.3 * 30

@@ -222,7 +222,7 @@ class Search:
                 f"alike, less than {100 * FALSE_SHARE:g} % by chance over the {self.tried} orders "
                 f"tried, and worth it by BIC with {self.turns} turns"
             )
-        surely = float(np.sqrt(stats.chi2.isf(FALSE_SHARE / self.tried, 2)))
+        surely = float(np.sqrt(stats.chi2.isf(FALSE_SHARE / max(self.tried, 1), 2)))
         for trial in self.imitated:
             if np.isnan(trial.stderr_Nm):
                 yield (
