@@ -129,6 +129,18 @@ def half_widths(stderr: Sequence[float], freedom: Sequence[float] | None) -> tup
     return tuple(coverage_factor(f) * s for s, f in zip(stderr, each, strict=True))
 
 
+class AddedOrder(_Part):
+    """A cogging order that slots and poles do not allow, and the data show.
+
+    p_value: probability of so much by chance; bic: by how much the Bayesian information criterion
+    falls, with the number of turns.
+    """
+
+    order: Annotated[int, Field(ge=1)]
+    p_value: NonNegative
+    bic: Finite
+
+
 class RmsSummary(_Part):
     """RMS error over the operating points, percent of rated torque."""
 
@@ -168,9 +180,10 @@ class Calibration(_Part):
     """A calibration, Poels 2008, eq. (4.1): what flows is alpha epsilon i* + beta_A in each phase.
 
     alpha has product 1 and beta_A sums to 0 where the data cannot tell otherwise (`observable`
-    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts. findings: where
-    the data depart from the model; None in files of before they were looked for. degrees_of_freedom
-    of the standard errors; None for many, as files from before had it.
+    says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts; added_orders:
+    those of its orders that slots and poles do not allow. findings: where the data depart from the
+    model; None in files of before they were looked for. degrees_of_freedom of the standard errors;
+    None for many, as files from before had it.
     """
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
@@ -188,6 +201,7 @@ class Calibration(_Part):
     delta_epsilon_source: str = "assumed"
     tau_cog_Nm: tuple[Finite, ...]
     tau_cog_harmonics: tuple[Harmonic, ...] = ()
+    added_orders: tuple[AddedOrder, ...] = ()
     observable: tuple[str, ...] = ()
     condition_number: Annotated[float, Field(ge=1)]
     rms_error_percent: RmsErrors = RmsErrors()
@@ -288,10 +302,12 @@ class Calibration(_Part):
         """Return the content of the file.
 
         Without what files from before had no keys for, where there is none of it: what was learned,
-        findings, degrees of freedom, the error of a phase, or an encoder's direction other than 1.
+        findings, degrees of freedom, added orders, the error of a phase, or an encoder's direction
+        other than 1.
         """
         names = ("learned", "findings", "degrees_of_freedom")
         nothing = {name for name in names if getattr(self, name) is None}
+        nothing |= set() if self.added_orders else {"added_orders"}
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
         for harmonic in content["tau_cog_harmonics"]:
             for name in ("phase_stderr_rad", "degrees_of_freedom"):

@@ -65,8 +65,8 @@ class LearnedPoint(_Part):
 class LearnedTorque(_Part):
     """Corrections at every point of a mesh, torque by torque, each over all speeds.
 
-    orders are all multiples of the first, up to some order. Between the points the kernel goes
-    straight, in torque and in speed. Beyond the mesh it keeps to its edge; below the lowest torque
+    orders rise; any of the turn may be among them. Between the points the kernel goes straight, in
+    torque and in speed. Beyond the mesh it keeps to its edge; below the lowest torque
     the correction falls to nothing at no torque, and against the torque there is none.
     """
 
@@ -83,8 +83,8 @@ class LearnedTorque(_Part):
         for name in ("torques_Nm", "speeds_Hz"):
             if any(a >= b for a, b in pairwise(getattr(self, name))):
                 raise ValueError(f"learned {name} do not rise")
-        if any(order != n * self.orders[0] for n, order in enumerate(self.orders, start=1)):
-            raise ValueError("learned orders are not all multiples of the first, in turn")
+        if any(a >= b for a, b in pairwise(self.orders)):
+            raise ValueError("learned orders do not rise")
         wanted = len(self.torques_Nm) * len(self.speeds_Hz)
         if len(self.points) != wanted:
             raise ValueError(f"{len(self.points)} learned points, the mesh has {wanted}")

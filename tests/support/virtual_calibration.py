@@ -1,6 +1,6 @@
 """Calibration and verification without recordings, of given points and of the simulated rig."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from datetime import UTC, datetime
 from typing import Any
@@ -24,8 +24,9 @@ def calibrate(
     method: Method = "joint",
 ) -> CalibrationResult:
     """Identify alpha, beta and cogging torque. Raises IdentifyError where the data do not."""
-    calibrator = Calibrator(motor, sensor)
-    for point in points:
+    all_points = list(points)
+    calibrator = Calibrator(motor, sensor, lambda: all_points)
+    for point in all_points:
         calibrator.add(point)
     return calibrator.result(method)
 
@@ -37,10 +38,15 @@ def calibrate_virtual(
     pool: ProcessPoolExecutor | None = None,
 ) -> Calibration:
     """Return the calibration of the simulated rig of `config`. Raises IdentifyError, PlanFailed."""
-    calibrator = Calibrator(config.motor, config.torque_sensor)
-    for piece in run_points(config, build("calibrate", config, mesh), seed, None, pool):
-        for point in split(piece.ticks, [piece.point]):
-            calibrator.add(point)
+    plan = build("calibrate", config, mesh)
+
+    def points() -> Iterator[PointData]:
+        for piece in run_points(config, plan, seed, None, pool):
+            yield from split(piece.ticks, [piece.point])
+
+    calibrator = Calibrator(config.motor, config.torque_sensor, points)
+    for point in points():
+        calibrator.add(point)
     return calibrator.joint().to_calibration(config.motor, datetime.now(UTC), ["calibrate"])
 
 

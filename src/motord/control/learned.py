@@ -43,16 +43,20 @@ def learned_torque(
     a, b = (t0 * speeds + v0) * width, (t0 * speeds + v1) * width
     c, d = (t1 * speeds + v0) * width, (t1 * speeds + v1) * width
     w_a, w_b, w_c, w_d = (1.0 - t) * (1.0 - v), (1.0 - t) * v, t * (1.0 - v), t * v
-    step_rad = p.learned_base_order * angle_rad
-    step_cos, step_sin = math.cos(step_rad), math.sin(step_rad)
-    wave_cos, wave_sin, total_Nm = step_cos, step_sin, 0.0
+    step, step_cos, step_sin = 0, 1.0, 0.0  # from an order to the next, mostly the same
+    order, wave_cos, wave_sin, total_Nm = 0, 1.0, 0.0, 0.0
     for i in range(0, width, 2):
+        following = p.learned_order[i // 2]
+        if following - order != step:
+            step = following - order
+            step_cos, step_sin = math.cos(step * angle_rad), math.sin(step * angle_rad)
+        order = following
+        turned = wave_cos * step_cos - wave_sin * step_sin
+        wave_sin = wave_cos * step_sin + wave_sin * step_cos
+        wave_cos = turned
         cos_Nm = w_a * learned_Nm[a + i] + w_b * learned_Nm[b + i]
         cos_Nm += w_c * learned_Nm[c + i] + w_d * learned_Nm[d + i]
         sin_Nm = w_a * learned_Nm[a + i + 1] + w_b * learned_Nm[b + i + 1]
         sin_Nm += w_c * learned_Nm[c + i + 1] + w_d * learned_Nm[d + i + 1]
         total_Nm += cos_Nm * wave_cos + sin_Nm * wave_sin
-        turned = wave_cos * step_cos - wave_sin * step_sin
-        wave_sin = wave_cos * step_sin + wave_sin * step_cos
-        wave_cos = turned
     return float(total_Nm * min(torque_Nm / p.learned_torque_Nm[0], 1.0))

@@ -71,7 +71,7 @@ def watched_tracks(counts: int) -> int:
 def _fill_learned(p: np.record, learned_Nm: np.ndarray, learned: LearnedTorque) -> None:
     coefficients_Nm = learned.coefficients_Nm()
     p.learned_torques, p.learned_speeds, p.learned_orders, _ = coefficients_Nm.shape
-    p.learned_base_order = learned.orders[0]
+    p.learned_order[: p.learned_orders] = learned.orders
     p.learned_torque_Nm[: p.learned_torques] = learned.torques_Nm
     p.learned_speed_rad_s[: p.learned_speeds] = 2 * np.pi * np.array(learned.speeds_Hz)
     learned_Nm[: coefficients_Nm.size] = coefficients_Nm.ravel()

@@ -8,7 +8,7 @@ All numbers that a recording must hold to replay a run are single precision, as 
 import math
 
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, SILENCE_MAX_S
-from motord.learned import MAX_NODES
+from motord.learned import MAX_NODES, MAX_ORDERS
 from motord.schema import record_dtype
 
 FEEDBACK = record_dtype(
@@ -85,7 +85,7 @@ PARAMETERS = record_dtype(
         ("learned_torques", "i8"),
         ("learned_speeds", "i8"),
         ("learned_orders", "i8"),
-        ("learned_base_order", "i8"),
+        ("learned_order", "i8", (MAX_ORDERS,)),
         ("learned_torque_Nm", "f8", (MAX_NODES,)),
         ("learned_speed_rad_s", "f8", (MAX_NODES,)),
         ("torque_limit_Nm", "f8"),

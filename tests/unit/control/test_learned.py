@@ -15,7 +15,7 @@ from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 from tests.unit.control.test_step import calibration
 
-TORQUES_NM, SPEEDS_HZ, ORDERS = (1.0, 2.0, 4.0), (0.5, 1.0), (8, 16, 24)
+TORQUES_NM, SPEEDS_HZ, ORDERS = (1.0, 2.0, 4.0), (0.5, 1.0), (6, 8, 15, 16, 17, 24)
 ALL = Compensate.CURRENTS | Compensate.COGGING | Compensate.LEARNED
 
 

@@ -1,6 +1,6 @@
 """The page of a calibration: torque ripple, gains, offsets and cogging torque."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -28,7 +28,8 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     ripple.fill_key_figures(page, *ripple.before_and_after(found.result.ripples))
     ripple.fill(page, found.result.ripples, subject.motor)
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
-    fill(page, estimates, _reference(found.other, recordings))
+    more = [added.order for added in c.added_orders]
+    fill(page, estimates, _reference(found.other, recordings, more))
     page.heading("About these figures")
     if c.observable:
         page.points(c.observable)
@@ -41,11 +42,13 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     return page
 
 
-def _reference(other: Calibration | None, recordings: Recordings) -> Labelled | None:
+def _reference(
+    other: Calibration | None, recordings: Recordings, more: Iterable[int]
+) -> Labelled | None:
     if other is not None:
         other.check_motor(recordings.subject.motor)
         return f"calibration {other.id}", Estimate.of_calibration(other)
-    truth = recorded_truth(recordings.runs, recordings.subject)
+    truth = recorded_truth(recordings.runs, recordings.subject, more)
     return None if truth is None else ("truth", truth)
 
 
@@ -89,7 +92,7 @@ def _cogging(page: Page, estimates: Sequence[Labelled], reference: Labelled | No
     page.picture(
         cogging(estimates, reference),
         "Cogging torque over a part of the turn, and its amplitude at the orders that slots and "
-        "poles allow, with 95 % intervals.",
+        "poles allow, and at those that the data ask for, with 95 % intervals.",
     )
     items = [*([reference] if reference else []), *estimates]
     orders = sorted({h.order for _, item in items for h in item.harmonics})

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -13,14 +13,15 @@ from motord.config.devices import InverterConfig
 from motord.experiments.ilc.estimate import (
     Learning,
     Left,
-    band_order,
     left_by,
-    orders_up_to,
+    over_orders,
     refine,
     reopened,
     settled,
     unlearned,
 )
+from motord.experiments.ilc.order_list import Unreached, reach_in_words, to_learn, unreached
+from motord.experiments.ilc.seen import SeenRipple, seen_by
 from motord.experiments.ilc.zoh_images import ZeroOrderHold
 from motord.experiments.subject import AnalysisError, Subject
 from motord.findings import Finding
@@ -35,11 +36,14 @@ from motord.sequencing.settings import COMPENSATE
 class LearnPass:
     """What a pass left at the points, in the order in which they were taken, and what comes next.
 
-    calibration: with the corrections to apply from now on.
+    calibration: with the corrections to apply from now on. unreached: what the torque shows and is
+    not corrected; reach: how far that goes at each speed, in words.
     """
 
     calibration: Calibration
     left: tuple[Left, ...]
+    unreached: tuple[Unreached, ...] = ()
+    reach: tuple[str, ...] = ()
 
     @property
     def learned(self) -> LearnedTorque:
@@ -65,6 +69,9 @@ class LearnPass:
             "motor": self.calibration.motor.name,
             "runs": list(self.learned.runs),
             "finished": self.finished,
+            "orders": list(self.learned.orders),
+            "unreached": [asdict(one) for one in self.unreached],
+            "reach": list(self.reach),
             "points": [
                 {
                     "torque_Nm": torque_Nm,
@@ -134,33 +141,52 @@ def learn(
 ) -> LearnPass:
     """Return what to apply after a pass with `calibration` applied; errors as above.
 
-    The first pass chooses mesh and orders; later ones must be over the same mesh.
+    The first pass chooses the mesh; later ones must be over the same. Each adds the orders that its
+    torque shows.
     """
     calibration.check_motor(subject.motor)
-    pole_pairs = subject.motor.pole_pairs
-    samples = [_prepared(point, subject) for point in points]
-    if not samples:
-        raise AnalysisError("nothing to learn from: no good operating point in there")
-    before = calibration.learned or _empty(samples, pole_pairs, learning)
+    motor, sensor = subject.motor, subject.sensor
     gain = np.array(calibration.alpha) * calibration.delta_epsilon
-    left = tuple(
-        left_by(each, subject.motor, subject.sensor, before.orders, learning, gain)
-        for each in samples
-    )
-    after = before.by_place
-    for seen in left:
-        place = seen.torque_Nm, seen.speed_Hz
+    seen = [
+        seen_by(
+            _prepared(point, subject), motor, sensor, gain, learning.hold, learning.highest_order
+        )
+        for point in points
+    ]
+    if not seen:
+        raise AnalysisError("nothing to learn from: no good operating point in there")
+    known = calibration.learned.orders if calibration.learned else ()
+    orders = to_learn(seen, motor.pole_pairs, known)
+    before = calibration.learned or _empty(seen, orders, learning)
+    left = tuple(left_by(each, orders, motor.rated_torque_Nm) for each in seen)
+    rated_Nm, by_place = motor.rated_torque_Nm, {(s.torque_Nm, s.speed_Hz): s for s in seen}
+    after = {
+        place: over_orders(point, before.orders, orders, by_place.get(place), rated_Nm)
+        for place, point in before.by_place.items()
+    }
+    for rest in left:
+        place = rest.torque_Nm, rest.speed_Hz
         if place not in after:
             raise AnalysisError(
-                f"{seen.torque_Nm:g} Nm, {seen.speed_Hz:g} Hz is not a point of the mesh that was "
+                f"{rest.torque_Nm:g} Nm, {rest.speed_Hz:g} Hz is not a point of the mesh that was "
                 "learned; take the pass over that mesh, or begin with a calibration without "
                 "`learned`"
             )
-        after[place] = refine(after[place], seen, subject.motor.rated_torque_Nm, learning)
-    learned = before.model_copy(
-        update={"points": tuple(after.values()), "runs": (*before.runs, *runs)}
+        after[place] = refine(after[place], rest, rated_Nm, learning)
+    learned = LearnedTorque(
+        torques_Nm=before.torques_Nm,
+        speeds_Hz=before.speeds_Hz,
+        orders=orders,
+        points=tuple(after.values()),
+        runs=(*before.runs, *runs),
     )
-    return LearnPass(calibration.with_learned(learned, created), left)
+    one_each = {each.speed_Hz: each for each in seen}
+    return LearnPass(
+        calibration.with_learned(learned, created),
+        left,
+        unreached=tuple(one for each in seen for one in unreached(each, orders)),
+        reach=tuple(reach_in_words(one_each[speed], sensor) for speed in sorted(one_each)),
+    )
 
 
 def finish(done: LearnPass, created: datetime) -> LearnPass:
@@ -194,16 +220,16 @@ def _prepared(point: PointData, subject: Subject) -> Samples:
     return prepare(point, subject.motor.counts)
 
 
-def _empty(samples: Sequence[Samples], pole_pairs: int, learning: Learning) -> LearnedTorque:
+def _empty(
+    seen: Sequence[SeenRipple], orders: tuple[int, ...], learning: Learning
+) -> LearnedTorque:
     """Return nothing learned over the mesh of the points."""
-    torques_Nm = tuple(sorted({each.torque_set_Nm for each in samples}))
-    speeds_Hz = tuple(sorted({each.speed_set_Hz for each in samples}))
+    torques_Nm = tuple(sorted({each.torque_Nm for each in seen}))
+    speeds_Hz = tuple(sorted({each.speed_Hz for each in seen}))
     if max(len(torques_Nm), len(speeds_Hz)) > MAX_NODES:
         raise AnalysisError(
             f"{len(torques_Nm)} torques and {len(speeds_Hz)} speeds, at most {MAX_NODES} of each"
         )
-    highest = max(band_order(each, learning) for each in samples)
-    orders = orders_up_to(highest, pole_pairs)
     point = unlearned(len(orders), learning)
     return LearnedTorque(
         torques_Nm=torques_Nm,

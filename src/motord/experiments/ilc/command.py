@@ -12,6 +12,7 @@ from motord.experiments.analysis import Analysis
 from motord.experiments.ilc.analysis import LearnPass, learn_from_runs
 from motord.experiments.ilc.analysis import finish as finished
 from motord.experiments.ilc.estimate import Learning
+from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.ilc.report import page
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
@@ -60,6 +61,9 @@ def text(done: LearnPass) -> Iterator[str | TextTable]:
         ],
     )
     yield summary(done)
+    yield f"learned orders: {', '.join(map(str, done.learned.orders))}"
+    yield from (f"- {line}" for line in done.reach)
+    yield from (f"- {line}" for line in in_lines(done.unreached))
 
 
 def summary(done: LearnPass) -> str:

@@ -15,18 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.ilc.zoh_images import ZeroOrderHold, aliased_ripple
-from motord.identification import IdentifyError
-from motord.identification.operating_points import Samples
-from motord.identification.point_ripple import point_ripple, repeating_rms
-from motord.learned import MAX_ORDERS, LearnedPoint, Verified
-
-BAND_SHARE = 0.25
-"""Part of the loop's rate up to which a correction comes out as it should."""
-
-LEAST_TURNS = 4
-"""Whole turns below which noise cannot be separated from what repeats."""
+from motord.experiments.ilc.seen import SeenRipple
+from motord.experiments.ilc.zoh_images import ZeroOrderHold
+from motord.identification.point_ripple import repeating_rms
+from motord.learned import LearnedPoint, Verified
 
 GAIN_MIN = 0.1
 """Share of the first gain below which a point that went astray is left at its best."""
@@ -70,56 +62,19 @@ class Left:
     rms_percent: float
 
 
-def band_order(samples: Samples, learning: Learning) -> int:
-    """Return the highest order that the loop can correct at this speed."""
-    rate_Hz = 1 / samples.period_s
-    return min(int(BAND_SHARE * rate_Hz / samples.speed_Hz), learning.highest_order)
-
-
-def orders_up_to(highest: int, pole_pairs: int) -> tuple[int, ...]:
-    """Return the multiples of the pole pairs up to `highest`: where currents make torque."""
-    orders = tuple(range(pole_pairs, highest + 1, pole_pairs))[:MAX_ORDERS]
-    if not orders:
-        raise IdentifyError(
-            f"nothing can be learned: the loop corrects orders up to {highest}, and currents make "
-            f"torque at multiples of {pole_pairs}; learn at lower speeds"
-        )
-    return orders
-
-
-def left_by(
-    samples: Samples,
-    motor: MotorConfig,
-    sensor: TorqueSensorConfig,
-    orders: tuple[int, ...],
-    learning: Learning,
-    gain: np.ndarray,
-) -> Left:
-    """Return what is left at a point; gain (3,): what flows over what is commanded.
-
-    Raises IdentifyError where noise cannot be separated from it.
-    """
-    if len(samples.turns) < LEAST_TURNS:
-        raise IdentifyError(
-            f"{samples.label}: {len(samples.turns)} whole turns, at least {LEAST_TURNS} to learn"
-        )
-    ripple = point_ripple(samples, motor, sensor)
-    highest = min(int(ripple.order[-1]), band_order(samples, learning))
-    seen = np.array([order for order in orders if order <= highest], int) - 1
+def left_by(seen: SeenRipple, orders: tuple[int, ...], rated_torque_Nm: float) -> Left:
+    """Return what is left at a point at the orders that are learned."""
+    highest = min(seen.order.size, seen.highest)
+    learned = np.array([order for order in orders if order <= highest], int) - 1
     error_Nm, noise_Nm = np.zeros(len(orders), complex), np.zeros(len(orders))
-    even_odd_Nm = ripple.even_odd_Nm
-    if learning.hold is not None:
-        even_odd_Nm = even_odd_Nm - aliased_ripple(
-            samples, gain, motor, sensor, learning.hold, ripple.order
-        )
-    error_Nm[: seen.size] = even_odd_Nm.mean(axis=0)[seen]
-    noise_Nm[: seen.size] = ripple.noise_Nm[seen]
-    rms_Nm, stderr_Nm = repeating_rms(even_odd_Nm[:, seen], ripple.noise_Nm[seen])
-    all_Nm, _ = repeating_rms(even_odd_Nm, ripple.noise_Nm)
-    percent = 100 / motor.rated_torque_Nm
+    error_Nm[: learned.size] = seen.line_Nm[learned]
+    noise_Nm[: learned.size] = seen.noise_Nm[learned]
+    rms_Nm, stderr_Nm = repeating_rms(seen.even_odd_Nm[:, learned], seen.noise_Nm[learned])
+    all_Nm, _ = repeating_rms(seen.even_odd_Nm, seen.noise_Nm)
+    percent = 100 / rated_torque_Nm
     return Left(
-        torque_Nm=samples.torque_set_Nm,
-        speed_Hz=samples.speed_set_Hz,
+        torque_Nm=seen.torque_Nm,
+        speed_Hz=seen.speed_Hz,
         error_Nm=error_Nm,
         noise_Nm=noise_Nm,
         band_percent=percent * rms_Nm,
@@ -131,6 +86,39 @@ def left_by(
 def unlearned(orders: int, learning: Learning) -> LearnedPoint:
     """Return a point that nothing was learned of yet."""
     return _with(LearnedPoint(cos_Nm=(), sin_Nm=(), gain=learning.gain), np.zeros(orders, complex))
+
+
+def over_orders(
+    point: LearnedPoint,
+    before: tuple[int, ...],
+    now: tuple[int, ...],
+    seen: SeenRipple | None,
+    rated_torque_Nm: float,
+) -> LearnedPoint:
+    """Return the point over the orders `now`, which has all of those `before`.
+
+    Nothing was corrected at the new ones, so its best pass left there what has just been seen.
+    """
+    if before == now:
+        return point
+    places = [now.index(order) for order in before]
+
+    def wider(values: tuple[float, ...]) -> tuple[float, ...]:
+        all_values = np.zeros(len(now))
+        all_values[places] = values
+        return tuple(all_values.tolist())
+
+    best = point.best
+    if best is not None:
+        rms_percent = best.rms_percent
+        if seen is not None:
+            new = tuple(order for order in now if order not in before)
+            added_percent = left_by(seen, new, rated_torque_Nm).band_percent
+            rms_percent = float(np.hypot(rms_percent, added_percent))
+        values = {"cos_Nm": wider(best.cos_Nm), "sin_Nm": wider(best.sin_Nm)}
+        best = best.model_copy(update={**values, "rms_percent": rms_percent})
+    values = {"cos_Nm": wider(point.cos_Nm), "sin_Nm": wider(point.sin_Nm)}
+    return point.model_copy(update={**values, "best": best})
 
 
 def refine(point: LearnedPoint, left: Left, rated_torque_Nm: float, step: Learning) -> LearnedPoint:

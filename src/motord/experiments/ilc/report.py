@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from motord.experiments.ilc.analysis import LearnPass
+from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.ilc.plots import convergence, corrections
 from motord.report.html import Page
 from motord.report.plots.mesh import Point, rms_error
@@ -49,8 +50,9 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[Point, float]] = (
         corrections(done.learned.orders, learned),
         "Amplitude of the corrections at each order of the turn: dots are operating points, "
         "coloured by torque. Errors of the current sensors make torque at multiples of the pole "
-        "pairs.",
+        "pairs; other orders are there because the torque shows them.",
     )
+    page.points([*done.reach, *in_lines(done.unreached)])
     page.table(
         ["", *(f"{title} (%)" for title, _ in panels)],
         [

@@ -55,7 +55,11 @@ def test_without_the_search_for_departures_an_eccentric_encoder_passes_for_somet
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The broken twin: what the test above would see if nothing were looked for."""
-    blind: Callable[..., object] = lambda evidence, _: ((), evidence.rows.rest_Nm)  # noqa: E731
+    blind: Callable[..., object] = lambda evidence, _: (  # noqa: E731
+        (),
+        np.zeros_like(evidence.rows.rest_Nm),
+        evidence.rows.rest_Nm,
+    )
     monkeypatch.setattr(lack_of_fit, "causes", blind)
     monkeypatch.setattr(lack_of_fit, "left_orders", lambda *_: ())
     result, truth = calibrated("independent", ROWS["encoder 0.5 deg once"], 1, mesh=MESH)

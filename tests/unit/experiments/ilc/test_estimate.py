@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 from motord.experiments.ilc.estimate import (
     Learning,
     Left,
-    orders_up_to,
     refine,
     reopened,
     settled,
     unlearned,
 )
-from motord.identification import IdentifyError
 from motord.learned import LearnedPoint
 
 RATED_NM, ORDERS = 6.0, 12
@@ -150,10 +148,3 @@ def test_a_settled_point_is_measured_on_and_can_be_opened_again() -> None:
     assert (again.gain, again.best) == (STEP.gain, None)
     assert settled(again).cos_Nm == on.cos_Nm
     assert refine(again, plant.run(again), RATED_NM, STEP).gain == STEP.gain
-
-
-def test_orders_are_those_at_which_currents_make_torque() -> None:
-    assert orders_up_to(40, 8) == (8, 16, 24, 32, 40)
-    assert len(orders_up_to(10_000, 5)) == 64
-    with pytest.raises(IdentifyError, match="nothing can be learned"):
-        orders_up_to(7, 8)

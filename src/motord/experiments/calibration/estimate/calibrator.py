@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.calibration import Calibration, DegreesOfFreedom, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate.added_orders import unconfirmed, with_added_orders
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.lack_of_fit import lack_of_fit
@@ -17,6 +18,7 @@ from motord.experiments.calibration.estimate.normal_equations import (
     FIRST_COGGING,
     Regression,
 )
+from motord.experiments.calibration.estimate.order_search import Search, Weighted, search
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import (
     CalibrationResult,
@@ -50,7 +52,6 @@ SETTLED = 1e-4
 
 NEARLY_SEEN = "; it is nearly seen: intervals contain what it would be"
 
-
 ONE_DIRECTION = (
     "friction ripple: not separated from cogging torque, as all points turn the same way; what "
     "repeats in friction is counted as cogging torque, whose intervals do not cover it (set "
@@ -67,8 +68,14 @@ class Calibrator:
     currents were recorded without their zero sequence, it keeps them all.
     """
 
-    def __init__(self, motor: MotorConfig, sensor: TorqueSensorConfig) -> None:
-        self._motor, self._sensor = motor, sensor
+    def __init__(
+        self,
+        motor: MotorConfig,
+        sensor: TorqueSensorConfig,
+        again: Callable[[], Iterable[PointData]] | None = None,
+    ) -> None:
+        """again: gives the points once more, where the data ask for more orders than expected."""
+        self._motor, self._sensor, self._again = motor, sensor, again
         self._orders = allowed_orders(
             motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
         )
@@ -89,8 +96,11 @@ class Calibrator:
 
         progress: called with the part of the run's recorded points that is done.
         """
-        calibrator = cls(subject.motor, subject.sensor)
-        for run in runs:
+        all_runs = list(runs)
+        calibrator = cls(
+            subject.motor, subject.sensor, lambda: (p for run in all_runs for p in captures(run))
+        )
+        for run in all_runs:
             points = len(run.operating_points())
             for number, point in enumerate(captures(run), start=1):
                 calibrator.add(point)
@@ -99,8 +109,7 @@ class Calibrator:
 
     def add(self, point: PointData) -> None:
         """Take an operating point. Raises IdentifyError."""
-        samples = prepare(point, self._motor.counts)
-        require_currents(samples)
+        samples = self._samples(point)
         self._points.append(accumulate(samples, self._basis, self._sensor))
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
@@ -117,24 +126,34 @@ class Calibrator:
         """Return the result of the joint estimator. Raises IdentifyError."""
         check_points(self._points)
         orders = self._sampled_orders()
-        # Kirchhoff's law says nothing of currents that were made to add up to nothing
-        has_law = self._motor.connection == "star" and not self._bare
+        first, regression = self._fitted(self._points, self._basis, len(orders))
+        unexplained = lack_of_fit(regression, first, self._motor)
+        problem = Weighted.of(regression, first, unexplained, self._motor.rated_current_A())
+        found = search(problem, (*orders, *unexplained.minor), self._motor.pole_pairs)
+        fitted, regression, found = self._with_added(first, regression, found)
+        if found.added:
+            unexplained = lack_of_fit(regression, fitted, self._motor)
         rated_A = self._motor.rated_current_A()
-        regression = Regression(self._points, self._basis, len(orders), has_law)
-        fitted = fit(regression, rated_A)
-        if self._bare:
-            fitted, regression = self._with_zero_sequence(fitted, len(orders), rated_A)
-        check_fit(fitted)
+        agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
         notes = _observability(fitted)
-        agreement = kirchhoff_agreement(regression, rated_A) if has_law else None
         if agreement is not None:
             notes.append(agreement.in_words())
         notes += self._left_out(orders)
-        if len({point.spectrum.direction for point in self._points}) < 2:
-            notes.append(ONE_DIRECTION)
-        harmonics = _harmonics(fitted, orders)
+        result = with_lack_of_fit(
+            self._result(fitted, _harmonics(fitted, regression), notes),
+            unexplained,
+            agreement,
+            BenchFile(self._motor, self._sensor),
+            max(point.period_s for point in self._points),
+        )
+        lost = first.identifiable.offset_seen and not fitted.identifiable.offset_seen
+        return with_added_orders(result, found, lost, self._motor.pole_pairs)
+
+    def _result(
+        self, fitted: JointFit, harmonics: tuple[Harmonic, ...], notes: list[str]
+    ) -> CalibrationResult:
         seen = fitted.identifiable.gain_direction is None
-        result = CalibrationResult(
+        return CalibrationResult(
             method="joint",
             alpha=fitted.solution.alpha,
             alpha_stderr=fitted.stderr[ALPHA],
@@ -150,16 +169,26 @@ class Calibrator:
             current_delay_s=fitted.current_delay_s,
             ripples=tuple(self._ripples),
         )
-        return with_lack_of_fit(
-            result,
-            lack_of_fit(regression, fitted, self._motor),
-            agreement,
-            BenchFile(self._motor, self._sensor),
-            max(point.period_s for point in self._points),
-        )
+
+    def _with_added(
+        self, fitted: JointFit, regression: Regression, found: Search
+    ) -> tuple[JointFit, Regression, Search]:
+        """Return the fit with the orders that were found, and those that it confirms."""
+        if self._again is None:
+            found = found.without([trial.order for trial in found.added])
+        known = regression.basis.orders[: regression.orders]
+        while found.added and self._again is not None:
+            basis = Basis.of(self._motor, (*known, *(trial.order for trial in found.added)))
+            points = [accumulate(self._samples(p), basis, self._sensor) for p in self._again()]
+            more, bigger = self._fitted(points, basis, len(basis.orders))
+            weak = unconfirmed(found, _harmonics(more, bigger))
+            if not weak:
+                return more, bigger, found
+            found = found.without(weak)
+        return fitted, regression, found
 
     def _left_out(self, orders: tuple[int, ...]) -> list[str]:
-        """Return which currents and which cogging orders were not in the data."""
+        """Return which currents, cogging orders and directions were not in the data."""
         notes = []
         if self._bare:
             notes.append(
@@ -169,10 +198,29 @@ class Calibrator:
         if len(orders) < len(self._orders):
             dropped = ", ".join(str(order) for order in self._orders[len(orders) :])
             notes.append(f"cogging orders {dropped} are too high for the sampling rate: left out")
+        if len({point.spectrum.direction for point in self._points}) < 2:
+            notes.append(ONE_DIRECTION)
         return notes
 
+    def _fitted(
+        self, points: list[TurnProducts], basis: Basis, orders: int
+    ) -> tuple[JointFit, Regression]:
+        """Return the fit with the first `orders` of the basis, to currents that are whole.
+
+        A zero sequence of the currents that was not recorded is the one that the fit implies.
+        """
+        rated_A = self._motor.rated_current_A()
+        # Kirchhoff's law says nothing of currents that were made to add up to nothing
+        has_law = self._motor.connection == "star" and not self._bare
+        regression = Regression(points, basis, orders, has_law)
+        fitted = fit(regression, rated_A)
+        if self._bare:
+            fitted, regression = self._with_zero_sequence(fitted, basis, orders)
+        check_fit(fitted)
+        return fitted, regression
+
     def _with_zero_sequence(
-        self, fitted: JointFit, orders: int, rated_A: float
+        self, fitted: JointFit, basis: Basis, orders: int
     ) -> tuple[JointFit, Regression]:
         """Return the fit to currents with the zero sequence that it itself implies."""
         if len(self._bare) < len(self._points):
@@ -183,11 +231,10 @@ class Calibrator:
         for _ in range(MOST_ROUNDS):
             alpha = fitted.solution.alpha
             points = [
-                accumulate(restored(samples, alpha), self._basis, self._sensor)
-                for samples in self._bare
+                accumulate(restored(samples, alpha), basis, self._sensor) for samples in self._bare
             ]
-            regression = Regression(points, self._basis, orders, False)
-            fitted = fit(regression, rated_A)
+            regression = Regression(points, basis, orders, False)
+            fitted = fit(regression, self._motor.rated_current_A())
             if np.abs(fitted.solution.alpha - alpha).max() < SETTLED:
                 return fitted, regression
         gains = ", ".join(f"{gain:.2f}" for gain in fitted.solution.alpha)
@@ -196,6 +243,11 @@ class Calibrator:
             f"these do not settle (alpha {gains}): check wiring, back-EMF and encoder offset, or "
             "record the currents of all three phases"
         )
+
+    def _samples(self, point: PointData) -> Samples:
+        samples = prepare(point, self._motor.counts)
+        require_currents(samples)
+        return samples
 
     def residual(self) -> CalibrationResult:
         """Return the result of the report's estimator. Raises IdentifyError."""
@@ -234,9 +286,10 @@ class CalibratedRuns:
         )
 
 
-def _harmonics(fitted: JointFit, orders: tuple[int, ...]) -> tuple[Harmonic, ...]:
+def _harmonics(fitted: JointFit, regression: Regression) -> tuple[Harmonic, ...]:
+    """Return the cogging torque of each order of the regression, in its succession."""
     found = []
-    for row, order in enumerate(orders):
+    for row, order in enumerate(regression.basis.orders[: regression.orders]):
         place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
         cosine, sine = fitted.solution.theta[place]
         amplitude = float(np.hypot(cosine, sine))

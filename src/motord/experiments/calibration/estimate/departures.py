@@ -78,10 +78,13 @@ def _rms(lines_Nm: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt((np.abs(lines_Nm) ** 2).mean(axis=0) / 2))
 
 
-def causes(evidence: Evidence, subspace: np.ndarray) -> tuple[tuple[Cause, ...], np.ndarray]:
-    """Return the departures that are there, and the lines (points, orders) that all leave.
+def causes(
+    evidence: Evidence, subspace: np.ndarray
+) -> tuple[tuple[Cause, ...], np.ndarray, np.ndarray]:
+    """Return the departures that are there, their lines, and what model and they leave of the rest.
 
-    subspace (p, k): what the columns of the rows' model stand for among its p parameters.
+    Lines (points, orders). subspace (p, k): what the columns of the rows' model stand for among its
+    p parameters.
     """
     plain = evidence.rows.weighed(np.ones(evidence.rows.rest_Nm.shape[1]))
     found: list[Cause] = []
@@ -107,7 +110,20 @@ def causes(evidence: Evidence, subspace: np.ndarray) -> tuple[tuple[Cause, ...],
         names = tuple(sorted({evidence.effects[n].name for n in alike}))
         found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shifts, names))
         chosen.append(number)
-    return tuple(found), evidence.fitted(plain, chosen).left_lines(evidence.rows)
+    fitted = evidence.fitted(plain, chosen)
+    return tuple(found), _caused(evidence, chosen, fitted), fitted.left_lines(evidence.rows)
+
+
+def _caused(evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows) -> np.ndarray:
+    """Return the lines (points, orders) of the chosen effects, in the sizes of a fit with them."""
+    lines = np.zeros_like(evidence.rows.rest_Nm)
+    place = evidence.rows.columns.shape[1]
+    for number in chosen:
+        effect = evidence.effects[number].lines
+        end = place + effect.shape[1]
+        lines += np.einsum("pth,t->ph", effect, fitted.solution[place:end])
+        place = end
+    return lines
 
 
 def _alike(effects: Sequence[Effect], gains: Sequence[Gain], number: int) -> list[int]:

@@ -55,7 +55,8 @@ class JointFit:
 
     errors: of solution.vector (p + 1,); noise_Nm (points,): standard deviation that is
     left in each operating point; condition_number of what was solved, columns scaled alike;
-    delay_unit_s: unit of the age of the currents.
+    delay_unit_s: unit of the age of the currents; apart_from_torque (p, p): information on theta of
+    Kirchhoff's law and of the priors.
     """
 
     solution: Solution
@@ -64,6 +65,7 @@ class JointFit:
     noise_Nm: np.ndarray
     condition_number: float
     delay_unit_s: float
+    apart_from_torque: np.ndarray
 
     @property
     def current_delay_s(self) -> tuple[float, float, float]:
@@ -106,6 +108,7 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
         noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
         condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
+        apart_from_torque=normals.information - normals.torque_information + normals.prior,
     )
 
 

@@ -58,18 +58,27 @@ class LeftOrder:
 class LackOfFit:
     """What a fit leaves. rest_Nm, noise_Nm (points, orders): lines and their standard errors.
 
-    torque_Nm (points,): set-points. left_Nm (points, orders): lines that the causes do not account
-    for, left: the orders at which they are more than noise; dispersion: root of their mean square
-    at the model's own orders, over the noise.
+    torque_Nm (points,): set-points. caused_Nm (points, orders): lines of the causes, at these
+    parameters; left_Nm: lines that are left where model and causes are fitted together, left: the
+    orders at which they are more than noise; dispersion: root of their mean square at the model's
+    own orders, over the noise.
     """
 
     torque_Nm: np.ndarray
     rest_Nm: np.ndarray
     noise_Nm: np.ndarray
+    caused_Nm: np.ndarray
     left_Nm: np.ndarray
     causes: tuple[Cause, ...]
     left: tuple[LeftOrder, ...]
     dispersion: float
+
+    @property
+    def minor(self) -> tuple[int, ...]:
+        """Orders at which no more is left than the second order of the causes."""
+        power = (np.abs(self.left_Nm) ** 2).mean(axis=0)
+        largest = (np.abs(self.caused_Nm) ** 2).mean(axis=0).max()
+        return tuple((np.flatnonzero(power <= MINOR_SHARE**2 * largest) + 1).tolist())
 
 
 def lack_of_fit(regression: Regression, fitted: JointFit, motor: MotorConfig) -> LackOfFit:
@@ -92,7 +101,7 @@ def lack_of_fit(regression: Regression, fitted: JointFit, motor: MotorConfig) ->
     )
     tried = effects(models, motor, cogging_orders)
     of_law = [np.pad(law.rows(one.law), ((len(prior), 0), (0, 0))) for one in tried]
-    found, unexplained_Nm = causes(Evidence(rows, tried, of_law), subspace)
+    found, caused_Nm, unexplained_Nm = causes(Evidence(rows, tried, of_law), subspace)
     torque_Nm = np.array([point.torque_set_Nm for point in regression.points])
     left = left_orders(torque_Nm, unexplained_Nm, noise_Nm)
     if found:
@@ -100,14 +109,16 @@ def lack_of_fit(regression: Regression, fitted: JointFit, motor: MotorConfig) ->
     modelled = _modelled(own[:, :FIRST_COGGING], cogging_orders)
     squares = (np.abs(unexplained_Nm[:, modelled]) / noise_Nm[:, modelled]) ** 2
     dispersion = max(float(np.sqrt(squares.mean())), 1.0)
-    return LackOfFit(torque_Nm, rest_Nm, noise_Nm, unexplained_Nm, found, left, dispersion)
+    return LackOfFit(
+        torque_Nm, rest_Nm, noise_Nm, caused_Nm, unexplained_Nm, found, left, dispersion
+    )
 
 
 def _rest(regression: Regression, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the lines (points, orders) that parameters theta (p,) leave, and their noise."""
     spectra = [point.spectrum for point in regression.points]
     highest = min(spectrum.highest for spectrum in spectra)
-    coefficients = regression.coefficients(theta)[: regression.basis.command.start]
+    coefficients = regression.coefficients(theta)
     lines = [spectrum.residual(coefficients) for spectrum in spectra]
     rest_Nm = np.array([rest[:highest] for rest, _ in lines])
     noise_Nm = smooth_noise(np.array([half[:highest] for _, half in lines]))

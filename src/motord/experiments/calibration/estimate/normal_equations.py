@@ -145,10 +145,15 @@ class Regression:
         )
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
-        """Return what each column of the basis but the last counts for, with parameters theta."""
+        """Return what each column of the model counts for, with parameters theta."""
+        return np.asarray(self.derivative(theta) @ theta)
+
+    def derivative(self, theta: np.ndarray) -> np.ndarray:
+        """Return of each column of the model how it counts by each parameter (columns, p)."""
         period_s = float(np.mean([point.period_s for point in self.points]))
         delays = DELAY_SHARE * period_s * theta[ALPHA]
-        return np.asarray(self._choose(CURRENT, RATE, delays, ZOH_SHARE * period_s**2) @ theta)
+        matrix = self._choose(CURRENT, RATE, delays, ZOH_SHARE * period_s**2)
+        return matrix[: self.basis.command.start]
 
     def _choose(self, current: slice, rate: slice, delays: np.ndarray, zoh_s2: float) -> np.ndarray:
         """Return the matrix that makes regressors, or instruments, of the columns."""

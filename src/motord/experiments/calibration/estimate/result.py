@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from motord.calibration import (
+    AddedOrder,
     CalibratedMotor,
     Calibration,
     DegreesOfFreedom,
@@ -99,9 +100,9 @@ class CalibrationResult(Estimate):
 
     current_delay_s: by how much the currents are older than the recording says, its standard error
     and the degrees of freedom of that (joint only); ripples: of the operating points that were
-    identified from; findings: where these depart from the model (joint only); dispersion: factor by
-    which the standard errors are larger than noise alone would make them, because of what no
-    finding explains.
+    identified from; added_orders: cogging orders that only the data ask for; findings: where these
+    depart from the model (joint only, both); dispersion: factor by which the standard errors are
+    larger than noise alone would make them, because of what no finding explains.
     """
 
     method: Method
@@ -113,6 +114,7 @@ class CalibrationResult(Estimate):
     condition_number: float
     current_delay_s: tuple[float, float, float] | None = None
     ripples: tuple[PointRipple, ...] = ()
+    added_orders: tuple[AddedOrder, ...] = ()
     findings: tuple[Finding, ...] = ()
     dispersion: float = 1.0
 
@@ -135,6 +137,7 @@ class CalibrationResult(Estimate):
             delta_epsilon_source=", ".join(runs) if measured else "assumed",
             tau_cog_Nm=tuple(self.tau_cog_Nm.tolist()),
             tau_cog_harmonics=self.harmonics,
+            added_orders=self.added_orders,
             observable=self.observable,
             condition_number=self.condition_number,
             rms_error_percent=rms_errors(self.ripples),

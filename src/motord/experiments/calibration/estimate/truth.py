@@ -13,17 +13,19 @@ from motord.recording.reader import Run, bounds_of
 TRUE_CURRENTS = ("i_a_A", "i_b_A", "i_c_A")
 
 
-def recorded_truth(runs: Iterable[Run], subject: Subject) -> Estimate | None:
+def recorded_truth(
+    runs: Iterable[Run], subject: Subject, more: Iterable[int] = ()
+) -> Estimate | None:
     """Return the mean truth over all operating points; None if no run is of a simulated rig.
 
     What flows is alpha epsilon i* + beta: fitted to the currents that flowed, with the commands as
     instruments. alpha is given with product 1, as the estimators do. The cogging torque is fitted
-    at the orders that slots and poles allow.
+    at the orders that slots and poles allow, and `more`.
     """
     motor = subject.motor
-    orders = allowed_orders(
-        motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
-    )
+    highest = motor.counts // COUNTS_PER_COGGING_ORDER
+    allowed = allowed_orders(motor.slots, 2 * motor.pole_pairs, highest)
+    orders = tuple(sorted({*allowed, *more}))
     currents = np.zeros((3, 2, 3))  # phase; instrument; sensed, 1, true
     waves = np.zeros((2 * len(orders), 2 * len(orders) + 1))
     for run in runs:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 
 from motord.config import TorqueSensorConfig
-from motord.identification.basis import Basis
+from motord.identification.basis import Basis, cell_gain
 from motord.identification.operating_points import Samples
 from motord.identification.orders import resolved_order
 from motord.identification.torque_sensor import order_below_resonance
@@ -88,6 +88,15 @@ class TurnSpectrum:
         """The highest order."""
         return int(self.sums.shape[1]) - 1
 
+    def waves(self, counts: int) -> np.ndarray:
+        """Return the lines (h,) that cos(h theta), as the sensor sees it, has at its own order.
+
+        Of an encoder of so many counts: where bins are several of these, they begin with the first.
+        """
+        order, bins = np.arange(1, self.highest + 1), self.command_A.shape[0]
+        inside = 2j * np.pi * np.outer(order, np.arange(counts // bins)) / counts
+        return np.asarray(self.highpass * cell_gain(order, counts) * np.exp(inside).mean(axis=1))
+
     def residual(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what the columns with these coefficients (w - 1,) leave of the torque.
 
@@ -103,6 +112,22 @@ class TurnSpectrum:
             ]
         )
         return halves.mean(axis=0), np.abs(halves[0] - halves[1]) / 2
+
+
+def lines_of(visits: np.ndarray, sums: np.ndarray, rounds: int = 6) -> np.ndarray:
+    """Return lines (h, q) of orders 1 to h of q columns' sums (h + 1, q), complex.
+
+    visits (2 h + 1,): transform of the number of samples. Where these are spread evenly, up to a
+    few percent, the normal equations are nearly diagonal: each round leaves so much of the error.
+    """
+    highest, samples = len(sums) - 1, visits[0].real
+    grid = 1 << (4 * highest + 2).bit_length()
+    weight = np.fft.irfft(visits[: grid // 2 + 1], grid) / samples * grid
+    lines = sums / samples
+    for _ in range(rounds):
+        seen = np.fft.rfft(weight[:, None] * np.fft.irfft(lines, grid, axis=0), axis=0)
+        lines = lines + sums / samples - seen[: highest + 1]
+    return np.asarray(2 * lines[1:])
 
 
 def smooth_noise(half_Nm: np.ndarray) -> np.ndarray:
