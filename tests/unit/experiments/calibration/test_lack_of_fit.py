@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from motord.experiments.calibration.estimate import lack_of_fit
-from motord.experiments.calibration.estimate.lack_of_fit import left_orders
+from motord.experiments.calibration.estimate.lack_of_fit import analysis as lack_of_fit
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import left_orders
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
 from tests.campaigns.departures import DEPARTURES, calibrated, errors_over_half_widths
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from motord.calibration import Harmonic
-from motord.experiments.calibration.estimate.added_orders import (
+from motord.experiments.calibration.estimate.more_orders.result import (
     significant,
     unconfirmed,
     with_added_orders,
 )
-from motord.experiments.calibration.estimate.order_search import (
+from motord.experiments.calibration.estimate.more_orders.search import (
     Search,
     Weighted,
     levels,

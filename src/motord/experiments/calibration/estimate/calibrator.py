@@ -7,18 +7,22 @@ import numpy as np
 
 from motord.calibration import Calibration, DegreesOfFreedom, Harmonic
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate.added_orders import unconfirmed, with_added_orders
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
-from motord.experiments.calibration.estimate.lack_of_fit import lack_of_fit
-from motord.experiments.calibration.estimate.meanings import BenchFile
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import lack_of_fit
+from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
+from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
+from motord.experiments.calibration.estimate.more_orders.result import (
+    unconfirmed,
+    with_added_orders,
+)
+from motord.experiments.calibration.estimate.more_orders.search import Search, Weighted, search
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     BETA,
     FIRST_COGGING,
     Regression,
 )
-from motord.experiments.calibration.estimate.order_search import Search, Weighted, search
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import (
     CalibrationResult,
@@ -26,7 +30,6 @@ from motord.experiments.calibration.estimate.result import (
     cogging_table,
 )
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
-from motord.experiments.calibration.estimate.widened import with_lack_of_fit
 from motord.experiments.subject import Subject
 from motord.findings import Finding
 from motord.identification import IdentifyError

@@ -11,16 +11,21 @@ import numpy as np
 from scipy import stats
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.departures import (
+from motord.experiments.calibration.estimate.joint import JointFit
+from motord.experiments.calibration.estimate.lack_of_fit.departures import (
     FALSE_SHARE,
     MINOR_SHARE,
     Cause,
     Evidence,
     causes,
 )
-from motord.experiments.calibration.estimate.effects import effects, model_columns, point_models
-from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.kirchhoff_rows import kirchhoff_rows
+from motord.experiments.calibration.estimate.lack_of_fit.effects import (
+    effects,
+    model_columns,
+    point_models,
+)
+from motord.experiments.calibration.estimate.lack_of_fit.kirchhoff_rows import kirchhoff_rows
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     DELAY,
@@ -28,7 +33,6 @@ from motord.experiments.calibration.estimate.normal_equations import (
     ZOH,
     Regression,
 )
-from motord.experiments.calibration.estimate.score_test import ResidualRows
 from motord.experiments.calibration.estimate.turn_spectrum import orders_averaged, smooth_noise
 
 MODELLED_SHARE = 1e-6

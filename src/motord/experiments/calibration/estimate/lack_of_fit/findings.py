@@ -6,10 +6,10 @@ from itertools import groupby
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.departures import Cause
 from motord.experiments.calibration.estimate.joint import Kirchhoff
-from motord.experiments.calibration.estimate.lack_of_fit import LackOfFit, LeftOrder
-from motord.experiments.calibration.estimate.meanings import (
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit, LeftOrder
+from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
+from motord.experiments.calibration.estimate.lack_of_fit.meanings import (
     MEANINGS,
     BenchFile,
     fitted_time_constant_s,

@@ -15,11 +15,11 @@ from dataclasses import replace
 import numpy as np
 
 from motord.calibration import Harmonic
-from motord.experiments.calibration.estimate.causes import findings
-from motord.experiments.calibration.estimate.departures import Cause
 from motord.experiments.calibration.estimate.joint import Kirchhoff
-from motord.experiments.calibration.estimate.lack_of_fit import LackOfFit
-from motord.experiments.calibration.estimate.meanings import BenchFile
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
+from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
+from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
+from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     BETA,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import MotorConfig, TorqueSensorConfig
-from motord.experiments.calibration.estimate.departures import Cause
+from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import stats
 
 from motord.calibration import Harmonic
-from motord.experiments.calibration.estimate.order_search import (
+from motord.experiments.calibration.estimate.more_orders.search import (
     FALSE_SHARE,
     HINT,
     OrderTrial,

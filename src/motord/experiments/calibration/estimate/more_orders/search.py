@@ -20,7 +20,7 @@ from scipy import stats
 
 from motord.calibration import AddedOrder
 from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.lack_of_fit import LackOfFit
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
 from motord.experiments.calibration.estimate.normal_equations import BETA, Regression
 from motord.experiments.calibration.estimate.turn_spectrum import (
     lines_of,

@@ -11,8 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from motord.experiments.calibration.estimate.effects import Effect
-from motord.experiments.calibration.estimate.score_test import Gain, ResidualRows, WeighedRows
+from motord.experiments.calibration.estimate.lack_of_fit.effects import Effect
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
+    Gain,
+    ResidualRows,
+    WeighedRows,
+)
 
 FALSE_SHARE = 0.002
 """Probability that noise is taken for a departure, or for an order, over all that are tried."""

@@ -1,0 +1,1 @@
+"""Lack of fit: what the joint estimator leaves beyond noise, its causes and its findings."""
