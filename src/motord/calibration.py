@@ -22,6 +22,7 @@ from motord.config.base import what_is_wrong
 from motord.findings import Finding
 from motord.intervals import coverage_factor, plus_minus
 from motord.learned import LearnedTorque
+from motord.uncertainty_budget import Contribution
 
 SCHEMA: Literal["motord.calibration/1"] = "motord.calibration/1"
 
@@ -183,7 +184,8 @@ class Calibration(_Part):
     says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts; added_orders:
     those of its orders that slots and poles do not allow. findings: where the data depart from the
     model; None in files of before they were looked for. degrees_of_freedom of the standard errors;
-    None for many, as files from before had it.
+    None for many, as files from before had it. budget: what each source contributes to the
+    uncertainty; standard errors are its Type A.
     """
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
@@ -206,6 +208,7 @@ class Calibration(_Part):
     condition_number: Annotated[float, Field(ge=1)]
     rms_error_percent: RmsErrors = RmsErrors()
     findings: tuple[Finding, ...] | None = None
+    budget: tuple[Contribution, ...] = ()
 
     learned: LearnedTorque | None = None
 
@@ -302,12 +305,12 @@ class Calibration(_Part):
         """Return the content of the file.
 
         Without what files from before had no keys for, where there is none of it: what was learned,
-        findings, degrees of freedom, added orders, the error of a phase, or an encoder's direction
-        other than 1.
+        findings, degrees of freedom, added orders, a budget, the error of a phase, or an encoder's
+        direction other than 1.
         """
         names = ("learned", "findings", "degrees_of_freedom")
         nothing = {name for name in names if getattr(self, name) is None}
-        nothing |= set() if self.added_orders else {"added_orders"}
+        nothing |= {name for name in ("added_orders", "budget") if not getattr(self, name)}
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)
         for harmonic in content["tau_cog_harmonics"]:
             for name in ("phase_stderr_rad", "degrees_of_freedom"):

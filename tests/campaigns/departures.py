@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from motord.config import BackEmfHarmonic, Config, load
+from motord.config import AccuracyConfig, BackEmfHarmonic, Config, load
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
@@ -190,6 +190,7 @@ def calibrated(
     *,
     size: float = 1.0,
     mesh: Mapping[str, Any] = MESH,
+    accuracy: AccuracyConfig | None = None,
 ) -> tuple[CalibrationResult, RigTruth]:
     """Return what a calibration finds on the rig, and what is true of that."""
     config, truth = rig(connection, departure.tables(size) if departure else {})
@@ -200,8 +201,9 @@ def calibrated(
     blocks: list[np.ndarray] = []
     plan = build("calibrate", config, dict(mesh))
     taken = run_plan(bench, plan, lambda ticks, _: blocks.append(ticks))
-    calibrator = Calibrator(config.motor, config.torque_sensor)
-    for point in split(np.concatenate(blocks), taken):
+    points = list(split(np.concatenate(blocks), taken))
+    calibrator = Calibrator(config.motor, config.torque_sensor, lambda: points, accuracy)
+    for point in points:
         calibrator.add(point)
     return calibrator.joint(), truth
 

@@ -5,6 +5,7 @@ Whatever is wrong comes as one `ConfigError` naming file, line, key, what is wro
 be right; unknown keys are errors.
 """
 
+from motord.config.accuracy import AccuracyConfig
 from motord.config.back_emf import BackEmfHarmonic, BackEmfTable
 from motord.config.base import (
     ConfigError,
@@ -67,6 +68,7 @@ from motord.config.slow_devices import BrakeConfig, DriveConfig, ModbusConfig, R
 __all__ = [
     "SEQUENCE",
     "AccelerationConfig",
+    "AccuracyConfig",
     "AlignConfig",
     "BackEmfHarmonic",
     "BackEmfTable",

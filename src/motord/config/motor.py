@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from motord.config.accuracy import AccuracyConfig
 from motord.config.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 from motord.config.base import Finite, NonNegative, Positive, Section
 
@@ -130,3 +131,5 @@ class MotorFile(Section):
     """The motor."""
     torque_sensor: TorqueSensorConfig = TorqueSensorConfig()
     """The torque sensor."""
+    accuracy: AccuracyConfig = AccuracyConfig()
+    """What is known of errors that the data do not show."""

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from motord import DEFAULT_ENDPOINT
+from motord.config.accuracy import AccuracyConfig
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.experiments import Plans
@@ -246,6 +247,7 @@ class Sections(Section):
     inverter: InverterConfig = InverterConfig()
     bridge: BridgeConfig = BridgeConfig()
     torque_sensor: TorqueSensorConfig = TorqueSensorConfig()
+    accuracy: AccuracyConfig = AccuracyConfig()
     brake: BrakeConfig = BrakeConfig()
     drive: DriveConfig = DriveConfig()
     motor: MotorConfig

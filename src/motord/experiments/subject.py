@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from motord.config import (
+    AccuracyConfig,
     Config,
     MotorConfig,
     MotorFile,
@@ -31,16 +32,17 @@ class AnalysisError(Exception):
 
 @dataclass(frozen=True)
 class Subject:
-    """What was recorded: bench, motor and torque sensor."""
+    """What was recorded: bench, motor and torque sensor, and what is known of their accuracy."""
 
     bench: str
     motor: MotorConfig
     sensor: TorqueSensorConfig
+    accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
     @classmethod
     def of_config(cls, config: Config) -> "Subject":
         """Return the subject of a bench."""
-        return cls(config.bench.name, config.motor, config.torque_sensor)
+        return cls(config.bench.name, config.motor, config.torque_sensor, config.accuracy)
 
     @classmethod
     def of_file(cls, path: Path) -> "Subject":
@@ -48,7 +50,7 @@ class Subject:
         if bench := bench_of(path):
             return cls.of_config(bench)
         file = load_motor(path)
-        return cls(path.stem, file.motor, file.torque_sensor)
+        return cls(path.stem, file.motor, file.torque_sensor, file.accuracy)
 
     @classmethod
     def of_runs(cls, runs: Sequence[Run]) -> "Subject":
@@ -155,9 +157,10 @@ def _recorded(run: Run) -> Subject:
         motor = MotorConfig.model_validate(run.metadata["motor"])
         bench = tomllib.loads(run.metadata["config"])
         sensor = TorqueSensorConfig.model_validate(bench.get("torque_sensor", {}))
+        accuracy = AccuracyConfig.model_validate(bench.get("accuracy", {}))
     except (KeyError, TypeError, ValueError) as error:
         raise AnalysisError(
             f"{run.path}: does not say which motor and torque sensor it is of "
             f"({type(error).__name__}); name a bench file or motor file with -c"
         ) from None
-    return Subject(str(run.metadata.get("bench", "")), motor, sensor)
+    return Subject(str(run.metadata.get("bench", "")), motor, sensor, accuracy)

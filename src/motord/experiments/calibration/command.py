@@ -1,6 +1,6 @@
 """`motord analyse calibrate`: gains, offsets and cogging torque."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -14,6 +14,7 @@ from motord.experiments.ripple.command import error_table
 from motord.experiments.subject import Recordings
 from motord.intervals import coverage_factor, plus_minus
 from motord.report.text import TextTable
+from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
 if TYPE_CHECKING:
     from motord.report.html import Page
@@ -71,6 +72,8 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
             for h in c.tau_cog_harmonics
         ],
     )
+    if c.budget:
+        yield _uncertainties(c.budget)
     for note in c.observable:
         yield f"- {note}"
     if (age := found.result.current_delay_s) is not None:
@@ -79,6 +82,22 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     yield from error_table(c.rms_error_percent)
     if c.serious_findings:
         yield f"to apply it all the same: motord calibration install FILE {c.accept_options}"
+
+
+def _uncertainties(budget: Sequence[Contribution]) -> TextTable:
+    """Return Type A, Type B and both, and what most of Type B comes from."""
+    rows = [
+        [total.source, *(f"{value(total):.3g}" for _, _, value in QUANTITIES)]
+        for total in totals(budget)
+    ]
+    others = [one for one in budget if one.type == "B"]
+    largest = [max(others, key=value).source for _, _, value in QUANTITIES]
+    columns = [f"{name} ({unit})" for name, unit, _ in QUANTITIES]
+    return TextTable(
+        "standard uncertainty, largest of the phases",
+        ("", *columns),
+        [*rows, ["most of Type B", *largest]],
+    )
 
 
 ANALYSIS = Analysis(

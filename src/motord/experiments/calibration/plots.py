@@ -6,9 +6,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.report.style import AFTER, INK, OTHER, REFERENCE, drawing, figure
+from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
 COLOURS = (AFTER, OTHER)
 
@@ -30,6 +33,25 @@ def cogging(estimates: Sequence[Labelled], reference: Labelled | None) -> Figure
         _harmonics(right, [each for _, each in estimates], reference[1] if reference else None)
         handles, labels = left.get_legend_handles_labels()
         picture.legend(handles[::-1], labels[::-1], loc="outside upper right", ncols=3)
+        return picture
+
+
+def budget(contributions: Sequence[Contribution]) -> Figure:
+    """Return standard uncertainties by source, a column of bars for each quantity."""
+    sources = [one.source for one in contributions]
+    with drawing():
+        picture = figure(0.9 + 0.24 * len(sources))
+        columns = picture.subplots(1, len(QUANTITIES), sharey=True)
+        for axes, (name, unit, value) in zip(columns, QUANTITIES, strict=True):
+            colours = [AFTER if one.type == "A" else OTHER for one in contributions]
+            axes.barh(sources, [value(one) for one in contributions], 0.7, color=colours)
+            axes.axvline(value(totals(contributions)[2]), color=INK, linewidth=1.0)
+            axes.grid(visible=False, axis="y")
+            axes.set(xlabel=unit, title=name)
+        columns[0].invert_yaxis()
+        handles = [Patch(color=AFTER), Patch(color=OTHER), Line2D([], [], color=INK)]
+        labels = ["Type A", "Type B", "combined"]
+        picture.legend(handles, labels, loc="outside upper right", ncols=3)
         return picture
 
 

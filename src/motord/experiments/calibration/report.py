@@ -8,12 +8,13 @@ from motord.calibration import Calibration
 from motord.experiments.calibration.estimate.calibrator import CalibratedRuns
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.estimate.truth import recorded_truth
-from motord.experiments.calibration.plots import Labelled, cogging
+from motord.experiments.calibration.plots import Labelled, budget, cogging
 from motord.experiments.ripple import report as ripple
 from motord.experiments.subject import Recordings, facts
 from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
+from motord.uncertainty_budget import EXPANDED, QUANTITIES, Contribution, totals
 
 
 def report(found: CalibratedRuns, recordings: Recordings) -> Page:
@@ -30,6 +31,8 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     estimates = [(f"{each.method} estimator", each) for each in found.both()]
     more = [added.order for added in c.added_orders]
     fill(page, estimates, _reference(found.other, recordings, more))
+    if c.budget:
+        _budget(page, c.budget)
     page.heading("About these figures")
     if c.observable:
         page.points(c.observable)
@@ -40,6 +43,27 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     ]
     page.table((), [*facts(subject, recordings.names), *rows])
     return page
+
+
+def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
+    page.heading("Uncertainty budget")
+    page.picture(
+        budget(contributions),
+        "Standard uncertainties by source; of three phases, and of all orders of the cogging "
+        "torque, the largest. Type A is what the data show, Type B what the bench file states in "
+        "[accuracy], or what is assumed. The intervals above are of Type A.",
+    )
+    of_data, others, both = totals(contributions)
+    rows = [
+        [one.source, one.type, one.limit_text, *(f"{value(one):.2g}" for _, _, value in QUANTITIES)]
+        for one in contributions
+    ]
+    for one, label in ((of_data, "A"), (others, "B"), (both, "A and B")):
+        rows.append([one.source, label, "", *(f"{value(one):.2g}" for _, _, value in QUANTITIES)])
+    expanded = [f"{EXPANDED * value(both):.2g}" for _, _, value in QUANTITIES]
+    rows.append([f"expanded, k = {EXPANDED:g}", "", "", *expanded])
+    columns = [f"{name} ({unit})" for name, unit, _ in QUANTITIES]
+    page.table(["source", "type", "limit", *columns], rows, numbers=True)
 
 
 def _reference(

@@ -1,11 +1,10 @@
 """What a calibration says of a bench that departs from its model; all rows in the campaign."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from motord.experiments.calibration.estimate.lack_of_fit import analysis as lack_of_fit
+from motord.experiments.calibration.estimate.lack_of_fit import departures
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import left_orders
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
 from tests.campaigns.departures import DEPARTURES, calibrated, errors_over_half_widths
@@ -55,12 +54,7 @@ def test_without_the_search_for_departures_an_eccentric_encoder_passes_for_somet
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The broken twin: what the test above would see if nothing were looked for."""
-    blind: Callable[..., object] = lambda evidence, _: (  # noqa: E731
-        (),
-        np.zeros_like(evidence.rows.rest_Nm),
-        evidence.rows.rest_Nm,
-    )
-    monkeypatch.setattr(lack_of_fit, "causes", blind)
+    monkeypatch.setattr(departures, "MAX_CAUSES", 0)
     monkeypatch.setattr(lack_of_fit, "left_orders", lambda *_: ())
     result, truth = calibrated("independent", ROWS["encoder 0.5 deg once"], 1, mesh=MESH)
     assert result.findings == ()

@@ -127,9 +127,11 @@ def test_an_order_that_the_fit_does_not_confirm_goes_again() -> None:
     given.rest[:, 5] += 40.0
     result = found(given)
     weak = Harmonic(order=6, amplitude_Nm=0.002, phase_rad=0.0, stderr_Nm=0.001)
-    assert unconfirmed(result, [weak]) == (6,)
+    assert unconfirmed(result, [weak], 0.001) == (6,)
     assert not result.without([6]).added
-    assert unconfirmed(result, [weak.model_copy(update={"amplitude_Nm": 0.004})]) == ()
+    strong = weak.model_copy(update={"amplitude_Nm": 0.004})
+    assert unconfirmed(result, [strong], 0.001) == ()
+    assert unconfirmed(result, [strong], 0.005) == (6,)
 
 
 def test_significance_counts_how_many_orders_there_are() -> None:

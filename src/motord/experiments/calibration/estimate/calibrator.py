@@ -1,22 +1,30 @@
 """From operating points to a calibration, one point at a time, by either estimator."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from motord.calibration import Calibration, DegreesOfFreedom, Harmonic
-from motord.config import MotorConfig, TorqueSensorConfig
+from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
-from motord.experiments.calibration.estimate.lack_of_fit.analysis import lack_of_fit
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
+from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
 from motord.experiments.calibration.estimate.more_orders.result import (
     unconfirmed,
     with_added_orders,
 )
-from motord.experiments.calibration.estimate.more_orders.search import Search, Weighted, search
+from motord.experiments.calibration.estimate.more_orders.search import (
+    FIRST_ORDER,
+    Search,
+    Weighted,
+    search,
+)
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     BETA,
@@ -76,9 +84,11 @@ class Calibrator:
         motor: MotorConfig,
         sensor: TorqueSensorConfig,
         again: Callable[[], Iterable[PointData]] | None = None,
+        accuracy: AccuracyConfig | None = None,
     ) -> None:
         """again: gives the points once more, where the data ask for more orders than expected."""
         self._motor, self._sensor, self._again = motor, sensor, again
+        self._bench = BenchFile(motor, sensor, accuracy or AccuracyConfig())
         self._orders = allowed_orders(
             motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
         )
@@ -101,7 +111,10 @@ class Calibrator:
         """
         all_runs = list(runs)
         calibrator = cls(
-            subject.motor, subject.sensor, lambda: (p for run in all_runs for p in captures(run))
+            subject.motor,
+            subject.sensor,
+            lambda: (p for run in all_runs for p in captures(run)),
+            subject.accuracy,
         )
         for run in all_runs:
             points = len(run.operating_points())
@@ -130,27 +143,34 @@ class Calibrator:
         check_points(self._points)
         orders = self._sampled_orders()
         first, regression = self._fitted(self._points, self._basis, len(orders))
-        unexplained = lack_of_fit(regression, first, self._motor)
-        problem = Weighted.of(regression, first, unexplained, self._motor.rated_current_A())
-        found = search(problem, (*orders, *unexplained.minor), self._motor.pole_pairs)
+        rated_A = self._motor.rated_current_A()
+        residual = FitResidual.of(regression, first, self._motor)
+        left = residual.explained_with_orders(FIRST_ORDER)
+        problem = Weighted.of(regression, first, left, rated_A)
+        found = search(problem, (*orders, *left.minor), self._motor.pole_pairs)
         fitted, regression, found = self._with_added(first, regression, found)
         if found.added:
-            unexplained = lack_of_fit(regression, fitted, self._motor)
-        rated_A = self._motor.rated_current_A()
+            residual = FitResidual.of(regression, fitted, self._motor)
         agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
         notes = _observability(fitted)
         if agreement is not None:
             notes.append(agreement.in_words())
         notes += self._left_out(orders)
+        left = residual.explained()
         result = with_lack_of_fit(
             self._result(fitted, _harmonics(fitted, regression), notes),
-            unexplained,
+            left,
             agreement,
-            BenchFile(self._motor, self._sensor),
+            self._bench,
             max(point.period_s for point in self._points),
         )
         lost = first.identifiable.offset_seen and not fitted.identifiable.offset_seen
-        return with_added_orders(result, found, lost, self._motor.pole_pairs)
+        result = with_added_orders(result, found, lost, self._motor.pole_pairs)
+        return replace(
+            result,
+            harmonics=tuple(sorted(result.harmonics, key=attrgetter("order"))),
+            budget=budget(result, fitted, left.sensitivities, self._bench),
+        )
 
     def _result(
         self, fitted: JointFit, harmonics: tuple[Harmonic, ...], notes: list[str]
@@ -180,11 +200,12 @@ class Calibrator:
         if self._again is None:
             found = found.without([trial.order for trial in found.added])
         known = regression.basis.orders[: regression.orders]
+        least_Nm = MODEL_ACCURACY * self._motor.rated_torque_Nm
         while found.added and self._again is not None:
             basis = Basis.of(self._motor, (*known, *(trial.order for trial in found.added)))
             points = [accumulate(self._samples(p), basis, self._sensor) for p in self._again()]
             more, bigger = self._fitted(points, basis, len(basis.orders))
-            weak = unconfirmed(found, _harmonics(more, bigger))
+            weak = unconfirmed(found, _harmonics(more, bigger), least_Nm)
             if not weak:
                 return more, bigger, found
             found = found.without(weak)

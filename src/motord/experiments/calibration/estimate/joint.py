@@ -34,6 +34,10 @@ ITERATIONS = 4
 FALSE_DISAGREEMENT = 0.002
 """Probability that noise makes torque and Kirchhoff's law count as disagreeing."""
 
+AGREEMENT = 1e-3
+"""Difference of alpha by torque and by law up to which the model itself explains it: gains drift
+with temperature, and currents are held from tick to tick."""
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -210,7 +214,8 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
 @dataclass(frozen=True)
 class Kirchhoff:
     """alpha from the torque alone less that of Kirchhoff's law: the worst phase, and by how many
-    standard errors, of which noise makes up to `limit`. differences: of all phases (3,)."""
+    standard errors, of which noise and the model make up to `limit`. differences: of all phases
+    (3,)."""
 
     differences: np.ndarray
     phase: str
@@ -220,7 +225,7 @@ class Kirchhoff:
 
     @property
     def agrees(self) -> bool:
-        """Whether noise explains the difference."""
+        """Whether noise, or the model's accuracy, explains the difference."""
         return self.errors <= self.limit
 
     def in_words(self) -> str:
@@ -242,5 +247,6 @@ def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
     least = np.maximum(torque.stderr[ALPHA], 1e-9)
     worst = int(np.argmax(np.abs(difference) / least))
     limit = t_quantile(1 - FALSE_DISAGREEMENT / 6, torque.errors.freedom[worst])  # of three phases
+    limit = max(limit, AGREEMENT / float(least[worst]))
     errors = float(abs(difference[worst]) / least[worst])
     return Kirchhoff(difference, "abc"[worst], float(difference[worst]), errors, limit)

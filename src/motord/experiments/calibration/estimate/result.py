@@ -19,6 +19,7 @@ from motord.config import MotorConfig
 from motord.findings import Finding
 from motord.identification.harmonics import harmonics_table
 from motord.identification.point_ripple import PointRipple, rms_errors
+from motord.uncertainty_budget import Contribution
 
 Method = Literal["joint", "residual"]
 
@@ -102,7 +103,8 @@ class CalibrationResult(Estimate):
     and the degrees of freedom of that (joint only); ripples: of the operating points that were
     identified from; added_orders: cogging orders that only the data ask for; findings: where these
     depart from the model (joint only, both); dispersion: factor by which the standard errors are
-    larger than noise alone would make them, because of what no finding explains.
+    larger than noise alone would make them, because of what no finding explains; budget: what each
+    source contributes to the uncertainty (joint only).
     """
 
     method: Method
@@ -117,6 +119,7 @@ class CalibrationResult(Estimate):
     added_orders: tuple[AddedOrder, ...] = ()
     findings: tuple[Finding, ...] = ()
     dispersion: float = 1.0
+    budget: tuple[Contribution, ...] = ()
 
     def to_calibration(
         self, motor: MotorConfig, created: datetime, runs: Sequence[str]
@@ -142,6 +145,7 @@ class CalibrationResult(Estimate):
             condition_number=self.condition_number,
             rms_error_percent=rms_errors(self.ripples),
             findings=self.findings,
+            budget=self.budget,
         )
 
 

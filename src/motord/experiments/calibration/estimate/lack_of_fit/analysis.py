@@ -5,7 +5,8 @@ pattern over orders and points come first (`departures`); what they do not expla
 order, where it is alike at all points but for a growth with the torque.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -17,15 +18,21 @@ from motord.experiments.calibration.estimate.lack_of_fit.departures import (
     MINOR_SHARE,
     Cause,
     Evidence,
-    causes,
+    Explanation,
+    explain,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.effects import (
+    PointModel,
+    cogging_effects,
     effects,
     model_columns,
     point_models,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.kirchhoff_rows import kirchhoff_rows
-from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
+    ResidualRows,
+    Sensitivity,
+)
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     DELAY,
@@ -65,7 +72,7 @@ class LackOfFit:
     torque_Nm (points,): set-points. caused_Nm (points, orders): lines of the causes, at these
     parameters; left_Nm: lines that are left where model and causes are fitted together, left: the
     orders at which they are more than noise; dispersion: root of their mean square at the model's
-    own orders, over the noise.
+    own orders, over the noise. sensitivities: to departures that were not found.
     """
 
     torque_Nm: np.ndarray
@@ -76,46 +83,110 @@ class LackOfFit:
     causes: tuple[Cause, ...]
     left: tuple[LeftOrder, ...]
     dispersion: float
+    sensitivities: tuple[Sensitivity, ...]
 
     @property
     def minor(self) -> tuple[int, ...]:
         """Orders at which no more is left than the second order of the causes."""
-        power = (np.abs(self.left_Nm) ** 2).mean(axis=0)
+        power = (np.abs(self.rest_Nm - self.caused_Nm) ** 2).mean(axis=0)
         largest = (np.abs(self.caused_Nm) ** 2).mean(axis=0).max()
         return tuple((np.flatnonzero(power <= MINOR_SHARE**2 * largest) + 1).tolist())
 
 
-def lack_of_fit(regression: Regression, fitted: JointFit, motor: MotorConfig) -> LackOfFit:
-    """Return what a fit leaves of the points' torque."""
-    theta = fitted.solution.theta
-    rest_Nm, noise_Nm = _rest(regression, theta)
-    cogging_orders = regression.basis.orders[: regression.orders]
-    models = point_models(regression, theta, rest_Nm.shape[1])
-    own = model_columns(models, regression, theta[ALPHA])
-    law = kirchhoff_rows(regression, theta)
-    prior = np.eye(theta.size)[[DELAY, ZOH]]
-    further = np.concatenate([prior, law.columns(theta.size)])
-    subspace = fitted.identifiable.subspace(theta.size)
-    rows = ResidualRows(
-        rest_Nm=rest_Nm,
-        noise_Nm=noise_Nm,
-        columns=np.einsum("pjh,jk->pkh", own, subspace),
-        further=-further @ theta,
-        further_columns=further @ subspace,
-    )
-    tried = effects(models, motor, cogging_orders)
-    of_law = [np.pad(law.rows(one.law), ((len(prior), 0), (0, 0))) for one in tried]
-    found, caused_Nm, unexplained_Nm = causes(Evidence(rows, tried, of_law), subspace)
-    torque_Nm = np.array([point.torque_set_Nm for point in regression.points])
-    left = left_orders(torque_Nm, unexplained_Nm, noise_Nm)
-    if found:
-        left = tuple(one for one in left if one.rms_Nm > MINOR_SHARE * found[0].rms_Nm)
-    modelled = _modelled(own[:, :FIRST_COGGING], cogging_orders)
-    squares = (np.abs(unexplained_Nm[:, modelled]) / noise_Nm[:, modelled]) ** 2
-    dispersion = max(float(np.sqrt(squares.mean())), 1.0)
-    return LackOfFit(
-        torque_Nm, rest_Nm, noise_Nm, caused_Nm, unexplained_Nm, found, left, dispersion
-    )
+@dataclass(frozen=True)
+class FitResidual:
+    """What a fit leaves of the points' torque, with the effects of all departures on it.
+
+    own (points, p, orders): the model's columns; subspace (p, k): what is seen of its parameters.
+    """
+
+    regression: Regression
+    pole_pairs: int
+    models: list[PointModel]
+    own: np.ndarray
+    subspace: np.ndarray
+    evidence: Evidence
+
+    @classmethod
+    def of(cls, regression: Regression, fitted: JointFit, motor: MotorConfig) -> "FitResidual":
+        """Return what a fit leaves."""
+        theta = fitted.solution.theta
+        rest_Nm, noise_Nm = _rest(regression, theta)
+        models = point_models(regression, theta, rest_Nm.shape[1])
+        own = model_columns(models, regression, theta[ALPHA])
+        law = kirchhoff_rows(regression, theta)
+        prior = np.eye(theta.size)[[DELAY, ZOH]]
+        further = np.concatenate([prior, law.columns(theta.size)])
+        subspace = fitted.identifiable.subspace(theta.size)
+        rows = ResidualRows(
+            rest_Nm=rest_Nm,
+            noise_Nm=noise_Nm,
+            columns=np.einsum("pjh,jk->pkh", own, subspace),
+            further=-further @ theta,
+            further_columns=further @ subspace,
+        )
+        tried = effects(models, motor, regression.basis.orders[: regression.orders])
+        of_law = [np.pad(law.rows(one.law), ((len(prior), 0), (0, 0))) for one in tried]
+        evidence = Evidence(rows, tried, of_law)
+        return cls(regression, motor.pole_pairs, models, own, subspace, evidence)
+
+    def explained(self) -> "LackOfFit":
+        """Return what of it which departures explain."""
+        found = explain(self.evidence, self.subspace)
+        like_offsets = self._with_orders((self.pole_pairs, 3 * self.pole_pairs))
+        return self._lack_of_fit(found, _sensitivities(like_offsets, found, self.subspace))
+
+    def explained_with_orders(self, lowest: int) -> "LackOfFit":
+        """Return the same where cogging torque of all orders from `lowest` on is tried, too.
+
+        One that is there does not pass for a departure then. Without sensitivities.
+        """
+        highest = self.evidence.rows.rest_Nm.shape[1]
+        competing = self._with_orders(range(lowest, highest + 1))
+        return self._lack_of_fit(explain(competing, self.subspace), ())
+
+    def _with_orders(self, orders: Iterable[int]) -> Evidence:
+        """Return the evidence with the effects of those orders that the model has not."""
+        highest = self.evidence.rows.rest_Nm.shape[1]
+        known = self.regression.basis.orders[: self.regression.orders]
+        new = [order for order in orders if order not in known and order <= highest]
+        return self.evidence.with_effects(cogging_effects(self.models, new))
+
+    def _lack_of_fit(
+        self, explanation: Explanation, sensitivities: Iterable[Sensitivity]
+    ) -> "LackOfFit":
+        rows, found = self.evidence.rows, explanation.causes
+        left_Nm = explanation.fitted.left_lines(rows)
+        torque_Nm = np.array([point.torque_set_Nm for point in self.regression.points])
+        left = left_orders(torque_Nm, left_Nm, rows.noise_Nm)
+        if found:
+            left = tuple(one for one in left if one.rms_Nm > MINOR_SHARE * found[0].rms_Nm)
+        known = self.regression.basis.orders[: self.regression.orders]
+        modelled = _modelled(self.own[:, :FIRST_COGGING], known)
+        squares = (np.abs(left_Nm[:, modelled]) / rows.noise_Nm[:, modelled]) ** 2
+        return LackOfFit(
+            torque_Nm=torque_Nm,
+            rest_Nm=rows.rest_Nm,
+            noise_Nm=rows.noise_Nm,
+            caused_Nm=explanation.caused_Nm,
+            left_Nm=left_Nm,
+            causes=found,
+            left=left,
+            dispersion=max(float(np.sqrt(squares.mean())), 1.0),
+            sensitivities=tuple(sensitivities),
+        )
+
+
+def _sensitivities(
+    evidence: Evidence, explanation: Explanation, subspace: np.ndarray
+) -> Iterator[Sensitivity]:
+    """Yield how the effects that were not found would move the model."""
+    own = slice(0, subspace.shape[1])
+    for number, effect in enumerate(evidence.effects):
+        if number not in explanation.chosen:
+            columns = evidence.columns(explanation.fitted, number)
+            one = explanation.fitted.sensitivity(effect.name, columns)
+            yield replace(one, shift=subspace @ one.shift[own])
 
 
 def _rest(regression: Regression, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

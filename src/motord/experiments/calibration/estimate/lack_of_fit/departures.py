@@ -6,12 +6,12 @@ it in the model. So it is known, too, how far each departure has moved the model
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
-from motord.experiments.calibration.estimate.lack_of_fit.effects import Effect
+from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING, Effect
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     Gain,
     ResidualRows,
@@ -26,6 +26,9 @@ LOOKED_AT = 5
 
 MAX_CAUSES = 4
 """Departures that are kept at most."""
+
+MAX_ORDERS = 16
+"""Orders of cogging torque that are kept at most, where they are tried."""
 
 EXPLAINS_AS_WELL = 0.9
 """Part of the most that is gained from which on an effect cannot be told from the best."""
@@ -66,6 +69,11 @@ class Evidence:
     effects: Sequence[Effect]
     further: Sequence[np.ndarray]
 
+    def with_effects(self, more: Sequence[Effect]) -> "Evidence":
+        """Return the same with further effects, which Kirchhoff's law does not show."""
+        of_law = [np.zeros((self.rows.further.size, one.lines.shape[1])) for one in more]
+        return replace(self, effects=[*self.effects, *more], further=[*self.further, *of_law])
+
     def columns(self, weighed: WeighedRows, number: int) -> np.ndarray:
         """Return the rows (n, terms) of an effect."""
         return weighed.effect(self.effects[number].lines, self.further[number])
@@ -82,25 +90,38 @@ def _rms(lines_Nm: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt((np.abs(lines_Nm) ** 2).mean(axis=0) / 2))
 
 
-def causes(
-    evidence: Evidence, subspace: np.ndarray
-) -> tuple[tuple[Cause, ...], np.ndarray, np.ndarray]:
-    """Return the departures that are there, their lines, and what model and they leave of the rest.
+@dataclass(frozen=True)
+class Explanation:
+    """The departures that are there, their lines (points, orders) at the model's parameters, the
+    places of their effects, and the fit of model and departures together."""
 
-    Lines (points, orders). subspace (p, k): what the columns of the rows' model stand for among its
-    p parameters.
+    causes: tuple[Cause, ...]
+    caused_Nm: np.ndarray
+    chosen: tuple[int, ...]
+    fitted: WeighedRows
+
+
+def explain(evidence: Evidence, subspace: np.ndarray) -> Explanation:
+    """Return which departures explain the rest of a fit.
+
+    Orders of cogging torque among the effects compete with the departures but are none.
+    subspace (p, k): what the columns of the rows' model stand for among its p parameters.
     """
     plain = evidence.rows.weighed(np.ones(evidence.rows.rest_Nm.shape[1]))
+    columns = [evidence.columns(plain, number) for number in range(len(evidence.effects))]
     found: list[Cause] = []
     chosen: list[int] = []
-    while len(found) < MAX_CAUSES:
+    while len(found) < MAX_CAUSES and len(chosen) < MAX_CAUSES + MAX_ORDERS:
         so_far = evidence.fitted(plain, chosen)
-        gains = so_far.gains([evidence.columns(plain, n) for n in range(len(evidence.effects))])
+        gains = so_far.gains(columns)
         best = _significant(evidence, chosen, gains)
         if best is None:
             break
         number, sigmas = best
         effect, size = evidence.effects[number], gains[number].size
+        if effect.name == COGGING:
+            chosen.append(number)
+            continue
         rms_Nm = float(_rms(np.einsum("pth,t->ph", effect.lines, size)).max())
         if found and rms_Nm < MINOR_SHARE * found[0].rms_Nm:
             break
@@ -115,17 +136,17 @@ def causes(
         found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shifts, names))
         chosen.append(number)
     fitted = evidence.fitted(plain, chosen)
-    return tuple(found), _caused(evidence, chosen, fitted), fitted.left_lines(evidence.rows)
+    return Explanation(tuple(found), _caused(evidence, chosen, fitted), tuple(chosen), fitted)
 
 
 def _caused(evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows) -> np.ndarray:
     """Return the lines (points, orders) of the chosen effects, in the sizes of a fit with them."""
     lines = np.zeros_like(evidence.rows.rest_Nm)
     place = evidence.rows.columns.shape[1]
-    for number in chosen:
-        effect = evidence.effects[number].lines
-        end = place + effect.shape[1]
-        lines += np.einsum("pth,t->ph", effect, fitted.solution[place:end])
+    for effect in (evidence.effects[number] for number in chosen):
+        end = place + effect.lines.shape[1]
+        if effect.name != COGGING:
+            lines += np.einsum("pth,t->ph", effect.lines, fitted.solution[place:end])
         place = end
     return lines
 

@@ -119,6 +119,21 @@ def _slope(table: np.ndarray) -> np.ndarray:
     return np.asarray(np.fft.irfft(1j * np.arange(lines.size) * lines, table.size))
 
 
+COGGING = "cogging"
+"""Name of the effect of an order of the cogging torque that the model has not."""
+
+
+def cogging_effects(models: Sequence[PointModel], orders: Sequence[int]) -> list[Effect]:
+    """Return the effects of cogging torque at orders that the model has not."""
+    highpass = np.array([point.spectrum.highpass[: point.orders] for point in models])
+    found = []
+    for order in orders:
+        lines = np.zeros((len(models), 2, models[0].orders), complex)
+        lines[:, :, order - 1] = highpass[:, order - 1, None] * np.array([1, -1j])
+        found.append(_without_law(COGGING, order, lines))
+    return found
+
+
 def effects(
     models: Sequence[PointModel], motor: MotorConfig, cogging_orders: Sequence[int]
 ) -> list[Effect]:

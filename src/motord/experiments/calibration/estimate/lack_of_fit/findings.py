@@ -22,6 +22,11 @@ AGE_PERIODS = 1.0
 SERIOUS_NOISES = 3.0
 """The residual at an order is serious from so many times the noise of a point on."""
 
+MODEL_ACCURACY = 2e-4
+"""Part of the rated torque to which the model itself is good at an order: hold of the currents from
+tick to tick, thermal drift of gains, counts in step with samples. Many turns show departures below
+it; these widen intervals but are no finding."""
+
 LIMIT_SIGMAS = 3.0
 """Standard errors of a departure's size that are its limit."""
 
@@ -62,9 +67,12 @@ def findings(
 
     current_age_s: with its standard error; explained_age_s: what is left of it with the causes.
     """
+    least_Nm = MODEL_ACCURACY * bench.motor.rated_torque_Nm
+    causes = [cause for cause in fit.causes if cause.rms_Nm > least_Nm]
+    left = [one for one in fit.left if one.rms_Nm > least_Nm]
     return (
-        *(_of_cause(cause, bench, current_age_s[0]) for cause in fit.causes),
-        *_of_orders(fit.left, bench.motor),
+        *(_of_cause(cause, bench, current_age_s[0]) for cause in causes),
+        *_of_orders(left, bench.motor),
         *_of_age(explained_age_s, current_age_s[1], period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
     )

@@ -1,20 +1,21 @@
 """Departures of a bench, described: how large, what they usually mean, what to do."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from motord.config import MotorConfig, TorqueSensorConfig
+from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 
 
 @dataclass(frozen=True)
 class BenchFile:
-    """What the bench file says of motor and torque sensor."""
+    """What the bench file says of motor and torque sensor, and of accuracies."""
 
     motor: MotorConfig
     sensor: TorqueSensorConfig
+    accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
 
     @property
     def fundamental(self) -> float:

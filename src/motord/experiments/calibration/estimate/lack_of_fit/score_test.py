@@ -29,6 +29,28 @@ class Gain:
 
 
 @dataclass(frozen=True)
+class Sensitivity:
+    """How an effect that the model has not would move it: shift (p, terms) of its p parameters for
+    a unit of each size; information (terms, terms) and score (terms,): what the data say of these.
+    """
+
+    name: str
+    shift: np.ndarray
+    information: np.ndarray
+    score: np.ndarray
+
+    def second_moment(self, half_widths: np.ndarray) -> np.ndarray:
+        """Return the mean square (terms, terms) of the sizes, given the data.
+
+        half_widths (terms,): of the rectangular distributions that they have before.
+        """
+        scale = np.maximum(half_widths, 1e-300) / np.sqrt(3)
+        posterior = np.linalg.inv(self.information * np.outer(scale, scale) + np.eye(scale.size))
+        mean = posterior @ (scale * self.score)
+        return np.asarray((posterior + np.outer(mean, mean)) * np.outer(scale, scale))
+
+
+@dataclass(frozen=True)
 class ResidualRows:
     """The rest of a fit: lines (points, orders), with noise, and further rows of unit variance.
 
@@ -92,6 +114,14 @@ class WeighedRows:
             s = g.T @ g - cross.T @ inverse @ cross
             gained.append(_gain(s, np.diag(g.T @ g), g.T @ left))
         return gained
+
+    def sensitivity(self, name: str, effect: np.ndarray) -> Sensitivity:
+        """Return how an effect (n, terms) would move the parameters of the model."""
+        inverse, scale = self._inverse
+        cross = (self.x * scale).T @ effect
+        moved = inverse @ cross
+        information = effect.T @ effect - cross.T @ moved
+        return Sensitivity(name, scale[:, None] * moved, information, effect.T @ self.left)
 
     @cached_property
     def _inverse(self) -> tuple[np.ndarray, np.ndarray]:

@@ -44,7 +44,7 @@ def with_lack_of_fit(
         age_s + sum(float(one.shifts[0, DELAY]) for one in fit.causes) * DELAY_SHARE * period_s
     )
     found = findings(fit, bench, (age_s, age_stderr_s), shifted_s, period_s, kirchhoff)
-    if not found:
+    if not (found or fit.causes):
         return result
     dispersion = fit.dispersion
     alpha_squares, delta_epsilon_square = _gain_shifts(result, fit)

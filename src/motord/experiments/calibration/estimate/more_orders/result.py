@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 from scipy import stats
@@ -29,18 +30,17 @@ MEASURE_APART = (
 def with_added_orders(
     result: CalibrationResult, found: Search, common_offset_lost: bool, pole_pairs: int
 ) -> CalibrationResult:
-    """Return the result with what the search found, its harmonics by rising order.
+    """Return the result with what the search found.
 
     Orders that did not enter, but that the data hint at, widen the intervals of the offsets.
     common_offset_lost: whether the offset that all phases have in common was seen before orders
     were added, and is not with them.
     """
-    harmonics = tuple(sorted(result.harmonics, key=lambda harmonic: harmonic.order))
+    harmonics = result.harmonics
     shown = significant(harmonics)
     clearly = in_a_row(shown) if shown else "at no order"
     return replace(
         result,
-        harmonics=harmonics,
         beta_stderr_A=np.sqrt(result.beta_stderr_A**2 + _hinted_A2(found)),
         added_orders=tuple(trial.entered() for trial in found.added),
         observable=(
@@ -56,15 +56,17 @@ def with_added_orders(
     )
 
 
-def unconfirmed(found: Search, harmonics: Sequence[Harmonic]) -> tuple[int, ...]:
-    """Return the orders that entered whose amplitude in the fit is not above its noise.
+def unconfirmed(found: Search, harmonics: Sequence[Harmonic], least_Nm: float) -> tuple[int, ...]:
+    """Return the orders that entered whose amplitude in the fit is not above noise and `least_Nm`.
 
     But for those that offsets imitate: they stay, and make the offsets' intervals as wide as the
     data have it.
     """
     added = {trial.order for trial in found.added if trial.clear}
     return tuple(
-        h.order for h in harmonics if h.order in added and h.amplitude_Nm < _confirmed_Nm(h)
+        h.order
+        for h in harmonics
+        if h.order in added and h.amplitude_Nm < max(_confirmed_Nm(h), least_Nm)
     )
 
 
@@ -121,7 +123,7 @@ def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]
 def _common_offset(harmonics: Sequence[Harmonic], pole_pairs: int) -> Iterator[Finding]:
     """Yield a finding: common offset and cogging at odd multiples of 3 p make the same torque."""
     alike = [h for h in harmonics if h.order % (6 * pole_pairs) == 3 * pole_pairs]
-    for h in alike[:1]:
+    for h in sorted(alike, key=attrgetter("order"))[:1]:
         yield Finding(
             name="common-offset-or-cogging",
             value=1e3 * h.amplitude_Nm,

@@ -1,0 +1,256 @@
+"""The uncertainty budget of a calibration: Type A from the fit, Type B by propagation.
+
+A departure of size e that the model has not moves its parameters by X^+ G e (`score_test`). Of e it
+is known that it lies within +- a (the bench file's `[accuracy]`), variance a^2 / 3, and what the
+data say of it: information S, score b. With the posterior e ~ N(m, V), V = (S + 3/a^2)^-1 and
+m = V b, the contribution to the variance is X^+ G (V + m m') (X^+ G)'. So what the data show well
+counts little, and what they cannot separate counts in full.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.experiments.calibration.estimate.joint import JointFit
+from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING
+from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import Sensitivity
+from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.uncertainty_budget import Contribution
+
+Limits = Callable[[float, BenchFile, int], np.ndarray]
+"""Half-widths (terms,) of an effect's sizes: of a limit of the bench file, and number of terms."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source of Type B: field of `[accuracy]`, its unit, names of the effects, their limits."""
+
+    name: str
+    field: str
+    unit: str
+    effects: tuple[str, ...]
+    limits: Limits
+
+
+def _alike(limit: float, _: BenchFile, terms: int) -> np.ndarray:
+    return np.full(terms, limit)
+
+
+def _percent(limit: float, _: BenchFile, terms: int) -> np.ndarray:
+    return np.full(terms, limit / 100)
+
+
+def _of_fundamental(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
+    return np.full(terms, limit / 100 * bench.fundamental)
+
+
+def _of_rated_torque(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
+    return np.full(terms, limit / 100 * bench.motor.rated_torque_Nm)
+
+
+def _per_rated_current(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
+    return np.full(terms, limit / 100 / bench.motor.rated_current_A())
+
+
+def _curve(limit: float, bench: BenchFile, _: int) -> np.ndarray:
+    rated_A = bench.motor.rated_current_A()
+    return np.repeat(limit / 100 / np.array([rated_A, rated_A**2]), 3)
+
+
+def _rate(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
+    tau_s = bench.sensor.highpass_time_constant_s
+    return np.full(terms, limit / 100 / tau_s if tau_s else 0.0)
+
+
+SOURCES = (
+    Source("encoder's zero", "encoder_zero_rad", "rad", ("encoder-zero",), _alike),
+    Source(
+        "encoder once and twice a turn",
+        "encoder_rad",
+        "rad",
+        ("encoder-error-order-1", "encoder-error-order-2"),
+        _alike,
+    ),
+    Source(
+        "harmonics of the back-EMF",
+        "back_emf_harmonics_percent",
+        "% of the fundamental",
+        ("back-emf",),
+        _of_fundamental,
+    ),
+    Source(
+        "saturation",
+        "saturation_percent",
+        "% at rated current",
+        ("back-emf-load", "cogging-load"),
+        _per_rated_current,
+    ),
+    Source(
+        "time constant of the torque sensor",
+        "torque_time_constant_percent",
+        "%",
+        ("highpass-time-constant",),
+        _rate,
+    ),
+    Source(
+        "cross-talk of the torque sensor",
+        "torque_crosstalk_percent",
+        "%",
+        ("torque-sensor-crosstalk",),
+        _percent,
+    ),
+    Source(
+        "cross-talk of current sensors",
+        "current_crosstalk_percent",
+        "%",
+        ("current-sensor-crosstalk",),
+        _percent,
+    ),
+    Source(
+        "nonlinearity of current sensors",
+        "current_linearity_percent",
+        "%",
+        ("current-sensor-nonlinearity",),
+        _curve,
+    ),
+    Source(
+        "friction ripple",
+        "friction_ripple_percent",
+        "% of rated",
+        ("friction-ripple",),
+        _of_rated_torque,
+    ),
+    Source(
+        "cogging torque like offsets",
+        "offset_like_cogging_percent",
+        "% of rated",
+        (COGGING,),
+        _of_rated_torque,
+    ),
+)
+"""Sources that the data show in part: each by the effects of `lack_of_fit.effects`."""
+
+
+def budget(
+    result: CalibrationResult,
+    fitted: JointFit,
+    sensitivities: Sequence[Sensitivity],
+    bench: BenchFile,
+) -> tuple[Contribution, ...]:
+    """Return what each source contributes: Type A first, then Type B as the bench file lists it.
+
+    result: its harmonics in the succession of the fit's parameters.
+    """
+    vector = _Linear.of(result, fitted)
+    both_ways = any(one.name == "friction-ripple" for one in sensitivities)
+    return (
+        _of_the_data(result),
+        *(_scales(result, bench, one_direction=not both_ways)),
+        *(
+            _contribution(source, vector.squares(source, sensitivities, bench), bench)
+            for source in SOURCES
+            if source.field != "friction_ripple_percent" or both_ways
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """Derivative (v, p) of alpha, beta, delta epsilon and amplitudes by the fit's parameters."""
+
+    derivative: np.ndarray
+
+    @classmethod
+    def of(cls, result: CalibrationResult, fitted: JointFit) -> "_Linear":
+        theta = fitted.solution.theta
+        rows = np.zeros((7 + len(result.harmonics), theta.size))
+        rows[ALPHA, ALPHA] = np.eye(3)
+        rows[3:6, BETA] = np.eye(3)
+        if fitted.identifiable.gain_direction is None:
+            delta_epsilon = fitted.solution.delta_epsilon
+            rows[6, ALPHA] = delta_epsilon / 3 / theta[ALPHA]
+            rows[ALPHA, ALPHA] = (
+                np.eye(3) - np.outer(fitted.solution.alpha, rows[6, ALPHA])
+            ) / delta_epsilon
+        for n, harmonic in enumerate(result.harmonics):
+            place = FIRST_COGGING + 2 * n
+            rows[7 + n, place : place + 2] = (
+                np.sin(harmonic.phase_rad),
+                np.cos(harmonic.phase_rad),
+            )
+        return cls(rows)
+
+    def squares(
+        self, source: Source, sensitivities: Sequence[Sensitivity], bench: BenchFile
+    ) -> np.ndarray:
+        """Return the variances (v,) that a source contributes; its effects are independent."""
+        limit = float(getattr(bench.accuracy, source.field))
+        total = np.zeros(len(self.derivative))
+        for one in sensitivities:
+            if one.name in source.effects and limit > 0:
+                half_widths = source.limits(limit, bench, one.score.size)
+                shift = self.derivative @ one.shift
+                total += np.einsum("vt,tu,vu->v", shift, one.second_moment(half_widths), shift)
+        return total
+
+
+def _of_the_data(result: CalibrationResult) -> Contribution:
+    return Contribution(
+        source="scatter of the data",
+        type="A",
+        basis="data",
+        alpha=_triple(result.alpha_stderr),
+        beta_A=_triple(result.beta_stderr_A),
+        delta_epsilon=result.delta_epsilon_stderr or 0.0,
+        cogging_Nm=max((h.stderr_Nm or 0.0 for h in result.harmonics), default=0.0),
+    )
+
+
+def _scales(
+    result: CalibrationResult, bench: BenchFile, *, one_direction: bool
+) -> Iterator[Contribution]:
+    """Yield what scales the result as a whole, or adds to it; the data show nothing of it."""
+    largest_Nm = max((abs(h.amplitude_Nm) for h in result.harmonics), default=0.0)
+    for name, field, of_cogging in (
+        ("gain of the torque sensor", "torque_gain_percent", True),
+        ("fundamental of the back-EMF", "back_emf_percent", False),
+    ):
+        u = float(getattr(bench.accuracy, field)) / 100 / np.sqrt(3)
+        scaled = Source(name, field, "%", (), _percent)
+        squares = np.zeros(7 + 1)
+        squares[3:6] = (u * result.beta_A) ** 2
+        squares[6] = (u * result.delta_epsilon) ** 2
+        squares[7] = (u * largest_Nm) ** 2 if of_cogging else 0.0
+        yield _contribution(scaled, squares, bench)
+    if one_direction:  # friction that ripples is then counted as cogging torque
+        field = "friction_ripple_percent"
+        squares = np.zeros(7 + 1)
+        u_Nm = float(getattr(bench.accuracy, field)) / 100 * bench.motor.rated_torque_Nm
+        squares[7] = u_Nm**2 / 3
+        yield _contribution(
+            Source("friction ripple", field, "% of rated", (), _percent), squares, bench
+        )
+
+
+def _contribution(source: Source, squares: np.ndarray, bench: BenchFile) -> Contribution:
+    u = np.sqrt(squares)
+    stated = source.field in bench.accuracy.model_fields_set
+    return Contribution(
+        source=source.name,
+        type="B",
+        basis="stated" if stated else "assumed",
+        limit=float(getattr(bench.accuracy, source.field)),
+        unit=source.unit,
+        alpha=_triple(u[:3]),
+        beta_A=_triple(u[3:6]),
+        delta_epsilon=float(u[6]),
+        cogging_Nm=float(u[7:].max(initial=0.0)),
+    )
+
+
+def _triple(values: np.ndarray) -> tuple[float, float, float]:
+    a, b, c = values.tolist()
+    return a, b, c

@@ -1,0 +1,81 @@
+"""Uncertainty budgets: what each source contributes to a result's standard uncertainty (GUM).
+
+Type A is what the scatter of the data shows, Type B what is known otherwise: from data sheets, or
+assumed. Contributions are standard uncertainties, and combine by the root of the sum of squares.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from math import hypot
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+EXPANDED = 2.0
+"""Coverage factor of the expanded uncertainty."""
+
+Uncertainty = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Triple = tuple[Uncertainty, Uncertainty, Uncertainty]
+
+
+class Contribution(BaseModel):
+    """What a source contributes: standard uncertainties of alpha and beta_A of phases a, b, c, of
+    delta epsilon, and of the amplitude of the cogging torque that it moves most.
+
+    basis: "data"; "stated", by the bench file; or "assumed". limit: what is stated or assumed, half
+    of a rectangular distribution's width, in `unit`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    source: str
+    type: Literal["A", "B"]
+    basis: Literal["data", "stated", "assumed"]
+    limit: Uncertainty | None = None
+    unit: str = ""
+    alpha: Triple
+    beta_A: Triple
+    delta_epsilon: Uncertainty
+    cogging_Nm: Uncertainty
+
+    @property
+    def limit_text(self) -> str:
+        """The limit with its unit, and whether it is assumed; "" for what data show."""
+        if self.limit is None:
+            return ""
+        assumed = ", assumed" if self.basis == "assumed" else ""
+        return f"{self.limit:g} {self.unit}{assumed}"
+
+
+QUANTITIES: tuple[tuple[str, str, Callable[[Contribution], float]], ...] = (
+    ("alpha", "%", lambda c: 100 * max(c.alpha)),
+    ("beta", "mA", lambda c: 1e3 * max(c.beta_A)),
+    ("delta epsilon", "%", lambda c: 100 * c.delta_epsilon),
+    ("cogging torque", "mNm", lambda c: 1e3 * c.cogging_Nm),
+)
+"""What a budget shows of a contribution: name, unit, and value; of three phases the largest."""
+
+
+def totals(budget: Sequence[Contribution]) -> tuple[Contribution, Contribution, Contribution]:
+    """Return Type A, Type B and both, each combined."""
+    of_data = combined("Type A: data", "A", [one for one in budget if one.type == "A"])
+    others = combined("Type B: all else", "B", [one for one in budget if one.type == "B"])
+    return of_data, others, combined("combined", "B", [of_data, others])
+
+
+def combined(source: str, type_: Literal["A", "B"], parts: Sequence[Contribution]) -> Contribution:
+    """Return the combination of contributions, as one of its own."""
+    a, b, c = (_root(part.alpha[phase] for part in parts) for phase in range(3))
+    beta_a, beta_b, beta_c = (_root(part.beta_A[phase] for part in parts) for phase in range(3))
+    return Contribution(
+        source=source,
+        type=type_,
+        basis="data",
+        alpha=(a, b, c),
+        beta_A=(beta_a, beta_b, beta_c),
+        delta_epsilon=_root(part.delta_epsilon for part in parts),
+        cogging_Nm=_root(part.cogging_Nm for part in parts),
+    )
+
+
+def _root(values: Iterable[float]) -> float:
+    return hypot(*values)

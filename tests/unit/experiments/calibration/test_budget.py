@@ -1,0 +1,99 @@
+"""Uncertainty budget: what data do not show counts in full, what they do show little."""
+
+import numpy as np
+import pytest
+
+from motord.config import AccuracyConfig
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import Sensitivity, WeighedRows
+from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.uncertainty_budget import Contribution, combined, totals
+from tests.campaigns.departures import DEPARTURES, calibrated
+
+MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.9], "turns": 6, "settle_s": 0.3}
+ROWS = {departure.name: departure for departure in DEPARTURES}
+
+
+@pytest.fixture(scope="module")
+def independent() -> CalibrationResult:
+    return calibrated("independent", None, 1, mesh=MESH)[0]
+
+
+def by_source(result: CalibrationResult) -> dict[str, Contribution]:
+    return {one.source: one for one in result.budget}
+
+
+def sensitivity(information: float, score: float) -> Sensitivity:
+    return Sensitivity("one", np.ones((1, 1)), np.array([[information]]), np.array([score]))
+
+
+def test_what_the_data_do_not_show_counts_in_full() -> None:
+    assert sensitivity(0.0, 0.0).second_moment(np.array([3.0])) == pytest.approx(3.0)
+
+
+def test_what_the_data_show_counts_as_they_show_it() -> None:
+    none = sensitivity(100.0, 0.0).second_moment(np.array([3.0]))
+    assert none == pytest.approx(1 / (100 + 1 / 3))
+    some = sensitivity(100.0, 100.0).second_moment(np.array([3.0]))  # a size of 1 fits best
+    assert some == pytest.approx(1.0, rel=0.02)
+
+
+def test_nothing_is_uncertain_where_nothing_may_be_wrong() -> None:
+    assert sensitivity(1.0, 1.0).second_moment(np.array([0.0])) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_sensitivity_is_how_far_a_fit_moves() -> None:
+    rng = np.random.default_rng(3)
+    x, effect, y = rng.normal(size=(40, 3)), rng.normal(size=(40, 2)), rng.normal(size=40)
+    fit = WeighedRows(y, x, np.ones(1))
+    one = fit.sensitivity("one", effect)
+    size = np.array([0.7, -0.4])
+    moved = WeighedRows(y + effect @ size, x, np.ones(1)).solution - fit.solution
+    assert one.shift @ size == pytest.approx(moved)
+    best = np.linalg.lstsq(np.column_stack([x, effect]), y, rcond=None)[0][3:]
+    assert np.linalg.solve(one.information, one.score) == pytest.approx(best)
+
+
+def test_cross_talk_that_looks_like_gains_is_in_the_budget(independent: CalibrationResult) -> None:
+    """Torque cross-talk at 2 p and alpha have nearly the same columns in independent phases."""
+    budget = by_source(independent)
+    crosstalk = budget["cross-talk of the torque sensor"]
+    assert crosstalk.basis == "assumed"
+    assert max(crosstalk.alpha) > 3 * max(budget["scatter of the data"].alpha)
+
+
+def test_an_error_within_the_limits_is_within_the_combined_uncertainty() -> None:
+    row = ROWS["torque sensor's cross-talk 1 % at 2p"]
+    result, truth = calibrated("independent", row, 1, size=0.2, mesh=MESH)
+    alpha = np.array(truth.inverter.alpha)
+    error = np.abs(result.alpha - alpha / np.cbrt(alpha.prod())).max()
+    both = totals(result.budget)[2]
+    assert result.findings == ()
+    assert error > 3 * result.alpha_stderr.max()
+    assert error < 2 * max(both.alpha)
+
+
+def test_what_the_bench_file_states_is_said_to_be_stated() -> None:
+    accuracy = AccuracyConfig(torque_crosstalk_percent=0.0)
+    result, _ = calibrated("independent", None, 1, mesh=MESH, accuracy=accuracy)
+    crosstalk = by_source(result)["cross-talk of the torque sensor"]
+    assert (crosstalk.basis, crosstalk.alpha) == ("stated", (0.0, 0.0, 0.0))
+    assert crosstalk.limit_text == "0 %"
+
+
+def test_friction_counts_as_cogging_torque_in_one_direction(independent: CalibrationResult) -> None:
+    friction = by_source(independent)["friction ripple"]
+    assert friction.cogging_Nm == pytest.approx(0.001 * 6.0 / np.sqrt(3), rel=0.3)
+    assert max(friction.alpha) == 0.0
+
+
+def test_contributions_combine_by_squares() -> None:
+    def one(type_: str, size: float) -> Contribution:
+        triple = (size, 0.0, 0.0)
+        return Contribution(
+            source="x", type=type_, basis="data", alpha=triple, beta_A=triple,
+            delta_epsilon=size, cogging_Nm=size,
+        )  # fmt: skip
+
+    budget = [one("A", 3.0), one("B", 4.0), one("B", 12.0)]
+    assert [total.delta_epsilon for total in totals(budget)] == pytest.approx([3, 160**0.5, 13])
+    assert combined("none", "A", []).alpha == (0.0, 0.0, 0.0)
