@@ -10,7 +10,7 @@ there is a finding all the same. Exits with 1 if a bound is not kept. `--rows`, 
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import radians
@@ -22,7 +22,7 @@ from motord.config import AccuracyConfig, BackEmfHarmonic, Config, load
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
-from motord.identification.operating_points import split
+from motord.identification.operating_points import PointData, split
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, processors, run_plan
@@ -183,16 +183,15 @@ def rig(connection: str, changes: Changes) -> tuple[Config, RigTruth]:
     return config.model_copy(update={"motor": motor}), RigTruth.model_validate(tables)
 
 
-def calibrated(
+def captured(
     connection: str,
     departure: Departure | None,
     seed: int,
     *,
     size: float = 1.0,
     mesh: Mapping[str, Any] = MESH,
-    accuracy: AccuracyConfig | None = None,
-) -> tuple[CalibrationResult, RigTruth]:
-    """Return what a calibration finds on the rig, and what is true of that."""
+) -> tuple[Config, RigTruth, list[PointData]]:
+    """Return the bench, what is true of its rig, and the operating points of a calibration."""
     config, truth = rig(connection, departure.tables(size) if departure else {})
     if departure is not None:
         config = departure.config(size, config)
@@ -201,11 +200,30 @@ def calibrated(
     blocks: list[np.ndarray] = []
     plan = build("calibrate", config, dict(mesh))
     taken = run_plan(bench, plan, lambda ticks, _: blocks.append(ticks))
-    points = list(split(np.concatenate(blocks), taken))
+    return config, truth, list(split(np.concatenate(blocks), taken))
+
+
+def calibration_of(
+    config: Config, points: Sequence[PointData], accuracy: AccuracyConfig | None = None
+) -> CalibrationResult:
+    """Return what a calibration finds from operating points."""
     calibrator = Calibrator(config.motor, config.torque_sensor, lambda: points, accuracy)
     for point in points:
         calibrator.add(point)
-    return calibrator.joint(), truth
+    return calibrator.joint()
+
+
+def calibrated(
+    connection: str,
+    departure: Departure | None,
+    seed: int,
+    *,
+    size: float = 1.0,
+    mesh: Mapping[str, Any] = MESH,
+) -> tuple[CalibrationResult, RigTruth]:
+    """Return what a calibration finds on the rig, and what is true of that."""
+    config, truth, points = captured(connection, departure, seed, size=size, mesh=mesh)
+    return calibration_of(config, points), truth
 
 
 def errors_over_half_widths(result: CalibrationResult, truth: RigTruth) -> np.ndarray:

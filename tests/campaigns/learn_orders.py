@@ -26,6 +26,7 @@ from motord.experiments.plans import build
 from motord.identification.operating_points import split
 from motord.reproduce.learning import learn_virtual
 from motord.rig.truth import load as load_truth
+from motord.uncertainty_budget import totals
 from motord.virtual.mesh import processors, run_points
 from tests.campaigns import seeds
 from tests.campaigns.learn import table
@@ -130,7 +131,9 @@ def main() -> int:
         result = calibrated(config, seed, pool=pool)
         print("added", *(one.order for one in result.added_orders), "; stated", *stated(result))
         errors = beta_errors(result, config)
-        print("beta off by", np.round(errors, 2), "standard errors")
+        print("beta off by", np.round(errors, 2), "standard errors (Type A)")
+        both = np.array(totals(result.budget)[2].beta_A) / result.beta_stderr_A
+        print("beta off by", np.round(errors / both, 2), "combined standard uncertainties")
         kept &= stated(result) == tuple(order for order, _, _ in COGGING)
         kept &= bool(np.abs(errors).max() <= 1.96)
         made = result.to_calibration(config.motor, datetime.now(UTC), ["calibrate"])

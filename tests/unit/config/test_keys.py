@@ -15,7 +15,14 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from motord.config import AccelerationConfig, Config, OscillationConfig, load, packaged
+from motord.config import (
+    AccelerationConfig,
+    AccuracyConfig,
+    Config,
+    OscillationConfig,
+    load,
+    packaged,
+)
 from motord.config.experiments import PlansConfig, plan_kinds, plans_model
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import accelerate
@@ -33,6 +40,10 @@ from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
 BY_NAME = {
+    **{
+        f"accuracy.{name}": "by its name in experiments.calibration.estimate.budget"
+        for name in AccuracyConfig.model_fields
+    },
     "limits.current_error_s": "by its name in control.interlock_table",
     "limits.torque_error_s": "by its name in control.interlock_table",
     **{

@@ -1,14 +1,20 @@
 """Uncertainty budget: what data do not show counts in full, what they do show little."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig
-from motord.experiments.calibration.estimate.lack_of_fit.score_test import Sensitivity, WeighedRows
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
+    EffectSensitivity,
+    WeighedRows,
+)
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.uncertainty_budget import Contribution, combined, totals
-from tests.campaigns.departures import DEPARTURES, calibrated
+from tests.campaigns.departures import DEPARTURES, calibrated, calibration_of, captured
 
+SHORT = {"torques_Nm": [1.0, 5.0], "speeds_Hz": [0.9], "turns": 3, "settle_s": 0.3}
 MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.9], "turns": 6, "settle_s": 0.3}
 ROWS = {departure.name: departure for departure in DEPARTURES}
 
@@ -18,12 +24,19 @@ def independent() -> CalibrationResult:
     return calibrated("independent", None, 1, mesh=MESH)[0]
 
 
+@pytest.fixture(scope="module")
+def with_limits() -> Callable[..., CalibrationResult]:
+    """Return what calibrates the same operating points with limits of one's own."""
+    config, _, points = captured("independent", None, 1, mesh=SHORT)
+    return lambda **limits: calibration_of(config, points, AccuracyConfig(**limits))
+
+
 def by_source(result: CalibrationResult) -> dict[str, Contribution]:
     return {one.source: one for one in result.budget}
 
 
-def sensitivity(information: float, score: float) -> Sensitivity:
-    return Sensitivity("one", np.ones((1, 1)), np.array([[information]]), np.array([score]))
+def sensitivity(information: float, score: float) -> EffectSensitivity:
+    return EffectSensitivity("one", np.ones((1, 1)), np.array([[information]]), np.array([score]))
 
 
 def test_what_the_data_do_not_show_counts_in_full() -> None:
@@ -72,12 +85,47 @@ def test_an_error_within_the_limits_is_within_the_combined_uncertainty() -> None
     assert error < 2 * max(both.alpha)
 
 
-def test_what_the_bench_file_states_is_said_to_be_stated() -> None:
-    accuracy = AccuracyConfig(torque_crosstalk_percent=0.0)
-    result, _ = calibrated("independent", None, 1, mesh=MESH, accuracy=accuracy)
+def test_what_the_bench_file_states_is_said_to_be_stated(
+    with_limits: Callable[..., CalibrationResult],
+) -> None:
+    result = with_limits(torque_crosstalk_percent=0.0)
     crosstalk = by_source(result)["cross-talk of the torque sensor"]
     assert (crosstalk.basis, crosstalk.alpha) == ("stated", (0.0, 0.0, 0.0))
     assert crosstalk.limit_text == "0 %"
+
+
+@pytest.mark.parametrize(
+    ("field", "source"),
+    [
+        ("encoder_zero_rad", "encoder's zero"),
+        ("encoder_rad", "encoder once and twice a turn"),
+        ("back_emf_percent", "fundamental of the back-EMF"),
+        ("back_emf_harmonics_percent", "harmonics of the back-EMF"),
+        ("saturation_percent", "saturation"),
+        ("torque_gain_percent", "gain of the torque sensor"),
+        ("torque_time_constant_percent", "time constant of the torque sensor"),
+        ("torque_crosstalk_percent", "cross-talk of the torque sensor"),
+        ("current_crosstalk_percent", "cross-talk of current sensors"),
+        ("current_linearity_percent", "nonlinearity of current sensors"),
+        ("friction_ripple_percent", "friction ripple"),
+        ("offset_like_cogging_percent", "cogging torque like offsets"),
+    ],
+)
+def test_every_limit_is_one_source(
+    field: str, source: str, with_limits: Callable[..., CalibrationResult]
+) -> None:
+    def size(one: Contribution) -> float:
+        return one.cogging_Nm + one.delta_epsilon + sum(one.beta_A)
+
+    assumed, stated = by_source(with_limits()), by_source(with_limits(**{field: 0.0}))
+    assert size(assumed.pop(source)) > 0
+    assert size(stated.pop(source)) == 0
+    assert stated == assumed
+
+
+def test_all_limits_have_a_source(independent: CalibrationResult) -> None:
+    others = [one for one in independent.budget if one.type == "B"]
+    assert len(others) == len(AccuracyConfig.model_fields) == 12
 
 
 def test_friction_counts_as_cogging_torque_in_one_direction(independent: CalibrationResult) -> None:

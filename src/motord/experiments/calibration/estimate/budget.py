@@ -15,7 +15,7 @@ import numpy as np
 from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit.effects import COGGING
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
-from motord.experiments.calibration.estimate.lack_of_fit.score_test import Sensitivity
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import EffectSensitivity
 from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.uncertainty_budget import Contribution
@@ -137,7 +137,7 @@ SOURCES = (
 def budget(
     result: CalibrationResult,
     fitted: JointFit,
-    sensitivities: Sequence[Sensitivity],
+    sensitivities: Sequence[EffectSensitivity],
     bench: BenchFile,
 ) -> tuple[Contribution, ...]:
     """Return what each source contributes: Type A first, then Type B as the bench file lists it.
@@ -184,7 +184,7 @@ class _Linear:
         return cls(rows)
 
     def squares(
-        self, source: Source, sensitivities: Sequence[Sensitivity], bench: BenchFile
+        self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: BenchFile
     ) -> np.ndarray:
         """Return the variances (v,) that a source contributes; its effects are independent."""
         limit = float(getattr(bench.accuracy, source.field))

@@ -18,7 +18,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.departures import (
     MINOR_SHARE,
     Cause,
     Evidence,
-    Explanation,
+    ExplainedFit,
     explain,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.effects import (
@@ -30,8 +30,8 @@ from motord.experiments.calibration.estimate.lack_of_fit.effects import (
 )
 from motord.experiments.calibration.estimate.lack_of_fit.kirchhoff_rows import kirchhoff_rows
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
+    EffectSensitivity,
     ResidualRows,
-    Sensitivity,
 )
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
@@ -83,7 +83,7 @@ class LackOfFit:
     causes: tuple[Cause, ...]
     left: tuple[LeftOrder, ...]
     dispersion: float
-    sensitivities: tuple[Sensitivity, ...]
+    sensitivities: tuple[EffectSensitivity, ...]
 
     @property
     def minor(self) -> tuple[int, ...]:
@@ -153,7 +153,7 @@ class FitResidual:
         return self.evidence.with_effects(cogging_effects(self.models, new))
 
     def _lack_of_fit(
-        self, explanation: Explanation, sensitivities: Iterable[Sensitivity]
+        self, explanation: ExplainedFit, sensitivities: Iterable[EffectSensitivity]
     ) -> "LackOfFit":
         rows, found = self.evidence.rows, explanation.causes
         left_Nm = explanation.fitted.left_lines(rows)
@@ -178,8 +178,8 @@ class FitResidual:
 
 
 def _sensitivities(
-    evidence: Evidence, explanation: Explanation, subspace: np.ndarray
-) -> Iterator[Sensitivity]:
+    evidence: Evidence, explanation: ExplainedFit, subspace: np.ndarray
+) -> Iterator[EffectSensitivity]:
     """Yield how the effects that were not found would move the model."""
     own = slice(0, subspace.shape[1])
     for number, effect in enumerate(evidence.effects):

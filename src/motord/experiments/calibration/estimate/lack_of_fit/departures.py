@@ -91,7 +91,7 @@ def _rms(lines_Nm: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class ExplainedFit:
     """The departures that are there, their lines (points, orders) at the model's parameters, the
     places of their effects, and the fit of model and departures together."""
 
@@ -101,7 +101,7 @@ class Explanation:
     fitted: WeighedRows
 
 
-def explain(evidence: Evidence, subspace: np.ndarray) -> Explanation:
+def explain(evidence: Evidence, subspace: np.ndarray) -> ExplainedFit:
     """Return which departures explain the rest of a fit.
 
     Orders of cogging torque among the effects compete with the departures but are none.
@@ -136,7 +136,7 @@ def explain(evidence: Evidence, subspace: np.ndarray) -> Explanation:
         found.append(Cause(effect.name, effect.order, size, sigmas, rms_Nm, shifts, names))
         chosen.append(number)
     fitted = evidence.fitted(plain, chosen)
-    return Explanation(tuple(found), _caused(evidence, chosen, fitted), tuple(chosen), fitted)
+    return ExplainedFit(tuple(found), _caused(evidence, chosen, fitted), tuple(chosen), fitted)
 
 
 def _caused(evidence: Evidence, chosen: Sequence[int], fitted: WeighedRows) -> np.ndarray:

@@ -29,7 +29,7 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class EffectSensitivity:
     """How an effect that the model has not would move it: shift (p, terms) of its p parameters for
     a unit of each size; information (terms, terms) and score (terms,): what the data say of these.
     """
@@ -115,13 +115,13 @@ class WeighedRows:
             gained.append(_gain(s, np.diag(g.T @ g), g.T @ left))
         return gained
 
-    def sensitivity(self, name: str, effect: np.ndarray) -> Sensitivity:
+    def sensitivity(self, name: str, effect: np.ndarray) -> EffectSensitivity:
         """Return how an effect (n, terms) would move the parameters of the model."""
         inverse, scale = self._inverse
         cross = (self.x * scale).T @ effect
         moved = inverse @ cross
         information = effect.T @ effect - cross.T @ moved
-        return Sensitivity(name, scale[:, None] * moved, information, effect.T @ self.left)
+        return EffectSensitivity(name, scale[:, None] * moved, information, effect.T @ self.left)
 
     @cached_property
     def _inverse(self) -> tuple[np.ndarray, np.ndarray]:
