@@ -11,7 +11,7 @@ class AccuracyConfig(Section):
 
     encoder_zero_rad: NonNegative = 1e-3
     """Zero of the encoder, mechanical."""
-    encoder_rad: NonNegative = 5e-4
+    encoder_error_rad: NonNegative = 5e-4
     """Error of the encoder once and twice a turn, mechanical: eccentric or tilted disc."""
     back_emf_percent: NonNegative = 0.5
     """Amplitude of the back-EMF's fundamental."""

@@ -98,7 +98,7 @@ def test_what_the_bench_file_states_is_said_to_be_stated(
     ("field", "source"),
     [
         ("encoder_zero_rad", "encoder's zero"),
-        ("encoder_rad", "encoder once and twice a turn"),
+        ("encoder_error_rad", "encoder once and twice a turn"),
         ("back_emf_percent", "fundamental of the back-EMF"),
         ("back_emf_harmonics_percent", "harmonics of the back-EMF"),
         ("saturation_percent", "saturation"),

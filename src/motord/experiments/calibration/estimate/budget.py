@@ -69,7 +69,7 @@ SOURCES = (
     Source("encoder's zero", "encoder_zero_rad", "rad", ("encoder-zero",), _alike),
     Source(
         "encoder once and twice a turn",
-        "encoder_rad",
+        "encoder_error_rad",
         "rad",
         ("encoder-error-order-1", "encoder-error-order-2"),
         _alike,
