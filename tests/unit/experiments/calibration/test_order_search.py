@@ -7,18 +7,14 @@ import numpy as np
 import pytest
 
 from motord.calibration import Harmonic
+from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
     significant,
     unconfirmed,
     with_added_orders,
 )
-from motord.experiments.calibration.estimate.more_orders.search import (
-    Search,
-    Weighted,
-    levels,
-    search,
-    tried,
-)
+from motord.experiments.calibration.estimate.more_orders.search import Search, levels, search
+from motord.experiments.calibration.estimate.more_orders.trial import tried
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, lines_of
 from tests.campaigns.learn_orders import STAR, beta_errors, calibrated, stated

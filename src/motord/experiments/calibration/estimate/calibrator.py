@@ -6,37 +6,29 @@ from operator import attrgetter
 
 import numpy as np
 
-from motord.calibration import Calibration, DegreesOfFreedom, Harmonic
+from motord.calibration import Calibration
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
+from motord.experiments.calibration.estimate.joint_result import (
+    cogging_harmonics,
+    observability,
+    result_of,
+)
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
+from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
     unconfirmed,
     with_added_orders,
 )
-from motord.experiments.calibration.estimate.more_orders.search import (
-    FIRST_ORDER,
-    Search,
-    Weighted,
-    search,
-)
-from motord.experiments.calibration.estimate.normal_equations import (
-    ALPHA,
-    BETA,
-    FIRST_COGGING,
-    Regression,
-)
+from motord.experiments.calibration.estimate.more_orders.search import FIRST_ORDER, Search, search
+from motord.experiments.calibration.estimate.normal_equations import Regression
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
-from motord.experiments.calibration.estimate.result import (
-    CalibrationResult,
-    Method,
-    cogging_table,
-)
+from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
 from motord.experiments.subject import Subject
 from motord.findings import Finding
@@ -51,7 +43,6 @@ from motord.identification.orders import (
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
 from motord.identification.zero_sequence import is_missing, restored
-from motord.intervals import coverage_factor, plus_minus
 from motord.recording.captures import captures
 from motord.recording.reader import Run
 
@@ -60,8 +51,6 @@ MOST_ROUNDS = 12
 
 SETTLED = 1e-4
 """Change of alpha from fit to fit below which it has settled."""
-
-NEARLY_SEEN = "; it is nearly seen: intervals contain what it would be"
 
 ONE_DIRECTION = (
     "friction ripple: not separated from cogging torque, as all points turn the same way; what "
@@ -152,13 +141,19 @@ class Calibrator:
         if found.added:
             residual = FitResidual.of(regression, fitted, self._motor)
         agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
-        notes = _observability(fitted)
+        notes = observability(fitted)
         if agreement is not None:
             notes.append(agreement.in_words())
         notes += self._left_out(orders)
         left = residual.explained()
         result = with_lack_of_fit(
-            self._result(fitted, _harmonics(fitted, regression), notes),
+            result_of(
+                fitted,
+                cogging_harmonics(fitted, regression),
+                notes,
+                self._ripples,
+                self._motor.counts,
+            ),
             left,
             agreement,
             self._bench,
@@ -170,27 +165,6 @@ class Calibrator:
             result,
             harmonics=tuple(sorted(result.harmonics, key=attrgetter("order"))),
             budget=budget(result, fitted, left.sensitivities, self._bench),
-        )
-
-    def _result(
-        self, fitted: JointFit, harmonics: tuple[Harmonic, ...], notes: list[str]
-    ) -> CalibrationResult:
-        seen = fitted.identifiable.gain_direction is None
-        return CalibrationResult(
-            method="joint",
-            alpha=fitted.solution.alpha,
-            alpha_stderr=fitted.stderr[ALPHA],
-            beta_A=fitted.solution.theta[BETA],
-            beta_stderr_A=fitted.stderr[BETA],
-            delta_epsilon=fitted.solution.delta_epsilon,
-            delta_epsilon_stderr=float(fitted.stderr[-1]) if seen else None,
-            degrees_of_freedom=DegreesOfFreedom.of(fitted.errors.freedom[[*range(6), -1]], seen),
-            tau_cog_Nm=cogging_table(harmonics, self._motor.counts),
-            harmonics=harmonics,
-            observable=tuple(notes),
-            condition_number=fitted.condition_number,
-            current_delay_s=fitted.current_delay_s,
-            ripples=tuple(self._ripples),
         )
 
     def _with_added(
@@ -205,7 +179,7 @@ class Calibrator:
             basis = Basis.of(self._motor, (*known, *(trial.order for trial in found.added)))
             points = [accumulate(self._samples(p), basis, self._sensor) for p in self._again()]
             more, bigger = self._fitted(points, basis, len(basis.orders))
-            weak = unconfirmed(found, _harmonics(more, bigger), least_Nm)
+            weak = unconfirmed(found, cogging_harmonics(more, bigger), least_Nm)
             if not weak:
                 return more, bigger, found
             found = found.without(weak)
@@ -308,51 +282,3 @@ class CalibratedRuns:
         return self.result, self.calibrator.result(
             "residual" if self.result.method == "joint" else "joint"
         )
-
-
-def _harmonics(fitted: JointFit, regression: Regression) -> tuple[Harmonic, ...]:
-    """Return the cogging torque of each order of the regression, in its succession."""
-    found = []
-    for row, order in enumerate(regression.basis.orders[: regression.orders]):
-        place = slice(FIRST_COGGING + 2 * row, FIRST_COGGING + 2 * row + 2)
-        cosine, sine = fitted.solution.theta[place]
-        amplitude = float(np.hypot(cosine, sine))
-        along, across = np.zeros((2, fitted.solution.vector.size))
-        along[place] = np.array([cosine, sine]) / max(amplitude, 1e-300)
-        across[place] = -along[place][1], along[place][0]
-        (stderr, freedom), (stderr_across, freedom_across) = map(
-            fitted.errors.along, (along, across)
-        )
-        found.append(
-            Harmonic(
-                order=order,
-                amplitude_Nm=amplitude,
-                phase_rad=float(np.arctan2(cosine, sine)),
-                stderr_Nm=stderr,
-                phase_stderr_rad=min(stderr_across / max(amplitude, 1e-300), np.pi),
-                degrees_of_freedom=min(freedom, freedom_across),
-            )
-        )
-    return tuple(found)
-
-
-def _observability(fitted: JointFit) -> list[str]:
-    """Return what was not identifiable, and how it was fixed, for the file."""
-    notes = []
-    if fitted.identifiable.gain_direction is None:
-        half = coverage_factor(fitted.errors.freedom[-1]) * fitted.stderr[-1]
-        measured = plus_minus(fitted.solution.delta_epsilon, half)
-        notes.append(f"common gain delta epsilon: measured, {measured} (95 %)")
-    else:
-        notes.append(
-            "common gain delta epsilon: not seen (it makes mean torque only); assumed to be 1, "
-            "product of alpha set to 1" + NEARLY_SEEN * fitted.identifiable.gain_nearly
-        )
-    if fitted.identifiable.offset_seen:
-        notes.append("common offset of the currents: measured")
-    else:
-        notes.append(
-            "common offset of the currents: not seen (the back-EMFs add up to nothing); "
-            "sum of beta set to 0" + NEARLY_SEEN * fitted.identifiable.offset_nearly
-        )
-    return notes

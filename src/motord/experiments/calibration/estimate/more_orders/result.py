@@ -8,15 +8,14 @@ import numpy as np
 from scipy import stats
 
 from motord.calibration import Harmonic
-from motord.experiments.calibration.estimate.more_orders.search import (
-    FALSE_SHARE,
-    HINT,
-    OrderTrial,
-    Search,
-)
+from motord.experiments.calibration.estimate.more_orders.search import Search
+from motord.experiments.calibration.estimate.more_orders.trial import FALSE_SHARE, OrderTrial
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.findings import Finding
 from motord.intervals import t_quantile
+
+HINT = 0.01
+"""Probability by chance below which an order that did not enter still counts for the offsets."""
 
 FALSE_CONFIRMATION = 0.0027
 """Probability that noise confirms an order in the fit to all samples, that of 3 sigma."""

@@ -1,46 +1,18 @@
 """Cogging orders beyond those that slots and poles allow, where the data show them.
 
-Every order h of the turn is tried as one more pair of columns. With what the model leaves, r, at
-point p and order k, the new columns' effect D less what the model's own parameters A take of it,
-and the noise n as weights, the pair would take
-
-    gain = s' V^-1 s,   s = D' r - B N^-1 A' r,   V = D' D - B N^-1 B',   B = D' A,  N = A' A + L
-
-of the sum of squares (score test; L: Kirchhoff's law and the priors). So an order at an odd
-multiple of the pole pairs, where the currents' offsets make torque too, is judged by what these
-cannot imitate. Orders enter one after the other, best first, by the criterion of
-`OrderTrial.enters`.
+Forward selection: all orders of the turn are tried, the best enters, and again with it.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from scipy import stats
-
-from motord.calibration import AddedOrder
-from motord.experiments.calibration.estimate.joint import JointFit
-from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
-from motord.experiments.calibration.estimate.normal_equations import BETA, Regression
-from motord.experiments.calibration.estimate.turn_spectrum import (
-    lines_of,
-    orders_averaged,
+from motord.experiments.calibration.estimate.more_orders.problem import Weighted
+from motord.experiments.calibration.estimate.more_orders.trial import (
+    FALSE_SHARE,
+    TOLERANCE,
+    OrderTrial,
+    tried,
 )
-
-FALSE_SHARE = 0.002
-"""Probability that noise makes any order enter, over all that are tried."""
-
-HINT = 0.01
-"""Probability by chance below which an order that did not enter still counts for the offsets."""
-
-SEPARABLE = 1e-5
-"""Part of an order's effect that the other parameters leave, below which it cannot be tested."""
-
-CLEAR = 0.1
-"""Part of its effect from which on an order counts as one that nothing imitates."""
-
-TOLERANCE = 10.0
-"""Squares of noise by which one explanation has to be worse than another to be given up."""
 
 FIRST_ORDER = 2
 """Lowest order that is tried: mean and slope of each turn, which drift makes, are most of order 1.
@@ -51,115 +23,6 @@ OFFSET_SHARE = 0.01
 
 MAX_ADDED = 12
 """Orders that enter at most: each costs time and memory."""
-
-
-@dataclass(frozen=True)
-class OrderTrial:
-    """An order that was tried.
-
-    stderr_Nm: of its amplitude, nan where other parameters imitate it; clear: whether none comes
-    near to that; offset_A_per_Nm: by how much it moves the offsets if it is there and left out;
-    offset_shift_A (3,): by how much they would move with it; offset_stderr_A: how well these, less
-    what all have in common, are known with it; predicts: whether torques predict each other.
-    """
-
-    order: int
-    gain: float
-    p_value: float
-    bic: float
-    stderr_Nm: float
-    clear: bool
-    offset_A_per_Nm: float
-    offset_shift_A: np.ndarray
-    offset_stderr_A: float
-    predicts: bool
-
-    def enters(self, level: float) -> bool:
-        """Return whether the order belongs to the model, by chance with a p-value below `level`.
-
-        Besides, it pays for two parameters by BIC with the number of turns, and the line that all
-        other torques show predicts what is left at each.
-        """
-        return self.p_value < level and self.bic > 0 and self.predicts
-
-    def entered(self) -> AddedOrder:
-        """Return it as the calibration file has it."""
-        return AddedOrder(order=self.order, p_value=self.p_value, bic=self.bic)
-
-
-@dataclass(frozen=True)
-class Weighted:
-    """The linear problem in lines over their noise: points, orders, q parameters.
-
-    rest (points, h); columns (points, h, q): derivatives by the parameters; waves (points, h): of
-    a cosine of each order; apart (q, q), pull (q,): information and slope that are not from the
-    lines; scatter (h,): square by which points scatter about a common line.
-    """
-
-    torque_Nm: np.ndarray
-    rated_A: float
-    rest: np.ndarray
-    columns: np.ndarray
-    waves: np.ndarray
-    apart: np.ndarray
-    pull: np.ndarray
-    scatter: np.ndarray
-    turns: int
-
-    @classmethod
-    def of(
-        cls, regression: Regression, fitted: JointFit, fit: LackOfFit, rated_A: float
-    ) -> "Weighted":
-        """Return the problem around a fit. Where points scatter more than noise, that is noise."""
-        points, counts = regression.points, regression.basis.back_emf.shape[0]
-        theta, highest = fitted.solution.theta, fit.rest_Nm.shape[1]
-        derivative = regression.derivative(theta)
-        lines = []
-        for point in points:
-            visits, sums = point.spectrum.visits.sum(axis=0), point.spectrum.sums.sum(axis=0)
-            lines.append(lines_of(visits, sums[:, :-1] @ derivative)[:highest])
-        waves = np.array([point.spectrum.waves(counts)[:highest] for point in points])
-        rest_Nm = fit.rest_Nm - fit.caused_Nm
-        scatter = _scatter(rest_Nm / fit.noise_Nm, waves / fit.noise_Nm)
-        noise_Nm = fit.noise_Nm * np.sqrt(np.maximum(scatter, 1.0))
-        return cls(
-            torque_Nm=fit.torque_Nm,
-            rated_A=rated_A,
-            rest=rest_Nm / noise_Nm,
-            columns=np.array(lines) / noise_Nm[:, :, None],
-            waves=waves / noise_Nm,
-            apart=fitted.apart_from_torque,
-            pull=-fitted.apart_from_torque @ theta,
-            scatter=scatter,
-            turns=sum(point.samples.size for point in points),
-        )
-
-    def pair(self, order: int) -> np.ndarray:
-        """Return the lines of cosine and sine of an order, at that order (points, 2)."""
-        wave = self.waves[:, order - 1]
-        return np.column_stack([wave, -1j * wave])
-
-    def with_order(self, order: int) -> "Weighted":
-        """Return the problem with the amplitudes of an order among its parameters."""
-        new = np.zeros((*self.rest.shape, 2), complex)
-        new[:, order - 1] = self.pair(order)
-        return replace(
-            self,
-            columns=np.concatenate([self.columns, new], axis=2),
-            apart=np.pad(self.apart, (0, 2)),
-            pull=np.pad(self.pull, (0, 2)),
-        )
-
-
-def _scatter(rest: np.ndarray, waves: np.ndarray) -> np.ndarray:
-    """Return the mean square by which points scatter about a common line (h,).
-
-    rest, waves (points, h) in parts of the noise, which is 1/2 each in real and imaginary part.
-    """
-    power = (np.abs(waves) ** 2).sum(axis=0)
-    common = (waves.conj() * rest).sum(axis=0) / np.maximum(power, 1e-300)
-    square = (np.abs(rest - common * waves) ** 2).sum(axis=0)
-    return np.asarray(square / max(len(rest) - 1, 1))
 
 
 @dataclass(frozen=True)
@@ -234,108 +97,3 @@ def levels(orders: Sequence[int], pole_pairs: int) -> dict[int, float]:
 def _like_offsets(order: int, pole_pairs: int) -> bool:
     """Return whether offsets of the currents make torque of that order: p, 3 p, 5 p, ..."""
     return order % (2 * pole_pairs) == pole_pairs
-
-
-def tried(problem: Weighted, orders: Sequence[int]) -> list[OrderTrial]:
-    """Return the trial of each of the orders."""
-    flat = problem.columns.reshape(-1, problem.columns.shape[2])
-    information = 2 * (flat.conj().T @ flat).real + problem.apart
-    slope = 2 * (flat.conj().T @ problem.rest.ravel()).real + problem.pull
-    inverse = _inverse(information)
-    return [_trial(problem, order, inverse, inverse @ slope) for order in orders]
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information * np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * np.outer(scale, scale))
-
-
-def _trial(problem: Weighted, order: int, inverse: np.ndarray, step: np.ndarray) -> OrderTrial:
-    place, pair = order - 1, problem.pair(order)
-    cross = 2 * (pair.conj().T @ problem.columns[:, place]).real
-    whole = 2 * float((np.abs(pair[:, 0]) ** 2).sum())
-    score = 2 * (pair.conj().T @ problem.rest[:, place]).real - cross @ step
-    values, vectors = np.linalg.eigh(whole * np.eye(2) - cross @ inverse @ cross.T)
-    moves_A = (inverse @ cross.T)[BETA]
-    offset_A = float(np.abs(moves_A).max())
-    apart_A = np.linalg.norm((moves_A - moves_A.mean(axis=0)) @ vectors, axis=0)
-    offset_stderr_A = float((apart_A / np.sqrt(np.maximum(values, 1e-12 * whole))).max())
-    seen = values > SEPARABLE * whole
-    if not seen.any():
-        no = np.zeros(3)
-        return OrderTrial(
-            order, 0.0, 1.0, 0.0, float("nan"), False, offset_A, no, offset_stderr_A, False
-        )
-    part, terms = vectors[:, seen], int(seen.sum())
-    effect = -problem.columns @ (inverse @ cross.T)
-    effect[:, place] += pair
-    effect = effect @ part  # (points, h, terms)
-    gain = float(((part.T @ score) ** 2 / values[seen]).sum())
-    bic = gain - terms * float(np.log(problem.turns))
-    p_value = _chance(problem, effect, gain) if bic > 0 else 1.0
-    return OrderTrial(
-        order=order,
-        gain=gain,
-        p_value=p_value,
-        bic=bic,
-        stderr_Nm=float(values[0] ** -0.5) if seen.all() else float("nan"),
-        clear=bool(values[0] > CLEAR * whole),
-        offset_A_per_Nm=offset_A,
-        offset_shift_A=-moves_A @ part @ ((part.T @ score) / values[seen]),
-        offset_stderr_A=offset_stderr_A,
-        predicts=p_value < FALSE_SHARE
-        and _predicts(problem, effect, problem.rest - problem.columns @ step),
-    )
-
-
-def _chance(problem: Weighted, effect: np.ndarray, gain: float) -> float:
-    """Return the probability of a gain by chance: by the noise, or by the scatter over points.
-
-    effect (points, h, terms): what nothing else in the model takes of it. Both errors are estimated
-    at the orders at which it is, with degrees of freedom by Welch and Satterthwaite.
-    """
-    points, orders, terms = effect.shape
-    share = (np.abs(effect) ** 2).sum(axis=(0, 2))
-    share /= share.sum()
-    noise_freedom = points / (share**2 / (2 * orders_averaged(orders))).sum()
-    by_noise = stats.f.sf(gain / terms, terms, noise_freedom)
-    scatter = float(share @ (problem.scatter / np.maximum(problem.scatter, 1.0)))
-    freedom = 2 * max(points - 1, 1) / (share**2).sum()
-    by_scatter = stats.f.sf(gain / terms / max(scatter, 1e-300), terms, freedom)
-    return float(max(by_noise, by_scatter))
-
-
-def _predicts(problem: Weighted, effect: np.ndarray, rest: np.ndarray) -> bool:
-    """Return whether an order is the same at all torques.
-
-    What other torques show of it lessens what is left at each torque, and an amplitude that grows
-    with the torque, or with its square, does not explain more of it; both but for noise.
-    """
-    torques_Nm = np.unique(problem.torque_Nm)
-    if torques_Nm.size < 2:
-        return False
-    growing = max(_growing(problem, effect, rest, power) for power in (1, 2))
-    if growing > _explained(effect, rest) + TOLERANCE:
-        return False
-    for torque_Nm in torques_Nm:
-        out = problem.torque_Nm == torque_Nm
-        others = effect[~out].reshape(-1, effect.shape[2])
-        normal = (others.conj().T @ others).real
-        size = np.linalg.lstsq(normal, (others.conj().T @ rest[~out].ravel()).real, rcond=None)[0]
-        after = rest[out] - effect[out] @ size
-        if (np.abs(after) ** 2).sum() > (np.abs(rest[out]) ** 2).sum() + TOLERANCE:
-            return False
-    return True
-
-
-def _growing(problem: Weighted, effect: np.ndarray, rest: np.ndarray, power: int) -> float:
-    """Return how much of the rest an effect explains that grows with a power of the torque."""
-    scale = (problem.torque_Nm / problem.torque_Nm.max()) ** power
-    return _explained(effect * scale[:, None, None], rest)
-
-
-def _explained(effect: np.ndarray, rest: np.ndarray) -> float:
-    flat = effect.reshape(-1, effect.shape[2])
-    right = (flat.conj().T @ rest.ravel()).real
-    return float(right @ np.linalg.lstsq((flat.conj().T @ flat).real, right, rcond=None)[0])
