@@ -30,6 +30,7 @@ from motord.experiments.calibration.estimate.turn_products import (
     accumulate,
     instruments,
     settled,
+    velocity_over_turn,
 )
 from motord.experiments.subject import Subject
 from motord.identification.basis import FIRST_WAVE, Basis, fill_columns, highpass
@@ -200,7 +201,7 @@ class Matrices:
         y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
         counts = self.motor.counts
         lines = current_lines(samples.count, samples.command_A, samples.turns, counts)
-        commands_A, rates = instruments(lines, self.basis, samples.speed_Hz)
+        commands_A, rates = instruments(lines, self.basis, velocity_over_turn(samples, counts))
         currents_A = np.concatenate([samples.i_A, commands_A[samples.count]], axis=1)
         columns = np.empty((samples.t_s.size, self.basis.width - 1))
         tables = self.basis.back_emf, self.basis.cogging, rates

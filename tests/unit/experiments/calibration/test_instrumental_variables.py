@@ -1,19 +1,23 @@
 """Commanded currents as functions of the encoder count."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from motord.experiments.calibration.estimate.turn_products import (
+    derivative_over_time,
     instruments,
     instruments_by_parity,
+    velocity_over_turn,
 )
 from motord.identification.basis import Basis
 from motord.identification.operating_points import Samples, current_lines
 from tests.unit.identification.synthetic_bench import motor
 
 COUNTS, SPEED_HZ = 256, 0.8
+STEADY_RAD_S = np.full(COUNTS, 2 * np.pi * SPEED_HZ)
 ORDERS = np.array([8, 24])
 LINES_A = np.array([[3.0, 1.0 - 2.0j, 0.5j], [0.2j, 0.1, -0.3]])
 
@@ -50,21 +54,47 @@ def test_lines_are_those_of_the_commands(noise_A: float) -> None:
 def test_noise_of_a_turn_is_not_in_its_own_instruments() -> None:
     one = replace(samples(), commanded=False)
     basis = Basis.of(motor(counts=COUNTS), (16,))
-    before_A, rates = instruments_by_parity(one, basis)
+    before_A, rates = instruments_by_parity(one, basis, STEADY_RAD_S)
     assert np.allclose(before_A[0], before_A[1], atol=0.05)
     for first, end in one.turns[::2]:
         one.command_A[first:end] += np.random.default_rng(2).normal(size=(end - first, 3))
-    after_A, rates_after = instruments_by_parity(one, basis)
+    after_A, rates_after = instruments_by_parity(one, basis, STEADY_RAD_S)
     assert np.array_equal(after_A[0], before_A[0])
     assert np.array_equal(rates_after[0], rates[0])
     assert np.abs(after_A[1] - before_A[1]).std() > 0.05
+
+
+def test_derivatives_are_those_at_the_speed_of_each_angle() -> None:
+    """A rotor whose speed ripples by 20 % once in an electrical period of 8."""
+    angle_rad = 2 * np.pi * np.arange(COUNTS) / COUNTS
+    velocity_rad_s = 5.0 * (1 + 0.2 * np.cos(8 * angle_rad))
+    table = np.column_stack([np.sin(8 * angle_rad), np.cos(24 * angle_rad)])
+    wanted = np.column_stack([8 * np.cos(8 * angle_rad), -24 * np.sin(24 * angle_rad)])
+    found = derivative_over_time(table, velocity_rad_s)
+    assert np.allclose(found, velocity_rad_s[:, None] * wanted)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_the_speed_at_each_angle_is_that_of_the_samples(direction: int) -> None:
+    t_s, angle_rad = np.arange(12_000) * 1e-3, np.zeros(12_000)
+    for n in range(1, t_s.size):
+        step_rad = 2 * np.pi * SPEED_HZ * 1e-3 * (1 + 0.15 * np.sin(8 * angle_rad[n - 1]))
+        angle_rad[n] = angle_rad[n - 1] + direction * step_rad
+    count = np.floor(angle_rad / (2 * np.pi) * COUNTS).astype(int) % COUNTS
+    ends = np.searchsorted(direction * angle_rad, 2 * np.pi * np.arange(9))
+    turns = tuple((int(a), int(b)) for a, b in itertools.pairwise(ends))
+    one = replace(samples(), count=count, turns=turns)
+    found_rad_s = velocity_over_turn(one, COUNTS)
+    centre_rad = 2 * np.pi * (np.arange(COUNTS) + 0.5) / COUNTS
+    wanted_rad_s = direction * 2 * np.pi * SPEED_HZ * (1 + 0.15 * np.sin(8 * centre_rad))
+    assert np.abs(found_rad_s / wanted_rad_s - 1).max() < 0.03
 
 
 def test_tables_are_the_derivatives_of_the_currents() -> None:
     basis = Basis.of(motor(counts=COUNTS), (16,))
     lines = np.zeros((40, 3), complex)
     lines[ORDERS] = LINES_A
-    i_A, rates = instruments(lines, basis, SPEED_HZ)
+    i_A, rates = instruments(lines, basis, STEADY_RAD_S)
     theta = 2 * np.pi * np.arange(COUNTS) / COUNTS
     w = 2j * np.pi * SPEED_HZ * ORDERS[:, None]
     waves = np.exp(1j * np.outer(theta, ORDERS))

@@ -31,12 +31,19 @@ from motord.identification.basis import (
 )
 from motord.identification.harmonics import over_one_turn
 from motord.identification.operating_points import Samples, current_lines
+from motord.identification.orders import resolved_order
 from motord.identification.point_ripple import without_drift
 from motord.identification.torque_sensor import MountInverse
 from motord.jit import jit
 
 BAND_MARGIN = 1.4
 """Band in which the mount is inverted, above the highest order at mean speed: speed ripples."""
+
+SPEED_ORDERS = 64
+"""Orders of the turn up to which the speed varies: above, the rotor's inertia smooths it."""
+
+SLOWEST_SHARE = 5.0
+"""Share of samples at an angle, over the mean, that is believed at most; 1 / it at least."""
 
 STRIP = 256
 """Samples that are multiplied out at once."""
@@ -72,7 +79,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
     counts = basis.back_emf.shape[0]
-    tables_A, rates = instruments_by_parity(samples, basis)
+    velocity_rad_s = velocity_over_turn(samples, counts)
+    tables_A, rates = instruments_by_parity(samples, basis, velocity_rad_s)
     commands_A = tables_A[0][samples.count]
     for first, end in samples.turns[1::2]:
         commands_A[first:end] = tables_A[1][samples.count[first:end]]
@@ -106,41 +114,72 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
         torque=_without_trend(both_triangles(torque)[:, : basis.width + 2, : basis.width + 2]),
         currents=both_triangles(currents)[:, :7, :7],
         samples=turns[:, 1] - turns[:, 0],
-        spectrum=TurnSpectrum.of(samples, binned, tables_A.mean(axis=0), basis, sensor),
+        spectrum=TurnSpectrum.of(
+            samples, binned, tables_A.mean(axis=0), velocity_rad_s, basis, sensor
+        ),
     )
 
 
-def instruments_by_parity(samples: Samples, basis: Basis) -> tuple[np.ndarray, np.ndarray]:
-    """Return tables of currents (2, counts, 3) and rates (2, counts, 4) for even and odd turns."""
+def instruments_by_parity(
+    samples: Samples, basis: Basis, velocity_rad_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return tables of currents (2, counts, 3) and rates (2, counts, 4) for even and odd turns.
+
+    velocity_rad_s (counts,): over the turn.
+    """
     turns, counts = samples.turns, basis.back_emf.shape[0]
     if samples.commanded or len(turns) < 2:
         lines = current_lines(samples.count, samples.command_A, turns, counts)
-        table_A, rates = instruments(lines, basis, samples.velocity_Hz)
+        table_A, rates = instruments(lines, basis, velocity_rad_s)
         return np.array([table_A, table_A]), np.array([rates, rates])
     found = []
     for others in (turns[1::2], turns[::2]):
         chosen = np.concatenate([np.arange(*turn) for turn in others])
         lines = current_lines(samples.count[chosen], samples.command_A[chosen], others, counts)
-        found.append(instruments(lines, basis, samples.velocity_Hz))
+        found.append(instruments(lines, basis, velocity_rad_s))
     return np.array([one[0] for one in found]), np.array([one[1] for one in found])
 
 
-def instruments(lines: np.ndarray, basis: Basis, speed_Hz: float) -> tuple[np.ndarray, np.ndarray]:
+def instruments(
+    lines: np.ndarray, basis: Basis, velocity_rad_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return tables over the counts: currents (counts, 3), and rates with zoh (counts, 4).
 
-    lines (h + 1, 3): of the commanded currents, see `current_lines`. The rates are di_p/dt k_p at
-    the mean speed; the zoh, the zero-order-hold correction, is sum_p (i''_p k_p + i'_p k'_p / 2),
-    with primes for derivatives over time.
+    lines (h + 1, 3): of the commanded currents, see `current_lines`; velocity_rad_s (counts,). The
+    rates are di_p/dt k_p; the zoh, the zero-order-hold correction, is
+    sum_p (i''_p k_p + i'_p k'_p / 2), with primes for derivatives over time.
     """
     counts = basis.back_emf.shape[0]
-    turning = 2j * np.pi * speed_Hz * np.arange(len(lines))[:, None]
-    k = np.fft.rfft(basis.back_emf, axis=0)[: len(lines)] * (2 / counts)
-    i_A, rate, second, k_rate = (
+    k_lines = np.fft.rfft(basis.back_emf, axis=0)[: len(lines)] * (2 / counts)
+    i_A, k = (
         np.column_stack([over_one_turn(column, counts) for column in table.T])
-        for table in (lines, turning * lines, turning**2 * lines, turning * k)
+        for table in (lines, k_lines)
     )
-    zoh = (second * basis.back_emf + 0.5 * rate * k_rate).sum(axis=1)
-    return i_A, np.column_stack([rate * basis.back_emf, zoh])
+    rate = derivative_over_time(i_A, velocity_rad_s)
+    second = derivative_over_time(rate, velocity_rad_s)
+    zoh = second * basis.back_emf + 0.5 * rate * derivative_over_time(k, velocity_rad_s)
+    return i_A, np.column_stack([rate * basis.back_emf, zoh.sum(axis=1)])
+
+
+def derivative_over_time(table: np.ndarray, velocity_rad_s: np.ndarray) -> np.ndarray:
+    """Return d/dt of a table over the turn (n, m), at velocities (n,)."""
+    lines = np.fft.rfft(table, axis=0)
+    slope = np.fft.irfft(1j * np.arange(len(lines))[:, None] * lines, len(table), axis=0)
+    return np.asarray(velocity_rad_s[:, None] * slope)
+
+
+def velocity_over_turn(samples: Samples, counts: int) -> np.ndarray:
+    """Return the mean velocity at each count (counts,), rad/s.
+
+    A rotor spends the more samples at an angle the slower it is there.
+    """
+    fewest = min(end - first for first, end in samples.turns)
+    chosen = np.concatenate([samples.count[first:end] for first, end in samples.turns])
+    lines = np.fft.rfft(np.bincount(chosen, minlength=counts))
+    lines[resolved_order(fewest, counts, SPEED_ORDERS) + 1 :] = 0
+    share = np.fft.irfft(lines / lines[0].real * counts, counts)
+    share = np.clip(share, 1 / SLOWEST_SHARE, SLOWEST_SHARE)
+    return np.asarray(2 * np.pi * samples.velocity_Hz / share)
 
 
 @jit

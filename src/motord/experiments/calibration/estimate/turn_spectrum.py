@@ -39,9 +39,9 @@ class TurnSpectrum:
     """Spectra of an operating point; orders 1 to h, w columns, the last the torque.
 
     visits (2, 2 h + 1): transform of the samples in each bin, its order 0 first. sums
-    (2, h + 1, w): transform of the columns' sums. command_A (bins, 3): commanded currents over the
-    turn. highpass (h,): complex gain of the torque sensor's amplifier. velocity_Hz: mean speed,
-    negative backwards.
+    (2, h + 1, w): transform of the columns' sums. command_A (bins, 3), velocity_rad_s (bins,):
+    commanded currents and velocity over the turn. highpass (h,): complex gain of the torque
+    sensor's amplifier. velocity_Hz: mean speed, negative backwards.
     """
 
     torque_set_Nm: float
@@ -49,6 +49,7 @@ class TurnSpectrum:
     visits: np.ndarray
     sums: np.ndarray
     command_A: np.ndarray
+    velocity_rad_s: np.ndarray
     highpass: np.ndarray
 
     @classmethod
@@ -57,6 +58,7 @@ class TurnSpectrum:
         samples: Samples,
         binned: np.ndarray,
         command_A: np.ndarray,
+        velocity_rad_s: np.ndarray,
         basis: Basis,
         sensor: TorqueSensorConfig,
     ) -> "TurnSpectrum":
@@ -75,6 +77,7 @@ class TurnSpectrum:
             visits=visits,
             sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1],
             command_A=command_A[np.arange(bins) * counts // bins],
+            velocity_rad_s=velocity_rad_s[np.arange(bins) * counts // bins],
             highpass=turned / (1 + turned) if tau else np.ones(highest, complex),
         )
 

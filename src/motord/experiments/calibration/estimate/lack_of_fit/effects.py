@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.normal_equations import (
     ZOH_SHARE,
     Regression,
 )
+from motord.experiments.calibration.estimate.turn_products import derivative_over_time
 from motord.experiments.calibration.estimate.turn_spectrum import TurnSpectrum
 
 ENCODER_ORDERS = (0, 1, 2, 3, 4)
@@ -253,10 +254,10 @@ def model_columns(
     columns = []
     for point in models:
         command_A, waves = point.spectrum.command_A, 2 * regression.orders
-        turning = 2 * np.pi * point.spectrum.velocity_Hz
-        rate = turning * np.column_stack([_slope(i) for i in command_A.T])
-        second = turning * np.column_stack([_slope(i) for i in rate.T])
-        k_rate = turning * np.column_stack([_slope(k) for k in point.k.T])
+        velocity_rad_s = point.spectrum.velocity_rad_s
+        rate = derivative_over_time(command_A, velocity_rad_s)
+        second = derivative_over_time(rate, velocity_rad_s)
+        k_rate = derivative_over_time(point.k, velocity_rad_s)
         at = np.arange(command_A.shape[0]) * regression.basis.cogging.shape[0]
         cogging = regression.basis.cogging[at // command_A.shape[0], :waves]
         age = DELAY_SHARE * period_s * (rate * point.k * gain).sum(axis=1)
