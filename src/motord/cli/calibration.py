@@ -150,7 +150,7 @@ def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
 
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:
-    """Return the content of a calibration file, or the daemon's answer, in words."""
+    """Return the content of a calibration file, or the daemon's answer, as text."""
     from motord.calibration import Harmonic, half_widths
     from motord.intervals import plus_minus
 
@@ -182,6 +182,6 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
         if summary := c["rms_error_percent"][name]:
             mean, worst = summary["mean"], summary["max"]
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
-    lines += [f"- {words}" for words in c["observable"]]
+    lines += [f"- {text}" for text in c["observable"]]
     lines += [f"- {finding.in_words()}" for finding in _findings(c)]
     return lines

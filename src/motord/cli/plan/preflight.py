@@ -61,7 +61,7 @@ def as_dict(each: "Forecast") -> dict[str, Any]:
     }
 
 
-def in_words(each: "Forecast") -> str:
+def forecast_text(each: "Forecast") -> str:
     """Return what would become of a point."""
     if not each.simulated:
         return f"not simulated: {each.trouble or 'no time left'}"

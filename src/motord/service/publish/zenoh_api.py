@@ -104,7 +104,7 @@ class Api:
             self._publishers[name].put(payload)
 
     def close(self) -> None:
-        """Withdraw everything, answer what is left, end the session."""
+        """Withdraw everything, answer what is outstanding, end the session."""
         self._closing.set()
         if self._session is not None:
             for declared in reversed(self._declared):
