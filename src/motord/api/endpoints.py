@@ -30,8 +30,8 @@ ENVELOPE_BYTES = 4096
 MAX_REPLY_BYTES = 64 * 1024 * 1024
 """To a client. The largest is `config` with a table of the back-EMF at 1,048,576 counts."""
 CONNECT_MS = 500
-"""How long the gateway waits for the daemon before it says that it is open; with nobody to connect
-to a router does not wait."""
+"""How long the gateway waits for the daemon before it says that it is open; without a router to
+connect to it does not wait."""
 BLOCKED_US = 1_000_000
 """A client that takes no replies for so long is disconnected: no thread waits for it."""
 

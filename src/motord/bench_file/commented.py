@@ -24,7 +24,7 @@ NOT_OF_DEVICES = (
 
 @dataclass(frozen=True)
 class _Comments:
-    """What is said of values: descriptions, or the example's own words where there are none."""
+    """What is said of values: descriptions, or the example's own comments where there are none."""
 
     notes: KeyComments
     answered: frozenset[str]

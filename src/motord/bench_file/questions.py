@@ -14,13 +14,13 @@ BACK_EMF = "motor.back_emf"
 
 @dataclass(frozen=True)
 class Question:
-    """A key, in words. applies: whether a bench with these tables is asked for it.
+    """What is asked for a key. applies: whether a bench with these tables is asked for it.
 
     choices: the values that there are to choose from, none for a number or a text.
     """
 
     key: str
-    words: str
+    prompt: str
     applies: Callable[[Tables], bool]
     choices: tuple[str, ...] = ()
 

@@ -11,7 +11,8 @@ from motord.cli.connection_options import DEFAULT, Connection, Force, print_answ
 from motord.cli.console import fail, group, print_result
 
 if TYPE_CHECKING:
-    from motord.findings import Finding
+    from motord.calibration import Calibration
+    from motord.client import Client
 
 app = group("Show calibration files, list those kept, install one.")
 
@@ -43,13 +44,13 @@ def show(
             kept = client.rpc("calibration/show", id=calibration_id)
         print_result(kept, "\n".join(_lines(kept, kept["age"])), as_json)
         return
-    if file is None:
+    if file is not None:
+        calibration = load(file)
+    else:
         with connection.open() as client:
-            view = client.state().calibration
-        if view is None:
-            fail("no calibration is in force; name a file, or install one")
-        file = Path(view.path)
-    calibration = load(file)
+            calibration = load_in_force(
+                client, "no calibration is in force; name a file, or install one"
+            )
     content = calibration.to_json()
     print_result(content, "\n".join(_lines(content, calibration.age())), as_json)
 
@@ -141,17 +142,20 @@ def install(
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 
-def _findings(c: dict[str, Any]) -> "tuple[Finding, ...]":
-    from pydantic import TypeAdapter
+def load_in_force(client: "Client", missing: str) -> "Calibration":
+    """Return the calibration that the daemon applies; fail with `missing` if there is none."""
+    from motord.calibration import load
 
-    from motord.findings import Finding
-
-    return TypeAdapter(tuple[Finding, ...]).validate_python(tuple(c.get("findings") or ()))
+    view = client.state().calibration
+    if view is None:
+        fail(missing)
+    return load(Path(view.path))
 
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:
-    """Return the content of a calibration file, or the daemon's answer, in words."""
+    """Return the content of a calibration file, or the daemon's answer, as text."""
     from motord.calibration import Harmonic, half_widths
+    from motord.findings import Finding
     from motord.intervals import plus_minus
 
     motor = c["motor"]
@@ -182,6 +186,6 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
         if summary := c["rms_error_percent"][name]:
             mean, worst = summary["mean"], summary["max"]
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
-    lines += [f"- {words}" for words in c["observable"]]
-    lines += [f"- {finding.in_words()}" for finding in _findings(c)]
+    lines += [f"- {text}" for text in c["observable"]]
+    lines += [f"- {Finding(**one).in_words()}" for one in c.get("findings") or ()]
     return lines

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, ProgressColumn, TextColumn
 
 _GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
-"""What a write says when nobody reads any more: a closed pipe, a closed terminal."""
+"""Errors of a write without a reader any more: a closed pipe, a closed terminal."""
 
 
 def fail(message: str) -> NoReturn:
@@ -150,7 +150,7 @@ def progress_bar(
 class _Descriptor(io.RawIOBase):
     """A standard stream whose writes never fail; `lost` says why some did not get through.
 
-    That nobody reads any more is no loss.
+    That there is no reader any more is no loss.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -182,7 +182,7 @@ def outlive_readers() -> None:
 
 
 def lost_output() -> str:
-    """Return why part of the result could not be written, "" if all of it was or nobody reads."""
+    """Return why part of the result could not be written, "" if it was or has no reader."""
     sys.stdout.flush()
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     return raw.lost if isinstance(raw, _Descriptor) else ""

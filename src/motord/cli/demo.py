@@ -7,8 +7,7 @@ import typer
 
 from motord.cli.analysis_command import print_text
 from motord.cli.common_options import ResultAsJson
-from motord.cli.compilation import explain_first_run
-from motord.cli.console import fail, print_json
+from motord.cli.console import print_json
 from motord.cli.reproduce import stage_progress
 from motord.cli.viewers.browser import open_page
 
@@ -32,26 +31,17 @@ def demo(
 
     On a computer with a display the report is opened in the browser at the end.
     """
-    try:
-        found = _run(out, seed, quick, silent=json)
-    except OSError as error:
-        fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
+    from motord.reproduce.demo import STAGES, run_demo, write_report
+
+    with stage_progress(STAGES, out, silent=json) as progress:
+        found = run_demo(out, seed, quick, progress)
+        write_report(found)
     if json:
         print_json(found.summary)
         return
     _print(found)
     if not no_browser:
         open_page(found.files["report"].absolute().as_uri())
-
-
-def _run(out: Path, seed: int, quick: bool, silent: bool) -> "Demo":
-    from motord.reproduce.demo import STAGES, run_demo, write_report
-
-    explain_first_run(silent=silent)
-    with stage_progress(STAGES, silent) as progress:
-        found = run_demo(out, seed, quick, progress)
-        write_report(found)
-    return found
 
 
 def _print(found: "Demo") -> None:

@@ -1,19 +1,14 @@
 """`motord emulate`: the devices of a bench on the wire."""
 
-import json
 import signal
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from types import FrameType
-
-    from motord.emulate.process import Emulator
+from motord.cli.connection_options import print_answer
+from motord.signal_handlers import handled
 
 
 def emulate(
@@ -57,33 +52,14 @@ def emulate(
             rig,
             writer.truth if writer is not None else None,
             timeline,
-            lambda fault: _print(fault, _fault_line(fault), as_json),
+            lambda fault: print_answer(fault, _fault_line(fault), as_json),
             firmware,
         )
-        with _signals_stop(emulator), emulator:
-            _print(emulator.ready(), _ready_line(emulator.ready()), as_json)
+        ends = handled((signal.SIGINT, signal.SIGTERM), lambda *_: emulator.stop())
+        with ends, emulator:
+            print_answer(emulator.ready(), _ready_line(emulator.ready()), as_json)
             emulator.run(duration_s)
-    _print(emulator.summary(), _summary_line(emulator.summary()), as_json)
-
-
-@contextmanager
-def _signals_stop(emulator: "Emulator") -> Iterator[None]:
-    """Make SIGINT and SIGTERM end `emulator.run`."""
-
-    def stop(_number: int, _frame: "FrameType | None") -> None:
-        emulator.stop()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _print(data: dict[str, object], line: str, as_json: bool) -> None:
-    typer.echo(json.dumps(data) if as_json else line)
-    sys.stdout.flush()
+    print_answer(emulator.summary(), _summary_line(emulator.summary()), as_json)
 
 
 def _ready_line(ready: dict[str, object]) -> str:

@@ -86,8 +86,8 @@ def _measure(plan: "MeasurementPlan", silent: bool) -> "Measured":
         def progress(measured: "Measured") -> None:
             done = max(measured.took_s / max(plan.seconds, 1e-3), measured.clean / plan.enough)
             stolen = sum(len(kind.stolen) for kind in measured.kinds)
-            words = f"{measured.clean} clean slices of each, {stolen} stolen from"
-            bars.update(task, completed=min(done, 1.0), description=words)
+            text = f"{measured.clean} clean slices of each, {stolen} stolen from"
+            bars.update(task, completed=min(done, 1.0), description=text)
 
         return measure(plan, progress)
 

@@ -30,43 +30,39 @@ def reproduce(
     """Run every experiment of Poels 2008 in virtual time; write one page next to its numbers."""
     from motord.reproduce.page import write_page
     from motord.reproduce.poels2008 import as_json as rows
+    from motord.reproduce.run import STAGES
+    from motord.reproduce.run import reproduce as run
 
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         fail(f"{out}: is not empty; name another folder with --out, nothing is overwritten")
-    try:
-        found = _run(out, seed, quick, keep_recordings, silent=as_json)
+    with stage_progress(STAGES, out, silent=as_json) as progress:
+        found = run(out, seed, quick, keep_recordings, progress)
         page = write_page(out, found, keep_recordings)
-    except OSError as error:
-        fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
     if as_json:
         print_json({"page": str(page), "wall_s": round(found.wall_s, 2), **rows(found)})
     else:
         _print(found, page)
 
 
-def _run(out: Path, seed: int, quick: bool, keep_recordings: bool, silent: bool) -> "Results":
-    from motord.reproduce.run import STAGES, reproduce
-
-    explain_first_run(silent=silent)
-    with stage_progress(STAGES, silent) as progress:
-        return reproduce(out, seed, quick, keep_recordings, progress)
-
-
 @contextmanager
-def stage_progress(stages: Sequence[str], silent: bool) -> "Iterator[StageProgress]":
-    """Show a bar for each stage; what is yielded moves it."""
+def stage_progress(stages: Sequence[str], out: Path, silent: bool) -> "Iterator[StageProgress]":
+    """Show a bar for each stage; what is yielded moves it. A file of `out` that fails ends it."""
     from rich.progress import BarColumn, TimeElapsedColumn
 
+    explain_first_run(silent=silent)
     width = max(map(len, stages)) + 1
     columns = text_column(f"{{task.description:<{width}}}"), BarColumn(), TimeElapsedColumn()
-    with progress_bar(*columns, silent=silent) as bars:
-        tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in stages}
+    try:
+        with progress_bar(*columns, silent=silent) as bars:
+            tasks = {stage: bars.add_task(stage, total=1.0, start=False) for stage in stages}
 
-        def progress(stage: str, fraction: float) -> None:
-            bars.start_task(tasks[stage])
-            bars.update(tasks[stage], completed=fraction)
+            def progress(stage: str, fraction: float) -> None:
+                bars.start_task(tasks[stage])
+                bars.update(tasks[stage], completed=fraction)
 
-        yield progress
+            yield progress
+    except OSError as error:
+        fail(f"{error.filename or out}: {error.strerror}; choose another folder with --out")
 
 
 def _print(found: "Results", page: Path) -> None:

@@ -1,6 +1,5 @@
 """`motord run`: the daemon, in the foreground."""
 
-import json
 import os
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from motord.cli.common_options import BenchFile
 from motord.cli.compilation import explain_first_run
+from motord.cli.connection_options import print_answer
 
 if TYPE_CHECKING:
     from motord.config import Config
@@ -26,7 +26,7 @@ def run(
     def say_ready(bench: "Config") -> None:
         ready = {"bench": bench.bench.name, "listen": list(bench.zenoh.listen), "pid": os.getpid()}
         where = ", ".join(bench.zenoh.listen)
-        typer.echo(json.dumps(ready) if as_json else f"ready: bench {bench.bench.name} at {where}")
+        print_answer(ready, f"ready: bench {bench.bench.name} at {where}", as_json)
 
     explain_first_run(silent=as_json)
     run_daemon(config or packaged("sim.toml"), say_ready)

@@ -61,7 +61,7 @@ def decode_reply(rpc: Rpc[Any, ReplyT], content: bytes) -> ReplyT:
 
 
 def no_reply_in_time(key: str, timeout_s: float) -> ClientError:
-    """Return the error for a request to `key` that nobody replied to."""
+    """Return the error for a request to `key` without a reply."""
     return ClientError("unreachable", f"{key}: no answer within {timeout_s:g} s")
 
 

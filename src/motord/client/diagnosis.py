@@ -39,7 +39,7 @@ def why_no_socket(endpoint: str) -> str:
 
 
 def why_closed(endpoint: str, who: Identity) -> str:
-    """Return why a handshake with `endpoint` fails, "" if nobody listens there or it succeeds."""
+    """Return why a handshake with `endpoint` fails, "" if there is no listener or it succeeds."""
     where = _ENDPOINT.fullmatch(endpoint)
     if where is None:
         return "expected tls/HOST:PORT"

@@ -33,19 +33,19 @@ def carry_out(commands: Commands, *, may_fail: bool = False) -> list[str]:
     the first failing command says.
     """
     steps = []
-    for words in commands:
-        if words[0] == "udevadm" and shutil.which("udevadm") is None:
-            steps.append(f"left out {shlex.join(words)}: there is no udev")
+    for command in commands:
+        if command[0] == "udevadm" and shutil.which("udevadm") is None:
+            steps.append(f"left out {shlex.join(command)}: there is no udev")
             continue
-        steps.append(f"ran {shlex.join(words)}")
+        steps.append(f"ran {shlex.join(command)}")
         try:
-            done = _run(words, START_TIMEOUT_S)
+            done = _run(command, START_TIMEOUT_S)
         except (OSError, subprocess.TimeoutExpired) as error:
-            done = subprocess.CompletedProcess(words, 1, "", str(error))
+            done = subprocess.CompletedProcess(command, 1, "", str(error))
         if done.returncode != 0 and not may_fail:
             said = (done.stderr or done.stdout).strip().replace("\n", "; ")
             raise DeploymentError(
-                f"`{' '.join(words)}` failed: {said or f'exit code {done.returncode}'}. What was "
+                f"`{' '.join(command)}` failed: {said or f'exit code {done.returncode}'}. What was "
                 "written stays; the same command goes on from here"
             )
     return steps
@@ -53,8 +53,8 @@ def carry_out(commands: Commands, *, may_fail: bool = False) -> list[str]:
 
 def unit_state(*, user: bool) -> dict[str, str]:
     """Return properties of the unit, empty without systemd."""
-    words = ("systemctl", *_user(user), "show", UNIT, f"--property={','.join(SHOWN)}")
-    lines = _said(words).splitlines()
+    command = ("systemctl", *_user(user), "show", UNIT, f"--property={','.join(SHOWN)}")
+    lines = _output(command).splitlines()
     return dict(line.split("=", 1) for line in lines if "=" in line)
 
 
@@ -64,15 +64,15 @@ def limits_of(pid: int) -> dict[str, str]:
         lines = Path(f"/proc/{pid}/limits").read_text().splitlines()
     except OSError:
         lines = []
-    found = {words: line.removeprefix(words).split()[0] for line in lines for words in LIMITS
-             if line.startswith(words)}  # fmt: skip
-    return {name: found.get(words, "") for words, name in LIMITS.items()}
+    found = {label: line.removeprefix(label).split()[0] for line in lines for label in LIMITS
+             if line.startswith(label)}  # fmt: skip
+    return {name: found.get(label, "") for label, name in LIMITS.items()}
 
 
 def recent_lines(count: int, *, user: bool) -> list[str]:
     """Return the newest lines of the unit's log."""
     whose = ("--user-unit", UNIT) if user else ("--unit", UNIT)
-    said = _said(("journalctl", *whose, f"--lines={count}", "--no-pager", "--output=short-iso"))
+    said = _output(("journalctl", *whose, f"--lines={count}", "--no-pager", "--output=short-iso"))
     return [line for line in said.splitlines() if not line.startswith("-- ")]
 
 
@@ -80,15 +80,15 @@ def _user(user: bool) -> tuple[str, ...]:
     return ("--user",) if user else ()
 
 
-def _said(words: tuple[str, ...]) -> str:
+def _output(command: tuple[str, ...]) -> str:
     try:
-        return _run(words, TIMEOUT_S).stdout
+        return _run(command, TIMEOUT_S).stdout
     except (OSError, subprocess.TimeoutExpired):
         return ""
 
 
-def _run(words: tuple[str, ...], timeout_s: float) -> "subprocess.CompletedProcess[str]":
+def _run(command: tuple[str, ...], timeout_s: float) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        words, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL,
+        command, capture_output=True, text=True, timeout=timeout_s, stdin=subprocess.DEVNULL,
         check=False,
     )  # fmt: skip

@@ -39,7 +39,7 @@ _TO_DAEMON = (
     {"id": "daemon", "interfaces": ["lo"], "link_protocols": ["tcp"]},
     {"id": "daemon_socket", "link_protocols": ["unixsock-stream"]},
 )
-"""How the gateway reaches the daemon; it listens on TLS alone, so that nobody comes in this way."""
+"""How the gateway reaches the daemon; it listens on TLS alone, so no client comes in this way."""
 
 
 def daemon_access_control(bench: str, requests: Iterable[str]) -> dict[str, Any]:

@@ -40,7 +40,6 @@ from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
-from motord.service.rpc.notes import Notes
 from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
@@ -115,10 +114,9 @@ def build(
 
     plans = PlanControl(bench, resumption, recording.obstacle)
     installation = Installation(bench, store, tables.write, toml)
-    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()))
-    kept, notes = CalibrationFiles(store), Notes(events, recording.file)
-    available = AvailablePlans(bench)
-    dispatcher = Dispatcher(bench, operation, available, plans, installation, kept, notes)
+    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
+    kept, available = CalibrationFiles(store), AvailablePlans(bench)
+    dispatcher = Dispatcher(bench, operation, available, plans, installation, kept)
     longest = max_request_bytes(config.motor.counts)
     offloaded = {
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),

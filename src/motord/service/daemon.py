@@ -23,6 +23,7 @@ from motord.service.publish.zenoh_api import ApiError
 from motord.service.supervisor import Supervisor
 from motord.shm.run_directory import RunDir, RunDirError
 from motord.shm.shared_records import SharedFileError
+from motord.signal_handlers import handled
 from motord.unix_clock import Clock
 
 
@@ -66,13 +67,8 @@ def stop_signals() -> Iterator[StopSignal]:
     def note(number: int, _frame: FrameType | None) -> None:
         stopping.name = signal.Signals(number).name
 
-    noted = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-    before = {number: signal.signal(number, note) for number in noted}
-    try:
+    with handled((signal.SIGTERM, signal.SIGINT, signal.SIGHUP), note):
         yield stopping
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def run(

@@ -121,7 +121,7 @@ class Supervisor:
     def emergency(self, error: Exception) -> str:
         """Take the current away at once after an error in the program; return it in a line.
 
-        The daemon ends with it: nobody knows in what state it left the supervisor. So nothing is
+        The daemon ends with it: the state that it left the supervisor in is unknown. So nothing is
         used here but the mailbox and the ring.
         """
         setpoint = self.bench.setpoint
@@ -161,7 +161,7 @@ class Supervisor:
             self._take_requests_until(due_ns)
 
     def _take_requests_until(self, due_ns: int) -> None:
-        """Sleep, and carry out what is requested meanwhile: nobody waits for the next step."""
+        """Sleep, and carry out what is requested meanwhile: no client waits for the next step."""
         calls = self.dispatcher.calls
         while (left_ns := due_ns - self.clock_ns()) > 0 and calls.wait(left_ns / 1e9):
             now_ns = self.clock_ns()

@@ -80,7 +80,8 @@ def test_the_demo_ends_with_its_report(
 ) -> None:
     report = tmp_path / "my report.html"
     found = SimpleNamespace(files={"report": report}, summary={})
-    monkeypatch.setattr(demo_module, "_run", lambda *_, **__: found)
+    monkeypatch.setattr("motord.reproduce.demo.run_demo", lambda *_: found)
+    monkeypatch.setattr("motord.reproduce.demo.write_report", lambda _: None)
     monkeypatch.setattr(demo_module, "_print", lambda _: None)
     demo_module.demo(out=tmp_path, **options)
     assert opened == [report.as_uri()] * pages

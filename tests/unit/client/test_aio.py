@@ -8,7 +8,7 @@ import pytest
 
 from motord.client import Client, ClientError, Lease, PlanEndedError, aio
 from motord.client.aio import AsyncSubscription
-from motord.client.in_threads import Threads
+from motord.client.aio.threads import Threads
 from motord.client.subscription import Subscription
 from motord.client.tick_subscription import TickLosses
 from tests.unit.service.live_service import live_service

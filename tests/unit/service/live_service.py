@@ -53,7 +53,7 @@ class LiveService(VirtualService):
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         kept, self.store = CalibrationFiles(store, read_files), store
         self.dispatcher = Dispatcher(
-            *(self.bench, self.operation, self.available, self.plans, self.notes),
+            *(self.bench, self.operation, self.available, self.plans),
             *(installation, kept),
         )
         longest = max_request_bytes(self.config.motor.counts)

@@ -13,7 +13,7 @@ from motord import config
 from motord.cli import app
 from motord.cli.bench import operate
 from motord.cli.bench.shared_token import folder, shared
-from motord.cli.bench.status import sensor_in_words
+from motord.cli.bench.status import sensor_text
 from motord.cli.plan.settings import parse_settings
 from motord.client import Subscription, connect
 from motord.schema import State, Trip
@@ -193,10 +193,10 @@ def test_what_is_set_without_torque_lasts_as_long_as_it_is_asked_for(live, motor
 def test_a_sensor_that_passes_the_mean_is_believed(live):
     with connect("cli", live.listen) as client:
         state = client.state()
-    assert "ripple" in sensor_in_words(state)
+    assert "ripple" in sensor_text(state)
     state.torque_sensor.highpass_time_constant_s = 0.0
     state.tick.torque_Nm = 1.25
-    assert sensor_in_words(state) == "1.25 Nm measured"
+    assert sensor_text(state) == "1.25 Nm measured"
 
 
 def test_set_without_enable_says_what_to_do(motord):

@@ -6,7 +6,7 @@ import pytest
 import typer
 
 from motord.api.replies import ConfigReply
-from motord.cli.plan.preflight import in_words, predict, warning
+from motord.cli.plan.preflight import forecast_text, predict, warning
 from motord.config import load
 from tests.unit.service.test_installation import calibration
 
@@ -40,7 +40,7 @@ def test_a_plan_that_compensates_is_tried_out_with_the_calibration_in_force(tmp_
     calibration().save(path)
     [each] = predict(Client(path), "verify", SHORT, NO_TIME_S)
     assert (each.simulated, each.trouble) == (False, "")
-    assert in_words(each) == "not simulated: no time left"
+    assert forecast_text(each) == "not simulated: no time left"
     assert warning([each], "verify") == "1 were not simulated: give it more time by --limit-s"
 
 

@@ -13,7 +13,7 @@ from motord.service.host.children import (
     BACKOFF_LAST_S,
     Children,
     Process,
-    exit_words,
+    exit_text,
     spawn,
 )
 from motord.service.processes import PROCESSES
@@ -144,7 +144,7 @@ def test_views_and_signals(children, started):
     [(0, "exit code 0"), (3, "exit code 3"), (-15, "killed by SIGTERM"), (-99, "signal 99")],
 )
 def test_ends_in_words(code, words):
-    assert words in exit_words(code)
+    assert words in exit_text(code)
 
 
 def test_real_processes_end_when_they_are_told():

@@ -14,7 +14,6 @@ from motord.service.host.events import EventLog
 from motord.service.plans.journal_file import Journal
 from motord.service.plans.resume import Resumption
 from motord.service.rpc.dispatcher import Call, Dispatcher
-from motord.service.rpc.notes import Notes
 from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
@@ -132,14 +131,11 @@ class VirtualService:
         if not safe:
             self.bench.fault_stop = fail
         self.restarts = 0
-        self.operation = ManualOperation(self.bench, self._restart)
-        self.plans = PlanControl(self.bench, self.resumption)
         self.recording_file = ""
-        self.notes = Notes(self.events, lambda: self.recording_file)
+        self.operation = ManualOperation(self.bench, self._restart, lambda: self.recording_file)
+        self.plans = PlanControl(self.bench, self.resumption)
         self.available = AvailablePlans(self.bench)
-        self.dispatcher = Dispatcher(
-            self.bench, self.operation, self.available, self.plans, self.notes
-        )
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.available, self.plans)
         self.bench.loop_up()
         self.step(2)
 

@@ -1,1 +1,1 @@
-"""Commands that watch and operate a bench by hand."""
+"""Commands that watch a bench and operate it manually."""

@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from motord.signal_handlers import handled
+
 GIVE_UP_S = 5.0
 """A program that has not ended so long after a signal hangs: the process ends without it."""
 _NUMBERS = (signal.SIGTERM, signal.SIGHUP)
@@ -26,15 +28,12 @@ def ending_signals(end: Callable[[], object], give_up: Callable[[], object]) -> 
     threading.Thread(
         target=_take, args=(receiving, end, give_up), name="motord-signals", daemon=True
     ).start()
-    before = {number: signal.signal(number, lambda *_: None) for number in _NUMBERS}
-    descriptor = signal.set_wakeup_fd(sending.fileno(), warn_on_full_buffer=False)
-    try:
-        yield
-    finally:
-        signal.set_wakeup_fd(descriptor)
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        sending.close()
+    with sending, handled(_NUMBERS, lambda *_: None):
+        descriptor = signal.set_wakeup_fd(sending.fileno(), warn_on_full_buffer=False)
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(descriptor)
 
 
 def _take(

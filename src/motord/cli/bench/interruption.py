@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from motord.signal_handlers import handled
+
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -27,13 +29,7 @@ def interrupted_once() -> Iterator[Callable[[], None]]:
             hold_off()
             raise KeyboardInterrupt
 
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        for number in NUMBERS:
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, interrupt)
-    try:
+    is_main = threading.current_thread() is threading.main_thread()
+    taken = [n for n in NUMBERS if is_main and signal.getsignal(n) is not signal.SIG_IGN]
+    with handled(taken, interrupt):
         yield hold_off
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""`motord enable|disable|stop|reset|set`: operate a bench by hand."""
+"""`motord enable|disable|stop|reset|set|note`: manual operation of a bench."""
 
 import time
 from contextlib import suppress
@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from motord.cli.bench.lease_session import announce, command, hold, in_command
-from motord.cli.bench.set_report import set_in_words, show_reached
+from motord.cli.bench.set_report import set_text, show_reached
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 
@@ -111,17 +111,14 @@ def set_(
         "drive_Hz": drive_Hz,
         "compensate": compensate,
     }
-    asked = {key: value for key, value in given.items() if value is not None}
+    asked = {key for key, value in given.items() if value is not None}
     if not asked:
         raise typer.BadParameter("nothing to set: give at least one of the options above")
-    from motord.api.requests import SET
-
     with connection.open() as client, in_command(client, force=force) as session:
-        token = session.commander.token
-        answer = client.call(SET, token=token, enable=enable_first, **asked)
-        print_answer(answer.content(), set_in_words(answer), as_json)
+        answer = session.commander.set(**given, enable=enable_first)
+        print_answer(answer.content(), set_text(answer), as_json)
         begun_s = time.monotonic()
-        lease = None if asked.keys() == {"compensate"} else session.lease
+        lease = None if asked == {"compensate"} else session.lease
         with suppress(KeyboardInterrupt):
             if not as_json:
                 if lease is not None:

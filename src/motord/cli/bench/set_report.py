@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from motord.cli.bench.status import sensor_in_words
+from motord.cli.bench.status import sensor_text
 from motord.cli.bench.wording import number
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ LATE_S = 1.0
 LOOK_S = 0.5
 
 
-def set_in_words(answer: "SetpointReply") -> str:
+def set_text(answer: "SetpointReply") -> str:
     """Return what was set, and when it will be reached."""
     s = answer.setpoint
     speed = "not held" if s.speed_Hz is None else f"{s.speed_Hz:g} Hz"
@@ -59,8 +59,8 @@ def _is_there(state: "BenchState", target_Nm: float) -> bool:
 
 def _reached(state: "BenchState", target_Nm: float) -> str:
     assert state.tick is not None
-    word = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
+    when = "reached" if _is_there(state, target_Nm) else f"now, {state.state}"
     return (
-        f"{word}: torque {number(state.tick.torque_set_Nm)} Nm commanded, "
-        f"{sensor_in_words(state)}; speed {number(state.tick.speed_Hz)} Hz"
+        f"{when}: torque {number(state.tick.torque_set_Nm)} Nm commanded, "
+        f"{sensor_text(state)}; speed {number(state.tick.speed_Hz)} Hz"
     )

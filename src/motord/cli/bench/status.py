@@ -108,8 +108,8 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     if state.realtime and not state.realtime.get("granted", True):
         rows.append(("real time", "not all rights granted: `motord check --rt` says which"))
     if (clock := state.bridge_clock) is not None:
-        words = f"drift {clock.drift_ppm:.1f} ppm, jitter {clock.jitter_us:.0f} us"
-        rows.append(("bridge clock", words))
+        text = f"drift {clock.drift_ppm:.1f} ppm, jitter {clock.jitter_us:.0f} us"
+        rows.append(("bridge clock", text))
     for name, device in (("brake", state.brake), ("drive", state.drive)):
         rows.append((name, device.health + (f": {device.error}" if device.error else "")))
     return rows
@@ -127,7 +127,7 @@ def _trip(state: "BenchState") -> list[tuple[str, str]]:
     return rows
 
 
-def sensor_in_words(state: "BenchState") -> str:
+def sensor_text(state: "BenchState") -> str:
     """Return what the torque sensor says, and that it says nothing of the mean if so."""
     tick, sensor = state.tick, state.torque_sensor
     measured = number(tick.torque_Nm if tick is not None else None)
@@ -150,7 +150,7 @@ def _measured(state: "BenchState") -> list[tuple[str, str]]:
     currents = ", ".join(number(i) for i in tick.i_A)
     return [
         ("torque", f"{number(tick.torque_set_Nm)} of {target_Nm:g} Nm set, "
-                   f"{sensor_in_words(state)}"),
+                   f"{sensor_text(state)}"),
         ("speed", f"{number(tick.speed_Hz)} {speed}"),
         ("currents", f"{currents} A"),
         ("bus", f"{number(tick.u_bus_V)} V, inverter {number(tick.temperature_C)} degC"),

@@ -1,4 +1,4 @@
-"""Parts of a state as words, which `motord watch`, `status` and `plan status` share."""
+"""Parts of a state as text, which `motord watch`, `status` and `plan status` share."""
 
 from datetime import datetime
 from typing import TYPE_CHECKING

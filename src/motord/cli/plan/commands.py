@@ -12,7 +12,7 @@ from motord.cli.bench.lease_session import command, in_command
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, progress_bar, text_column
-from motord.cli.plan.preflight import LIMIT_S, as_dict, in_words, predict, warning
+from motord.cli.plan.preflight import LIMIT_S, as_dict, forecast_text, predict, warning
 from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
@@ -99,15 +99,17 @@ def _dry_run(
     outline = client.dry_run(name, settings).content()
     found = predict(client, name, settings, limit_s) if limit_s else []
     outline["forecast"] = [as_dict(each) for each in found]
-    words = {each.point.index: in_words(each) for each in found}
-    print_answer(outline, "\n".join(_outline_lines(outline, words)), as_json)
+    forecasts = {each.point.index: forecast_text(each) for each in found}
+    print_answer(outline, "\n".join(_outline_lines(outline, forecasts)), as_json)
     if said := warning(found, name):
         fail(said)
 
 
-def _outline_lines(outline: dict[str, Any], words: dict[int, str]) -> list[str]:
+def _outline_lines(outline: dict[str, Any], forecasts: dict[int, str]) -> list[str]:
     points = outline["points"]
-    lines = [f"{p['index']:4d}  {_aim(p)}  {words.get(p['index'], '')}".rstrip() for p in points]
+    lines = [
+        f"{p['index']:4d}  {_aim(p)}  {forecasts.get(p['index'], '')}".rstrip() for p in points
+    ]
     minutes = outline["estimate_s"] / 60
     lines.append(f"{len(points)} points, about {minutes:.1f} min; all within the bench's limits")
     return lines
@@ -163,9 +165,9 @@ def status(connection: Connection = DEFAULT, as_json: AsJson = False) -> None:
         if view is None:
             print_answer(None, "no plan has run since the daemon started", as_json)
             return
-        words = f"{view.plan} {view.state}, {100 * view.fraction:.0f} %, {_step(view)}"
+        text = f"{view.plan} {view.state}, {100 * view.fraction:.0f} %, {_step(view)}"
         message = f": {view.message}" if view.message else ""
-        print_answer(view.model_dump(mode="json"), words + message + _then(client, view), as_json)
+        print_answer(view.model_dump(mode="json"), text + message + _then(client, view), as_json)
 
 
 @app.command()

@@ -8,6 +8,7 @@ import typer
 
 from motord.cli.analysis_command import Output, Report, print_files, print_text
 from motord.cli.bench.lease_session import in_command
+from motord.cli.calibration import load_in_force
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force
 from motord.cli.console import fail, print_json
@@ -16,7 +17,7 @@ from motord.cli.plan.settings import settings_of
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
-    from motord.client import Client, Commander
+    from motord.client import Commander
     from motord.experiments.ilc.analysis import LearnPass
     from motord.experiments.ilc.estimate import Learning
 
@@ -58,7 +59,9 @@ def learn(
 
     learning = Learning(gain=gain, highest_order=highest_order)
     with connection.open() as client, in_command(client, force=force) as session:
-        calibration = _in_force(client)
+        calibration = load_in_force(
+            client, "no calibration is in force; learning goes on from one: install one first"
+        )
         chosen = settings_of(client, "learn", settings or [])
         if again:
             calibration = reopen(calibration, datetime.now(UTC), learning)
@@ -82,15 +85,6 @@ def learn(
     else:
         print_text(text(done))
         print_files(output, report)
-
-
-def _in_force(client: "Client") -> "Calibration":
-    from motord.calibration import load
-
-    view = client.state().calibration
-    if view is None:
-        fail("no calibration is in force; learning goes on from one: install one first")
-    return load(Path(view.path))
 
 
 def _pass(

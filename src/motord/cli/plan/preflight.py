@@ -1,9 +1,9 @@
 """A plan on the simulated rig, before it is run on the bench: part of a dry run."""
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from motord.cli.calibration import load_in_force
 from motord.cli.console import fail
 
 if TYPE_CHECKING:
@@ -40,13 +40,12 @@ def predict(
 
 
 def _calibration(client: "Client") -> "Calibration":
-    from motord.calibration import CalibrationError, load
+    from motord.calibration import CalibrationError
 
-    view = client.state().calibration
-    if view is None:
-        fail("not simulated: this plan compensates, but no calibration is installed any more")
     try:
-        return load(Path(view.path))
+        return load_in_force(
+            client, "not simulated: this plan compensates, but no calibration is installed any more"
+        )
     except CalibrationError as error:
         fail(f"not simulated: {error}; run this on the daemon's machine, or with --limit-s 0")
 
@@ -61,7 +60,7 @@ def as_dict(each: "Forecast") -> dict[str, Any]:
     }
 
 
-def in_words(each: "Forecast") -> str:
+def forecast_text(each: "Forecast") -> str:
     """Return what would become of a point."""
     if not each.simulated:
         return f"not simulated: {each.trouble or 'no time left'}"

@@ -73,5 +73,5 @@ def _lines(done: "Imported") -> Iterator[str]:
             f"  {point['index']:>3}  {point['torque_Nm']:6.2f} Nm {point['speed_Hz']:6.3f} Hz  "
             f"{point['turns']:6.1f} turns  {point['quality']}"
         )
-    yield from (f"- {words}" for words in done.notes)
-    yield from (f"! {words}" for words in done.problems)
+    yield from (f"- {text}" for text in done.notes)
+    yield from (f"! {text}" for text in done.problems)

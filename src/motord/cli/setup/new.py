@@ -86,7 +86,7 @@ def _by_questions(
             remark(f"This does not go together: {error}\nOnce more; Enter keeps an answer.")
 
 
-def _choose(words: str, choices: Mapping[str, str]) -> str:
+def _choose(prompt: str, choices: Mapping[str, str]) -> str:
     width = max(map(len, choices))
     for name, summary in choices.items():
         remark(f"  {name:<{width}}  {summary}")
@@ -96,7 +96,7 @@ def _choose(words: str, choices: Mapping[str, str]) -> str:
             raise typer.BadParameter(f"one of {', '.join(choices)}")
         return text
 
-    return str(typer.prompt(words, default=next(iter(choices)), value_proc=checked, err=True))
+    return str(typer.prompt(prompt, default=next(iter(choices)), value_proc=checked, err=True))
 
 
 def _prompt(question: Question, default: str) -> str:
@@ -110,8 +110,8 @@ def _prompt(question: Question, default: str) -> str:
             raise typer.BadParameter(str(error)) from None
         return text
 
-    words = question.words + (f" ({', '.join(question.choices)})" if question.choices else "")
-    return str(typer.prompt(words, default=default, value_proc=checked, err=True))
+    prompt = question.prompt + (f" ({', '.join(question.choices)})" if question.choices else "")
+    return str(typer.prompt(prompt, default=default, value_proc=checked, err=True))
 
 
 def _write(file: Path, template: str, text: str, bench: "Config", as_json: bool) -> None:
@@ -148,7 +148,7 @@ def _with_questions(command: Any) -> Any:
                 typer.Option(
                     question.option,
                     metavar="|".join(question.choices) or "VALUE",
-                    help=question.words,
+                    help=question.prompt,
                 ),
             ],
         )

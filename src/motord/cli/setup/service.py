@@ -108,7 +108,7 @@ def uninstall(
     verb = "remove" if dry_run else "removed"
     if dry_run:
         removed, left = deployment.removable()
-        first, last = ([f"run {shlex.join(words)}" for words in part] for part in (before, after))
+        first, last = ([f"run {shlex.join(args)}" for args in part] for part in (before, after))
     else:
         if obstacles := _obstacles(user, root):
             fail(obstacles[0])

@@ -39,7 +39,7 @@ def dry_run_text(
         lines.append(f"{deployment.difference(file)} {deployment.place(file.path)}")
         if diff := deployment.diff(file):
             lines.append(diff)
-    lines += [f"run {shlex.join(words)}" for words in commands]
+    lines += [f"run {shlex.join(command)}" for command in commands]
     lines += [f"in the way: {obstacle}" for obstacle in obstacles]
     return "\n".join([*lines, "nothing was changed"])
 

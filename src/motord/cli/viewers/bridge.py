@@ -1,14 +1,15 @@
 """`motord bridge`: the daemon's data for other programs."""
 
-import json
 import signal
 import threading
+from dataclasses import replace
 from typing import Annotated
 
 import typer
 
-from motord.cli.connection_options import DEFAULT, Connection
-from motord.cli.console import fail, group, print_line, remark
+from motord.cli.connection_options import DEFAULT, Connection, print_answer
+from motord.cli.console import fail, group, remark
+from motord.signal_handlers import handled
 
 EXTRA = "the bridge needs the package foxglove-sdk: pip install 'motord[foxglove]'"
 
@@ -31,8 +32,6 @@ def foxglove(
     ] = False,
 ) -> None:
     """Serve topics to Foxglove and Lichtblick on 127.0.0.1, read-only, until Ctrl-C or SIGTERM."""
-    from motord.client import Client, connect
-
     try:
         from motord.foxglove.bridge import run
         from motord.foxglove.server import FoxgloveServer
@@ -49,14 +48,10 @@ def foxglove(
     ready = {"bench": bench, "url": server.url, "topics": topics}
     text = f"ready: bench {bench} at {server.url} (Foxglove: open connection, Foxglove WebSocket)"
 
-    def find() -> Client:
-        return connect(bench, connection.endpoint, connection.identity)
-
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
-    print_line(json.dumps(ready) if as_json else text)
-    try:
-        run(find, server, lambda line: remark(f"motord: {line}"), stopping)
-    finally:
-        server.stop()
+    find, stopping = replace(connection, bench=bench).connect, threading.Event()
+    with handled((signal.SIGINT, signal.SIGTERM), lambda *_: stopping.set()):
+        print_answer(ready, text, as_json)
+        try:
+            run(find, server, lambda line: remark(f"motord: {line}"), stopping)
+        finally:
+            server.stop()

@@ -64,7 +64,7 @@ class LoopLink:
         return self._ring.read()
 
     def ended(self, end: Ended) -> str:
-        """Note that the loop process has ended by itself; return why, in words."""
+        """Note that the loop process has ended by itself; return why."""
         why = f"the loop ended: {end.how}"
         status = None
         with suppress(OSError):  # without its status file, the exit code remains

@@ -84,7 +84,7 @@ class GatewayLink:
         self._events.emit("access", message.message + more, **data)
 
     def stop(self, now_ns: int) -> None:
-        """Let nobody in any more."""
+        """End the gateway process: no further client gets in."""
         self._children.stop(GATEWAY)
         self.step(now_ns)
         self._close()

@@ -122,7 +122,7 @@ class Children:
             if child.process is not None:
                 code = child.process.poll()
                 if code is not None:
-                    ended.append(self._note_end(child, exit_words(code), now_ns))
+                    ended.append(self._note_end(child, exit_text(code), now_ns))
         return ended
 
     def _note_end(self, child: _Child, how: str, now_ns: int) -> Ended:
@@ -160,7 +160,7 @@ class Children:
         except subprocess.TimeoutExpired:
             child.process.send_signal(signal.SIGKILL)
             code = child.process.wait()
-        child.process, child.how = None, exit_words(code)
+        child.process, child.how = None, exit_text(code)
         return child.how
 
     def views(self) -> dict[str, ProcessView]:
@@ -178,8 +178,8 @@ class Children:
         }
 
 
-def exit_words(code: int) -> str:
-    """Return an exit code in words."""
+def exit_text(code: int) -> str:
+    """Return an exit code as text."""
     if code >= 0:
         return f"exit code {code}"
     try:

@@ -37,7 +37,7 @@ class EventLog:
         return event
 
     def _notify(self, listener: Listener, event: Event) -> None:
-        """Pass an event on; a listener that fails keeps it from nobody else."""
+        """Pass an event on; a listener that fails does not keep it from the others."""
         try:
             listener(event)
         except Exception as error:

@@ -1,4 +1,4 @@
-"""The daemon's log on stderr, written by a thread of its own: a stuck terminal stops nobody."""
+"""The daemon's log on stderr, written by a thread of its own: a stuck terminal blocks no other."""
 
 import logging
 import logging.handlers

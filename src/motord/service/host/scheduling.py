@@ -40,7 +40,7 @@ def fall() -> None:
 
 
 def current() -> str:
-    """Return the priority of the main thread, in words."""
+    """Return the priority of the main thread as text."""
     policy = os.sched_getscheduler(os.getpid()) & ~os.SCHED_RESET_ON_FORK
     if policy == os.SCHED_RR:
         return f"SCHED_RR {os.sched_getparam(os.getpid()).sched_priority}"

@@ -60,5 +60,5 @@ class Notifier:
 
     def _send(self, message: str) -> None:
         if self._socket is not None:
-            with suppress(OSError):  # nobody listens, or its queue is full: not our affair
+            with suppress(OSError):  # no listener, or its queue is full
                 self._socket.sendto(message.encode(), self._address)

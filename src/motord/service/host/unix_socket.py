@@ -1,4 +1,4 @@
-"""The Unix socket on which a daemon may listen: reached by the members of a group, by nobody else.
+"""The Unix socket on which a daemon may listen: reached by the members of a group alone.
 
 Zenoh makes the socket, takes the place of one that a dead daemon left, and refuses a path on which
 another daemon listens; a lock file next to the socket tells it which is which.

@@ -1,4 +1,4 @@
-"""The journal's file, written by a thread: a disk that stalls holds nobody up."""
+"""The journal's file, written by a thread: a disk that stalls blocks no other."""
 
 import errno
 import json

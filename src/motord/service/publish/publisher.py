@@ -17,6 +17,7 @@ from motord.service.bench.loop_link import LoopLink
 from motord.service.host import scheduling
 from motord.service.host.children import Children
 from motord.service.plans.mesh import window
+from motord.service.publish.named_state import named_state
 from motord.service.publish.telemetry import Telemetry
 from motord.service.recording.control import RecordingControl
 
@@ -157,19 +158,8 @@ def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceV
 def change_key(bench: Bench, recording_path: str, now_ns: int) -> tuple[object, ...]:
     """Return what makes a state worth publishing at once when it changes; cheap to make."""
     plan = bench.plans.view
-    return (
-        bench.state,
-        bench.fault,
-        bench.monitor.trip_bits,
-        bench.commander(now_ns),
-        bench.setpoint.torque_Nm,
-        bench.setpoint.speed_Hz,
-        bench.setpoint.drive_Hz,
-        bench.setpoint.compensate,
-        (plan.plan, plan.state, plan.points_done) if plan is not None else None,
-        bench.calibrated,
-        recording_path,
-    )
+    progress = (plan.plan, plan.state, plan.points_done) if plan is not None else None
+    return named_state(bench, now_ns), progress, bench.calibrated, recording_path
 
 
 @cache

@@ -53,7 +53,7 @@ class Telemetry:
         self._thread.join(STOP_S)
 
     def ticks(self, block: np.ndarray) -> None:
-        """Queue a block of ticks (shape (n,)), which nobody may change any more."""
+        """Queue a block of ticks (shape (n,)), which must not be changed any more."""
         if len(block):
             self._enqueue(block)
 

@@ -15,6 +15,7 @@ from zenoh.handlers import Callback
 
 from motord.api.endpoints import daemon_config, key
 from motord.api.requests import RPCS
+from motord.security.access import WATCHED
 from motord.service.host.log import log_error
 from motord.service.host.unix_socket import SocketError, owned_by
 from motord.service.rpc.dispatcher import CallQueue
@@ -24,15 +25,11 @@ from motord.service.rpc.outstanding import JSON, Document, OutstandingQueries
 UNDER_WAY = 4
 """So many of the longest requests may be under way at a time."""
 
-ENCODINGS = {
+PROTOBUF = {
     "tick": zenoh.Encoding.APPLICATION_PROTOBUF.with_schema("motord.Tick"),
     "ticks": zenoh.Encoding.APPLICATION_PROTOBUF.with_schema("motord.Ticks"),
-    "state": JSON,
-    "event": JSON,
-    "plan": JSON,
-    "mesh": JSON,
 }
-"""What is published, and how it is encoded."""
+"""Encoding of what is not published as JSON."""
 
 
 class ApiError(Exception):
@@ -81,10 +78,10 @@ class Api:
                 f"[zenoh] listen = {', '.join(listen)}: cannot listen there "
                 f"({_reason(error)}); is another daemon running?"
             ) from None
-        for name, encoding in ENCODINGS.items():
+        for name in WATCHED:
             self._publishers[name] = session.declare_publisher(
                 key(self._bench, name),
-                encoding=encoding,
+                encoding=PROTOBUF.get(name, JSON),
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.DATA_LOW if name == "ticks" else zenoh.Priority.DATA,
             )
@@ -104,7 +101,7 @@ class Api:
             self._publishers[name].put(payload)
 
     def close(self) -> None:
-        """Withdraw everything, answer what is left, end the session."""
+        """Withdraw everything, answer what is outstanding, end the session."""
         self._closing.set()
         if self._session is not None:
             for declared in reversed(self._declared):

@@ -16,37 +16,25 @@ def details(calibration: Calibration, path: Path) -> CalibrationDetails:
     c, content = calibration, calibration.to_json()
     stride = math.ceil(c.motor.counts / CURVE_MAX)
     shown = range(0, c.motor.counts, stride)
-    return CalibrationDetails(
-        id=c.id,
-        created=c.created.isoformat(),
-        age_s=0.0,
-        age="",
-        method=c.method,
-        motor=content["motor"],
-        in_force=False,
-        path=str(path),
-        runs=list(c.runs),
-        alpha=list(c.alpha),
-        alpha_stderr=list(c.alpha_stderr),
-        alpha_95=_intervals(c.alpha, c.alpha_half_width),
-        degrees_of_freedom=content.get("degrees_of_freedom"),
-        beta_A=list(c.beta_A),
-        beta_stderr_A=list(c.beta_stderr_A),
-        beta_95_A=_intervals(c.beta_A, c.beta_half_width_A),
-        delta_epsilon=c.delta_epsilon,
-        delta_epsilon_source=c.delta_epsilon_source,
-        condition_number=c.condition_number,
-        observable=list(c.observable),
-        findings=content.get("findings", []),
-        learned=c.learned is not None,
-        rms_error_percent={
-            name: content["rms_error_percent"][name] for name in ("before", "after")
-        },
-        tau_cog_harmonics=content["tau_cog_harmonics"],
-        tau_cog_half_widths_Nm=[h.half_width_Nm for h in c.tau_cog_harmonics],
-        angle_rad=[2 * math.pi * count / c.motor.counts for count in shown],
-        tau_cog_Nm=[c.tau_cog_Nm[count] for count in shown],
-    )
+    rms = content["rms_error_percent"]
+    derived = {
+        "created": c.created.isoformat(),
+        "age_s": 0.0,
+        "age": "",
+        "in_force": False,
+        "path": str(path),
+        "alpha_95": _intervals(c.alpha, c.alpha_half_width),
+        "degrees_of_freedom": content.get("degrees_of_freedom"),
+        "beta_95_A": _intervals(c.beta_A, c.beta_half_width_A),
+        "findings": content.get("findings", []),
+        "learned": c.learned is not None,
+        "rms_error_percent": {name: rms[name] for name in ("before", "after")},
+        "tau_cog_half_widths_Nm": [h.half_width_Nm for h in c.tau_cog_harmonics],
+        "angle_rad": [2 * math.pi * count / c.motor.counts for count in shown],
+        "tau_cog_Nm": [c.tau_cog_Nm[count] for count in shown],
+    }
+    as_in_the_file = {n: content[n] for n in CalibrationDetails.model_fields if n in content}
+    return CalibrationDetails(**{**as_in_the_file, **derived})
 
 
 def aged(found: CalibrationDetails, in_force: str) -> CalibrationDetails:

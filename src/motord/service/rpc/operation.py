@@ -1,4 +1,4 @@
-"""RPCs of manual operation: lease, enable, disable, stop, reset, set."""
+"""RPCs of manual operation: lease, enable, disable, stop, reset, set, note."""
 
 from collections.abc import Callable
 
@@ -9,6 +9,7 @@ from motord.api.replies import (
     AcceptedSetpoint,
     LeaseGrant,
     LeaseTerms,
+    NoteReply,
     RpcReply,
     SetpointReply,
     StateReply,
@@ -26,11 +27,24 @@ LOOP_START_S = 30.0
 
 
 class ManualOperation:
-    """What an operator does; `restart_loop` starts the loop process if it does not run."""
+    """What an operator does.
 
-    def __init__(self, bench: Bench, restart_loop: Callable[[], None]) -> None:
+    `restart_loop` starts the loop process if it does not run; `recording` returns the file that is
+    being recorded, "" for none.
+    """
+
+    def __init__(
+        self, bench: Bench, restart_loop: Callable[[], None], recording: Callable[[], str] = str
+    ) -> None:
         self._bench = bench
         self._restart_loop = restart_loop
+        self._recording = recording
+
+    @handles(rpc.NOTE)
+    def note(self, request: rpc.Note, context: RpcContext) -> NoteReply:
+        """Emit a remark as an event, which is published, kept and recorded."""
+        event = self._bench.events.emit("note", request.text, by=request.by)
+        return NoteReply(t_ns=event.t_ns, recording=self._recording())
 
     @handles(rpc.LEASE_ACQUIRE)
     def acquire(self, request: rpc.LeaseAcquire, context: RpcContext) -> LeaseGrant:

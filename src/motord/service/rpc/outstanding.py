@@ -1,7 +1,7 @@
 """Outstanding queries, bounded in number and bytes, and the threads that reply to them.
 
 Beyond the bounds a query is dropped without a reply. Some room is reserved for the holder of the
-lease, and more for `stop`. Nobody waits for a slow receiver.
+lease, and more for `stop`. Nothing waits for a slow receiver.
 """
 
 import logging

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from motord.api.replies import PlanProgress
-from motord.cli.bench.set_report import set_in_words
+from motord.cli.bench.set_report import set_text
 from motord.cli.bench.watch.dialogs import (
     NOTE_LENGTH,
     NUMBER_LENGTH,
@@ -235,7 +235,7 @@ class Controls:
 
         def set_torque() -> str:
             asked = self._session.command(lambda who: who.set(torque_Nm=torque_Nm), keep=True)
-            return set_in_words(asked)
+            return set_text(asked)
 
         self._do(f"set {torque_Nm:g} Nm", "set", set_torque)
 

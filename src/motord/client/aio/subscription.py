@@ -8,7 +8,7 @@ from typing import Generic, Self, TypeVar
 
 import numpy as np
 
-from motord.client.in_threads import Threads
+from motord.client.aio.threads import Threads
 from motord.client.subscription import Subscription
 from motord.client.tick_losses import TickLosses
 from motord.client.tick_subscription import TickSubscription

@@ -25,10 +25,10 @@ from typing import Any, Self
 from motord.api.messages import BenchState, Event
 from motord.api.plan_messages import MeshView, PlanView
 from motord.client import discovery
-from motord.client.async_subscription import AsyncSubscription, AsyncTickSubscription
+from motord.client.aio.subscription import AsyncSubscription, AsyncTickSubscription
+from motord.client.aio.threads import Threads, awaited
 from motord.client.client import KEPT_BLOCKS, Client
 from motord.client.commander import Commander
-from motord.client.in_threads import Threads, awaited
 from motord.client.lease import Lease
 from motord.client.plan_run import PlanRun
 from motord.security.identity import Identity

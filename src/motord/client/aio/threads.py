@@ -39,7 +39,7 @@ class Threads:
             except asyncio.CancelledError:
                 cancelled = True
         if cancelled:
-            future.exception()  # or it would be logged that nobody took it
+            future.exception()  # or it would be logged that it was never retrieved
             raise asyncio.CancelledError
         return future.result()
 
