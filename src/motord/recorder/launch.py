@@ -1,8 +1,7 @@
-"""How the supervisor starts the recorder process and talks to it."""
+"""How the supervisor talks to the recorder process."""
 
 import os
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -11,18 +10,8 @@ from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import MessageReader, RecorderReport
 from motord.recording.json_encoding import to_line
-from motord.shm.run_directory import RunDir
 
 BACKLOG_MAX_BYTES = 4 << 20
-
-
-def recorder_command(config_path: Path, run_dir: RunDir) -> list[str]:
-    """Return the command line of the recorder process."""
-    return [
-        *(sys.executable, "-m", "motord.recorder.main"),
-        *("--config", str(config_path)),
-        *("--dir", str(run_dir.path)),
-    ]
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
