@@ -237,7 +237,7 @@ def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
         _run_turning_loops(p, s, speed_rad_s)
     else:
         _run_loops(p, s)
-    if s.inverter_on and s.phase_open | s.current_runaway:
+    if s.inverter_on and s.injected.phase_open | s.injected.current_runaway:
         _flow_disturbed(p, s, speed_rad_s)
     elif s.inverter_on:
         _flow(p, s, speed_rad_s)
