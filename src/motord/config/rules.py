@@ -108,7 +108,7 @@ def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
     can, loop_Hz = config.bridge.can, config.loop.rate_Hz
     if config.bridge.driver != "can" or can is None:
         return
-    sample_Hz = config.bridge.rate_Hz or loop_Hz
+    sample_Hz = config.sample_rate_Hz
     load = can.load(sample_Hz, loop_Hz)
     if load > BUS_LOAD_MAX:
         yield (

@@ -5,7 +5,7 @@ All times are monotonic nanoseconds, handed in; nothing here reads a clock.
 
 from motord.config import Config
 from motord.emulate.devices import NEVER_NS
-from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus
+from motord.schema import FAULT_COUNT_MODULUS, FAULT_COUNT_SHIFT, BridgeStatus
 from motord.wire.bridge import frames
 from motord.wire.bridge.sequence import SequenceCheck
 
@@ -18,7 +18,6 @@ CLOCK_DRIFT = 35e-6
 RATES_HZ = (100, 20_000)
 TIMEOUTS_US = (1_000, 1_000_000)
 """What Configure may ask for; one of the two out of range, and neither is taken."""
-_FAULTS_MODULUS = 128
 
 
 class Board:
@@ -35,7 +34,7 @@ class Board:
     def __init__(self, config: Config, reset_ns: int) -> None:
         self.line_closed = False
         self.streaming = False
-        self.rate_Hz = config.bridge.rate_Hz or config.loop.rate_Hz
+        self.rate_Hz = config.sample_rate_Hz
         self.heartbeat_drops = 0
         self.check = SequenceCheck(frames.SEQUENCE_MODULUS)
         self.dropped = 0
@@ -148,7 +147,7 @@ class Board:
         self._reset_ns -= by_ns
 
     def _fault_count(self) -> int:
-        return self.faults_begun % _FAULTS_MODULUS << FAULT_COUNT_SHIFT
+        return self.faults_begun % FAULT_COUNT_MODULUS << FAULT_COUNT_SHIFT
 
     def _status_bits(self) -> BridgeStatus:
         line = BridgeStatus.ENABLE_LINE if self.line_closed else BridgeStatus(0)

@@ -10,7 +10,13 @@ from motord.config.faults import Fault, Timeline
 from motord.jit import constants, jit
 from motord.rig import faults as rig_faults
 from motord.rig.noise import random_state, uniform
-from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus, record_dtype
+from motord.schema import (
+    FAULT_COUNT_MODULUS,
+    FAULT_COUNT_SHIFT,
+    BridgeStatus,
+    InverterStatus,
+    record_dtype,
+)
 
 LATE_TICKS_MAX = 4096
 """Samples for which there is room on their way."""
@@ -45,7 +51,6 @@ LINK = record_dtype(
 
 _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _NOT_BUS_OFF = 0xFFFFFFFF ^ _INVERTER.BUS_OFF
-_COUNT_MODULUS = 128
 
 
 @jit
@@ -77,7 +82,7 @@ def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.
         r = ring[(n - lk.bridge_late) % LATE_TICKS_MAX]
         f.t_ns, f.encoder_gray, f.torque_Nm = r.t_ns, r.encoder_gray, r.torque_Nm
         status = r.bridge_status | (_BRIDGE.HEARTBEAT_LOST if lk.beat_lost else 0)
-        f.bridge_status = status | lk.begun % _COUNT_MODULUS << FAULT_COUNT_SHIFT
+        f.bridge_status = status | lk.begun % FAULT_COUNT_MODULUS << FAULT_COUNT_SHIFT
     f.link_errors = lk.errors
 
 

@@ -78,8 +78,8 @@ class Bridge:
         self.restarts = 0
         self._config = bridge
         self._counts = config.motor.counts
-        self._rate_Hz = bridge.rate_Hz or config.loop.rate_Hz
-        self._torque_Nm_per_count = bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
+        self._rate_Hz = config.sample_rate_Hz
+        self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
         self._loop_clock = LoopClock()
         self.clock = BoardClock()

@@ -58,9 +58,7 @@ class SimRig:
             *self._rig, self._input, self._output, self._feedback, self._command
         )
         self._timeout_ns = round(config.inverter.timeout_s * 1e9)
-        self._torque_Nm_per_count = (
-            config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
-        )
+        self._torque_Nm_per_count = config.torque_Nm_per_count
         self._t_ns: int | None = None
         self._deadline_ns: int | None = None
         self._timed_out = False

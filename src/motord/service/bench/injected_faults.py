@@ -4,10 +4,10 @@ import numpy as np
 
 from motord.config import Config
 from motord.config.faults import Timeline, load_timeline
-from motord.schema import FAULT_COUNT_SHIFT
+from motord.schema import FAULT_COUNT_MODULUS, FAULT_COUNT_SHIFT
 from motord.service.host.events import EventLog
 
-_MASK = 127
+_MASK = FAULT_COUNT_MODULUS - 1
 
 
 class InjectedFaults:
