@@ -3,7 +3,7 @@
 import numpy as np
 
 from motord.config import Config
-from motord.config.faults import Timeline, load_timeline
+from motord.config.faults import load_timeline
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.sim.faults import SimFaults
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
@@ -62,8 +62,7 @@ class SimRig:
         self._t_ns: int | None = None
         self._deadline_ns: int | None = None
         self._timed_out = False
-        faults = config.bench.faults
-        self._faults = SimFaults(load_timeline(faults) if faults else Timeline(), self._input)
+        self._faults = SimFaults(load_timeline(config.bench.faults), self._input)
 
     def open(self) -> None:
         """Compile or load the kernels, so that the first read does not wait for it."""
