@@ -23,25 +23,15 @@ class RecorderLink:
     """The supervisor's end of the pipes to a recorder. No call waits.
 
     What the recorder does not take at once is kept and sent by later calls; beyond
-    `BACKLOG_MAX_BYTES` whole commands are dropped, oldest first, and counted in `dropped`. When the
-    process has ended, calls do nothing. `received` are its reports and what it sent besides.
+    `BACKLOG_MAX_BYTES` whole commands are dropped, oldest first, and counted in `commands.dropped`.
+    When the process has ended, calls do nothing. `received` are its reports and what else it sent.
     """
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self._stdin = _pipe(process.stdin)
         self._stdout = _pipe(process.stdout)
-        self._commands = LineWriter(self._stdin.fileno(), BACKLOG_MAX_BYTES)
+        self.commands = LineWriter(self._stdin.fileno(), BACKLOG_MAX_BYTES)
         self.received = MessageReader(self._stdout.fileno(), RecorderReport)
-
-    @property
-    def dropped(self) -> int:
-        """Commands that the recorder did not take in time."""
-        return self._commands.dropped
-
-    @property
-    def waiting(self) -> bool:
-        """True if the recorder has not yet taken all commands."""
-        return self._commands.waiting
 
     def start(
         self,
@@ -91,7 +81,7 @@ class RecorderLink:
 
         `now_ns` is monotonic.
         """
-        self._commands.flush()
+        self.commands.flush()
         return self.received.read(now_ns)
 
     def close(self) -> None:
@@ -100,7 +90,7 @@ class RecorderLink:
         self._stdout.close()
 
     def _send(self, command: Mapping[str, object]) -> None:
-        self._commands.write(to_line(command))
+        self.commands.write(to_line(command))
 
 
 def _pipe(stream: IO[bytes] | None) -> IO[bytes]:

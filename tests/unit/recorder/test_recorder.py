@@ -250,7 +250,7 @@ def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
     link = RecorderLink(process)
     for i in range(400):
         link.event(i, "kind", "x" * 1000)
-    assert link.dropped > 50
+    assert link.commands.dropped > 50
     process.kill()
     process.wait()
     assert link.reports(0) == []
