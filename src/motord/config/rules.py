@@ -119,7 +119,7 @@ def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
 
 
 def lease_outlasts_the_ramp(config: Sections) -> Iterator[str]:
-    """No torque is left when a lease ends that nobody renewed."""
+    """No torque remains when a lease expires without renewal."""
     limits = config.limits
     least_s = config.wind_down_s(limits.torque_Nm) + RENEWAL_S
     if config.zenoh.lease_s < least_s:

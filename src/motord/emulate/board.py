@@ -1,6 +1,6 @@
 """What the emulated bridge board does, without I/O: frames in, frames out, heartbeat, own clock.
 
-All times are monotonic nanoseconds, handed in; nothing here reads a clock.
+All times are monotonic nanoseconds, arguments; nothing here reads a clock.
 """
 
 from motord.config import Config
@@ -70,7 +70,7 @@ class Board:
         """Take a good frame; return the answers."""
         frame = numbered.frame
         if isinstance(frame, frames.Hello | frames.Sample | frames.Status):
-            self.check.corrupt()  # a board's frame: an echo of somebody's
+            self.check.corrupt()  # a board's frame: an echo
             return []
         if not self._accept(numbered):
             self._apply_stale(now_ns, frame)

@@ -125,7 +125,7 @@ class Emulator:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Hand the last truth to the sink and close all ports."""
+        """Pass the last truth to the sink and close all ports."""
         with self._ports:
             self._log.flush()
 

@@ -85,7 +85,7 @@ class RecorderLink:
         return self.received.read(now_ns)
 
     def close(self) -> None:
-        """Let go of the pipes: the recorder records what is left and ends."""
+        """Close the pipes: the recorder records the remaining ticks and ends."""
         self._stdin.close()
         self._stdout.close()
 

@@ -74,7 +74,7 @@ def _unmix_command(p: np.record, s: np.record) -> None:
 
 @jit
 def _track(s: np.record, decay: float) -> None:
-    """Let the controlled currents approach the command; `decay` is what is left of the error."""
+    """Let the controlled currents approach the command; `decay`: part of the error that remains."""
     for phase in range(3):
         command_A = s.i_command_A[phase]
         s.i_loop_A[phase] = command_A + (s.i_loop_A[phase] - command_A) * decay

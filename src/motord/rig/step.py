@@ -30,7 +30,7 @@ def advance(
 ) -> None:
     """Let `duration_s` pass with `rig_input` (shape (1,)) in force from its beginning.
 
-    Steps are fixed; what is left of the duration is carried to the next call. A new current
+    Steps are fixed; the rest of the duration is carried to the next call. A new current
     command takes effect the dead time after the beginning of the call that brought it. Negative or
     not finite durations count as 0, and at most 60 s pass in one call.
     """

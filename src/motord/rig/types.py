@@ -89,7 +89,7 @@ RIG_PARAMETERS = record_dtype(
         ("bus_V", "f8"),
         ("dead_steps", "f8"),  # dead time in substeps
         ("loop_rate_per_s", "f8"),  # 1 / time constant of the current loops
-        ("loop_decay", "f8"),  # what is left of a current error after a substep
+        ("loop_decay", "f8"),  # part of a current error that remains after a substep
         ("current_max_A", "f8"),
         ("ready_steps", "i8"),
         ("gain", "f8", (3,)),  # alpha epsilon at the reference temperature

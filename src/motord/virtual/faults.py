@@ -61,7 +61,7 @@ def _chance(lk: np.record, fraction: float) -> bool:
 
 @jit
 def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.ndarray) -> None:
-    """Hand on what arrives of `fresh`, a FEEDBACK (1,): the rest of `feedback` stays as it was."""
+    """Deliver what arrives of `fresh`, a FEEDBACK (1,): the rest of `feedback` stays as it was."""
     lk, f, now = link[0], feedback[0], fresh[0]
     n = lk.tick
     ring[n % LATE_TICKS_MAX] = now
@@ -99,7 +99,7 @@ def _arrives(lk: np.record, n: int, late: int, drop: float, duplicate: float) ->
 
 @jit
 def deliver_command(link: np.ndarray, command: np.ndarray, rig_input: np.ndarray) -> None:
-    """Hand a COMMAND to a RIG_INPUT as far as it arrives, with the devices' own time limits."""
+    """Put a COMMAND into a RIG_INPUT as far as it arrives, with the devices' own time limits."""
     lk, c, i = link[0], command[0], rig_input[0]
     if lk.bus_off or _chance(lk, lk.can_drop):
         lk.command_age += 1

@@ -38,7 +38,7 @@ def _read(frame: int, duration_s: float, now_ns: int, torque_Nm_per_count: float
 
 @jit_holding_gil
 def _write(frame: int) -> None:
-    """Hand the command to the rig."""
+    """Pass the command to the rig."""
     rig_input = records_at(frame, _INPUT, 1, RIG_INPUT)
     apply_command(records_at(frame, _COMMAND, 1, COMMAND), rig_input)
 
