@@ -146,7 +146,7 @@ class BridgeStatus(IntFlag):
     FAULT = 1 << 4  # the board's self-test failed
 
 
-FAULT_COUNT_SHIFT = 8
+FAULT_COUNT_SHIFT, FAULT_COUNT_MODULUS = 8, 128
 """In a simulated or emulated bench, `bridge_status` from this bit on counts the faults injected so
 far, modulo 128, so that every recording says when each began."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from motord.config import BackEmfHarmonic, Config, load
 from motord.experiments.plans import build
 from motord.identification.operating_points import PointData
-from motord.rig.truth import CoggingHarmonic, RigTruth
+from motord.rig.truth import RigTruth, TorqueHarmonicTruth
 from motord.rig.truth import load as load_truth
 from motord.schema import TICK_DTYPE
 from motord.virtual import VirtualBench
@@ -56,7 +56,7 @@ def bench_of(motor: Motor) -> tuple[Config, RigTruth]:
     amplitudes = {motor.poles: (0.06, 0.6), motor.slots: (0.05, -1.1)}
     amplitudes |= {main: (0.3, 0.3), 2 * main: (0.05, 1.4)}
     cogging = tuple(
-        CoggingHarmonic(order=order, amplitude_Nm=a, phase_rad=phase)
+        TorqueHarmonicTruth(order=order, amplitude_Nm=a, phase_rad=phase)
         for order, (a, phase) in sorted(amplitudes.items())
     )
     common = {"pole_pairs": motor.poles // 2, "connection": motor.connection, "back_emf": emf}

@@ -3,7 +3,6 @@
 import subprocess
 from pathlib import Path
 
-from motord.loop.launch import loop_command
 from motord.shm.run_directory import RunDir
 
 
@@ -13,4 +12,5 @@ def start_loop(config_path: Path, run_dir: RunDir) -> "subprocess.Popen[bytes]":
     Set-point mailbox and tables must be there. A status left by an earlier loop is removed.
     """
     run_dir.loop_status.unlink(missing_ok=True)
-    return subprocess.Popen(loop_command(config_path, run_dir), stdin=subprocess.DEVNULL)
+    command = run_dir.command("motord.loop.main", config_path)
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL)

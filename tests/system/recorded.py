@@ -13,7 +13,7 @@ from motord import config
 from motord.control import parameters
 from motord.control.types import SETPOINT
 from motord.loop.status import LoopPhase, LoopStatus
-from motord.recorder.launch import RecorderLink, recorder_command, spawn_piped
+from motord.recorder.launch import RecorderLink, spawn_piped
 from motord.recorder.protocol import RecorderReport
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.ring import RingReader
@@ -62,7 +62,8 @@ class RecordedLoop:
 
     def start_recorder(self, *, resume: bool = False) -> None:
         """Start the recorder process and wait until it records."""
-        self._recorder = spawn_piped(recorder_command(self._config_path, self._run_dir))
+        command = self._run_dir.command("motord.recorder.main", self._config_path)
+        self._recorder = spawn_piped(command)
         self._link = RecorderLink(self._recorder)
         self._link.start(self.stem, {}, resume=resume)
         self.report = RecorderReport(recording=False)

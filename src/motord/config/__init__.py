@@ -5,115 +5,53 @@ Whatever is wrong comes as one `ConfigError` naming file, line, key, what is wro
 be right; unknown keys are errors.
 """
 
-from motord.config.accuracy import AccuracyConfig
-from motord.config.back_emf import BackEmfHarmonic, BackEmfTable
-from motord.config.base import (
-    ConfigError,
-    Finite,
-    Fraction,
-    NonNegative,
-    Positive,
-    Section,
-)
-from motord.config.bench import Config
-from motord.config.can_signals import CanSignalMap, DqConfig
-from motord.config.devices import (
-    BridgeCanConfig,
-    BridgeConfig,
-    CanBusConfig,
-    CanConfig,
-    InverterConfig,
-)
-from motord.config.experiments import PlansConfig
-from motord.config.inertia import (
-    AccelerationConfig,
-    EffectiveMass,
-    OscillationConfig,
-    SpringConfig,
-)
-from motord.config.motor import (
-    SEQUENCE,
-    MotorConfig,
-    MotorFile,
-    PhaseOrder,
-    TorqueSensorConfig,
-    back_emf_waves,
-)
-from motord.config.plans import (
-    AlignConfig,
-    CalibrateConfig,
-    DrivenConfig,
-    LearnConfig,
-    MeshConfig,
-    SensitivityConfig,
-)
-from motord.config.reading import (
-    load,
-    load_motor,
-    packaged,
-    read_toml,
-    resolve,
-    validate,
-)
-from motord.config.sections import (
-    BenchConfig,
-    LimitsConfig,
-    LoopConfig,
-    RecordingConfig,
-    TlsConfig,
-    ZenohConfig,
-)
-from motord.config.slow_devices import BrakeConfig, DriveConfig, ModbusConfig, RegisterKind
-
-__all__ = [
-    "SEQUENCE",
-    "AccelerationConfig",
-    "AccuracyConfig",
-    "AlignConfig",
-    "BackEmfHarmonic",
-    "BackEmfTable",
-    "BenchConfig",
-    "BrakeConfig",
-    "BridgeCanConfig",
-    "BridgeConfig",
-    "CalibrateConfig",
-    "CanBusConfig",
-    "CanConfig",
-    "CanSignalMap",
-    "Config",
-    "ConfigError",
-    "DqConfig",
-    "DriveConfig",
-    "DrivenConfig",
-    "EffectiveMass",
-    "Finite",
-    "Fraction",
-    "InverterConfig",
-    "LearnConfig",
-    "LimitsConfig",
-    "LoopConfig",
-    "MeshConfig",
-    "ModbusConfig",
-    "MotorConfig",
-    "MotorFile",
-    "NonNegative",
-    "OscillationConfig",
-    "PhaseOrder",
-    "PlansConfig",
-    "Positive",
-    "RecordingConfig",
-    "RegisterKind",
-    "Section",
-    "SensitivityConfig",
-    "SpringConfig",
-    "TlsConfig",
-    "TorqueSensorConfig",
-    "ZenohConfig",
-    "back_emf_waves",
-    "load",
-    "load_motor",
-    "packaged",
-    "read_toml",
-    "resolve",
-    "validate",
-]
+from motord.config.accuracy import AccuracyConfig as AccuracyConfig
+from motord.config.back_emf import BackEmfHarmonic as BackEmfHarmonic
+from motord.config.back_emf import BackEmfTable as BackEmfTable
+from motord.config.base import ConfigError as ConfigError
+from motord.config.base import Finite as Finite
+from motord.config.base import Fraction as Fraction
+from motord.config.base import NonNegative as NonNegative
+from motord.config.base import Positive as Positive
+from motord.config.base import Section as Section
+from motord.config.bench import Config as Config
+from motord.config.can_signals import CanSignalMap as CanSignalMap
+from motord.config.can_signals import DqConfig as DqConfig
+from motord.config.devices import BridgeCanConfig as BridgeCanConfig
+from motord.config.devices import BridgeConfig as BridgeConfig
+from motord.config.devices import CanBusConfig as CanBusConfig
+from motord.config.devices import CanConfig as CanConfig
+from motord.config.devices import InverterConfig as InverterConfig
+from motord.config.experiments import PlansConfig as PlansConfig
+from motord.config.inertia import AccelerationConfig as AccelerationConfig
+from motord.config.inertia import EffectiveMass as EffectiveMass
+from motord.config.inertia import OscillationConfig as OscillationConfig
+from motord.config.inertia import SpringConfig as SpringConfig
+from motord.config.motor import SEQUENCE as SEQUENCE
+from motord.config.motor import MotorConfig as MotorConfig
+from motord.config.motor import MotorFile as MotorFile
+from motord.config.motor import PhaseOrder as PhaseOrder
+from motord.config.motor import TorqueSensorConfig as TorqueSensorConfig
+from motord.config.motor import back_emf_waves as back_emf_waves
+from motord.config.plans import AlignConfig as AlignConfig
+from motord.config.plans import CalibrateConfig as CalibrateConfig
+from motord.config.plans import DrivenConfig as DrivenConfig
+from motord.config.plans import LearnConfig as LearnConfig
+from motord.config.plans import MeshConfig as MeshConfig
+from motord.config.plans import SensitivityConfig as SensitivityConfig
+from motord.config.reading import load as load
+from motord.config.reading import load_motor as load_motor
+from motord.config.reading import packaged as packaged
+from motord.config.reading import read_toml as read_toml
+from motord.config.reading import resolve as resolve
+from motord.config.reading import validate as validate
+from motord.config.sections import BenchConfig as BenchConfig
+from motord.config.sections import LimitsConfig as LimitsConfig
+from motord.config.sections import LoopConfig as LoopConfig
+from motord.config.sections import RecordingConfig as RecordingConfig
+from motord.config.sections import TlsConfig as TlsConfig
+from motord.config.sections import ZenohConfig as ZenohConfig
+from motord.config.slow_devices import BrakeConfig as BrakeConfig
+from motord.config.slow_devices import DriveConfig as DriveConfig
+from motord.config.slow_devices import ModbusConfig as ModbusConfig
+from motord.config.slow_devices import RegisterKind as RegisterKind

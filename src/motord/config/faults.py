@@ -172,7 +172,9 @@ class Timeline(Section):
             raise ConfigError(f"{where}{error}") from None
 
 
-def load_timeline(path: Path) -> Timeline:
-    """Read and check a timeline. Raises ConfigError naming file and line."""
+def load_timeline(path: Path | None) -> Timeline:
+    """Read and check a timeline; None is one without faults. Raises ConfigError."""
+    if path is None:
+        return Timeline()
     text, data = read_toml(path)
     return validate(Timeline, path, text, data)

@@ -129,7 +129,7 @@ def _explain(error: ValidationError, model: type[Section], path: Path, text: str
 def _keys(loc: tuple[int | str, ...], *, whole: bool) -> list[str]:
     """Return the keys of a place in a file: pydantic's own names of types are left out.
 
-    whole: the last part is what somebody wrote, whatever it looks like.
+    whole: the last part is as written in the file, whatever it looks like.
     """
     parts = [str(part) for part in loc]
     kept = [part for part in parts if not part[:1].isupper() and part != "[key]"]

@@ -108,7 +108,7 @@ def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
     can, loop_Hz = config.bridge.can, config.loop.rate_Hz
     if config.bridge.driver != "can" or can is None:
         return
-    sample_Hz = config.bridge.rate_Hz or loop_Hz
+    sample_Hz = config.sample_rate_Hz
     load = can.load(sample_Hz, loop_Hz)
     if load > BUS_LOAD_MAX:
         yield (
@@ -119,7 +119,7 @@ def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
 
 
 def lease_outlasts_the_ramp(config: Sections) -> Iterator[str]:
-    """No torque is left when a lease ends that nobody renewed."""
+    """No torque remains when a lease expires without renewal."""
     limits = config.limits
     least_s = config.wind_down_s(limits.torque_Nm) + RENEWAL_S
     if config.zenoh.lease_s < least_s:

@@ -257,10 +257,19 @@ class Sections(Section):
     plans: Plans
 
     @property
+    def sample_rate_Hz(self) -> int:
+        """Samples that the bridge takes in a second."""
+        return self.bridge.rate_Hz or self.loop.rate_Hz
+
+    @property
     def sample_interval_s(self) -> float:
         """Time between two samples of the bridge as the loop sees them."""
-        loop_Hz = self.loop.rate_Hz
-        return 1.0 / min(loop_Hz, self.bridge.rate_Hz or loop_Hz)
+        return 1.0 / min(self.loop.rate_Hz, self.sample_rate_Hz)
+
+    @property
+    def torque_Nm_per_count(self) -> float:
+        """Torque for each count of the bridge's converter."""
+        return self.bridge.adc_V_per_count * self.torque_sensor.gain_Nm_per_V
 
     @property
     def setpoint_valid_s(self) -> float:

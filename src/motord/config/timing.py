@@ -10,7 +10,7 @@ RATE_MIN_HZ, RATE_MAX_HZ = 100, 20_000
 """Of the loop and of the bridge's samples."""
 SILENCE_MAX_S = 1.0
 """No link and no process may be silent for longer without the torque being taken away: the rotor
-would be driven by what nobody commands any more."""
+would be driven by an outdated command."""
 RAMP_DOWN_MAX_S = 1.0
 """From [limits] torque_Nm to zero, however gentle torque_rate_Nm_per_s is."""
 DELAY_MAX_S = 0.02

@@ -65,7 +65,7 @@ def _place(p: np.record, m: np.record, back: int) -> int:
 def _deviation(p: np.record, m: np.record, f: np.record, place: int) -> tuple[float, float, float]:
     """Return the sensed currents less the command at a place of the ring (A).
 
-    In a star the part common to all phases is nobody's command.
+    In a star the zero sequence is no part of a command.
     """
     of_a, of_b, of_c = m.command_A[place, 0], m.command_A[place, 1], m.command_A[place, 2]
     if p.turning:

@@ -2,7 +2,7 @@
 
 Commands and frames carry the time at which they arrived; `advance` lets them take effect, and lets
 timeouts happen, each at its own time, whenever it is called. So the rig does the same however late
-the process that calls it is scheduled. Times are monotonic nanoseconds, handed in.
+the process that calls it is scheduled. Times are monotonic nanoseconds, arguments.
 """
 
 from collections.abc import Callable

@@ -1,11 +1,11 @@
 """What the emulated bridge board does, without I/O: frames in, frames out, heartbeat, own clock.
 
-All times are monotonic nanoseconds, handed in; nothing here reads a clock.
+All times are monotonic nanoseconds, arguments; nothing here reads a clock.
 """
 
 from motord.config import Config
 from motord.emulate.devices import NEVER_NS
-from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus
+from motord.schema import FAULT_COUNT_MODULUS, FAULT_COUNT_SHIFT, BridgeStatus
 from motord.wire.bridge import frames
 from motord.wire.bridge.sequence import SequenceCheck
 
@@ -18,7 +18,6 @@ CLOCK_DRIFT = 35e-6
 RATES_HZ = (100, 20_000)
 TIMEOUTS_US = (1_000, 1_000_000)
 """What Configure may ask for; one of the two out of range, and neither is taken."""
-_FAULTS_MODULUS = 128
 
 
 class Board:
@@ -35,7 +34,7 @@ class Board:
     def __init__(self, config: Config, reset_ns: int) -> None:
         self.line_closed = False
         self.streaming = False
-        self.rate_Hz = config.bridge.rate_Hz or config.loop.rate_Hz
+        self.rate_Hz = config.sample_rate_Hz
         self.heartbeat_drops = 0
         self.check = SequenceCheck(frames.SEQUENCE_MODULUS)
         self.dropped = 0
@@ -71,7 +70,7 @@ class Board:
         """Take a good frame; return the answers."""
         frame = numbered.frame
         if isinstance(frame, frames.Hello | frames.Sample | frames.Status):
-            self.check.corrupt()  # a board's frame: an echo of somebody's
+            self.check.corrupt()  # a board's frame: an echo
             return []
         if not self._accept(numbered):
             self._apply_stale(now_ns, frame)
@@ -148,7 +147,7 @@ class Board:
         self._reset_ns -= by_ns
 
     def _fault_count(self) -> int:
-        return self.faults_begun % _FAULTS_MODULUS << FAULT_COUNT_SHIFT
+        return self.faults_begun % FAULT_COUNT_MODULUS << FAULT_COUNT_SHIFT
 
     def _status_bits(self) -> BridgeStatus:
         line = BridgeStatus.ENABLE_LINE if self.line_closed else BridgeStatus(0)

@@ -17,19 +17,70 @@ from motord.wire.can.frame_format import ERROR_BUS_OFF, ERROR_RESTARTED, EXTENDE
 FRAMES_AT_ONCE = 4096
 
 
+class EmulatedBus:
+    """A CAN channel that an emulated device is on, disturbed by `faults`.
+
+    `refused` counts the frames that the bus had no room for.
+    """
+
+    def __init__(self, config: CanBusConfig, faults: Disturbance) -> None:
+        """Open the channel. Raises EmulatorError."""
+        self.refused = 0
+        self._faults = faults
+        try:
+            self._bus = open_interface(config)
+        except OSError as error:
+            raise EmulatorError(
+                f"CAN {config.place}: cannot open it: {error.strerror}; {opening_hint(config)}"
+            ) from error
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when something has come, -1 if there is none."""
+        try:
+            return self._bus.fileno()
+        except NotImplementedError:
+            return -1
+
+    def receive(self, key: int) -> Iterator[tuple[int, bytes]]:
+        """Yield the payloads with `key` since the last call, each with its arrival (Unix ns)."""
+        for _ in range(FRAMES_AT_ONCE):
+            try:
+                message = self._bus.recv(0)
+            except can.CanError:
+                continue
+            if message is None:
+                return
+            if message.arbitration_id | (EXTENDED if message.is_extended_id else 0) != key:
+                continue
+            payload: bytes | None = bytes(message.data)
+            if self._faults.active:
+                payload = self._faults.to_device(bytes(message.data))
+            if payload is not None:
+                yield round(message.timestamp * 1e9), payload
+
+    def send(self, message: can.Message) -> None:
+        """Send a frame; what the bus has no room for is lost and counted."""
+        try:
+            self._bus.send(message, timeout=0)
+        except can.CanError:
+            self.refused += 1
+
+    def close(self) -> None:
+        """Release the channel; may be called twice."""
+        self._bus.shutdown()
+
+
 class CanPort:
     """The drive's end of the bus. Commands with a wrong CRC or a repeated counter are ignored."""
 
     def __init__(self, config: CanConfig, codec: InverterCodec) -> None:
         """Open the bus. Raises EmulatorError."""
-        self.send_errors = 0
-        self.corrupt = 0
         self.faults = Disturbance()
         self._was_off = False
         self._codec = codec
         self._check = SequenceCheck(codec.command.checks.counter_modulus)
         self._outgoing = {m.name: _Outgoing(m, config.fd) for m in codec.feedback}
-        self._bus = open_bus(config)
+        self.bus = EmulatedBus(config, self.faults)
 
     @property
     def command_errors(self) -> int:
@@ -38,22 +89,10 @@ class CanPort:
 
     def receive(self) -> Iterator[tuple[int, CurrentCommand]]:
         """Yield the commands since the last call, each with its time of arrival (Unix ns)."""
-        for _ in range(FRAMES_AT_ONCE):
-            try:
-                message = self._bus.recv(0)
-            except can.CanError:
-                self.corrupt += 1
-                continue
-            if message is None:
-                return
-            key = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
-            if key == self._codec.command.key:
-                payload: bytes | None = bytes(message.data)
-                if self.faults.active:
-                    payload = self.faults.to_device(bytes(message.data))
-                command = self._decode(payload) if payload is not None else None
-                if command is not None:
-                    yield round(message.timestamp * 1e9), command
+        for at_ns, payload in self.bus.receive(self._codec.command.key):
+            command = self._decode(payload)
+            if command is not None:
+                yield at_ns, command
 
     def _decode(self, payload: bytes) -> CurrentCommand | None:
         decoded = self._codec.decode_command(payload)
@@ -72,19 +111,19 @@ class CanPort:
         """
         message = self._outgoing[codec.name].fill(values)
         if not self.faults.active and self.faults.next_ns == NEVER_NS:
-            self._transmit(message)
+            self.bus.send(message)
             return
         for payload in self.faults.to_host(now_ns, codec.name, bytes(message.data)):
             message.data = bytearray(payload)
-            self._transmit(message)
+            self.bus.send(message)
 
     def play(self, now_ns: int) -> None:
         """Send late frames that are due, and an error frame if the host's controller goes off."""
         for name, payload in self.faults.due(now_ns):
-            self._transmit(self._outgoing[name].late(payload))
+            self.bus.send(self._outgoing[name].late(payload))
         if self.faults.off != self._was_off:
             self._was_off = self.faults.off
-            self._transmit(
+            self.bus.send(
                 can.Message(
                     arbitration_id=ERROR_BUS_OFF if self._was_off else ERROR_RESTARTED,
                     is_extended_id=False,
@@ -92,16 +131,6 @@ class CanPort:
                     data=bytes(8),
                 )
             )
-
-    def _transmit(self, message: can.Message) -> None:
-        try:
-            self._bus.send(message, timeout=0)
-        except can.CanError:
-            self.send_errors += 1
-
-    def close(self) -> None:
-        """Release the bus; may be called twice."""
-        self._bus.shutdown()
 
 
 class _Outgoing:
@@ -123,13 +152,3 @@ class _Outgoing:
         """Return the message with what it should have carried before."""
         self._message.data = bytearray(payload)
         return self._message
-
-
-def open_bus(config: CanBusConfig) -> can.BusABC:
-    """Open a channel. Raises EmulatorError."""
-    try:
-        return open_interface(config)
-    except OSError as error:
-        raise EmulatorError(
-            f"CAN {config.place}: cannot open it: {error.strerror}; {opening_hint(config)}"
-        ) from error

@@ -25,7 +25,7 @@ RESPONSE_S = 5.0
 def control_path(config: Config) -> Path:
     """Return where the emulator of a bench listens. Raises EmulatorError if it has none.
 
-    In the user's own folder, where nobody else can listen in its place.
+    In the user's own folder, where no other user can listen in its place.
     """
     wire = config.bridge.place
     if not wire:

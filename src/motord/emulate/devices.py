@@ -1,6 +1,6 @@
 """What the emulated inverter, brake and drive do, without I/O: commands, timeouts, registers.
 
-All times are nanoseconds, handed in; nothing here reads a clock.
+All times are nanoseconds, arguments; nothing here reads a clock.
 """
 
 import math
@@ -103,7 +103,7 @@ class RegisterDevice:
         return True
 
     def elapse(self, time_ns: int) -> None:
-        """Let time pass; a set-point that nobody has written for the watchdog's time drops to 0."""
+        """Let time pass; a set-point not written for the watchdog's time drops to 0."""
         if self._writes != self._writes_seen:
             self._writes_seen, self._silent_ns = self._writes, 0
         if not self._watchdog_ns or self._silent_ns is None:

@@ -1,6 +1,6 @@
 """Faults of the emulated bench: a timeline and commands, put into rig, board, wires and host.
 
-All times are monotonic nanoseconds, handed in; what waits for the host is handed in, too.
+All times are monotonic nanoseconds and arguments, as is what waits for the host.
 """
 
 import heapq

@@ -84,11 +84,11 @@ class ModbusServers:
             if port:
                 _refuse_taken(place, port)
                 server: ModbusBaseServer = ModbusTcpServer(
-                    [*devices, _nobody()], address=(place, port)
+                    [*devices, _absent_units()], address=(place, port)
                 )
             else:
                 self._ptys.append(Pty(Path(place)))
-                server = _PtyServer([*devices, _nobody()], self._ptys[-1])
+                server = _PtyServer([*devices, _absent_units()], self._ptys[-1])
             self._servers.append(server)
             try:
                 await server.serve_forever(background=True)
@@ -136,7 +136,7 @@ def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
         values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
         if device.silent:
-            raise asyncio.CancelledError  # ends the task of this request: nobody answers it, ever
+            raise asyncio.CancelledError  # ends the task of this request: it is never answered
         if function_code not in SERVED:
             return ExcCodes.ILLEGAL_FUNCTION
         if values is not None and not device.write(address, [int(v) for v in values]):
@@ -158,7 +158,7 @@ def _sim_device(config: ModbusConfig, device: RegisterDevice) -> SimDevice:
     return SimDevice(config.unit, (unused, unused, holding, inputs), action=access)
 
 
-def _nobody() -> SimDevice:
+def _absent_units() -> SimDevice:
     """Return the device that stands for every unit that does not exist."""
 
     async def access(*_request: object) -> None:
@@ -204,7 +204,7 @@ class _PtyTransport(asyncio.Transport):
         self._loop = loop
         self._pty = pty
         self._protocol = protocol
-        self._heard_s = 0.0
+        self._received_s = 0.0
         loop.add_reader(pty.fileno(), self._read)
         loop.call_soon(protocol.connection_made, self)
 
@@ -213,9 +213,9 @@ class _PtyTransport(asyncio.Transport):
         if not data:
             return
         now_s = self._loop.time()
-        if now_s - self._heard_s > FRAME_PAUSE_S:
-            self._protocol.recv_buffer = b""  # half a frame, or one that nobody understood
-        self._heard_s = now_s
+        if now_s - self._received_s > FRAME_PAUSE_S:
+            self._protocol.recv_buffer = b""  # half a frame, or one that was not understood
+        self._received_s = now_s
         self._protocol.data_received(data)
 
     def write(self, data: bytes | bytearray | memoryview) -> None:

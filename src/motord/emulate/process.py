@@ -46,7 +46,7 @@ INVERTER_STATUS_HZ = 100
 def _timeline(config: Config, faults: Timeline | None, firmware: Path | None) -> Timeline:
     """Return `faults`, by default those of the bench file. Raises ConfigError if they cannot be."""
     if faults is None:
-        faults = load_timeline(config.bench.faults) if config.bench.faults else Timeline()
+        faults = load_timeline(config.bench.faults)
     faults.check_place("emulate")
     if firmware is not None:
         check_faults(faults)
@@ -108,7 +108,7 @@ class Emulator:
             servers.start()
             self._link = open_link(self._config, self.bench, self._clock, self._firmware, ports)
             self._can = CanPort(self._can_config, self._codec)
-            ports.callback(self._can.close)
+            ports.callback(self._can.bus.close)
             self._control = ControlSocket(control_path(self._config))
             ports.callback(self._control.close)
             self._ports = ports.pop_all()
@@ -125,7 +125,7 @@ class Emulator:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        """Hand the last truth to the sink and close all ports."""
+        """Pass the last truth to the sink and close all ports."""
         with self._ports:
             self._log.flush()
 
@@ -163,7 +163,7 @@ class Emulator:
             "ticks_on": self._log.on_rows,
             "command_timeouts": bench.inverter.timeouts,
             "command_errors": self._can.command_errors,
-            "can_send_errors": self._can.send_errors,
+            "can_send_errors": self._can.bus.refused,
             "heartbeat_drops": bench.board.heartbeat_drops,
             "link_errors": bench.board.errors,
             "samples_dropped": bench.board.dropped,

@@ -12,16 +12,15 @@ _FAST = {*FEEDBACK_SLOTS[:6], *DQ_FEEDBACK_SLOTS}
 
 def check_drivers(config: Config) -> None:
     """Raise EmulatorError unless the bench's devices are ones that can be emulated."""
-    if config.inverter.driver not in ("can", "can-dq") or config.inverter.can is None:
-        raise EmulatorError(
-            f'[inverter] driver = "{config.inverter.driver}": the emulator serves driver = "can" '
-            'and "can-dq" only; take config/emulated.toml or config/dq.toml as a start'
-        )
-    if config.bridge.driver not in ("serial", "can"):
-        raise EmulatorError(
-            f'[bridge] driver = "{config.bridge.driver}": the emulator serves driver = "serial" '
-            'and "can" only; take config/emulated.toml as a start'
-        )
+    for table, driver, served, start in (
+        ("inverter", config.inverter.driver, ("can", "can-dq"), "emulated.toml or config/dq.toml"),
+        ("bridge", config.bridge.driver, ("serial", "can"), "emulated.toml"),
+    ):
+        if driver not in served:
+            raise EmulatorError(
+                f'[{table}] driver = "{driver}": the emulator serves driver = "{served[0]}" '
+                f'and "{served[1]}" only; take config/{start} as a start'
+            )
 
 
 def is_fast(message: MessageCodec) -> bool:

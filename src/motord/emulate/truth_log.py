@@ -1,4 +1,4 @@
-"""What the emulated rig truly did, row by row, handed on in blocks."""
+"""What the emulated rig truly did, row by row, passed on in blocks."""
 
 from collections.abc import Callable
 
@@ -35,7 +35,7 @@ class TruthLog:
         return row
 
     def flush(self) -> None:
-        """Hand on what there is."""
+        """Pass on the rows collected so far."""
         rows = self._block[: self._used]
         self._used = 0
         if not len(rows):

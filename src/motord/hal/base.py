@@ -10,19 +10,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from motord.schema import BridgeStatus, InverterStatus
-
-__all__ = [
-    "BridgeDriver",
-    "BridgeStatus",
-    "Device",
-    "DeviceError",
-    "DeviceReading",
-    "InverterDriver",
-    "InverterStatus",
-    "Rig",
-    "SetpointDevice",
-]
+from motord.schema import BridgeStatus as BridgeStatus
+from motord.schema import InverterStatus as InverterStatus
 
 
 class DeviceError(Exception):

@@ -5,7 +5,7 @@ from typing import Literal, TypeVar
 from pydantic import ValidationError
 
 from motord.config import Config
-from motord.config.base import Section
+from motord.config.base import Section, what_is_wrong
 from motord.hal.base import DeviceError
 
 SettingsT = TypeVar("SettingsT", bound=Section)
@@ -21,7 +21,4 @@ def read_settings(
     try:
         return model.model_validate(getattr(config, kind).settings)
     except ValidationError as error:
-        wrong = "; ".join(
-            f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors()
-        )
-        raise DeviceError(f"[{kind}.settings] {wrong}") from None
+        raise DeviceError(f"[{kind}.settings] {'; '.join(what_is_wrong(error))}") from None

@@ -50,9 +50,9 @@ class LoopProcess:
         signal.signal(signal.SIGTERM, self._on_signal)
         try:
             with self._run_dir.lock("loop", PREDECESSOR_WAIT_S):
-                self._tell(LoopPhase.STARTING)
+                self._publish(LoopPhase.STARTING)
                 self._run_bench()
-                self._tell(LoopPhase.STOPPED, reason=self._stop.reason)
+                self._publish(LoopPhase.STOPPED, reason=self._stop.reason)
         except Exception as error:  # the last resort: whatever it was, the supervisor must know
             self._fail(error)
             return 1
@@ -80,7 +80,7 @@ class LoopProcess:
         try:
             rig.open()
             work.warm_up_rig()
-            self._tell(
+            self._publish(
                 LoopPhase.READY,
                 rate_Hz=bench.loop.rate_Hz,
                 offset_ns=mailbox.clock.offset_ns,
@@ -101,7 +101,7 @@ class LoopProcess:
                 }
             )
 
-    def _tell(self, phase: LoopPhase, **news: Any) -> None:
+    def _publish(self, phase: LoopPhase, **news: Any) -> None:
         self._status = self._status.model_copy(update={"phase": phase, **news})
         self._status.write(self._run_dir.loop_status)
 
@@ -112,7 +112,7 @@ class LoopProcess:
             sys.stderr.write(traceback.format_exc())
         sys.stderr.write(f"loop: {message}\n")
         try:
-            self._tell(LoopPhase.FAILED, error=message)
+            self._publish(LoopPhase.FAILED, error=message)
         except OSError as unwritable:
             sys.stderr.write(f"loop: {self._run_dir.loop_status}: {unwritable.strerror}\n")
 

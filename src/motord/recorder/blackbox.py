@@ -40,7 +40,7 @@ def path_of(config: Config, t_ns: int) -> Path:
 class BlackBoxRequest:
     """What a box should be: file, tick of the trip (None: the newest), ticks before and after.
 
-    account: what is known of the trip, with `reason` in words. events: as in a recording, each
+    account: what is known of the trip, with `reason` as text. events: as in a recording, each
     with `t_ns`, `kind`, `message`, `data`; more may be added while the box is open.
     """
 

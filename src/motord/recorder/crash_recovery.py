@@ -238,7 +238,7 @@ def _started_ns(run_dir: RunDir) -> int:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[bool]:
-    """Lock a file that nobody writes (True); False if another process writes it."""
+    """Lock a file that no process writes (True); False if another process writes it."""
     descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
     try:
         yield try_lock(descriptor)

@@ -1,8 +1,7 @@
-"""How the supervisor starts the recorder process and talks to it."""
+"""How the supervisor talks to the recorder process."""
 
 import os
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -11,18 +10,8 @@ from motord.recorder.blackbox import BlackBoxRequest
 from motord.recorder.pipe_lines import LineWriter
 from motord.recorder.protocol import MessageReader, RecorderReport
 from motord.recording.json_encoding import to_line
-from motord.shm.run_directory import RunDir
 
 BACKLOG_MAX_BYTES = 4 << 20
-
-
-def recorder_command(config_path: Path, run_dir: RunDir) -> list[str]:
-    """Return the command line of the recorder process."""
-    return [
-        *(sys.executable, "-m", "motord.recorder.main"),
-        *("--config", str(config_path)),
-        *("--dir", str(run_dir.path)),
-    ]
 
 
 def spawn_piped(command: Sequence[str]) -> "subprocess.Popen[bytes]":
@@ -34,25 +23,15 @@ class RecorderLink:
     """The supervisor's end of the pipes to a recorder. No call waits.
 
     What the recorder does not take at once is kept and sent by later calls; beyond
-    `BACKLOG_MAX_BYTES` whole commands are dropped, oldest first, and counted in `dropped`. When the
-    process has ended, calls do nothing. `received` are its reports and what it sent besides.
+    `BACKLOG_MAX_BYTES` whole commands are dropped, oldest first, and counted in `commands.dropped`.
+    When the process has ended, calls do nothing. `received` are its reports and what else it sent.
     """
 
     def __init__(self, process: "subprocess.Popen[bytes]") -> None:
         self._stdin = _pipe(process.stdin)
         self._stdout = _pipe(process.stdout)
-        self._commands = LineWriter(self._stdin.fileno(), BACKLOG_MAX_BYTES)
+        self.commands = LineWriter(self._stdin.fileno(), BACKLOG_MAX_BYTES)
         self.received = MessageReader(self._stdout.fileno(), RecorderReport)
-
-    @property
-    def dropped(self) -> int:
-        """Commands that the recorder did not take in time."""
-        return self._commands.dropped
-
-    @property
-    def waiting(self) -> bool:
-        """True if the recorder has not yet taken all commands."""
-        return self._commands.waiting
 
     def start(
         self,
@@ -102,16 +81,16 @@ class RecorderLink:
 
         `now_ns` is monotonic.
         """
-        self._commands.flush()
+        self.commands.flush()
         return self.received.read(now_ns)
 
     def close(self) -> None:
-        """Let go of the pipes: the recorder records what is left and ends."""
+        """Close the pipes: the recorder records the remaining ticks and ends."""
         self._stdin.close()
         self._stdout.close()
 
     def _send(self, command: Mapping[str, object]) -> None:
-        self._commands.write(to_line(command))
+        self.commands.write(to_line(command))
 
 
 def _pipe(stream: IO[bytes] | None) -> IO[bytes]:

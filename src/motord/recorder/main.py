@@ -51,7 +51,7 @@ next tick."""
 class Reporter:
     """Writes reports to a descriptor that does not block, each whole.
 
-    While the one before has not been taken there is no new one: nobody reads, recording goes on.
+    While the one before has not been taken there is no new one: recording waits for no reader.
     """
 
     def __init__(self, descriptor: int) -> None:

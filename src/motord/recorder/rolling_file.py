@@ -28,7 +28,7 @@ class RollingFile:
     """The recording `stem`: files NAME-000.mcap, NAME-001.mcap, ... in the folder of `stem`.
 
     `open` is true until it ends, by `close`, for want of space, or because a file could not be
-    written; `error` says why it ended if nobody asked for it. Raises RecordError if it cannot
+    written; `error` says why, if that was not requested. Raises RecordError if it cannot
     begin. Times `now_s` are monotonic seconds.
     """
 

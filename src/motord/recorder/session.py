@@ -138,7 +138,7 @@ class Session:
     def _nearly_full(self, folder: Path) -> bool:
         try:
             return storage.free_bytes(folder) < RETRY_MIN_BYTES
-        except OSError:  # nobody knows, as when it is gone
+        except OSError:  # not known, as when the folder is gone
             return False
 
     def stop_following(self) -> None:

@@ -60,7 +60,7 @@ def with_drive(truth: RigTruth, configured: InverterConfig) -> RigTruth:
 
 
 def _decay(duration_s: float, time_constant_s: float) -> float:
-    """Return what is left after `duration_s` of a first-order transient; 0 for an instant one."""
+    """Return the part of a first-order transient that remains; 0 for an instant one."""
     return math.exp(-duration_s / time_constant_s) if time_constant_s > 0 else 0.0
 
 

@@ -74,7 +74,7 @@ def _unmix_command(p: np.record, s: np.record) -> None:
 
 @jit
 def _track(s: np.record, decay: float) -> None:
-    """Let the controlled currents approach the command; `decay` is what is left of the error."""
+    """Let the controlled currents approach the command; `decay`: part of the error that remains."""
     for phase in range(3):
         command_A = s.i_command_A[phase]
         s.i_loop_A[phase] = command_A + (s.i_loop_A[phase] - command_A) * decay
@@ -237,7 +237,7 @@ def step_currents(p: np.record, s: np.record, speed_rad_s: float) -> None:
         _run_turning_loops(p, s, speed_rad_s)
     else:
         _run_loops(p, s)
-    if s.inverter_on and s.phase_open | s.current_runaway:
+    if s.inverter_on and s.injected.phase_open | s.injected.current_runaway:
         _flow_disturbed(p, s, speed_rad_s)
     elif s.inverter_on:
         _flow(p, s, speed_rad_s)

@@ -35,7 +35,7 @@ def fill_feedback(
 
 @jit
 def apply_command(command: np.ndarray, rig_input: np.ndarray) -> None:
-    """Hand a COMMAND to a RIG_INPUT, both shape (1,); the enable line follows the command."""
+    """Put a COMMAND into a RIG_INPUT, both shape (1,); the enable line follows the command."""
     c, i = command[0], rig_input[0]
     for phase in range(3):
         i.i_command_A[phase] = c.i_A[phase]

@@ -30,7 +30,7 @@ def advance(
 ) -> None:
     """Let `duration_s` pass with `rig_input` (shape (1,)) in force from its beginning.
 
-    Steps are fixed; what is left of the duration is carried to the next call. A new current
+    Steps are fixed; the rest of the duration is carried to the next call. A new current
     command takes effect the dead time after the beginning of the call that brought it. Negative or
     not finite durations count as 0, and at most 60 s pass in one call.
     """
@@ -54,13 +54,13 @@ def _within(value: float, low: float, high: float) -> float:
 def _take_input(p: np.record, s: np.record, i: np.record) -> None:
     take_command(p, s, i.i_command_A)
     take_faults(s, i)
-    if not s.brake_silent:
+    if not s.injected.brake_silent:
         s.brake_set = _within(i.brake, 0.0, 1.0)
     s.drive_set_rad_s = _within(i.drive_rad_s, -p.drive_max_rad_s, p.drive_max_rad_s)
     s.enable_line = 1 if i.enable_line else 0
     s.fault = 1 if i.fault else 0
     s.wanted = 1 if i.enable_command and i.enable_line and not i.fault else 0
-    if s.faults and is_off(s):
+    if s.injected.active and is_off(s):
         s.wanted = 0
     if not s.wanted:
         s.on_steps = 0
@@ -104,7 +104,7 @@ def _substep(p: np.record, s: np.record) -> None:
         rubbed_Nm = after_Nm + friction_ripple_Nm(p, s.speed_rad_s, s.angle_rad)
         s.load_Nm = after_Nm = sensor_load_Nm(p, rubbed_Nm, s.angle_rad)
     step_torque_sensor(p, s, before_Nm, after_Nm)
-    if s.faults:
+    if s.injected.active:
         step_faults(p, s)
     s.step += 1
     if s.step % p.slow_every == 0:
@@ -139,7 +139,7 @@ def sense(parameters: np.ndarray, state: np.ndarray, rig_output: np.ndarray) -> 
     o.brake = s.excitation
     o.brake_temperature_C = s.brake_temperature_C
     o.drive_rad_s = s.drive_rad_s
-    if s.faults:
+    if s.injected.active:
         disturb_readings(p, s, o)
     if p.axes:
         sense_dq(p, s, o)

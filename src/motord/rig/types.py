@@ -5,7 +5,7 @@ rig, all zero if it is left alone; `RIG_OUTPUT` is what its sensors say. SI unit
 b, c.
 """
 
-from motord.rig.faults import FAULT_INPUTS, FAULT_STATE
+from motord.rig.faults import FAULT_STATE, INJECTED
 from motord.rig.truth import MAX_DEPARTURES, MAX_ORDERS
 from motord.rig.truth.swing import MAX_SPRINGS
 from motord.schema import record_dtype
@@ -29,10 +29,10 @@ RIG_INPUT = record_dtype(
         ("i_command_A", "f8", (3,)),
         ("brake", "f8"),  # excitation asked for, 0 to 1
         ("drive_rad_s", "f8"),  # speed asked of the external drive; not 0 puts the belt on
+        ("injected", INJECTED),
         ("enable_command", "u4"),  # the inverter is commanded on
         ("enable_line", "u4"),  # the hardware enable line is closed
         ("fault", "u4"),  # not 0: the inverter has a fault and stays off
-        *FAULT_INPUTS,
     ]
 )
 
@@ -89,7 +89,7 @@ RIG_PARAMETERS = record_dtype(
         ("bus_V", "f8"),
         ("dead_steps", "f8"),  # dead time in substeps
         ("loop_rate_per_s", "f8"),  # 1 / time constant of the current loops
-        ("loop_decay", "f8"),  # what is left of a current error after a substep
+        ("loop_decay", "f8"),  # part of a current error that remains after a substep
         ("current_max_A", "f8"),
         ("ready_steps", "i8"),
         ("gain", "f8", (3,)),  # alpha epsilon at the reference temperature
@@ -227,7 +227,7 @@ RIG_STATE = record_dtype(
         ("hand", "i8"),  # 0 off the bar, 1 pulling, 2 holding
         ("hand_s", "f8"),  # until it does something else
         ("hand_target_rad", "f8"),
-        *FAULT_INPUTS,
+        ("injected", INJECTED),
         *FAULT_STATE,
     ]
 )

@@ -1,7 +1,6 @@
 """The table of the daemon's child processes: add a process by adding a line."""
 
-from motord.loop.launch import loop_command
-from motord.recorder.launch import recorder_command, spawn_piped
+from motord.recorder.launch import spawn_piped
 from motord.service.bench.loop_link import LOOP
 from motord.service.gateway.link import GATEWAY, gateway_command
 from motord.service.host.children import Process, spawn
@@ -14,12 +13,12 @@ PROCESSES = (
         loss="until it is back nobody gets in from other machines",
     ),
     Process(
-        RECORDER, recorder_command, spawn_piped,
+        RECORDER, lambda path, run_dir: run_dir.command("motord.recorder.main", path), spawn_piped,
         restart="always", stop_timeout_s=10.0,
         loss="the next one goes on where its files end, as far as the ring reaches",
     ),
     Process(
-        LOOP, loop_command, spawn,
+        LOOP, lambda path, run_dir: run_dir.command("motord.loop.main", path), spawn,
         restart="on reset", stop_timeout_s=3.0,
         loss="inverter and bridge take the current away by their own timeouts",
     ),

@@ -5,8 +5,6 @@ compiled tick counts into such arrays (`shm.time_count`); they may lie in shared
 (`shm.timing`).
 """
 
-import math
-
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
@@ -36,16 +34,6 @@ class TimeSummary(BaseModel):
     bins: list[tuple[int, int]] = []
 
 
-def bin_of(time_ns: int) -> int:
-    """Return the bin of a time; a negative one counts as 0, a long one is in the last."""
-    if time_ns <= 0:
-        return 0
-    octave = math.frexp(time_ns)[1] - 1 - BITS  # frexp gives the number of bits
-    if octave <= 0:
-        return time_ns
-    return min((octave << BITS) + (time_ns >> octave), BINS - 1)
-
-
 class TimeHistogram:
     """Counts of times in ns, kept in `cells` (int64, shape (CELLS,); by default its own)."""
 
@@ -70,11 +58,6 @@ class TimeHistogram:
     def max_ns(self) -> int:
         """The largest time."""
         return int(self.cells[BINS])
-
-    def add(self, time_ns: int) -> None:
-        """Count one time; the loop does so by `count_time`."""
-        self.cells[bin_of(time_ns)] += 1
-        self.cells[BINS] = max(self.max_ns, time_ns)
 
     def merge(self, other: "TimeHistogram") -> None:
         """Count all times of `other` too."""

@@ -1,4 +1,4 @@
-"""The set-point mailbox: the supervisor's newest wish, read by the loop without waiting.
+"""The set-point mailbox: the supervisor's newest set-point, read by the loop without waiting.
 
 Two copies of a SETPOINT and a version: the writer fills the copy that is not in force, then
 raises the version, whose lowest bit names the copy in force. A writer that dies or is held up in

@@ -6,6 +6,7 @@ lock; locks vanish with the process that holds them, so a crash leaves nothing t
 
 import fcntl
 import os
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -43,6 +44,11 @@ class RunDir:
     def at(cls, path: Path) -> "RunDir":
         """Return the folder at `path`, as the loop and the recorder get it from the daemon."""
         return cls(path.name, path.parent)
+
+    def command(self, module: str, config_path: Path) -> list[str]:
+        """Return the command line that runs `module` as a process of this bench."""
+        options = ("--config", str(config_path), "--dir", str(self.path))
+        return [sys.executable, "-m", module, *options]
 
     def create(self) -> None:
         """Make the folder, for this user only. Raises RunDirError if others could use it."""

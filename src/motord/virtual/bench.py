@@ -69,9 +69,6 @@ class VirtualBench:
         self._memory = new_memory()
         self._feedback = np.zeros(1, FEEDBACK)
         self._command, self._sent = np.zeros(1, COMMAND), np.zeros(1, COMMAND)
-        self._torque_Nm_per_count = (
-            config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
-        )
         self._link = new_link(
             seed,
             config.inverter.timeout_s,
@@ -172,7 +169,7 @@ class VirtualBench:
             self._link,
             self._ring,
             self._fresh,
-            self._torque_Nm_per_count,
+            self.config.torque_Nm_per_count,
             self.tick,
             self.config.loop.rate_Hz,
             tick_block,

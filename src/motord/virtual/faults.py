@@ -10,7 +10,13 @@ from motord.config.faults import Fault, Timeline
 from motord.jit import constants, jit
 from motord.rig import faults as rig_faults
 from motord.rig.noise import random_state, uniform
-from motord.schema import FAULT_COUNT_SHIFT, BridgeStatus, InverterStatus, record_dtype
+from motord.schema import (
+    FAULT_COUNT_MODULUS,
+    FAULT_COUNT_SHIFT,
+    BridgeStatus,
+    InverterStatus,
+    record_dtype,
+)
 
 LATE_TICKS_MAX = 4096
 """Samples for which there is room on their way."""
@@ -45,7 +51,6 @@ LINK = record_dtype(
 
 _BRIDGE, _INVERTER = constants(BridgeStatus), constants(InverterStatus)
 _NOT_BUS_OFF = 0xFFFFFFFF ^ _INVERTER.BUS_OFF
-_COUNT_MODULUS = 128
 
 
 @jit
@@ -56,7 +61,7 @@ def _chance(lk: np.record, fraction: float) -> bool:
 
 @jit
 def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.ndarray) -> None:
-    """Hand on what arrives of `fresh`, a FEEDBACK (1,): the rest of `feedback` stays as it was."""
+    """Deliver what arrives of `fresh`, a FEEDBACK (1,): the rest of `feedback` stays as it was."""
     lk, f, now = link[0], feedback[0], fresh[0]
     n = lk.tick
     ring[n % LATE_TICKS_MAX] = now
@@ -77,7 +82,7 @@ def deliver(link: np.ndarray, ring: np.ndarray, fresh: np.ndarray, feedback: np.
         r = ring[(n - lk.bridge_late) % LATE_TICKS_MAX]
         f.t_ns, f.encoder_gray, f.torque_Nm = r.t_ns, r.encoder_gray, r.torque_Nm
         status = r.bridge_status | (_BRIDGE.HEARTBEAT_LOST if lk.beat_lost else 0)
-        f.bridge_status = status | lk.begun % _COUNT_MODULUS << FAULT_COUNT_SHIFT
+        f.bridge_status = status | lk.begun % FAULT_COUNT_MODULUS << FAULT_COUNT_SHIFT
     f.link_errors = lk.errors
 
 
@@ -94,7 +99,7 @@ def _arrives(lk: np.record, n: int, late: int, drop: float, duplicate: float) ->
 
 @jit
 def deliver_command(link: np.ndarray, command: np.ndarray, rig_input: np.ndarray) -> None:
-    """Hand a COMMAND to a RIG_INPUT as far as it arrives, with the devices' own time limits."""
+    """Put a COMMAND into a RIG_INPUT as far as it arrives, with the devices' own time limits."""
     lk, c, i = link[0], command[0], rig_input[0]
     if lk.bus_off or _chance(lk, lk.can_drop):
         lk.command_age += 1

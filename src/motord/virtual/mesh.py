@@ -4,7 +4,7 @@ Every point starts from standstill with random numbers of its own, drawn from th
 point's number; the pieces are put one after the other in time. So the result does not depend on
 how many processes computed it: one gives the same bits as many.
 
-A process hands its rows on in files, written block by block while the processor's cache has them
+A process passes its rows on in files, written block by block while the processor's cache has them
 and mapped by the process that asked for them: pickling would take longer than computing.
 """
 

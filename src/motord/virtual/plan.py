@@ -13,8 +13,8 @@ from motord.virtual.bench import VirtualBench
 LOOK_S = 0.05
 """Virtual time between two looks of the executor."""
 
-LOOKS_HANDED_ON = 20
-"""Looks whose ticks are handed on at once: large blocks are written and read fastest."""
+LOOKS_PASSED_ON = 20
+"""Looks whose ticks are passed on at once: large blocks are written and read fastest."""
 
 BlockSink = Callable[[np.ndarray, np.ndarray], None]
 
@@ -24,7 +24,7 @@ class PlanFailed(Exception):
 
 
 def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[str, Any]]:
-    """Run `plan` to its end, handing on blocks (ticks, truth). Returns the points taken.
+    """Run `plan` to its end, passing on blocks (ticks, truth). Returns the points taken.
 
     Raises PlanFailed if the bench trips or the plan fails.
     """
@@ -39,7 +39,7 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
         seen = watcher.take(blocks[-1][0])
         before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
-        if len(blocks) == LOOKS_HANDED_ON or executor.finished:
+        if len(blocks) == LOOKS_PASSED_ON or executor.finished:
             on_block(*map(np.concatenate, zip(*blocks, strict=True)))
             blocks.clear()
     if executor.message:

@@ -1,4 +1,4 @@
-"""Rows of records handed from one process to another in a file, without a copy on the way."""
+"""Rows of records passed from one process to another in a file, without a copy on the way."""
 
 import mmap
 import shutil

@@ -22,7 +22,7 @@ def ends(request):
     port = CanPort(config, CODEC)
     with can.Bus(channel=request.node.name, interface="virtual") as host:
         yield port, host
-    port.close()
+    port.bus.close()
 
 
 def command(counter, i_A=CURRENTS, enable=True, **changes):
@@ -97,11 +97,12 @@ class Broken:
 
 def test_a_failing_bus_is_counted_and_survived(ends, monkeypatch):
     port, _ = ends
-    port._bus.shutdown()
-    monkeypatch.setattr(port, "_bus", Broken())
+    port.bus.close()
+    broken = Broken()
+    monkeypatch.setattr(port.bus, "_bus", broken)
     assert list(port.receive()) == []
     port.send(CODEC.feedback[0], dict.fromkeys(CODEC.feedback[0].slots, 0.0))
-    assert (port.corrupt, port.send_errors) == (2, 1)
+    assert (broken.frames, port.bus.refused) == (0, 1)
 
 
 @pytest.mark.parametrize(

@@ -194,7 +194,7 @@ def test_random_timelines_end_as_they_began(injected, seed):
     assert injected.injector.next_ns == NEVER_NS
     assert not injected.can.active
     assert not injected.bridge.active
-    assert not injected.bench.rig_input["faults"].any()
+    assert not injected.bench.rig_input["injected"]["active"].any()
     assert injected.injector.begun == len(timeline.fault) == len(injected.told)
 
 

@@ -132,13 +132,6 @@ def test_a_bus_that_fails_while_opening(monkeypatch: pytest.MonkeyPatch) -> None
     assert "the bus failed: network is down" in error_of(CanInverter(bench()))
 
 
-def test_no_table_no_driver() -> None:
-    config = bench().model_copy(deep=True)
-    without = config.inverter.model_copy(update={"can": None})
-    with pytest.raises(DeviceError, match=r"\[inverter.can\]"):
-        CanInverter(config.model_copy(update={"inverter": without}))
-
-
 def test_a_wrong_dbc_is_found_before_anything_is_opened() -> None:
     signals = SIGNALS | {"command_enable": "CurrentCommand.Enabled"}
     with pytest.raises(ConfigError, match="did you mean Enable"):

@@ -277,8 +277,3 @@ def test_brake_and_drive_take_limits_from_the_bench():
     brake, drive = devices.brake(config), devices.drive(config)
     assert (brake._low, brake._high) == (0.0, 1.0)
     assert (drive._low, drive._high) == (-12.0, 12.0)
-
-
-def test_a_bench_without_a_table_is_told():
-    with pytest.raises(DeviceError, match=r"\[brake\]: .* needs a table \[brake\.modbus\]"):
-        devices.brake(Config.model_validate({"motor": MOTOR}))

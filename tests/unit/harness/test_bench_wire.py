@@ -2,6 +2,7 @@
 
 import math
 
+from motord.shm.time_count import count_time
 from motord.shm.timing import Timing
 from tests.benchmarks.bench_wire import Step, highest
 from tests.benchmarks.figure import Figure
@@ -10,8 +11,8 @@ from tests.benchmarks.figure import Figure
 def a_slice(work_us: float, missed: int = 0) -> Timing:
     timing = Timing()
     for _ in range(100):
-        timing.wake_late.add(50)
-        timing.work.add(round(work_us * 1e3))
+        count_time(timing.wake_late.cells, 50)
+        count_time(timing.work.cells, round(work_us * 1e3))
     timing.record["missed"] = missed
     return timing
 

@@ -25,6 +25,7 @@ from motord.loop.latency.picture import picture
 from motord.loop.latency.report import report
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.steal_time import stolen_ticks
+from motord.shm.time_count import count_time
 from motord.shm.timing import TIMING, Timing
 
 PERIOD_NS = 1_000_000
@@ -48,8 +49,8 @@ intr 5
 def timing(late_ns: int, samples: int = 100, missed: int = 0, work_ns: int = 9_000) -> Timing:
     made = Timing()
     for _ in range(samples):
-        made.wake_late.add(late_ns)
-        made.work.add(work_ns)
+        count_time(made.wake_late.cells, late_ns)
+        count_time(made.work.cells, work_ns)
     made.record["missed"] = missed
     return made
 

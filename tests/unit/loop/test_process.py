@@ -12,7 +12,6 @@ from motord.hal import registry
 from motord.hal.base import DeviceError
 from motord.loop import main as entry
 from motord.loop import process, rt_setup
-from motord.loop.launch import loop_command
 from motord.loop.rt_setup import RealtimeStatus
 from motord.loop.status import LoopPhase, LoopStatus
 from motord.shm.ring import RingReader
@@ -222,4 +221,4 @@ def test_launched_loop_is_a_process_of_its_own(bench: LoopBench) -> None:
     with start_loop(bench.config_path, bench.run_dir) as started:
         assert started.wait() == 1
     assert bench.status.pid == started.pid
-    assert started.args == loop_command(bench.config_path, bench.run_dir)
+    assert started.args == bench.run_dir.command("motord.loop.main", bench.config_path)

@@ -14,7 +14,7 @@ import pytest
 
 from motord.config import RecordingConfig, packaged
 from motord.recorder import launch, main
-from motord.recorder.launch import RecorderLink, recorder_command, spawn_piped
+from motord.recorder.launch import RecorderLink, spawn_piped
 from motord.recorder.main import DRAIN_S, LAST_TICKS_S, Reporter
 from motord.recorder.pipe_lines import LineReader
 from motord.recorder.protocol import MessageReader, RecorderReport
@@ -250,7 +250,7 @@ def test_a_recorder_that_does_not_read_is_no_reason_to_wait(monkeypatch):
     link = RecorderLink(process)
     for i in range(400):
         link.event(i, "kind", "x" * 1000)
-    assert link.dropped > 50
+    assert link.commands.dropped > 50
     process.kill()
     process.wait()
     assert link.reports(0) == []
@@ -271,12 +271,12 @@ class Supervisor:
         self.stem = folder / "runs" / "day"
         self.published = 0
         self.last: RecorderReport | None = None
-        self.process = spawn_piped(recorder_command(CONFIG, self.run_dir))
+        self.process = spawn_piped(self.run_dir.command("motord.recorder.main", CONFIG))
         self.link = RecorderLink(self.process)
 
     def again(self) -> None:
         self.link.close()
-        self.process = spawn_piped(recorder_command(CONFIG, self.run_dir))
+        self.process = spawn_piped(self.run_dir.command("motord.recorder.main", CONFIG))
         self.link = RecorderLink(self.process)
         self.last = None
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.rig.build import build
+from motord.rig.faults import INJECTED
 from motord.rig.noise import MULTIPLIER, gaussian, random_state
 from motord.rig.truth import RigTruth, load
 from motord.rig.types import RIG_STATE
@@ -74,7 +75,8 @@ def test_nothing_that_comes_in_makes_the_rig_leave_the_finite(
     output = probe.sense()
     numbers = [output[name] for name in output.dtype.names]
     numbers += [probe.truth()[name] for name in probe.truth().dtype.names]
-    numbers += [probe.state[0][name] for name in RIG_STATE.names]
+    numbers += [probe.state[0][name] for name in RIG_STATE.names if name != "injected"]
+    numbers += [probe.state[0].injected[name] for name in INJECTED.names]
     assert all(np.isfinite(x).all() for x in numbers)
     assert max(abs(probe.state[0].i_A)) <= 60.0 + 1e-9
     assert 0 <= output.brake <= 1

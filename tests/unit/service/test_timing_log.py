@@ -14,6 +14,7 @@ from motord.schema import TICK_DTYPE, State
 from motord.service.host.events import EventLog
 from motord.service.recording.control import RecordingControl
 from motord.service.recording.timing_log import EVERY_NS
+from motord.shm.time_count import count_time
 from motord.shm.timing import Timing, TimingSummary, total
 
 START_NS = 1_700_000_000_000_000_000
@@ -117,10 +118,10 @@ def timings(commands):
 
 def test_a_recording_gets_what_was_counted_while_it_was_made(bench):
     recorder, live = bench.next_recorder(), bench.loop()
-    live.work.add(1_000)
+    count_time(live.work.cells, 1_000)
     bench.power_on()
-    live.work.add(5_000)
-    live.wake_late.add(70)
+    count_time(live.work.cells, 5_000)
+    count_time(live.wake_late.cells, 70)
     live.record["missed"] = 3
     bench.recording.end("over")
     heard = recorder.heard()
@@ -136,12 +137,12 @@ def test_it_is_told_every_minute_and_the_parts_add_up(bench):
     recorder, live = bench.next_recorder(), bench.loop()
     bench.power_on()
     for minute in range(3):
-        live.work.add(1_000 * (minute + 1))
+        count_time(live.work.cells, 1_000 * (minute + 1))
         live.record["missed"] += 1
         bench.now_ns += EVERY_NS
         bench.recording.step(0)
         bench.recording.step(0)
-    live.work.add(9_000)
+    count_time(live.work.cells, 9_000)
     bench.recording.end("the loop ended")
     parts = timings(recorder.heard())
     assert [(part.missed, part.work.samples) for part in parts] == [(1, 1)] * 3 + [(0, 1)]
@@ -153,11 +154,11 @@ def test_it_is_told_every_minute_and_the_parts_add_up(bench):
 def test_the_next_recording_begins_to_count_where_the_one_before_ended(bench):
     recorder, live = bench.next_recorder(), bench.loop()
     bench.power_on()
-    live.work.add(1_000)
+    count_time(live.work.cells, 1_000)
     bench.recording.end("first")
     bench.power_on()
-    live.work.add(2_000)
-    live.work.add(2_000)
+    count_time(live.work.cells, 2_000)
+    count_time(live.work.cells, 2_000)
     bench.recording.end("over")
     heard = recorder.heard()
     assert [c["kind"] for c in heard] == ["start", "timing", "stop"] * 2
@@ -167,11 +168,11 @@ def test_the_next_recording_begins_to_count_where_the_one_before_ended(bench):
 def test_nothing_is_lost_while_there_is_no_recorder(bench):
     recorder, live = bench.next_recorder(), bench.loop()
     bench.power_on()
-    live.work.add(1_000)
+    count_time(live.work.cells, 1_000)
     bench.children.running = None
     bench.now_ns += 2 * EVERY_NS
     bench.recording.step(0)
-    live.work.add(2_000)
+    count_time(live.work.cells, 2_000)
     second = bench.next_recorder()
     bench.recording.end("over")
     assert timings(recorder.heard()) == []
@@ -190,7 +191,7 @@ def test_without_a_loop_that_counts_there_is_no_such_event(bench):
 def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     recorder, live = bench.next_recorder(), bench.loop()
     bench.power_on()
-    live.work.add(1_000)
+    count_time(live.work.cells, 1_000)
     recorder.say(recording=True, file="run-000.mcap", error="")
     bench.recording.step(0)
     recorder.say(recording=False, file="run-000.mcap", error="")
@@ -216,8 +217,8 @@ def test_record_info_adds_up_what_a_file_was_told(tmp_path):
     with RunWriter(path, {"bench": "sim"}) as writer:
         for missed in (1, 2):
             part = Timing()
-            part.wake_late.add(40 * missed)
-            part.work.add(5_000 * missed)
+            count_time(part.wake_late.cells, 40 * missed)
+            count_time(part.work.cells, 5_000 * missed)
             part.record["missed"] = missed
             live.merge(part)
             summary = part.summary()

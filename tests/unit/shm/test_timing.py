@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from motord.shm.shared_records import SharedFileError
+from motord.shm.time_count import count_time
 from motord.shm.timing import BoardClockError, Timing, TimingPart, total
 
 TIMES = st.lists(st.integers(0, 10**7), max_size=50)
@@ -18,8 +19,8 @@ def test_others_see_what_the_loop_counts(tmp_path: Path) -> None:
     own = Timing.create(path)
     seen = Timing.attach(path)
     before = seen.copy()
-    own.wake_late.add(1_000)
-    own.work.add(20_000)
+    count_time(own.wake_late.cells, 1_000)
+    count_time(own.work.cells, 20_000)
     own.record["missed"] = 3
     assert seen.summary() == own.summary()
     assert (seen.missed, seen.wake_late.max_ns) == (3, 1_000)
@@ -41,11 +42,11 @@ def test_others_see_the_bridges_clock(tmp_path: Path) -> None:
 def test_a_part_of_a_run_is_the_difference(before_ns: list[int], after_ns: list[int]) -> None:
     timing, only = Timing(), Timing()
     for time_ns in before_ns:
-        timing.work.add(time_ns)
+        count_time(timing.work.cells, time_ns)
     earlier = timing.copy()
     for time_ns in after_ns:
-        timing.work.add(time_ns)
-        only.work.add(time_ns)
+        count_time(timing.work.cells, time_ns)
+        count_time(only.work.cells, time_ns)
     part = timing.since(earlier)
     assert np.array_equal(part.work.counts, only.work.counts)
     assert only.work.max_ns <= part.work.max_ns <= max(only.work.max_ns * 33 // 32 + 1, 0)
@@ -66,12 +67,12 @@ def test_missed_periods_are_counted_for_the_part_too() -> None:
 
 def test_part_of_a_run_that_ends_with_its_loop(tmp_path: Path) -> None:
     loop = Timing.create(tmp_path / "timing")
-    loop.work.add(5_000)
+    count_time(loop.work.cells, 5_000)
     part = TimingPart(tmp_path / "timing")
-    loop.work.add(7_000)
+    count_time(loop.work.cells, 7_000)
     loop.record["missed"] = 2
     del loop
-    Timing.create(tmp_path / "timing").work.add(9_000)
+    count_time(Timing.create(tmp_path / "timing").work.cells, 9_000)
     summary = part.summary()
     assert (summary.work.samples, summary.missed) == (1, 2)
     assert 7.0 <= summary.work.max_us < 7.3
@@ -86,8 +87,8 @@ def test_the_parts_of_a_run_add_up_to_all_of_it(parts_ns: list[list[int]]) -> No
         whole.record["missed"] += len(times_ns)
         for time_ns in times_ns:
             for timing in (whole, part):
-                timing.wake_late.add(time_ns)
-                timing.work.add(time_ns // 2)
+                count_time(timing.wake_late.cells, time_ns)
+                count_time(timing.work.cells, time_ns // 2)
         told.append(part.summary())
     assert total(told) == whole.summary()
 
@@ -97,7 +98,7 @@ def test_parts_are_taken_one_after_the_other(tmp_path: Path) -> None:
     part = TimingPart(tmp_path / "timing")
     for count in (2, 0, 1):
         for _ in range(count):
-            loop.wake_late.add(100)
+            count_time(loop.wake_late.cells, 100)
         loop.record["missed"] += count
         taken = part.take()
         assert (taken.wake_late.samples, taken.missed) == (count, count)

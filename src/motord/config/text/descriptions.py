@@ -37,8 +37,8 @@ def field_of(key: str) -> FieldInfo:
 def summary(section: type[BaseModel]) -> str:
     """Return what a section is: the first line of its docstring, without the name in front."""
     first = inspect.cleandoc(section.__doc__ or "").split("\n", 1)[0]
-    words = re.sub(r"^`\[[^:]*: ", "", first)
-    return words[:1].upper() + words[1:]
+    text = re.sub(r"^`\[[^:]*: ", "", first)
+    return text[:1].upper() + text[1:]
 
 
 def description(section: type[BaseModel], name: str) -> str:

@@ -2,12 +2,10 @@
 
 from collections.abc import Iterator
 
-import can
-
 from motord.can_interface import new_message
 from motord.config import BridgeCanConfig
 from motord.emulate.bridge.link import BoardEnd
-from motord.emulate.can import FRAMES_AT_ONCE, open_bus
+from motord.emulate.can import EmulatedBus
 from motord.emulate.clock import HostClock
 from motord.wire.bridge.frames import Frame, Numbered, pack
 from motord.wire.bridge.segmentation import PIECE_NUMBERS, PieceDecoder, split
@@ -28,34 +26,19 @@ class BoardCanLink(BoardEnd):
         self._clock = clock
         self._piece_bytes = FD_BYTES if config.fd else CLASSIC_BYTES
         self._decoder = PieceDecoder(check)
-        self._number = self._refused = 0
-        self._bus = open_bus(config)
+        self._number = 0
+        self._bus = EmulatedBus(config, self.faults)
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when something has come, -1 if there is none."""
-        try:
-            return self._bus.fileno()
-        except NotImplementedError:
-            return -1
+        return self._bus.fileno()
 
     def receive(self, now_ns: int) -> Iterator[tuple[int, Numbered]]:
         """Yield the frames since the last call, each with its time of arrival (monotonic ns)."""
-        for _ in range(FRAMES_AT_ONCE):
-            try:
-                message = self._bus.recv(0)
-            except can.CanError:
-                continue
-            if message is None:
-                return
-            if message.arbitration_id != self._config.host_id or message.is_extended_id:
-                continue
-            piece: bytes | None = bytes(message.data)
-            if self.faults.active:
-                piece = self.faults.to_device(bytes(message.data))
+        for unix_ns, piece in self._bus.receive(self._config.host_id):
             numbered = self._decoder.feed(piece) if piece else None
             if numbered is not None:
-                at_ns = self._clock.monotonic_ns(round(message.timestamp * 1e9))
-                yield min(at_ns, now_ns), numbered
+                yield min(self._clock.monotonic_ns(unix_ns), now_ns), numbered
 
     def send(self, frame: Frame, now_ns: int = 0) -> bool:
         """Send a frame; False if the bus has no room for all of it."""
@@ -63,10 +46,10 @@ class BoardCanLink(BoardEnd):
         self._number = (self._number + len(pieces)) % PIECE_NUMBERS
         if not self._undisturbed:
             pieces = [sent for one in pieces for sent in self.faults.to_host(now_ns, None, one)]
-        refused = self._refused
+        refused = self._bus.refused
         for piece in pieces:
             self._transmit(piece)
-        return self._refused == refused
+        return self._bus.refused == refused
 
     def play(self, now_ns: int) -> None:
         """Send late pieces that are due."""
@@ -75,11 +58,7 @@ class BoardCanLink(BoardEnd):
 
     def close(self) -> None:
         """Release the channel; may be called twice."""
-        self._bus.shutdown()
+        self._bus.close()
 
     def _transmit(self, piece: bytes) -> None:
-        message = new_message(self._config.board_id, fd=self._config.fd, data=piece)
-        try:
-            self._bus.send(message, timeout=0)
-        except can.CanError:
-            self._refused += 1
+        self._bus.send(new_message(self._config.board_id, fd=self._config.fd, data=piece))

@@ -1,7 +1,7 @@
 """The bridge board as its own firmware, run by QEMU, in place of `board` and `link`.
 
 The rig's encoder and torque go into the machine's feed; the enable line comes back from there. The
-bytes of the link are handed on between the machine and the pseudo-terminal that the host opens: a
+bytes of the link are passed on between the machine and the pseudo-terminal that the host opens: a
 host that does not read loses bytes, as on a serial line, and does not stop the machine.
 """
 
@@ -19,7 +19,7 @@ from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge.frames import DELIMITER, Frame, Numbered
 
 FEED_HZ = 2000
-"""How often the rig's encoder and torque are fed, and what the firmware has sent is handed on."""
+"""How often the rig's encoder and torque are fed, and what the firmware has sent is passed on."""
 
 
 def check_fault(fault: Fault) -> None:
@@ -69,7 +69,7 @@ class FirmwareLink(PtyEnd):
         self._begun = b""  # of a frame to the host
 
     def receive(self, now_ns: int) -> Iterator[tuple[int, Numbered]]:
-        """Hand on what has come on either side; there are no frames for the bench.
+        """Pass on what has come on either side; there are no frames for the bench.
 
         Raises EmulatorError if the machine has ended.
         """

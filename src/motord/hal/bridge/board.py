@@ -19,14 +19,14 @@ from motord.hal.bridge.clock import BoardClock, LoopClock
 from motord.schema import BridgeStatus
 from motord.wire.bridge import frames
 
-_ASK_AGAIN_S = 0.1
+_REPEAT_S = 0.1
 SILENCE_NS = 500_000_000
-"""After this time without a sample, or with heartbeats that the board does not hear, it is asked
+"""After this time without a sample, or with heartbeats that the board does not receive, it is asked
 who it is, and again each time it is over; not before its samples are stale: it starts anew then."""
 _AHEAD = frames.HEARTBEAT_NUMBERS // 2
 _HEARTBEATS_KEPT = 1024  # power of two: their numbers index it
 
-_Answer = TypeVar("_Answer", frames.Hello, frames.Status, frames.Sample)
+_Response = TypeVar("_Response", frames.Hello, frames.Status, frames.Sample)
 
 
 class BridgeLink(Protocol):
@@ -63,23 +63,23 @@ class Bridge:
     """
 
     def __init__(
-        self, config: Config, name: str, question: str, open_link: Callable[[], BridgeLink]
+        self, config: Config, name: str, hint: str, open_link: Callable[[], BridgeLink]
     ) -> None:
         """Take rates and scales from `config`; nothing is opened.
 
-        `name` is whom errors name, `question` their hint if something else is received, and
+        `name` is whom errors name, `hint` what they add if something else is received, and
         `open_link` opens the link or raises DeviceError.
         """
         bridge = config.bridge
         self._name = name
-        self._question = question
+        self._hint = hint
         self._open_link = open_link
         self.hello: frames.Hello | None = None
         self.restarts = 0
         self._config = bridge
         self._counts = config.motor.counts
-        self._rate_Hz = bridge.rate_Hz or config.loop.rate_Hz
-        self._torque_Nm_per_count = bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
+        self._rate_Hz = config.sample_rate_Hz
+        self._torque_Nm_per_count = config.torque_Nm_per_count
         self._link: BridgeLink | None = None
         self._loop_clock = LoopClock()
         self.clock = BoardClock()
@@ -91,27 +91,27 @@ class Bridge:
         self._t_ns = 0
         self._silence_ns = max(SILENCE_NS, round(bridge.stale_after_s * 1e9))
         self._received_ns = 0  # newest sample's arrival, while the board receives heartbeats
-        self._asked_ns = 0
+        self._requested_ns = 0
         self._sample = frames.Sample(0, 0, 0, 0)
 
     def open(self) -> None:
         """Open the link, check the board, start its samples. Raises DeviceError."""
         self._link = self._open_link()
         try:
-            self.hello = self._ask(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
+            self.hello = self._request(frames.HelloRequest(frames.PROTOCOL), frames.Hello)
             incompatible = self._incompatibility(self.hello)
             if incompatible is not None:
                 board = f"{self.hello.board_name} (firmware {self.hello.firmware_version})"
                 raise self._error(f"{board} {incompatible}")
             self._number = self.hello.heartbeat_next
-            status = self._ask(self._configure(), frames.Status)
+            status = self._request(self._configure(), frames.Status)
             if status.rate_Hz != self._rate_Hz:
                 raise self._error(
                     f"the board cannot sample at {self._rate_Hz} Hz, it stays at "
                     f"{status.rate_Hz} Hz; set rate_Hz in [bridge]"
                 )
             self._update_from_status(status)
-            self._sample = self._ask(frames.Start(), frames.Sample)
+            self._sample = self._request(frames.Start(), frames.Sample)
         except BaseException:
             self._link.close()
             self._link = None
@@ -127,8 +127,8 @@ class Bridge:
             if received:
                 stamp_ns = self._link.stamp_ns
                 self._process(received, clock.from_system(stamp_ns) if stamp_ns else clock.now_ns())
-            if now_ns - max(self._received_ns, self._asked_ns) > self._silence_ns:
-                self._asked_ns = now_ns
+            if now_ns - max(self._received_ns, self._requested_ns) > self._silence_ns:
+                self._requested_ns = now_ns
                 self._send(frames.HelloRequest(frames.PROTOCOL))
         sample = self._sample
         feedback["t_ns"] = self._t_ns
@@ -210,23 +210,23 @@ class Bridge:
     def _configure(self) -> frames.Configure:
         return frames.Configure(self._rate_Hz, round(self._config.heartbeat_timeout_s * 1e6))
 
-    def _ask(self, question: frames.Frame, answer: type[_Answer]) -> _Answer:
-        """Send `question` until an `answer` comes. Raises DeviceError if none does."""
+    def _request(self, request: frames.Frame, response: type[_Response]) -> _Response:
+        """Send `request` until a `response` comes. Raises DeviceError if none does."""
         link = self._link
         assert link is not None
         deadline_s = time.monotonic() + self._config.connect_timeout_s
         while time.monotonic() < deadline_s:
-            self._send(question)
-            ask_again_s = time.monotonic() + _ASK_AGAIN_S
-            while (left_s := min(ask_again_s, deadline_s) - time.monotonic()) > 0:
+            self._send(request)
+            repeat_s = time.monotonic() + _REPEAT_S
+            while (left_s := min(repeat_s, deadline_s) - time.monotonic()) > 0:
                 link.wait(left_s)
                 for _, frame in link.receive():
-                    if isinstance(frame, answer):
+                    if isinstance(frame, response):
                         return frame
         raise self._error(
-            f"no {answer.__name__} within {self._config.connect_timeout_s:g} s, "
+            f"no {response.__name__} within {self._config.connect_timeout_s:g} s, "
             + (
-                f"{link.received}; {self._question}"
+                f"{link.received}; {self._hint}"
                 if link.received
                 else "nothing at all; is the board powered, and is this where it is?"
             )

@@ -14,7 +14,7 @@ CanFrame = tuple[int, bytes, int]
 the interface does not stamp in the system's clock."""
 
 FRAMES_AT_ONCE = 1024
-"""Frames that one call of `receive` returns at most; what is left waits for the next."""
+"""Frames that one call of `receive` returns at most; the others wait for the next."""
 REFUSED_MAX = 5
 """Sends refused on end after which the bus counts as off."""
 

@@ -52,7 +52,7 @@ class BulkPort:
 
     @property
     def in_waiting(self) -> int:
-        """Number of bytes at hand; looks for more if there are none."""
+        """Number of bytes available; reads more if there are none."""
         if self._place >= len(self._arrived):
             self._place, self._arrived = 0, b""
             if self._fd is not None:
@@ -68,7 +68,7 @@ class BulkPort:
         return len(self._arrived) - self._place
 
     def read(self, size: int = 1) -> bytes:
-        """Return the next bytes at hand, at most `size`; b"" if there are none."""
+        """Return the next bytes available, at most `size`; b"" if there are none."""
         place = self._place
         self._place = place + size
         return self._arrived[place : place + size]

@@ -1,8 +1,8 @@
 """A CAN channel of the Linux kernel (SocketCAN), by a raw socket of our own.
 
 All frames that have arrived come in one system call into memory made once, each with the time at
-which the kernel took it from the controller; one call sends one. The kernel hands over no frame
-that was not asked for (`listen`). A socket outlives its interface going down and up again; one
+which the kernel took it from the controller; one call sends one. The kernel delivers only
+the frames asked for (`listen`). A socket outlives its interface going down and up again; one
 whose interface vanished (an adapter unplugged) takes it up again when it is back.
 """
 
@@ -32,7 +32,7 @@ _CLASSIC_BYTES, _FD_BYTES, _HEAD_BYTES = 16, 72, 8
 _EXTENDED, _REMOTE, _ERROR = 1 << 31, 1 << 30, 1 << 29
 _STANDARD_MASK, _EXTENDED_MASK = 0x7FF, 0x1FFF_FFFF
 _BIT_RATE_SWITCH = 0x01
-_ERRORS_HEARD = 0x1FD
+_ERROR_CLASSES = 0x1FD
 """All classes of errors but lost arbitration, which is how a bus is shared, and mere counters."""
 _CAN_RAW_ERR_FILTER = 2
 _SO_TIMESTAMPNS = 35
@@ -180,7 +180,7 @@ def open_socketcan(channel: str, fd: bool) -> SocketCan:
         if fd:
             _needs_fd(end, channel)
             end.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
-        end.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERRORS_HEARD)
+        end.setsockopt(socket.SOL_CAN_RAW, _CAN_RAW_ERR_FILTER, _ERROR_CLASSES)
         end.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         with suppress(OSError):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)

@@ -21,7 +21,7 @@ class DqInverter(CanDrive):
     NO_CURRENT_A = (0.0, 0.0)
 
     def __init__(self, config: Config) -> None:
-        """Compile messages and frame; nothing is opened. Raises ConfigError, DeviceError."""
+        """Compile messages and frame; nothing is opened. Raises ConfigError."""
         super().__init__(config)
         self._frame = DqFrame.of(config)
         self._sends_phases = bool(self._codec.signals.feedback_i_A)

@@ -125,17 +125,13 @@ class ModbusDevice:
 
 
 def brake(config: Config) -> ModbusDevice:
-    """Return the brake of a bench, excitation 0 to 1. Raises DeviceError without a Modbus table."""
-    return ModbusDevice("brake", _table("brake", config.brake.modbus), 0.0, 1.0)
+    """Return the brake of a bench, excitation 0 to 1."""
+    assert config.brake.modbus is not None  # a rule of the bench file
+    return ModbusDevice("brake", config.brake.modbus, 0.0, 1.0)
 
 
 def drive(config: Config) -> ModbusDevice:
-    """Return the external drive of a bench, rad/s. Raises DeviceError without a Modbus table."""
-    fastest = config.drive.speed_max_rad_s
-    return ModbusDevice("drive", _table("drive", config.drive.modbus), -fastest, fastest)
-
-
-def _table(name: str, table: ModbusConfig | None) -> ModbusConfig:
-    if table is None:
-        raise DeviceError(f"[{name}]: its Modbus driver needs a table [{name}.modbus]")
-    return table
+    """Return the external drive of a bench, rad/s."""
+    assert config.drive.modbus is not None  # a rule of the bench file
+    fastest_rad_s = config.drive.speed_max_rad_s
+    return ModbusDevice("drive", config.drive.modbus, -fastest_rad_s, fastest_rad_s)

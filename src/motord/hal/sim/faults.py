@@ -7,10 +7,9 @@ import numpy as np
 
 from motord.config.faults import Fault, Timeline
 from motord.rig import faults as rig_faults
-from motord.schema import FAULT_COUNT_SHIFT
+from motord.schema import FAULT_COUNT_MODULUS, FAULT_COUNT_SHIFT
 
 NEVER_NS = 1 << 62
-_COUNT_MODULUS = 128
 
 
 class SimFaults:
@@ -43,7 +42,7 @@ class SimFaults:
                 self._active.remove(fault)
                 continue
             self._begun += 1
-            self.status_bits = self._begun % _COUNT_MODULUS << FAULT_COUNT_SHIFT
+            self.status_bits = self._begun % FAULT_COUNT_MODULUS << FAULT_COUNT_SHIFT
             self._active.append(fault)
             if fault.kind == "host_stall":
                 self._sleep(fault.duration_s)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from motord.config import Config
-from motord.config.faults import Timeline, load_timeline
+from motord.config.faults import load_timeline
 from motord.control.types import COMMAND, FEEDBACK
 from motord.hal.sim.faults import SimFaults
 from motord.jit import ArgumentBlock, jit_holding_gil, records_at
@@ -38,7 +38,7 @@ def _read(frame: int, duration_s: float, now_ns: int, torque_Nm_per_count: float
 
 @jit_holding_gil
 def _write(frame: int) -> None:
-    """Hand the command to the rig."""
+    """Pass the command to the rig."""
     rig_input = records_at(frame, _INPUT, 1, RIG_INPUT)
     apply_command(records_at(frame, _COMMAND, 1, COMMAND), rig_input)
 
@@ -58,14 +58,11 @@ class SimRig:
             *self._rig, self._input, self._output, self._feedback, self._command
         )
         self._timeout_ns = round(config.inverter.timeout_s * 1e9)
-        self._torque_Nm_per_count = (
-            config.bridge.adc_V_per_count * config.torque_sensor.gain_Nm_per_V
-        )
+        self._torque_Nm_per_count = config.torque_Nm_per_count
         self._t_ns: int | None = None
         self._deadline_ns: int | None = None
         self._timed_out = False
-        faults = config.bench.faults
-        self._faults = SimFaults(load_timeline(faults) if faults else Timeline(), self._input)
+        self._faults = SimFaults(load_timeline(config.bench.faults), self._input)
 
     def open(self) -> None:
         """Compile or load the kernels, so that the first read does not wait for it."""

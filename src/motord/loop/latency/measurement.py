@@ -106,8 +106,8 @@ class LoopOnDemand:
             stdout=subprocess.PIPE,
             env={**os.environ, **ONE_THREAD},
         )
-        self._tell(setup.model_dump_json())
-        self.ready = Ready.model_validate_json(self._answer(0))
+        self._send(setup.model_dump_json())
+        self.ready = Ready.model_validate_json(self._receive(0))
 
     def __enter__(self) -> "LoopOnDemand":
         return self
@@ -119,11 +119,11 @@ class LoopOnDemand:
 
     def run(self, settle_ticks: int, ticks: int) -> Timing:
         """Run `settle_ticks` and then `ticks`; return what the latter took."""
-        self._tell(f"{settle_ticks} {ticks}")
-        answer = self._answer(TIMING.itemsize)
+        self._send(f"{settle_ticks} {ticks}")
+        answer = self._receive(TIMING.itemsize)
         return Timing(np.frombuffer(bytearray(answer), TIMING))
 
-    def _tell(self, line: str) -> None:
+    def _send(self, line: str) -> None:
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(line.encode() + b"\n")
@@ -131,7 +131,7 @@ class LoopOnDemand:
         except BrokenPipeError:
             self._fail()
 
-    def _answer(self, size: int) -> bytes:
+    def _receive(self, size: int) -> bytes:
         """Return `size` bytes, or a line if that is 0."""
         assert self._process.stdout is not None
         output = self._process.stdout

@@ -13,13 +13,13 @@ _CENTRES_us = (EDGES_ns[:-1] + np.diff(EDGES_ns) / 2) / 1e3
 def picture(measured: Measured) -> Figure:
     """Return the histograms of wake-up and work; what the host stole from is drawn faintly."""
     wake_late, work = [], []
-    for clean, words in ((True, "clean slices"), (False, "stolen from")):
+    for clean, label in ((True, "clean slices"), (False, "stolen from")):
         if measured.cyclictest is not None:
             late = measured.cyclictest.of(clean=clean).wake_late
-            wake_late.append(_times(f"cyclictest, {words}", "cyclictest", late, not clean))
+            wake_late.append(_times(f"cyclictest, {label}", "cyclictest", late, not clean))
         loop = measured.loop.of(clean=clean)
-        wake_late.append(_times(f"loop, {words}", "loop", loop.wake_late, not clean))
-        work.append(_times(words, "work", loop.work, not clean))
+        wake_late.append(_times(f"loop, {label}", "loop", loop.wake_late, not clean))
+        work.append(_times(label, "work", loop.work, not clean))
     return latency(wake_late, work, float(measured.plan.period_us))
 
 

@@ -32,16 +32,11 @@ MAX_DEPARTURES = 8
 """Orders that an encoder's error, a torque sensor's cross-talk or a ripple of friction may have."""
 
 
-class CoggingHarmonic(Section):
-    """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad)."""
+class TorqueHarmonicTruth(Section):
+    """One order of a torque: amplitude_Nm sin(order theta + phase_rad).
 
-    order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
-    amplitude_Nm: Finite
-    phase_rad: Finite = 0.0
-
-
-class FrictionHarmonic(Section):
-    """One order of the friction: amplitude_Nm sin(order theta + phase_rad) against the motion."""
+    Of the cogging torque, or of the friction against the motion.
+    """
 
     order: Annotated[int, Field(ge=1, le=MAX_ORDER)]
     amplitude_Nm: Finite
@@ -79,7 +74,7 @@ class MotorTruth(Section):
     back_emf: Annotated[tuple[BackEmfHarmonic, ...], Field(min_length=1)] = (
         BackEmfHarmonic(order=1, amplitude_V_s_per_rad=0.206),
     )
-    cogging: tuple[CoggingHarmonic, ...] = ()
+    cogging: tuple[TorqueHarmonicTruth, ...] = ()
     back_emf_drop_per_A: Annotated[float, Field(ge=0, le=0.1)] = 0.0
     cogging_rise_per_A: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
 
@@ -104,7 +99,9 @@ class RotorTruth(Section):
     viscous_Nm_s_per_rad: NonNegative = 0.002
     coulomb_Nm: NonNegative = 0.03
     static_Nm: NonNegative = 0.04
-    friction_ripple: Annotated[tuple[FrictionHarmonic, ...], Field(max_length=MAX_DEPARTURES)] = ()
+    friction_ripple: Annotated[
+        tuple[TorqueHarmonicTruth, ...], Field(max_length=MAX_DEPARTURES)
+    ] = ()
     angle_rad: Finite = 0.0
     speed_rad_s: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
 

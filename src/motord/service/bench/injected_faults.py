@@ -3,11 +3,11 @@
 import numpy as np
 
 from motord.config import Config
-from motord.config.faults import Timeline, load_timeline
-from motord.schema import FAULT_COUNT_SHIFT
+from motord.config.faults import load_timeline
+from motord.schema import FAULT_COUNT_MODULUS, FAULT_COUNT_SHIFT
 from motord.service.host.events import EventLog
 
-_MASK = 127
+_MASK = FAULT_COUNT_MODULUS - 1
 
 
 class InjectedFaults:
@@ -15,8 +15,7 @@ class InjectedFaults:
 
     def __init__(self, config: Config, events: EventLog) -> None:
         """Raises ConfigError for a timeline that cannot be read."""
-        known = config.bench.faults if config.simulated else None
-        self._timeline = load_timeline(known) if known is not None else Timeline()
+        self._timeline = load_timeline(config.bench.faults if config.simulated else None)
         self._events = events
         self._count = 0
         self._reported = 0

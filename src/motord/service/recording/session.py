@@ -95,9 +95,9 @@ class RecorderSession:
         if self.link is None:
             return
         self._take_reports(self.link, now_ns)
-        self._faults.step(self.link.received, now_ns, self.link.dropped)
-        if self.link.dropped > self._dropped and not self.link.waiting:
-            self._dropped = self.link.dropped
+        self._faults.step(self.link.received, now_ns, self.link.commands.dropped)
+        if self.link.commands.dropped > self._dropped and not self.link.commands.waiting:
+            self._dropped = self.link.commands.dropped
             if self.task is not None:
                 self._send_task(resume=True)
             else:

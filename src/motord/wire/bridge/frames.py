@@ -69,7 +69,7 @@ class Status(NamedTuple):
     status: int
     heartbeat_sequence: int
     heartbeat_t_us: int
-    heartbeats: int  # heard since reset
+    heartbeats: int  # received since reset
     errors: int  # frames from the host that were lost or corrupt, since reset
     dropped: int  # samples that found no room on the link, since reset
     rate_Hz: int

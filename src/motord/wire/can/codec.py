@@ -191,12 +191,12 @@ class InverterCodec:
         status = InverterStatus(0)
         for mask, value, meaning in self._meanings():
             if value is not None:
-                said = word & mask == value
+                holds = word & mask == value
             elif meaning is InverterStatus.READY:
-                said = word & mask == mask
+                holds = word & mask == mask
             else:
-                said = word & mask != 0
-            if said:
+                holds = word & mask != 0
+            if holds:
                 status |= meaning
         return status
 

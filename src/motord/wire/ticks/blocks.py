@@ -100,11 +100,9 @@ class BlockCodec:
         self.fill(rows[:, len(self._list_head) :], block)
         return rows.tobytes()
 
-    def decode_list(
-        self, buffer: bytes | memoryview | Bytes, columns: Iterable[str] | None = None
-    ) -> Block:
+    def decode_list(self, buffer: bytes | memoryview | Bytes) -> Block:
         """Return the records in a message made by `encode_list`. Raises as `decode` does."""
-        return self._decode(buffer, self._list_pattern, columns)
+        return self._decode(buffer, self._list_pattern)
 
     def fill(self, rows: Bytes, block: Block) -> None:
         """Write the values of `block` (n,) into messages `rows` (n, size) that have their tags."""
@@ -126,7 +124,7 @@ class BlockCodec:
         self,
         buffer: bytes | memoryview | Bytes,
         pattern: Pattern,
-        columns: Iterable[str] | None,
+        columns: Iterable[str] | None = None,
     ) -> Block:
         raw, name = np.frombuffer(buffer, np.uint8), self.record.name
         if raw.size % pattern.size:

@@ -11,7 +11,7 @@ from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
 from motord.identification import orders
 from motord.identification.operating_points import PointData, split
-from motord.rig.truth import CoggingHarmonic, RigTruth
+from motord.rig.truth import RigTruth, TorqueHarmonicTruth
 from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench
 from motord.virtual.plan import run_plan
@@ -44,13 +44,13 @@ class Motor:
         return f"{self.slots}/{self.poles}-{self.counts}-{self.connection}"
 
     @property
-    def cogging(self) -> tuple[CoggingHarmonic, ...]:
+    def cogging(self) -> tuple[TorqueHarmonicTruth, ...]:
         """One dislocated slot and the main order with its double."""
         main = lcm(self.slots, self.poles)
         return (
-            CoggingHarmonic(order=self.poles, amplitude_Nm=0.06, phase_rad=0.6),
-            CoggingHarmonic(order=main, amplitude_Nm=0.2, phase_rad=-1.1),
-            CoggingHarmonic(order=2 * main, amplitude_Nm=0.03, phase_rad=2.0),
+            TorqueHarmonicTruth(order=self.poles, amplitude_Nm=0.06, phase_rad=0.6),
+            TorqueHarmonicTruth(order=main, amplitude_Nm=0.2, phase_rad=-1.1),
+            TorqueHarmonicTruth(order=2 * main, amplitude_Nm=0.03, phase_rad=2.0),
         )
 
 
