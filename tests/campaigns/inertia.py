@@ -15,8 +15,8 @@ from motord.experiments.inertia.error_budget import budget
 from motord.experiments.inertia.oscillation import Oscillation, Release, combine, waves_of
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import Acceleration, accelerate
-from motord.identification.free_decay import mean_frequency
 from motord.identification.harmonics import harmonics_table
+from motord.identification.rotor.free_decay import mean_frequency
 from motord.reproduce.cad_difference import DIFFERENCE, explanations
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds

@@ -57,7 +57,7 @@ def print_result(result: Any, text: str, as_json: bool) -> None:
 
 EXPLAINED = frozenset(
     {
-        "motord.calibration.CalibrationError",
+        "motord.calibration.file.CalibrationError",
         "motord.client.error.ClientError",
         "motord.config.base.ConfigError",
         "motord.dashboard.server.DashboardError",

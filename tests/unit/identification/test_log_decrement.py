@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from motord.identification import IdentifyError
-from motord.identification.free_decay import fit_decay, mean_frequency, swing_angles
-from motord.identification.log_decrement import find_swing, five_periods
+from motord.identification.rotor.free_decay import fit_decay, mean_frequency, swing_angles
+from motord.identification.rotor.log_decrement import find_swing, five_periods
 
 COUNTS = 4096
 STIFFNESS_NM = 50.0

@@ -18,11 +18,11 @@ from motord.experiments.back_emf.findings import SPEED_RATIO, findings
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.identification import IdentifyError
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
-from motord.identification.driven_rotor import Driven, prepare
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import PointData
 from motord.identification.orders import resolved_order
 from motord.identification.resample import rising
+from motord.identification.rotor.driven_rotor import Driven, prepare
 
 VOLTAGES = ("u_a_V", "u_b_V", "u_c_V")
 

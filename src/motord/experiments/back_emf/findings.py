@@ -9,7 +9,7 @@ from motord.config import SEQUENCE
 from motord.experiments.back_emf.result import MeasuredBackEmf
 from motord.experiments.driven_findings import left_out_finding
 from motord.findings import Finding
-from motord.identification.driven_rotor import JERKY, Driven
+from motord.identification.rotor.driven_rotor import JERKY, Driven
 
 UNBALANCED = 0.002
 """Part of the fundamental by which a phase may differ from the mean of the three."""

@@ -22,7 +22,6 @@ from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification import IdentifyError
 from motord.identification.basis import cell_gain, highpass
 from motord.identification.cluster_robust_ls import ClusterFit, Regressors
-from motord.identification.driven_rotor import Driven
 from motord.identification.harmonics import lines_at
 from motord.identification.orders import (
     SAMPLES_PER_COGGING_ORDER,
@@ -30,6 +29,7 @@ from motord.identification.orders import (
     order_limit,
     resolved_order,
 )
+from motord.identification.rotor.driven_rotor import Driven
 from motord.identification.torque_sensor import order_below_resonance, passed_by_mount, response
 
 REQUIRED = ("torque_Nm",)

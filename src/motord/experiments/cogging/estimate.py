@@ -17,9 +17,9 @@ from motord.experiments.cogging.at_speed import (
 from motord.experiments.cogging.directions import directions
 from motord.experiments.cogging.findings import findings
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
-from motord.identification.driven_rotor import prepare
 from motord.identification.operating_points import PointData
 from motord.identification.orders import allowed_orders, main_order
+from motord.identification.rotor.driven_rotor import prepare
 
 SEEN = 5.0
 """Amplitude, in standard errors, from which a harmonic is compared by magnitude and phase."""

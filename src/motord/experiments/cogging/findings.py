@@ -9,7 +9,7 @@ from motord.experiments.cogging.at_speed import STANDS_OUT
 from motord.experiments.cogging.result import MeasuredCogging
 from motord.experiments.driven_findings import left_out_finding
 from motord.findings import Finding
-from motord.identification.driven_rotor import JERKY
+from motord.identification.rotor.driven_rotor import JERKY
 
 STICKS = 5.0
 """Part of that limit from which on it is no swing that dies out, but the rotor sticks and slips."""

@@ -20,8 +20,8 @@ from motord.experiments.inertia.error_budget import (
 from motord.experiments.inertia.springs import SpringSetup
 from motord.findings import Finding
 from motord.identification import IdentifyError
-from motord.identification.free_decay import Decay, fit_decay, mean_frequency
-from motord.identification.log_decrement import FivePeriods, Swing, find_swing, five_periods
+from motord.identification.rotor.free_decay import Decay, fit_decay, mean_frequency
+from motord.identification.rotor.log_decrement import FivePeriods, Swing, find_swing, five_periods
 from motord.identification.turning import unwrap_counts
 from motord.intervals import coverage_factor
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from motord.experiments.inertia.oscillation import find_releases
-from motord.identification.log_decrement import find_swing
+from motord.identification.rotor.log_decrement import find_swing
 
 COUNTS = 4096
 

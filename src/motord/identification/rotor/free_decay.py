@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from motord.identification import IdentifyError
-from motord.identification.log_decrement import Swing, five_periods
+from motord.identification.rotor.log_decrement import Swing, five_periods
 from motord.jit import jit
 
 GEOMETRY = -2 / 3
