@@ -80,7 +80,7 @@ class Rpc:
         }
         service.dispatcher = Dispatcher(
             *(service.bench, service.operation, service.available, service.plans),
-            *(service.notes, self._installation, kept),
+            *(self._installation, kept),
         )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])
