@@ -14,6 +14,8 @@ const CALM_MS = 250;
 /** So many times as long as drawing takes passes from frame to frame: a slow computer draws less often and stays usable. */
 const DRAWING_SHARE = 2.5;
 const MAX_BUCKETS = 1600;
+/** Name of the measures of live frames in the browser's performance timeline. */
+const FRAME = "motord.frame";
 
 export class Traces {
   /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./marks.js").Marks} marks */
@@ -28,10 +30,13 @@ export class Traces {
     /** @type {TracePlot[]} */
     this._plots = [];
     this._hidden = new Set();
-    /** @type {number | null} */
-    this._cursor_s = null;
+    /** @type {number | null} as a share of the window */
+    this._cursor = null;
+    this._to_s = 0;
     this._dirty = this._waiting = this._stale = false;
     this._drawn_ms = this._shown_ms = this._cost_ms = 0;
+    /** Times of the newest sample that came, and that is drawn. */
+    this._newest_s = this._drawn_s = 0;
     this._lost = 0;
     this._frame = (/** @type {number} */ now_ms) => this._draw(now_ms);
     this._area = byId("plots");
@@ -58,6 +63,7 @@ export class Traces {
     if (header.view !== VIEW || header.live !== this._window.live) return;
     if (this._buckets.take(header, floats)) this._rebuild();
     this._lost = header.lost;
+    this._newest_s = header.newest_s;
     this._dirty = true;
     this._request();
   }
@@ -85,11 +91,21 @@ export class Traces {
     const to_s = this._window.end_s ?? this._buckets.end_s;
     this._to_s = to_s;
     const begun_ms = performance.now();
-    for (const plot of this._plots) plot.draw(this._buckets, to_s - this._window.span_s, to_s, this._window.live);
+    for (const plot of this._plots) plot.draw(this._buckets, to_s, this._window.span_s, this._window.live);
     this._cost_ms += 0.2 * (performance.now() - begun_ms - this._cost_ms);
-    if (now_ms - this._shown_ms < VALUES_MS && this._cursor_s === null) return;
+    if (this._window.live && this._newest_s !== this._drawn_s) this._measure();
+    if (now_ms - this._shown_ms < VALUES_MS && this._cursor === null) return;
     this._shown_ms = now_ms;
     this._values();
+  }
+
+  /** A frame for the developer tools: from when its new samples were taken, half of them earlier, until it was drawn. */
+  _measure() {
+    const sampled_s = this._bench.epoch_s + (this._drawn_s + this._newest_s) / 2;
+    const end = performance.now();
+    performance.measure(FRAME, { start: Math.max(0, end - (Date.now() - 1000 * sampled_s)), end, detail: { sampled_s } });
+    performance.clearMeasures(FRAME); // observers have it; the page is open for days
+    this._drawn_s = this._newest_s;
   }
 
   _values() {
@@ -125,8 +141,9 @@ export class Traces {
       marks: () => this._marks.all,
       axis: i === shown.length - 1,
       time: (t_s, step_s) => this._time(t_s, step_s),
-      select: (from_s, to_s) => this._change(() => this._window.select(from_s, to_s)),
-      cursor: (t_s) => this._moved(t_s),
+      select: (from, to) => this._change(() => this._window.select(this._at(from), this._at(to))),
+      cursor: (at) => this._moved(at),
+      shown: () => this.refresh(),
     }));
     this._area.replaceChildren(...this._plots.map((plot) => plot.element));
     this._plots.forEach((plot, i) => {
@@ -155,19 +172,27 @@ export class Traces {
     return group === "torque" ? this._bench.torqueLimits : NO_LIMITS;
   }
 
-  /** @param {number} t_s @param {number} step_s */
+  /** A time of the axis as text: live it counts from now. @param {number} t_s @param {number} step_s */
   _time(t_s, step_s) {
     const digits = step_s >= 1 ? 0 : Math.min(4, Math.ceil(-Math.log10(step_s)));
     if (!this._window.live) return clock(this._bench.epoch_s + t_s, digits);
-    const back_s = t_s - this._to_s;
-    if (Math.abs(back_s) < step_s / 2) return "now";
-    return this._window.span_s > 120 ? `${number(back_s / 60, step_s < 60 ? 1 : 0)} min` : `${number(back_s, digits)} s`;
+    if (Math.abs(t_s) < step_s / 2) return "now";
+    return this._window.span_s > 120 ? `${number(t_s / 60, step_s < 60 ? 1 : 0)} min` : `${number(t_s, digits)} s`;
   }
 
-  /** @param {number | null} t_s */
-  _moved(t_s) {
-    if (t_s === this._cursor_s) return;
-    this._cursor_s = t_s;
+  /** The time at a share of the window as it is drawn. @param {number} share */
+  _at(share) {
+    return this._to_s - (1 - share) * this._window.span_s;
+  }
+
+  get _cursor_s() {
+    return this._cursor === null ? null : this._at(this._cursor);
+  }
+
+  /** @param {number | null} at */
+  _moved(at) {
+    if (at === this._cursor) return;
+    this._cursor = at;
     this._values();
   }
 
