@@ -51,24 +51,24 @@ def running_bench() -> Iterator[Bench]:
             yield Bench(running, cpu)
 
 
-def round_trips_ms(client: Client, seconds: float) -> list[float]:
+def round_trips_ms(client: Client, seconds: float, pause_s: float = PAUSE_S) -> list[float]:
     """Return how long requests took that were made one after the other."""
     found, end_s = [], time.monotonic() + seconds
     while time.monotonic() < end_s:
         begun_s = time.perf_counter()
         client.rpc("plan/list")
         found.append(1e3 * (time.perf_counter() - begun_s))
-        time.sleep(PAUSE_S)
+        time.sleep(pause_s)
     return found
 
 
 def stay(
-    client: Client, subscribers: list[Subscriber], seconds: float
+    client: Client, subscribers: list[Subscriber], seconds: float, pause_s: float = PAUSE_S
 ) -> tuple[list[Account], list[float]]:
     """Return what each subscriber got in so many seconds, and the round trips meanwhile."""
     for each in subscribers:
         each.begin()
-    trips_ms = round_trips_ms(client, seconds)
+    trips_ms = round_trips_ms(client, seconds, pause_s)
     return [each.end() for each in subscribers], trips_ms
 
 
