@@ -68,17 +68,13 @@ def browsers() -> list[int]:
 
 
 @contextmanager
-def operated(bench: Bench) -> Iterator[None]:
+def operated(bench: Bench) -> Iterator[Lease]:
     """Hold torque and speed by hand."""
     with bench.daemon.connect() as client, client.lease("benchmark") as lease:
-        _operate(lease)
+        lease.enable()
+        lease.set(torque_Nm=TORQUE_Nm, speed_Hz=SPEED_Hz)
         wait_for(client, lambda state: state.setpoint.torque_Nm == TORQUE_Nm, "the torque")
-        yield
-
-
-def _operate(lease: Lease) -> None:
-    lease.enable()
-    lease.set(torque_Nm=TORQUE_Nm, speed_Hz=SPEED_Hz)
+        yield lease
 
 
 def figures(quick: bool) -> list[Figure]:
@@ -86,12 +82,12 @@ def figures(quick: bool) -> list[Figure]:
     with ExitStack() as stack:
         bench = stack.enter_context(running_bench(RATE_Hz, TICK_RATE_Hz))
         page = stack.enter_context(dashboard(bench.daemon.folder, bench.endpoint))
-        stack.enter_context(operated(bench))
+        lease = stack.enter_context(operated(bench))
         pages = stack.enter_context(open_pages(f"{page.base}/#token={page.viewer}", PAGES))
         subscribers = [
             stack.enter_context(Subscriber(bench.name, bench.endpoint)) for _ in range(SUBSCRIBERS)
         ]
-        found = load(bench, page, pages, subscribers, QUICK_S if quick else SECONDS)
+        found = load(lease, page, pages, subscribers, QUICK_S if quick else SECONDS)
         disturbance = Disturbance(
             AT, lambda: _begin(pages, subscribers), lambda: _end(pages, subscribers)
         )
@@ -113,17 +109,16 @@ def _end(pages: OpenPages, subscribers: list[Subscriber]) -> None:
 
 
 def load(
-    bench: Bench, page: Dashboard, pages: OpenPages, subscribers: list[Subscriber], seconds: float
+    lease: Lease, page: Dashboard, pages: OpenPages, subscribers: list[Subscriber], seconds: float
 ) -> list[Figure]:
-    """Return what pages, subscribers and a client that asks get, and what they need for it."""
+    """Return what pages, subscribers and the operator get, and what they need for it."""
     pages.open()
     groups = [page.process.pid], browsers(), [each.process.pid for each in subscribers]
-    with bench.daemon.connect() as client:
-        before, begun_s = [cpu_s(pids) for pids in groups], time.monotonic()
-        pages.begin()
-        accounts, trips_ms = stay(client, subscribers, seconds, PAUSE_S)
-        seen, lasted_s = pages.seen(), time.monotonic() - begun_s
-        after = [cpu_s(pids) for pids in groups]
+    before, begun_s = [cpu_s(pids) for pids in groups], time.monotonic()
+    pages.begin()
+    accounts, trips_ms = stay(lambda: lease.set(torque_Nm=TORQUE_Nm), subscribers, seconds, PAUSE_S)
+    seen, lasted_s = pages.seen(), time.monotonic() - begun_s
+    after = [cpu_s(pids) for pids in groups]
     pages.close()
     server, browser, programs = (
         100 * sum(end_s - begin[pid] for pid, end_s in end.items()) / lasted_s
@@ -136,7 +131,7 @@ def load(
         *shown(seen),
         *accounted(accounts),
         Figure(
-            f"{AT}: round trip of a request, median",
+            f"{AT}: round trip of `set`, median",
             statistics.median(trips_ms), "ms", ROUND_TRIP_LIMIT_ms,
             note=f"{len(trips_ms)} requests; 99 %: {np.quantile(trips_ms, 0.99):.1f} ms",
         ),
