@@ -91,11 +91,13 @@ export class Raster {
 
   /** Dashes go along the columns; where a line is steep, down the rows: a step is never in a gap. @param {number} column @param {number} top @param {number} bottom @param {number[]} dash */
   _dashed(column, top, bottom, [on, off]) {
+    const period = on + off;
     if (bottom - top <= on) {
-      if (column % (on + off) < on) this._add(top, bottom, 1);
+      if (column % period < on) this._add(top, bottom, 1);
       return;
     }
-    for (let y = top; y < bottom; y += on + off) this._add(y, Math.min(y + on, bottom), 1);
+    const first = Math.floor(top / period) * period;
+    for (let y = first; y < bottom; y += period) this._add(Math.max(y, top), Math.min(y + on, bottom), 1);
   }
 
   /** Cover the rows from y to y, those at the ends by their share. @param {number} top @param {number} bottom @param {number} share of ink */
