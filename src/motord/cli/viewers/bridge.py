@@ -1,6 +1,7 @@
 """`motord bridge`: the daemon's data for other programs."""
 
 import json
+import os
 import signal
 import threading
 from typing import Annotated
@@ -9,6 +10,7 @@ import typer
 
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, group, print_line, remark
+from motord.cli.viewers import NICE
 
 EXTRA = "the bridge needs the package foxglove-sdk: pip install 'motord[foxglove]'"
 
@@ -56,6 +58,7 @@ def foxglove(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
     print_line(json.dumps(ready) if as_json else text)
+    os.nice(NICE)
     try:
         run(find, server, lambda line: remark(f"motord: {line}"), stopping)
     finally:
