@@ -6,6 +6,7 @@ const page = new URL("../../src/motord/dashboard/static/", import.meta.url);
 const load = (name) => import(new URL(name, page));
 const { decode, encode } = await load("protocol.js");
 const { Buckets } = await load("buckets.js");
+const { FrameTiming } = await load("frame_timing.js");
 const { Raster, rgbOf } = await load("raster.js");
 const { TimeWindow } = await load("window.js");
 const format = await load("format.js");
@@ -48,6 +49,24 @@ test("live traces go on from bucket to bucket, in the same arrays", () => {
   assert.equal(buckets.row("x")[0], low);
   assert.deepEqual([buckets.t0_s, buckets.end_s], [5.5, 7.5]);
   assert.equal(buckets.version, 1);
+});
+
+test("a live frame is measured from the middle of its new samples", async () => {
+  const timing = new FrameTiming();
+  const observed = new Promise((resolve) => {
+    new PerformanceObserver((list) => resolve(list.getEntriesByName("motord.frame"))).observe({ entryTypes: ["measure"] });
+  });
+  const now_ms = 1e12;
+  const epoch_s = now_ms / 1000 - 9;
+  timing.take({ whole: true, newest_s: 8.98 });
+  timing.drawn(epoch_s, now_ms); // what is whole has old samples
+  timing.take({ whole: false, newest_s: 9 });
+  timing.drawn(epoch_s, now_ms);
+  timing.drawn(epoch_s, now_ms); // nothing new
+  const seen = await observed;
+  assert.equal(seen.length, 1);
+  assert.ok(Math.abs(seen[0].duration - 10) < 0.01, `${seen[0].duration} ms`);
+  assert.deepEqual(performance.getEntriesByName("motord.frame"), []);
 });
 
 const [WIDTH, HEIGHT, LINE] = [80, 40, 1];

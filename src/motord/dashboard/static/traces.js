@@ -3,6 +3,7 @@
 import { Buckets } from "./buckets.js";
 import { byId, element, setAttribute, setText } from "./dom.js";
 import { age, clock, number } from "./format.js";
+import { FrameTiming } from "./frame_timing.js";
 import { SHARE, grouped, titleOf } from "./signals.js";
 import { onTheme, reducedMotion } from "./theme.js";
 import { TracePlot } from "./trace_plot.js";
@@ -14,8 +15,6 @@ const CALM_MS = 250;
 /** So many times as long as drawing takes passes from frame to frame: a slow computer draws less often and stays usable. */
 const DRAWING_SHARE = 2.5;
 const MAX_BUCKETS = 1600;
-/** Name of the measures of live frames in the browser's performance timeline. */
-const FRAME = "motord.frame";
 
 export class Traces {
   /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./marks.js").Marks} marks */
@@ -35,8 +34,7 @@ export class Traces {
     this._to_s = 0;
     this._dirty = this._waiting = this._stale = false;
     this._drawn_ms = this._shown_ms = this._cost_ms = 0;
-    /** Times of the newest sample that came, and that is drawn. */
-    this._newest_s = this._drawn_s = 0;
+    this._timing = new FrameTiming();
     this._lost = 0;
     this._frame = (/** @type {number} */ now_ms) => this._draw(now_ms);
     this._area = byId("plots");
@@ -63,7 +61,7 @@ export class Traces {
     if (header.view !== VIEW || header.live !== this._window.live) return;
     if (this._buckets.take(header, floats)) this._rebuild();
     this._lost = header.lost;
-    this._newest_s = header.newest_s;
+    this._timing.take(header);
     this._dirty = true;
     this._request();
   }
@@ -93,19 +91,10 @@ export class Traces {
     const begun_ms = performance.now();
     for (const plot of this._plots) plot.draw(this._buckets, to_s, this._window.span_s, this._window.live);
     this._cost_ms += 0.2 * (performance.now() - begun_ms - this._cost_ms);
-    if (this._window.live && this._newest_s !== this._drawn_s) this._measure();
+    this._timing.drawn(this._bench.epoch_s, Date.now());
     if (now_ms - this._shown_ms < VALUES_MS && this._cursor === null) return;
     this._shown_ms = now_ms;
     this._values();
-  }
-
-  /** A frame for the developer tools: from when its new samples were taken, half of them earlier, until it was drawn. */
-  _measure() {
-    const sampled_s = this._bench.epoch_s + (this._drawn_s + this._newest_s) / 2;
-    const end = performance.now();
-    performance.measure(FRAME, { start: Math.max(0, end - (Date.now() - 1000 * sampled_s)), end, detail: { sampled_s } });
-    performance.clearMeasures(FRAME); // observers have it; the page is open for days
-    this._drawn_s = this._newest_s;
   }
 
   _values() {
