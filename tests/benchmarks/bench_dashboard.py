@@ -1,22 +1,22 @@
-"""What pages cost, and how soon they show what was sampled.
+"""What pages and subscribers cost at 10 kHz, and how soon pages show what was sampled.
 
-The daemon runs the simulated bench at 10 kHz. Three pages without a browser have a live view of
-eight signals over ten seconds, and five programs subscribe to every tick. Then slices of a tenth of
-a second with all of them alternate, some at a time, with slices without any; the ratio is of the
-loop's p99 over slices from which the host stole no time.
+The daemon runs the simulated bench at 10 kHz, in operation: torque and speed are held by hand.
+Three pages are open in Chromium, which draws without a graphics processor, each with the traces as
+they are at first; five programs subscribe to every tick. A client asks meanwhile, one request
+after the other. Then slices of a tenth of a second with all of them alternate, some at a time, with
+slices without any; the ratio is of the loop's p99 over slices from which the host stole no time.
 """
 
-import json
 import os
-import subprocess
-import sys
+import statistics
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 
+from motord.client import Lease
 from tests.benchmarks.bench_isolation import (
     Bench,
     Disturbance,
@@ -24,96 +24,136 @@ from tests.benchmarks.bench_isolation import (
     has_rights,
     running_bench,
 )
+from tests.benchmarks.bench_subscribers import ROUND_TRIP_LIMIT_ms, accounted, stay
 from tests.benchmarks.figure import Figure
+from tests.benchmarks.open_pages import OpenPages, Seen, open_pages
+from tests.system.daemons import children, wait_for
 from tests.system.pages import Dashboard, dashboard
+from tests.system.tick_accounts import Subscriber
 
 RATE_Hz = 10_000
+TICK_RATE_Hz = 100.0
 PAGES, SUBSCRIBERS = 3, 5
+TORQUE_Nm, SPEED_Hz = 3.0, 0.7
 SECONDS, QUICK_S = 60.0, 5.0
-COMPARED_S, COMPARED_QUICK_S = 60.0, 4.0
+PAUSE_S = 0.05
+"""Between two requests: more than a thousand in SECONDS, and no load of their own."""
+COMPARED_S, COMPARED_QUICK_S = 120.0, 8.0
 CPU_LIMIT = 30.0
 FRAMES_LIMIT_Hz = 20.0
 DELAY_LIMIT_ms = 150.0
+AT = f"{PAGES} pages and {SUBSCRIBERS} subscribers at {RATE_Hz // 1000} kHz"
 
 
-def cpu_s(pid: int) -> float:
-    """Return the processor time of a process and its threads."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+def cpu_s(pids: Iterable[int]) -> dict[int, float]:
+    """Return the processor time of each process, with its threads, that is still there."""
+    found = {}
+    for pid in pids:
+        with suppress(OSError):
+            fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            found[pid] = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return found
 
 
-class Clients:
-    """The process of pages and subscribers."""
-
-    def __init__(self, bench: Bench, page: Dashboard, subscribers: int = SUBSCRIBERS) -> None:
-        arguments = (page.address, page.base, page.viewer, PAGES)
-        where = (bench.name, bench.endpoint, subscribers)
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.benchmarks.page_clients", *map(str, arguments + where)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-        )  # fmt: skip
-        assert self.process.stdout is not None
-        if self.process.stdout.readline() != b"ready\n":
-            raise RuntimeError("the pages ended before they were open")
-
-    def end(self) -> dict:
-        """Return what they saw."""
-        out, _ = self.process.communicate()
-        return json.loads(out)
+def browsers() -> list[int]:
+    """Return the processes of the browser that this one has started, by way of Playwright."""
+    found, waiting = [], children(os.getpid())
+    while waiting:
+        pid = waiting.pop()
+        waiting += children(pid)
+        with suppress(OSError):
+            if b"chrom" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                found.append(pid)
+    return found
 
 
 @contextmanager
-def bench_with_page() -> Iterator[tuple[Bench, Dashboard]]:
-    """Run the daemon at RATE_Hz and the page's server."""
-    with (
-        running_bench(RATE_Hz) as bench,
-        dashboard(bench.daemon.folder, bench.endpoint) as page,
-    ):
-        yield bench, page
+def operated(bench: Bench) -> Iterator[Lease]:
+    """Hold torque and speed by hand."""
+    with bench.daemon.connect() as client, client.lease("benchmark") as lease:
+        lease.enable()
+        lease.set(torque_Nm=TORQUE_Nm, speed_Hz=SPEED_Hz)
+        wait_for(client, lambda state: state.setpoint.torque_Nm == TORQUE_Nm, "the torque")
+        yield lease
 
 
 def figures(quick: bool) -> list[Figure]:
-    """Return the server's load, frames and delay of the pages, losses, and the loop's ratios."""
-    with bench_with_page() as (bench, page):
-        found = load(bench, page, QUICK_S if quick else SECONDS)
-        rights = has_rights(bench)
-        clients: list[Clients] = []
+    """Return loads, frames, delays and losses, round trips, and the loop's ratios."""
+    with ExitStack() as stack:
+        bench = stack.enter_context(running_bench(RATE_Hz, TICK_RATE_Hz))
+        page = stack.enter_context(dashboard(bench.daemon.folder, bench.endpoint))
+        lease = stack.enter_context(operated(bench))
+        pages = stack.enter_context(open_pages(f"{page.base}/#token={page.viewer}", PAGES))
+        subscribers = [
+            stack.enter_context(Subscriber(bench.name, bench.endpoint)) for _ in range(SUBSCRIBERS)
+        ]
+        found = load(lease, page, pages, subscribers, QUICK_S if quick else SECONDS)
         disturbance = Disturbance(
-            f"{PAGES} pages, {SUBSCRIBERS} subscribers",
-            lambda: clients.append(Clients(bench, page)),
-            lambda: clients.pop().end(),
+            AT, lambda: _begin(pages, subscribers), lambda: _end(pages, subscribers)
         )
+        rights = has_rights(bench)
         quiet, disturbed = bench.compare(disturbance, COMPARED_QUICK_S if quick else COMPARED_S)
-    return found + compared(disturbance.name, quiet, disturbed, rights)[:2]
+    return found + compared(AT, quiet, disturbed, rights)[:2]
 
 
-def load(bench: Bench, page: Dashboard, seconds: float) -> list[Figure]:
-    """Return what the server needs, and what pages get of it."""
-    clients = Clients(bench, page)
-    before_s, begun_s = cpu_s(page.process.pid), time.monotonic()
-    time.sleep(seconds)
-    took_s = cpu_s(page.process.pid) - before_s
-    lasted_s = time.monotonic() - begun_s
-    with bench.daemon.connect() as client:
-        missed = client.state().loop.missed
-    seen = clients.end()["pages"]
-    frames_Hz = min(one["frames"] for one in seen) / lasted_s
-    delays_ms = 1e3 * np.concatenate([one["delays_s"] for one in seen])
-    if not len(delays_ms):
-        raise RuntimeError(f"no page received anything: {page.said()}")
-    kB_per_s = sum(one["bytes"] for one in seen) / PAGES / lasted_s / 1e3
-    at = f"{PAGES} pages at {RATE_Hz // 1000} kHz"
+def _begin(pages: OpenPages, subscribers: list[Subscriber]) -> None:
+    for each in subscribers:
+        each.begin()
+    pages.open()
+
+
+def _end(pages: OpenPages, subscribers: list[Subscriber]) -> None:
+    pages.close()
+    for each in subscribers:
+        each.end()
+
+
+def load(
+    lease: Lease, page: Dashboard, pages: OpenPages, subscribers: list[Subscriber], seconds: float
+) -> list[Figure]:
+    """Return what pages, subscribers and the operator get, and what they need for it."""
+    pages.open()
+    groups = [page.process.pid], browsers(), [each.process.pid for each in subscribers]
+    before, begun_s = [cpu_s(pids) for pids in groups], time.monotonic()
+    pages.begin()
+    accounts, trips_ms = stay(lambda: lease.set(torque_Nm=TORQUE_Nm), subscribers, seconds, PAUSE_S)
+    seen, lasted_s = pages.seen(), time.monotonic() - begun_s
+    after = [cpu_s(pids) for pids in groups]
+    pages.close()
+    server, browser, programs = (
+        100 * sum(end_s - begin[pid] for pid, end_s in end.items()) / lasted_s
+        for begin, end in zip(before, after, strict=True)
+    )
     return [
-        Figure(f"{at}: processor time of the server", 100 * took_s / lasted_s, "%", CPU_LIMIT),
-        Figure(f"{at}: frames, the slowest page", frames_Hz, "/s", FRAMES_LIMIT_Hz, "at least"),
+        Figure(f"{AT}: processor time of the server", server, "%", CPU_LIMIT),
+        Figure(f"{AT}: processor time of the browser", browser, "%"),
+        Figure(f"{AT}: processor time of the subscribers", programs, "%"),
+        *shown(seen),
+        *accounted(accounts),
         Figure(
-            f"{at}: from sample to message, median",
+            f"{AT}: round trip of `set`, median",
+            statistics.median(trips_ms), "ms", ROUND_TRIP_LIMIT_ms,
+            note=f"{len(trips_ms)} requests; 99 %: {np.quantile(trips_ms, 0.99):.1f} ms",
+        ),
+    ]  # fmt: skip
+
+
+def shown(seen: list[Seen]) -> list[Figure]:
+    """Return what pages showed."""
+    frames_Hz = [one.frames_Hz for one in seen]
+    delays_ms = np.concatenate([one.delays_ms for one in seen])
+    return [
+        Figure(
+            f"{AT}: frames, the slowest page", min(frames_Hz), "/s", FRAMES_LIMIT_Hz, "at least",
+            note=f"the fastest {max(frames_Hz):.1f}/s",
+        ),
+        Figure(
+            f"{AT}: from sample to screen, median",
             float(np.median(delays_ms)), "ms", DELAY_LIMIT_ms,
-            note=f"95 %: {np.quantile(delays_ms, 0.95):.0f} ms",
+            note=f"95 %: {np.quantile(delays_ms, 0.95):.0f} ms, of {len(delays_ms)} frames",
         ),
         Figure(
-            f"{at}: ticks lost on the way", max(one["lost"] for one in seen), "",
-            note=f"the loop itself missed {missed}",
+            f"{AT}: sent to a page", statistics.mean(one.kB_per_s for one in seen), "kB/s",
+            note=", ".join(one.lost for one in seen if one.lost) or "no ticks lost on the way",
         ),
-        Figure(f"{at}: sent to a page", kB_per_s, "kB/s"),
     ]  # fmt: skip

@@ -121,14 +121,14 @@ class Bench:
 
 
 @contextmanager
-def running_bench(rate_Hz: int = RATE_Hz) -> Iterator[Bench]:
+def running_bench(rate_Hz: int = RATE_Hz, tick_rate_Hz: float = 1000.0) -> Iterator[Bench]:
     """Run the simulated bench at `rate_Hz` with its loop on the last processor."""
     cpu = choose_cpu(config.load().loop).cpu
     assert cpu is not None
     with tempfile.TemporaryDirectory() as name:
         path = write_sim(Path(name), "isolation")
         text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {rate_Hz}\ncpu = {cpu}")
-        text = text.replace("[zenoh]\n", "[zenoh]\ntick_rate_Hz = 1000.0\n")
+        text = text.replace("[zenoh]\n", f"[zenoh]\ntick_rate_Hz = {tick_rate_Hz}\n")
         path.write_text(f'{text}\n[recording]\nauto = "always"\n')
         with daemon(Path(name), path) as running:
             yield Bench(running, cpu)

@@ -9,7 +9,7 @@ one request after the other, and its round trips are timed.
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import cast
@@ -51,24 +51,29 @@ def running_bench() -> Iterator[Bench]:
             yield Bench(running, cpu)
 
 
-def round_trips_ms(client: Client, seconds: float) -> list[float]:
+def round_trips_ms(
+    request: Callable[[], object], seconds: float, pause_s: float = PAUSE_S
+) -> list[float]:
     """Return how long requests took that were made one after the other."""
     found, end_s = [], time.monotonic() + seconds
     while time.monotonic() < end_s:
         begun_s = time.perf_counter()
-        client.rpc("plan/list")
+        request()
         found.append(1e3 * (time.perf_counter() - begun_s))
-        time.sleep(PAUSE_S)
+        time.sleep(pause_s)
     return found
 
 
 def stay(
-    client: Client, subscribers: list[Subscriber], seconds: float
+    request: Callable[[], object],
+    subscribers: list[Subscriber],
+    seconds: float,
+    pause_s: float = PAUSE_S,
 ) -> tuple[list[Account], list[float]]:
     """Return what each subscriber got in so many seconds, and the round trips meanwhile."""
     for each in subscribers:
         each.begin()
-    trips_ms = round_trips_ms(client, seconds)
+    trips_ms = round_trips_ms(request, seconds, pause_s)
     return [each.end() for each in subscribers], trips_ms
 
 
@@ -80,7 +85,11 @@ def figures(quick: bool) -> list[Figure]:
         subscribers = [
             stack.enter_context(Subscriber(bench.name, bench.endpoint)) for _ in range(SUBSCRIBERS)
         ]
-        alone_ms = round_trips_ms(client, QUICK_S)
+
+        def request() -> object:
+            return client.rpc("plan/list")
+
+        alone_ms = round_trips_ms(request, QUICK_S)
         rights = has_rights(bench)
         disturbance = Disturbance(
             f"{SUBSCRIBERS} subscribers at 10 kHz",
@@ -92,7 +101,7 @@ def figures(quick: bool) -> list[Figure]:
             if rights
             else (Seen(), Seen())
         )
-        accounts, with_ms = stay(client, subscribers, QUICK_STAY_S if quick else STAY_S)
+        accounts, with_ms = stay(request, subscribers, QUICK_STAY_S if quick else STAY_S)
     return [
         *compared(disturbance.name, quiet, disturbed, rights),
         *accounted(accounts),

@@ -6,6 +6,8 @@ const page = new URL("../../src/motord/dashboard/static/", import.meta.url);
 const load = (name) => import(new URL(name, page));
 const { decode, encode } = await load("protocol.js");
 const { Buckets } = await load("buckets.js");
+const { FrameTiming } = await load("frame_timing.js");
+const { Raster, rgbOf } = await load("raster.js");
 const { TimeWindow } = await load("window.js");
 const format = await load("format.js");
 const { tokenOf } = await load("session.js");
@@ -46,7 +48,107 @@ test("live traces go on from bucket to bucket, in the same arrays", () => {
   assert.deepEqual([...high], [2, 3, 34, 5]);
   assert.equal(buckets.row("x")[0], low);
   assert.deepEqual([buckets.t0_s, buckets.end_s], [5.5, 7.5]);
-  assert.deepEqual([...buckets.time_s], [5.75, 6.25, 6.75, 7.25]);
+  assert.equal(buckets.version, 1);
+});
+
+test("a live frame is measured from the middle of its new samples", async () => {
+  const timing = new FrameTiming();
+  const observed = new Promise((resolve) => {
+    new PerformanceObserver((list) => resolve(list.getEntriesByName("motord.frame"))).observe({ entryTypes: ["measure"] });
+  });
+  const now_ms = 1e12;
+  const epoch_s = now_ms / 1000 - 9;
+  timing.take({ whole: true, newest_s: 8.98 });
+  timing.drawn(epoch_s, now_ms); // what is whole has old samples
+  timing.take({ whole: false, newest_s: 9 });
+  timing.drawn(epoch_s, now_ms);
+  timing.drawn(epoch_s, now_ms); // nothing new
+  const seen = await observed;
+  assert.equal(seen.length, 1);
+  assert.ok(Math.abs(seen[0].duration - 10) < 0.01, `${seen[0].duration} ms`);
+  assert.deepEqual(performance.getEntriesByName("motord.frame"), []);
+});
+
+const [WIDTH, HEIGHT, LINE] = [80, 40, 1];
+const SCALE = { min: -10, max: 10 };
+const INK = rgbOf("rgb(17, 34, 51)");
+
+/** Buckets one pixel wide, of as many as the raster has columns, from bucket `first` on. */
+function drawn(values, { first = 0, dash = null, per = 1, raster = new Raster(WIDTH, HEIGHT, LINE), version = 1 } = {}) {
+  const low = Float32Array.from(values);
+  const high = Float32Array.from(values);
+  const grid = { first, count: values.length, dt_s: per, version };
+  const columns = raster.draw(grid, [{ low, high, rgb: INK, dash }], first + values.length * per, WIDTH, SCALE);
+  return { raster, columns };
+}
+
+/** Opacity of the pixels of a column, from the top. */
+const column = (raster, x) => Array.from({ length: HEIGHT }, (_, y) => raster.pixels[y * WIDTH + x] >>> 24);
+
+test("a bucket with a spike is drawn up to the spike, its neighbours are not", () => {
+  const values = new Array(WIDTH).fill(0);
+  values[40] = 9;
+  const { raster, columns } = drawn(values);
+  assert.equal(columns, WIDTH);
+  assert.equal(raster.pixels[20 * WIDTH + 3] & 0xffffff, INK);
+  const height = (x) => column(raster, x).filter((alpha) => alpha > 60).length;
+  assert.ok(height(40) >= 18, `${height(40)} px`);
+  assert.ok(height(37) <= 2 && height(43) <= 2);
+  assert.ok(column(raster, 40)[2] > 200);
+});
+
+test("a window that moves on looks as if it were drawn anew", () => {
+  const at = (i) => 8 * Math.sin(0.37 * i) + (i % 13 === 0 ? 3 : 0);
+  for (const step of [0, 1, 3, 79, 80, 200]) {
+    const raster = new Raster(WIDTH, HEIGHT, LINE);
+    drawn(Array.from({ length: WIDTH }, (_, i) => at(i)), { raster });
+    const values = Array.from({ length: WIDTH }, (_, i) => at(i + step));
+    const { columns } = drawn(values, { raster, first: step });
+    assert.ok(columns <= step + 3, `${columns} columns for ${step}`);
+    const whole = drawn(values, { first: step }).raster;
+    const kept = step === 0 ? 1 : 2; // the line came from further left; another drawing begins there
+    for (let x = kept; x < WIDTH; x++) assert.deepEqual(column(raster, x), column(whole, x), `column ${x} after ${step}`);
+  }
+});
+
+test("other data, another span or scale are drawn as a whole", () => {
+  const { raster } = drawn(new Array(WIDTH).fill(0));
+  assert.equal(drawn(new Array(WIDTH).fill(5), { raster, version: 2 }).columns, WIDTH);
+  assert.ok(column(raster, 40)[20] === 0 && column(raster, 40)[10] > 100);
+});
+
+test("between the outlines is a shade, in a gap nothing", () => {
+  const raster = new Raster(WIDTH, HEIGHT, LINE);
+  const low = new Float32Array(WIDTH).fill(-5);
+  const high = new Float32Array(WIDTH).fill(5);
+  low.fill(NaN, 30, 50);
+  high.fill(NaN, 30, 50);
+  raster.draw({ first: 0, count: WIDTH, dt_s: 1, version: 1 }, [{ low, high, rgb: INK, dash: null }], WIDTH, WIDTH, SCALE);
+  assert.deepEqual(column(raster, 40), new Array(HEIGHT).fill(0));
+  assert.equal(column(raster, 10)[20], Math.round(0.3 * 255));
+  assert.deepEqual([column(raster, 10)[4], column(raster, 10)[35]], [0, 0]);
+});
+
+test("wide buckets are joined by lines; a dashed step is whole", () => {
+  const { raster } = drawn(new Array(WIDTH / 8).fill(0).map((_, i) => i), { per: 8 });
+  for (let x = 0; x < WIDTH; x++) assert.ok(Math.max(...column(raster, x)) > 100, `column ${x}`);
+  for (let step = 20; step < 30; step++) {
+    const values = Array.from({ length: WIDTH }, (_, i) => (i < step ? -8 : 8));
+    const dashed = drawn(values, { dash: [6, 4] }).raster;
+    const inked = [step - 1, step].map((x) => column(dashed, x).filter((alpha) => alpha > 100).length);
+    assert.ok(Math.max(...inked) > 12, `${inked} px at ${step}`);
+  }
+});
+
+test("what lies over another is mixed, and stays opaque where it was", () => {
+  const raster = new Raster(WIDTH, HEIGHT, LINE);
+  const flat = (value) => new Float32Array(WIDTH).fill(value);
+  const bands = [
+    { low: flat(0.25), high: flat(0.25), rgb: rgbOf("rgb(200, 0, 0)"), dash: null },
+    { low: flat(-5), high: flat(5), rgb: rgbOf("rgb(0, 0, 200)"), dash: null },
+  ];
+  raster.draw({ first: 0, count: WIDTH, dt_s: 1, version: 1 }, bands, WIDTH, WIDTH, SCALE);
+  assert.equal(raster.pixels[19 * WIDTH + 9] >>> 0, ((255 << 24) | rgbOf("rgb(140, 0, 60)")) >>> 0);
 });
 
 test("buckets that were skipped have no ticks", () => {

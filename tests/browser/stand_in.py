@@ -28,7 +28,7 @@ from motord.security.roles import Role
 from tests.browser import documents
 from tests.browser.synthetic_bench import CALIBRATED, SyntheticBench
 
-BLOCK_S = 0.04
+BLOCK_S = 0.02
 STATE_S = 0.1
 LEASE_S = 20.0
 """Long: the browser and this process share a busy computer."""

@@ -129,14 +129,14 @@ def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(visit: Watched):
 FIRST_VALUE = "document.querySelector('.value').textContent"
 CURSORS = "[...document.querySelectorAll('.u-cursor-x')].map((e) => e.style.transform)"
 TALLEST = """() => {
-  const shown = document.querySelector('.plot canvas');
+  const shown = document.querySelector('.plot .traces');
   const [width, height] = [shown.width, shown.height];
   const canvas = new OffscreenCanvas(width, height);
   canvas.getContext('2d', { willReadFrequently: true }).drawImage(shown, 0, 0);
   const ink = getComputedStyle(document.querySelector('.trace-row .tag')).color.match(/\\d+/g);
   const data = canvas.getContext('2d').getImageData(0, 0, width, height).data;
   let tallest = 0;
-  for (let x = 60; x < width; x++) {
+  for (let x = 0; x < width; x++) {
     let [first, last] = [height, 0];
     for (let y = 0; y < height; y++) {
       const at = 4 * (y * width + x);

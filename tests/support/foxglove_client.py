@@ -92,11 +92,14 @@ class Viewer:
 
     def next(self, topic: str) -> ViewedMessage:
         """Return the next message of `topic`; those of others before it are dropped."""
-        while True:
-            self.receive_until(lambda: self._messages, f"a message of {topic}")
-            message = self._messages.popleft()
-            if message.topic == topic:
-                return message
+        while (message := self.next_of_all()).topic != topic:
+            pass
+        return message
+
+    def next_of_all(self) -> ViewedMessage:
+        """Return the next message of any topic that was subscribed to."""
+        self.receive_until(lambda: self._messages, "a message")
+        return self._messages.popleft()
 
     def get_parameters(self, *names: str) -> dict[str, Any]:
         self.parameters = {}

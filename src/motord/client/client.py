@@ -29,7 +29,7 @@ from motord.client.plan_run import PlanRun
 from motord.client.subscription import DocumentSubscription, Subscription
 from motord.client.tick_subscription import TickSubscription
 
-KEPT_BLOCKS = 100
+KEPT_BLOCKS = 500
 """Blocks of ticks that wait for a slow reader: ten seconds with the usual `[zenoh] block_s`."""
 
 _Document = TypeVar("_Document", bound=BenchState | PlanView)

@@ -199,7 +199,7 @@ class ZenohConfig(Section):
     """Endpoints: TCP ports and Unix sockets of this machine, and `tls/` for others."""
     tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
     """Rate of the single ticks on the key `tick`."""
-    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.1
+    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
     """Time span of a block of ticks on the key `ticks`."""
     lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
     """Time after the last renewal of the lease by which no torque is left."""

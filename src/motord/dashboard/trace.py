@@ -68,6 +68,7 @@ class View:
             "t0_s": window.t0_s,
             "dt_s": window.dt_s,
             "buckets": window.buckets,
+            "newest_s": history.end * history.period_s,
             "lost": lost,
         }
         return encode(header, np.stack((window.low, window.high), axis=1))

@@ -1,5 +1,6 @@
 """`motord bridge`: the daemon's data for other programs."""
 
+import os
 import signal
 import threading
 from dataclasses import replace
@@ -9,6 +10,7 @@ import typer
 
 from motord.cli.connection_options import DEFAULT, Connection, print_answer
 from motord.cli.console import fail, group, remark
+from motord.cli.viewers import NICE
 from motord.signal_handlers import handled
 
 EXTRA = "the bridge needs the package foxglove-sdk: pip install 'motord[foxglove]'"
@@ -51,6 +53,7 @@ def foxglove(
     find, stopping = replace(connection, bench=bench).connect, threading.Event()
     with handled((signal.SIGINT, signal.SIGTERM), lambda *_: stopping.set()):
         print_answer(ready, text, as_json)
+        os.nice(NICE)
         try:
             run(find, server, lambda line: remark(f"motord: {line}"), stopping)
         finally:

@@ -10,12 +10,11 @@ import typer
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import fail, print_line, remark
+from motord.cli.viewers import NICE
 from motord.cli.viewers.browser import open_page
 
 EXTRA = "the page needs more packages: pip install 'motord[dashboard]'"
 PORT = 8447
-NICE = 5
-"""Daemon and recorder go first."""
 
 
 def dashboard(

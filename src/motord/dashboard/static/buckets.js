@@ -1,6 +1,6 @@
 /** What a view shows, in arrays that are made once for a layout (signals and number of buckets). Pure. */
 
-/** @typedef {{view: number, signals: string[], live: boolean, whole: boolean, t0_s: number, dt_s: number, buckets: number, lost: number}} TraceHeader */
+/** @typedef {{view: number, signals: string[], live: boolean, whole: boolean, t0_s: number, dt_s: number, buckets: number, newest_s: number, lost: number}} TraceHeader */
 
 export class Buckets {
   constructor() {
@@ -10,8 +10,8 @@ export class Buckets {
     this.first = 0;
     /** @type {string[]} */
     this.signals = [];
-    /** Middle of each bucket, s. */
-    this.time_s = new Float64Array(0);
+    /** Another one when what was taken is not what went on from before. */
+    this.version = 0;
     /** @type {Float32Array[]} of each signal the minima, then the maxima */
     this._rows = [];
   }
@@ -20,7 +20,7 @@ export class Buckets {
    * Take a trace: all of a view, or what is new of a live one.
    * @param {TraceHeader} header
    * @param {Float32Array} floats `[signal][min, max][bucket]`
-   * @returns {boolean} whether the layout is another one: `row` and `time_s` are new arrays
+   * @returns {boolean} whether the layout is another one: rows are new arrays
    */
   take(header, floats) {
     const size = header.signals.length * 2 * header.buckets;
@@ -30,10 +30,10 @@ export class Buckets {
     if (header.whole) {
       this.first = number;
       this.dt_s = header.dt_s;
+      this.version++;
     } else if (header.dt_s !== this.dt_s || header.signals.length !== this.signals.length) return false;
     this._makeRoom(number, number + header.buckets);
     for (let row = 0; row < this._rows.length; row++) this._write(row, number, header.buckets, floats);
-    for (let i = 0; i < this.count; i++) this.time_s[i] = (this.first + i + 0.5) * this.dt_s;
     return changed;
   }
 
@@ -44,7 +44,6 @@ export class Buckets {
     if (same && signals.every((name, i) => name === this.signals[i])) return false;
     this.signals = [...signals];
     this.count = buckets;
-    this.time_s = new Float64Array(buckets);
     this._rows = Array.from({ length: signals.length * 2 }, () => new Float32Array(buckets));
     return true;
   }

@@ -1,5 +1,6 @@
 /** A small chart on a canvas: two axes, lines, bars; for what changes a few times a second. */
 
+import { InView } from "./dom.js";
 import { niceStep, number } from "./format.js";
 import { colour, onTheme } from "./theme.js";
 
@@ -18,13 +19,14 @@ export class Chart {
     this._draw = draw;
     this._context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
     this._waiting = false;
+    this._inView = new InView(canvas, () => this.redraw());
     onTheme(() => this.redraw());
     new ResizeObserver(() => this.redraw()).observe(canvas);
   }
 
   /** Draw with the next frame, if it is to be seen. */
   redraw() {
-    if (this._waiting || document.hidden) return;
+    if (this._waiting || document.hidden || !this._inView.now) return;
     this._waiting = true;
     requestAnimationFrame(() => {
       this._waiting = false;

@@ -58,3 +58,15 @@ export function allow(control, why) {
   if (control.disabled !== (why !== "")) control.disabled = why !== "";
   setAttribute(control, "title", why || control.dataset.title || null);
 }
+
+/** Whether an element is in view: what is scrolled away needs no drawing. `shown` is called when it comes into view. */
+export class InView {
+  /** @param {Element} target @param {() => void} shown */
+  constructor(target, shown) {
+    this.now = false;
+    new IntersectionObserver((entries) => {
+      this.now = entries[entries.length - 1].isIntersecting;
+      if (this.now) shown();
+    }).observe(target);
+  }
+}

@@ -3,6 +3,7 @@
 import { Buckets } from "./buckets.js";
 import { byId, element, setAttribute, setText } from "./dom.js";
 import { age, clock, number } from "./format.js";
+import { FrameTiming } from "./frame_timing.js";
 import { SHARE, grouped, titleOf } from "./signals.js";
 import { onTheme, reducedMotion } from "./theme.js";
 import { TracePlot } from "./trace_plot.js";
@@ -28,10 +29,12 @@ export class Traces {
     /** @type {TracePlot[]} */
     this._plots = [];
     this._hidden = new Set();
-    /** @type {number | null} */
-    this._cursor_s = null;
+    /** @type {number | null} as a share of the window */
+    this._cursor = null;
+    this._to_s = 0;
     this._dirty = this._waiting = this._stale = false;
     this._drawn_ms = this._shown_ms = this._cost_ms = 0;
+    this._timing = new FrameTiming();
     this._lost = 0;
     this._frame = (/** @type {number} */ now_ms) => this._draw(now_ms);
     this._area = byId("plots");
@@ -58,6 +61,7 @@ export class Traces {
     if (header.view !== VIEW || header.live !== this._window.live) return;
     if (this._buckets.take(header, floats)) this._rebuild();
     this._lost = header.lost;
+    this._timing.take(header);
     this._dirty = true;
     this._request();
   }
@@ -85,9 +89,10 @@ export class Traces {
     const to_s = this._window.end_s ?? this._buckets.end_s;
     this._to_s = to_s;
     const begun_ms = performance.now();
-    for (const plot of this._plots) plot.draw(this._buckets, to_s - this._window.span_s, to_s, this._window.live);
+    for (const plot of this._plots) plot.draw(this._buckets, to_s, this._window.span_s, this._window.live);
     this._cost_ms += 0.2 * (performance.now() - begun_ms - this._cost_ms);
-    if (now_ms - this._shown_ms < VALUES_MS && this._cursor_s === null) return;
+    this._timing.drawn(this._bench.epoch_s, Date.now());
+    if (now_ms - this._shown_ms < VALUES_MS && this._cursor === null) return;
     this._shown_ms = now_ms;
     this._values();
   }
@@ -125,8 +130,9 @@ export class Traces {
       marks: () => this._marks.all,
       axis: i === shown.length - 1,
       time: (t_s, step_s) => this._time(t_s, step_s),
-      select: (from_s, to_s) => this._change(() => this._window.select(from_s, to_s)),
-      cursor: (t_s) => this._moved(t_s),
+      select: (from, to) => this._change(() => this._window.select(this._at(from), this._at(to))),
+      cursor: (at) => this._moved(at),
+      shown: () => this.refresh(),
     }));
     this._area.replaceChildren(...this._plots.map((plot) => plot.element));
     this._plots.forEach((plot, i) => {
@@ -155,19 +161,27 @@ export class Traces {
     return group === "torque" ? this._bench.torqueLimits : NO_LIMITS;
   }
 
-  /** @param {number} t_s @param {number} step_s */
+  /** A time of the axis as text: live it counts from now. @param {number} t_s @param {number} step_s */
   _time(t_s, step_s) {
     const digits = step_s >= 1 ? 0 : Math.min(4, Math.ceil(-Math.log10(step_s)));
     if (!this._window.live) return clock(this._bench.epoch_s + t_s, digits);
-    const back_s = t_s - this._to_s;
-    if (Math.abs(back_s) < step_s / 2) return "now";
-    return this._window.span_s > 120 ? `${number(back_s / 60, step_s < 60 ? 1 : 0)} min` : `${number(back_s, digits)} s`;
+    if (Math.abs(t_s) < step_s / 2) return "now";
+    return this._window.span_s > 120 ? `${number(t_s / 60, step_s < 60 ? 1 : 0)} min` : `${number(t_s, digits)} s`;
   }
 
-  /** @param {number | null} t_s */
-  _moved(t_s) {
-    if (t_s === this._cursor_s) return;
-    this._cursor_s = t_s;
+  /** The time at a share of the window as it is drawn. @param {number} share */
+  _at(share) {
+    return this._to_s - (1 - share) * this._window.span_s;
+  }
+
+  get _cursor_s() {
+    return this._cursor === null ? null : this._at(this._cursor);
+  }
+
+  /** @param {number | null} at */
+  _moved(at) {
+    if (at === this._cursor) return;
+    this._cursor = at;
     this._values();
   }
 
