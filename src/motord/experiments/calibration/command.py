@@ -85,18 +85,19 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
 
 
 def _uncertainties(budget: Sequence[Contribution]) -> TextTable:
-    """Return Type A, Type B and both, and what most of Type B comes from."""
-    rows = [
-        [total.source, *(f"{value(total):.3g}" for _, _, value in QUANTITIES)]
-        for total in totals(budget)
-    ]
+    """Return Type A, Type B and both of each quantity, and what most of Type B comes from."""
     others = [one for one in budget if one.type == "B"]
-    largest = [max(others, key=value).source for _, _, value in QUANTITIES]
-    columns = [f"{name} ({unit})" for name, unit, _ in QUANTITIES]
     return TextTable(
-        "standard uncertainty, largest of the phases",
-        ("", *columns),
-        [*rows, ["most of Type B", *largest]],
+        "standard uncertainty, of three phases the largest",
+        ("", "Type A", "Type B", "combined", "most of Type B"),
+        [
+            (
+                f"{name} ({unit})",
+                *(f"{value(total):.2g}" for total in totals(budget)),
+                max(others, key=value).source,
+            )
+            for name, unit, value in QUANTITIES
+        ],
     )
 
 

@@ -16,6 +16,9 @@ from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
 from motord.uncertainty_budget import EXPANDED, QUANTITIES, Contribution, totals
 
+NEGLIGIBLE = 1e-3
+"""Part of the combined uncertainty below which a contribution is shown as 0."""
+
 
 def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     """Return the page of a calibration, beside that of the other estimator and a reference.
@@ -54,12 +57,14 @@ def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
         "[accuracy], or what is assumed. The intervals above are of Type A.",
     )
     of_data, others, both = totals(contributions)
-    rows = [
-        [one.source, one.type, one.limit_text, *(f"{value(one):.2g}" for _, _, value in QUANTITIES)]
-        for one in contributions
-    ]
+
+    def sizes(one: Contribution) -> list[str]:
+        sized = [(value(one), value(both)) for _, _, value in QUANTITIES]
+        return [f"{u:.2g}" if u > NEGLIGIBLE * whole else "0" for u, whole in sized]
+
+    rows = [[one.source, one.type, one.limit_text, *sizes(one)] for one in contributions]
     for one, label in ((of_data, "A"), (others, "B"), (both, "A and B")):
-        rows.append([one.source, label, "", *(f"{value(one):.2g}" for _, _, value in QUANTITIES)])
+        rows.append([one.source, label, "", *sizes(one)])
     expanded = [f"{EXPANDED * value(both):.2g}" for _, _, value in QUANTITIES]
     rows.append([f"expanded, k = {EXPANDED:g}", "", "", *expanded])
     columns = [f"{name} ({unit})" for name, unit, _ in QUANTITIES]
