@@ -25,6 +25,7 @@ from motord.experiments.plans import build
 from motord.identification.operating_points import PointData, split
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
+from motord.uncertainty_budget import EXPANDED, totals
 from motord.virtual import VirtualBench, processors, run_plan
 from tests.campaigns import seeds
 
@@ -160,7 +161,7 @@ class Job(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """Names of the findings, and errors over stated half-widths of all parameters.
+    """Names of the findings; errors over half-widths and over expanded uncertainties.
 
     alike: a finding says that the cause would look nearly the same; said: a note speaks of it.
     """
@@ -169,6 +170,7 @@ class Trial(NamedTuple):
     alike: bool
     said: bool
     ratios: np.ndarray
+    expanded_ratios: np.ndarray
 
 
 def rig(connection: str, changes: Changes) -> tuple[Config, RigTruth]:
@@ -228,20 +230,33 @@ def calibrated(
 
 def errors_over_half_widths(result: CalibrationResult, truth: RigTruth) -> np.ndarray:
     """Return |error| over the stated 95 % half-width of alpha, beta and cogging amplitudes."""
-    alpha = np.array(truth.inverter.alpha)
-    alpha /= np.cbrt(alpha.prod())
-    cogging_Nm = {one.order: abs(one.amplitude_Nm) for one in truth.motor.cogging}
-    lines = [one for one in result.harmonics if one.order in cogging_Nm]
-    errors = [
-        *(result.alpha - alpha),
-        *(result.beta_A - truth.inverter.beta_A),
-        *(one.amplitude_Nm - cogging_Nm[one.order] for one in lines),
-    ]
+    errors, orders = _errors(result, truth)
     assert result.alpha_half_width is not None
     assert result.beta_half_width_A is not None
     half_widths = [*result.alpha_half_width, *result.beta_half_width_A]
-    half_widths += [one.half_width_Nm for one in lines]
+    half_widths += [one.half_width_Nm for one in result.harmonics if one.order in orders]
     return np.abs(errors) / np.array(half_widths)
+
+
+def errors_over_expanded(result: CalibrationResult, truth: RigTruth) -> np.ndarray:
+    """Return the same over the expanded uncertainty, Type A and Type B."""
+    errors, orders = _errors(result, truth)
+    both = totals(result.budget)[2]
+    combined = [*both.alpha, *both.beta_A, *[both.cogging_Nm] * len(orders)]
+    return np.abs(errors) / (EXPANDED * np.array(combined))
+
+
+def _errors(result: CalibrationResult, truth: RigTruth) -> tuple[np.ndarray, list[int]]:
+    """Return the errors of alpha, beta and cogging amplitudes, and the orders of these."""
+    alpha = np.array(truth.inverter.alpha)
+    cogging_Nm = {one.order: abs(one.amplitude_Nm) for one in truth.motor.cogging}
+    lines = [one for one in result.harmonics if one.order in cogging_Nm]
+    errors = [
+        *(result.alpha - alpha / np.cbrt(alpha.prod())),
+        *(result.beta_A - truth.inverter.beta_A),
+        *(one.amplitude_Nm - cogging_Nm[one.order] for one in lines),
+    ]
+    return np.array(errors), [one.order for one in lines]
 
 
 def trial(job: Job) -> Trial:
@@ -252,13 +267,20 @@ def trial(job: Job) -> Trial:
     names = tuple(finding.name for finding in result.findings)
     meanings = " ".join(finding.meaning for finding in result.findings)
     alike = departure is not None and any(name in meanings for name in departure.found_as)
-    return Trial(names, alike, said, errors_over_half_widths(result, truth))
+    return Trial(
+        names,
+        alike,
+        said,
+        errors_over_half_widths(result, truth),
+        errors_over_expanded(result, truth),
+    )
 
 
 def show(job: Job, trials: list[Trial]) -> bool:
     """Print a row; return whether it keeps its bounds."""
     departure = DEPARTURES[job.row] if job.row >= 0 else None
     ratios = np.array([one.ratios for one in trials])
+    expanded = np.array([one.expanded_ratios for one in trials])
     covered = float((ratios <= 1).mean())
     if departure is None:
         share, bound, named = _share(one.names for one in trials), FALSE, "false"
@@ -275,7 +297,8 @@ def show(job: Job, trials: list[Trial]) -> bool:
     what = "no departure" if departure is None else f"{departure.name} x {job.size:.2f}"
     print(
         f"{job.connection}, {what}: {100 * share:.0f} % {named}; covered {100 * covered:.0f} %, "
-        f"worst error / half-width {ratios.max():.1f}; {names}", *("BAD",) * (not kept),
+        f"worst error / half-width {ratios.max():.1f}; expanded covers "
+        f"{100 * float((expanded <= 1).mean()):.0f} %, worst {expanded.max():.1f}; {names}", *("BAD",) * (not kept),
         flush=True,
     )  # fmt: skip
     return kept
