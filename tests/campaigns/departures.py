@@ -298,7 +298,8 @@ def show(job: Job, trials: list[Trial]) -> bool:
     print(
         f"{job.connection}, {what}: {100 * share:.0f} % {named}; covered {100 * covered:.0f} %, "
         f"worst error / half-width {ratios.max():.1f}; expanded covers "
-        f"{100 * float((expanded <= 1).mean()):.0f} %, worst {expanded.max():.1f}; {names}", *("BAD",) * (not kept),
+        f"{100 * float((expanded <= 1).mean()):.0f} %, worst {expanded.max():.1f}; {names}",
+        *("BAD",) * (not kept),
         flush=True,
     )  # fmt: skip
     return kept
