@@ -149,6 +149,22 @@ def test_the_torque_expected_goes_through_the_high_pass():
     assert recent.until(0).expected_Nm == 0.0
 
 
+@pytest.mark.parametrize("missed", [0, 500])
+def test_the_high_pass_forgets_over_ticks_that_were_missed(missed):
+    recent = RecentTicks(load())
+    decay = float(parameters.build(load())[0][0].torque_decay)
+    ticks = np.zeros(3 * BLOCK, TICK_DTYPE)
+    ticks["tick"] = np.arange(3 * BLOCK)
+    ticks["tick"][BLOCK:] += missed
+    ticks["torque_set_Nm"] = TORQUE_NM
+    for first in range(0, len(ticks), BLOCK):
+        recent.add(ticks[first : first + BLOCK])
+    passed = 2 * BLOCK + missed
+    assert recent.until(BLOCK - 1).expected_Nm == pytest.approx(
+        TORQUE_NM * decay ** (passed - 1), rel=1e-6
+    )
+
+
 def test_a_further_cause_has_its_value_too():
     ticks = np.zeros(3, TICK_DTYPE)
     ticks["state"], ticks["speed_rad_s"] = State.TRIPPED, 30.0

@@ -26,6 +26,7 @@ class RecentTicks:
         self._parameters: np.record = parameters.build(config)[0][0]
         self._blocks: deque[np.ndarray] = deque()
         self._expected_Nm = self._set_Nm = 0.0  # at the end of the block before the newest
+        self._tick: int | None = None  # the last of that block
 
     def add(self, block: np.ndarray) -> None:
         """Take in the next block of ticks, shape (n,), n > 0."""
@@ -33,6 +34,7 @@ class RecentTicks:
             newest = self._blocks[-1]
             self._expected_Nm = self._expect_Nm(newest)
             self._set_Nm = float(newest["torque_set_Nm"][-1])
+            self._tick = int(newest["tick"][-1])
         self._blocks.append(block)
         kept = sum(map(len, self._blocks))
         while len(self._blocks) > 1 and kept - len(self._blocks[0]) > self._kept:
@@ -51,7 +53,7 @@ class RecentTicks:
     def forget(self) -> None:
         """Start anew."""
         self._blocks.clear()
-        self._expected_Nm = self._set_Nm = 0.0
+        self._expected_Nm, self._set_Nm, self._tick = 0.0, 0.0, None
 
     def until(self, row: int) -> TripWindow:
         """Return the ticks up to `row` of the newest block."""
@@ -67,5 +69,7 @@ class RecentTicks:
         if not len(ticks):
             return self._expected_Nm
         change_Nm = float(ticks["torque_set_Nm"][-1]) - self._set_Nm
-        decay = float(self._parameters.torque_decay) ** len(ticks)
+        before = int(ticks["tick"][0]) - 1 if self._tick is None else self._tick
+        passed = int(ticks["tick"][-1]) - before  # the loop may have missed some
+        decay = float(self._parameters.torque_decay) ** max(passed, 0)
         return decay * self._expected_Nm + change_Nm
