@@ -29,7 +29,7 @@ class AccuracyConfig(Section):
     """Part of another phase's current in a current sensor."""
     current_linearity_percent: NonNegative = 0.2
     """Change of a current sensor's gain up to the rated current."""
-    friction_ripple_percent: NonNegative = 0.1
+    friction_ripple_percent: NonNegative = 0.3
     """Friction that changes with the angle, of the rated torque."""
     offset_like_cogging_percent: NonNegative = 0.05
     """Cogging torque at the pole pairs and three times them, of the rated torque."""

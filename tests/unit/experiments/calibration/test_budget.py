@@ -130,7 +130,7 @@ def test_all_limits_have_a_source(independent: CalibrationResult) -> None:
 
 def test_friction_counts_as_cogging_torque_in_one_direction(independent: CalibrationResult) -> None:
     friction = by_source(independent)["friction ripple"]
-    assert friction.cogging_Nm == pytest.approx(0.001 * 6.0 / np.sqrt(3), rel=0.3)
+    assert friction.cogging_Nm == pytest.approx(0.003 * 6.0 / np.sqrt(3), rel=0.3)
     assert max(friction.alpha) == 0.0
 
 
