@@ -33,7 +33,7 @@ SOURCES = Path(__file__).parents[2] / "src"
 SHORT = """
 [plans.align]
 turns = 1
-rests = 17
+rests = 34
 currents_A = [7.0]
 
 [plans.calibrate]
@@ -51,6 +51,8 @@ turns = 5
 settle_s = 0.5
 speed_tolerance = 0.2
 """
+"""With 34 rests `align` states the encoder's zero to 0.08 deg (95 %); `calibrate` with these
+settings notices it from 0.1 deg on."""
 BENCH_STALE_S = 1.0
 STALLED = "published no tick|rotor came to rest at|speed was still"
 """What a command says, without a trip, of a bench on a computer too busy to be one."""

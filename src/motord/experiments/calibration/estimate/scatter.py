@@ -13,7 +13,7 @@ Searle, Casella and McCulloch 1992). Degrees of freedom are Satterthwaite's, ove
 estimated.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,57 +82,118 @@ class _Parts:
 
 
 @dataclass(frozen=True)
-class _Block:
-    """What deviations of some parameters cause, and the weights by which they are looked for.
+class _Blocks:
+    """What deviations of each block of parameters cause, and the weights that look for them.
 
-    caused (J, p, r): scores that unit deviations make. weight (J, p, r'): Q = sum of (weight' s)^2;
-    through (J, r', p): weight of what the fit takes from the scores of all points.
+    The columns of all blocks stand in a row, R of them. caused (J, p, R'): scores that unit
+    deviations make. weight (J, p, R): Q of a block = sum of (weight' s)^2; through (J, R, p):
+    weight of what the fit takes from the scores of all points. total (blocks, p, p): caused caused'
+    over the points, taken (blocks, p, p): through' through. roots, probes: first column of each
+    block in caused, and in weight and through.
     """
 
     caused: np.ndarray
     weight: np.ndarray
     through: np.ndarray
     total: np.ndarray
+    taken: np.ndarray
+    roots: np.ndarray
+    probes: np.ndarray
 
     @classmethod
-    def of(cls, points: PointScores, parts: "_Parts", variance: float) -> "_Block":
-        caused, probe = points.left @ parts.root, parts.probe
-        seen = probe.T @ points.left @ probe
-        seen = (seen + np.swapaxes(seen, 1, 2)) / 2
-        values, vectors = np.linalg.eigh(seen + variance * seen @ seen)
-        least = 1e-9 * np.maximum(values[:, -1:], 1e-290)
-        scale = np.where(values > least, 1 / np.sqrt(np.maximum(values, least)), 0.0)
-        weight = probe @ (vectors * scale[:, None, :])
-        through = np.swapaxes(weight, 1, 2) @ points.left @ points.inverse
-        return cls(caused, weight, through, np.einsum("jpr,jqr->pq", caused, caused))
-
-    def seen_in(self, other: "_Block") -> float:
-        """Return the mean of Q where the parameters of `other` have variance 1."""
-        own = np.swapaxes(self.weight, 1, 2) @ other.caused
-        taken = self.through @ other.caused
-        rest = np.einsum("jrp,pq,jrq->", self.through, other.total, self.through)
-        return float((own * own).sum() - 2 * (own * taken).sum() + rest)
-
-    def mean(self, covariances: np.ndarray) -> np.ndarray:
-        """Return the part of each point in the mean of Q, with covariances (J, p, p) of scores."""
-        own = np.einsum("jpr,jpq,jqr->j", self.weight, covariances, self.weight)
-        cross = np.einsum("jpr,jpq,jrq->j", self.weight, covariances, self.through)
-        taken = np.einsum("krp,krq->pq", self.through, self.through)
-        return np.asarray(own - 2 * cross + np.einsum("pq,jpq->j", taken, covariances))
-
-    def covariance_with(self, other: "_Block", covariances: np.ndarray) -> np.ndarray:
-        """Return the covariance (J r, J r') of both blocks' weighted scores."""
-        points, _, rank = self.weight.shape
-        own = np.swapaxes(self.weight, 1, 2) @ covariances
-        right = covariances @ other.weight
-        full = -np.einsum("jrp,ksp->jrks", own, other.through)
-        full -= np.einsum("jrp,kps->jrks", self.through, right)
-        full += np.einsum(
-            "jrp,pq,ksq->jrks", self.through, covariances.sum(axis=0), other.through, optimize=True
+    def of(cls, points: PointScores, parts: Sequence["_Parts"], variance: np.ndarray) -> "_Blocks":
+        caused = [points.left @ one.root for one in parts]
+        weight = [_weight(points, one.probe, v) for one, v in zip(parts, variance, strict=True)]
+        through = [np.swapaxes(one, 1, 2) @ points.left @ points.inverse for one in weight]
+        return cls(
+            np.concatenate(caused, axis=2),
+            np.concatenate(weight, axis=2),
+            np.concatenate(through, axis=1),
+            np.array([np.tensordot(one, one, ([0, 2], [0, 2])) for one in caused]),
+            np.array([np.tensordot(one, one, ([0, 1], [0, 1])) for one in through]),
+            _firsts(one.shape[2] for one in caused),
+            _firsts(one.shape[2] for one in weight),
         )
-        for j in range(points):
-            full[j, :, j] += own[j] @ other.weight[j]
-        return np.asarray(full.reshape(points * rank, -1))
+
+    @property
+    def ranks(self) -> np.ndarray:
+        """Columns of each block's weight."""
+        return np.diff(self.probes, append=self.weight.shape[2])
+
+    def squares(self, scores: np.ndarray) -> np.ndarray:
+        """Return Q of each block, of scores (J, p)."""
+        seen = (np.swapaxes(self.weight, 1, 2) @ scores[:, :, None])[:, :, 0]
+        return np.add.reduceat((seen**2).sum(axis=0), self.probes)
+
+    def gain(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the means of Q where the parameters of each block have variance 1.
+
+        (blocks of Q, blocks of parameters); and those (blocks,) of a block by itself, if the fit
+        took nothing.
+        """
+        own = np.swapaxes(self.weight, 1, 2) @ self.caused
+        left = (own * own - 2 * own * (self.through @ self.caused)).sum(axis=0)
+        rest = self.taken.reshape(len(self.taken), -1) @ self.total.reshape(len(self.total), -1).T
+        full = self._by_pair((own * own).sum(axis=0), self.roots)
+        return self._by_pair(left, self.roots) + rest, np.diag(full)
+
+    def means(self, covariances: np.ndarray) -> np.ndarray:
+        """Return the part (blocks, J) of each point in the mean of Q; covariances (J, p, p)."""
+        moved = covariances @ self.weight
+        own = (moved * self.weight).sum(axis=1)
+        cross = (np.swapaxes(moved, 1, 2) * self.through).sum(axis=2)
+        taken = self.taken.reshape(len(self.taken), -1) @ covariances.reshape(len(moved), -1).T
+        return np.asarray(np.add.reduceat((own - 2 * cross).T, self.probes) + taken)
+
+    def spread(self, left: np.ndarray, colour: np.ndarray, caused: np.ndarray) -> np.ndarray:
+        """Return the covariance (blocks, blocks) of Q of normal scores.
+
+        Their covariance, for the pair of blocks i and k, is colour_i colour_k left + caused, (J, p,
+        p) each.
+        """
+        halves = zip(self._covariances(left), self._covariances(caused), strict=True)
+        found = []
+        for block, (of_left, of_caused) in enumerate(halves):
+            factor = np.repeat(colour[block] * colour, self.ranks)
+            squares = (factor * of_left + of_caused) ** 2
+            found.append(2 * np.add.reduceat(squares.sum(axis=(0, 1, 2)), self.probes))
+        return np.array(found)
+
+    def _covariances(self, of_scores: np.ndarray) -> Iterator[np.ndarray]:
+        """Yield the covariance (J, r, J, R) of each block's weighted scores with those of all."""
+        count, rank = self.through.shape[:2]
+        flat = self.through.reshape(count * rank, -1)
+        moved = of_scores @ self.weight
+        flat_moved = np.swapaxes(moved, 1, 2).reshape(count * rank, -1)
+        taken = flat @ of_scores.sum(axis=0)
+        every = np.arange(count)
+        for first, size in zip(self.probes, self.ranks, strict=True):
+            here = slice(first, first + size)
+            both = taken.reshape(count, rank, -1)[:, here] - np.swapaxes(moved, 1, 2)[:, here]
+            full = both.reshape(count * size, -1) @ flat.T
+            full -= self.through[:, here].reshape(count * size, -1) @ flat_moved.T
+            full = full.reshape(count, size, count, rank)
+            full[every, :, every] += np.swapaxes(moved, 1, 2)[:, here] @ self.weight
+            yield full
+
+    def _by_pair(self, columns: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Sum (R, R') over the columns of each pair of blocks."""
+        return np.asarray(np.add.reduceat(np.add.reduceat(columns, self.probes), others, axis=1))
+
+
+def _firsts(sizes: Iterable[int]) -> np.ndarray:
+    """Return where each of several blocks in a row begins."""
+    return np.cumsum([0, *sizes])[:-1]
+
+
+def _weight(points: PointScores, probe: np.ndarray, variance: float) -> np.ndarray:
+    """Return the weights (J, p, r) by which deviations of some parameters are looked for."""
+    seen = probe.T @ points.left @ probe
+    seen = (seen + np.swapaxes(seen, 1, 2)) / 2
+    values, vectors = np.linalg.eigh(seen + variance * seen @ seen)
+    least = 1e-9 * np.maximum(values[:, -1:], 1e-290)
+    scale = np.where(values > least, 1 / np.sqrt(np.maximum(values, least)), 0.0)
+    return np.asarray(probe @ (vectors * scale[:, None, :]))
 
 
 def _parts(alpha: np.ndarray, parameters: int, identifiable: Identifiability) -> Iterator[_Parts]:
@@ -179,53 +240,45 @@ def _between(points: PointScores, parts: list[_Parts], influence: np.ndarray) ->
     """Return the errors that come from deviations of whole operating points."""
     variance = np.zeros(len(parts))
     for _ in range(ROUNDS):
-        blocks = [_Block.of(points, one, v) for one, v in zip(parts, variance, strict=True)]
+        blocks = _Blocks.of(points, parts, variance)
         variance, doubt = _variances(points, blocks)
-    caused = np.array([influence @ block.total @ influence.T for block in blocks])
-    return VarianceComponents(caused, variance, doubt)
+    return VarianceComponents(influence @ blocks.total @ influence.T, variance, doubt)
 
 
-def _variances(points: PointScores, blocks: list[_Block]) -> tuple[np.ndarray, np.ndarray]:
+def _variances(points: PointScores, blocks: _Blocks) -> tuple[np.ndarray, np.ndarray]:
     """Return the variance of each block's parameters between points, and its covariance."""
-    q = np.array([(np.einsum("jpr,jp->jr", b.weight, points.scores) ** 2).sum() for b in blocks])
-    noise = np.array([block.mean(points.noise) for block in blocks])
-    gain = np.array([[one.seen_in(other) for other in blocks] for one in blocks])
-    full = [(np.einsum("jpr,jps->jrs", b.weight, b.caused) ** 2).sum() for b in blocks]
-    seen = np.flatnonzero(np.diag(gain) > SEEN_SHARE * np.array(full))
-    variance, doubt = np.zeros(len(blocks)), np.zeros(2 * (len(blocks),))
+    q, noise = blocks.squares(points.scores), blocks.means(points.noise)
+    gain, full = blocks.gain()
+    seen = np.flatnonzero(np.diag(gain) > SEEN_SHARE * full)
+    variance, doubt = np.zeros(q.size), np.zeros((q.size, q.size))
     if seen.size == 0:
         return variance, doubt
-    gain, noise, q = gain[np.ix_(seen, seen)], noise[seen], q[seen]
+    pairs = np.ix_(seen, seen)
+    gain, by_turns, q = gain[pairs], noise[seen].sum(axis=1), q[seen]
     unit = np.diag(gain)
-    expected = noise.sum(axis=1) + q
+    expected = by_turns + q
     for _ in range(SOLUTIONS):  # the scatter of a sum of squares is in proportion to its mean
         row = 1 / np.maximum(expected, 1e-300)
-        scaled = nnls(row[:, None] * gain / unit, row * (q - noise.sum(axis=1)))[0]
-        expected = noise.sum(axis=1) + gain @ (scaled / unit)
+        scaled = nnls(row[:, None] * gain / unit, row * (q - by_turns))[0]
+        expected = by_turns + gain @ (scaled / unit)
     variance[seen] = scaled / unit
-    spread = _spread(points, [blocks[n] for n in seen], variance[seen], noise)
     inverse = np.zeros_like(gain)
     active = np.flatnonzero(scaled > 0)
     inverse[np.ix_(active, active)] = np.linalg.pinv(gain[np.ix_(active, active)])
-    doubt[np.ix_(seen, seen)] = inverse @ spread @ inverse.T
+    doubt[pairs] = inverse @ _spread(points, blocks, variance, noise)[pairs] @ inverse.T
     return variance, doubt
 
 
 def _spread(
-    points: PointScores, blocks: list[_Block], variance: np.ndarray, noise: np.ndarray
+    points: PointScores, blocks: _Blocks, variance: np.ndarray, noise: np.ndarray
 ) -> np.ndarray:
-    """Return the covariance of the blocks' sums of squares less their noise (J,) each."""
-    ranks = np.array([block.weight.shape[2] for block in blocks])
-    white = np.array([block.mean(points.left).sum() for block in blocks])
-    white = np.maximum(white, LEAST_SHARE * points.turns.size * ranks)
+    """Return the covariance of the blocks' sums of squares less their noise (blocks, J)."""
+    left = (points.left + np.swapaxes(points.left, 1, 2)) / 2  # instruments: not quite symmetric
+    white = blocks.means(left).sum(axis=1)
+    white = np.maximum(white, LEAST_SHARE * points.turns.size * blocks.ranks)
     colour = np.sqrt(np.maximum(noise.sum(axis=1), 0) / white)
-    caused = sum(
-        v * b.caused @ np.swapaxes(b.caused, 1, 2) for v, b in zip(variance, blocks, strict=True)
-    )
-    spread = np.empty(2 * (len(blocks),))
-    for i, one in enumerate(blocks):
-        for j, other in enumerate(blocks[: i + 1]):
-            covariance = one.covariance_with(other, colour[i] * colour[j] * points.left + caused)
-            spread[i, j] = spread[j, i] = 2 * (covariance**2).sum()
+    sizes = np.diff(blocks.roots, append=blocks.caused.shape[2])
+    caused = blocks.caused * np.repeat(variance, sizes) @ np.swapaxes(blocks.caused, 1, 2)
     freedom = np.maximum(points.turns - 1, 1)
-    return np.asarray(spread + np.diag((2 * noise**2 / freedom).sum(axis=1) / ranks))
+    by_turns = (2 * noise**2 / freedom).sum(axis=1) / blocks.ranks
+    return np.asarray(blocks.spread(left, colour, caused) + np.diag(by_turns))
