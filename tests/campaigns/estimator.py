@@ -23,7 +23,13 @@ from motord.virtual import VirtualBench, processors, run_plan
 from tests.campaigns import seeds
 
 SEEDS = 200
-MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.6, 0.9], "turns": 8, "settle_s": 0.5}
+MESH = {
+    "torques_Nm": [1.0, 3.0, 5.0],
+    "speeds_Hz": [0.6, 0.9],
+    "turns": 8,
+    "settle_s": 0.5,
+    "directions": "forwards",  # as the residual estimator of the report takes it
+}
 
 COVERED = (0.90, 0.99)
 JOINT_BIAS = 1e-3

@@ -52,8 +52,9 @@ class CalibrateConfig(MeshConfig):
     """Factors of one phase's current at further points; none: delta epsilon is assumed to be 1."""
     gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
     """Torques of these points; empty: the mesh's middle torque."""
-    directions: Literal["forwards", "both"] = "forwards"
-    """"both": every other point is taken backwards; separates friction ripple from cogging."""
+    directions: Literal["forwards", "both"] = "both"
+    """"both": every other point is taken backwards, which separates friction ripple from cogging
+    and cross-talk of the torque sensor from gains; "forwards": if the load must not turn back."""
 
     @field_validator("gain_steps")
     @classmethod

@@ -5,9 +5,9 @@ is not the same in both, so the products of their spectra have no share of it on
 sensor's frequency response is divided out order by order.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,10 @@ from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
 from motord.identification.torque_sensor import order_below_resonance, response
+
+Place = tuple[float, float]
+"""(torque_Nm, speed_Hz) of an operating point."""
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,7 @@ def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
 
     Of several takes of a set-point the mean counts.
     """
-    found: dict[tuple[float, float], tuple[list[float], list[float]]] = {}
+    found: dict[Place, tuple[list[float], list[float]]] = {}
     for ripple in ripples:
         lists = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
         lists[ripple.compensate != 0].append(ripple.rms_percent)
@@ -89,6 +93,15 @@ def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
             for (torque_Nm, speed_Hz), (before, after) in sorted(found.items())
         )
     )
+
+
+def by_magnitude(points: Mapping[Place, Value]) -> Mapping[Place, Value]:
+    """Return values by the magnitudes of torque and speed, if that makes no two of them one.
+
+    Of a mesh that is taken in both directions, every other point backwards, this is the whole mesh.
+    """
+    found = {(abs(torque), abs(speed)): value for (torque, speed), value in points.items()}
+    return found if len(found) == len(points) else points
 
 
 def _mean(values: list[float]) -> float | None:

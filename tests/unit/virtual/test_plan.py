@@ -29,7 +29,7 @@ def record(seed: int = 1, settings=None):
 
 def test_points_are_captured_at_torque_and_speed() -> None:
     points, ticks, truth = record()
-    assert [p["speed_Hz"] for p in points] == [0.9, 1.0]
+    assert [p["speed_Hz"] for p in points] == [0.9, -1.0]
     for point in points:
         assert point["quality"] == "ok"
         marked = ticks["plan_point"] == point["index"]
@@ -37,7 +37,8 @@ def test_points_are_captured_at_torque_and_speed() -> None:
         assert (np.diff(np.flatnonzero(marked)) == 1).all()
         assert (ticks["state"][marked] == State.ENABLED).all()
         # without compensation the mean torque is off by the gains' common part only
-        assert truth["torque_Nm"][marked].mean() == pytest.approx(2.0, abs=0.06)
+        torque_Nm = np.copysign(2.0, point["speed_Hz"])
+        assert truth["torque_Nm"][marked].mean() == pytest.approx(torque_Nm, abs=0.06)
         turned = np.ptp(truth["angle_rad"][marked]) / (2 * np.pi)
         assert 3.0 <= turned < 3.1
     assert ticks["state"][-1] == State.READY

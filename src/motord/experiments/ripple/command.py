@@ -12,6 +12,7 @@ from motord.experiments.points_left_out import points_left_out
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
 from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
+from motord.identification.point_ripple import by_magnitude
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def _text(found: MeshRipple, _: Recordings) -> Iterator[str | TextTable]:
 
 def error_table(errors: RmsErrors) -> Iterator[str | TextTable]:
     """Yield the errors by torque and speed, then mean and worst."""
-    points = {(point.torque_Nm, point.speed_Hz): point for point in errors.points}
+    points = by_magnitude({(point.torque_Nm, point.speed_Hz): point for point in errors.points})
     speeds_Hz = sorted({speed_Hz for _, speed_Hz in points})
     yield TextTable(
         f"RMS error of the measured torque, % of rated: {_which(errors)}",

@@ -7,7 +7,7 @@ import numpy as np
 from motord.config import MotorConfig
 from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
 from motord.experiments.subject import Recordings, facts
-from motord.identification.point_ripple import PointRipple, rms_errors
+from motord.identification.point_ripple import PointRipple, by_magnitude, rms_errors
 from motord.report.html import Page
 from motord.report.plots.mesh import Point, in_percent, rms_error
 from motord.report.plots.torque import TorqueCurve, over_angle_and_order
@@ -58,7 +58,7 @@ def before_and_after(ripples: Sequence[PointRipple]) -> tuple[Errors, Errors]:
     points = rms_errors(ripples).points
     before = {(p.torque_Nm, p.speed_Hz): p.before for p in points if p.before is not None}
     after = {(p.torque_Nm, p.speed_Hz): p.after for p in points if p.after is not None}
-    return before, after
+    return by_magnitude(before), by_magnitude(after)
 
 
 def _curve(ripple: PointRipple) -> TorqueCurve:
@@ -98,7 +98,8 @@ def fill_mesh(page: Page, before: Errors, after: Errors, torque_meaning: str = M
     page.picture(
         rms_error([(title, values) for title, values in panels if values]),
         f"RMS error of the {torque_meaning}, Poels 2008, eq. (4.16), in percent of rated "
-        "torque at each operating point. One scale for all; the line in it marks 1 %, the goal "
+        "torque at each operating point; where the mesh was taken in both directions, by the "
+        "magnitudes of torque and speed. One scale for all; the line in it marks 1 %, the goal "
         "of that report, which reached 0.8 to 1.5 %.",
     )
 

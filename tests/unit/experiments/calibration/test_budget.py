@@ -16,12 +16,13 @@ from tests.campaigns.departures import DEPARTURES, calibrated, calibration_of, c
 
 SHORT = {"torques_Nm": [1.0, 5.0], "speeds_Hz": [0.9], "turns": 3, "settle_s": 0.3}
 MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.9], "turns": 6, "settle_s": 0.3}
+ONE_WAY = {**MESH, "directions": "forwards"}
 ROWS = {departure.name: departure for departure in DEPARTURES}
 
 
 @pytest.fixture(scope="module")
 def independent() -> CalibrationResult:
-    return calibrated("independent", None, 1, mesh=MESH)[0]
+    return calibrated("independent", None, 1, mesh=ONE_WAY)[0]
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +77,7 @@ def test_cross_talk_that_looks_like_gains_is_in_the_budget(independent: Calibrat
 
 def test_an_error_within_the_limits_is_within_the_combined_uncertainty() -> None:
     row = ROWS["torque sensor's cross-talk 1 % at 2p"]
-    result, truth = calibrated("independent", row, 1, size=0.2, mesh=MESH)
+    result, truth = calibrated("independent", row, 1, size=0.2, mesh=ONE_WAY)
     alpha = np.array(truth.inverter.alpha)
     error = np.abs(result.alpha - alpha / np.cbrt(alpha.prod())).max()
     both = totals(result.budget)[2]

@@ -15,11 +15,13 @@ ROWS = {departure.name: departure for departure in DEPARTURES}
 
 
 @pytest.mark.parametrize("connection", ["independent", "star"])
-def test_a_bench_as_the_model_has_it_gives_no_finding(connection: str) -> None:
-    result, truth = calibrated(connection, None, 1, mesh=MESH)
+@pytest.mark.parametrize("directions", ["forwards", "both"])
+def test_a_bench_as_the_model_has_it_gives_no_finding(connection: str, directions: str) -> None:
+    result, truth = calibrated(connection, None, 1, mesh={**MESH, "directions": directions})
     assert result.findings == ()
     assert result.dispersion == 1.0
-    assert any("friction ripple: not separated" in note for note in result.observable)
+    noted = any("friction ripple: not separated" in note for note in result.observable)
+    assert noted == (directions == "forwards")
     assert (errors_over_half_widths(result, truth) < 2).all()
 
 

@@ -48,8 +48,8 @@ def test_verify_has_no_such_points() -> None:
 
 def test_in_both_directions_every_other_point_is_taken_backwards_after_the_others() -> None:
     settings = {"torques_Nm": [1.0, 3.0], "speeds_Hz": [0.5, 0.7], "gain_steps": []}
-    both = build("calibrate", load(), {**settings, "directions": "both"})
-    forwards = build("calibrate", load(), settings)
+    both = build("calibrate", load(), settings)
+    forwards = build("calibrate", load(), {**settings, "directions": "forwards"})
     places = [(one.torque_Nm, one.speed_Hz) for one in both.points]
     assert places == [(1.0, 0.5), (3.0, 0.7), (-1.0, -0.7), (-3.0, -0.5)]
     assert {(abs(a), abs(b)) for a, b in places} == {
