@@ -10,11 +10,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-EXPANDED = 2.0
-"""Coverage factor of the expanded uncertainty."""
+from motord.intervals import coverage_factor
 
 Uncertainty = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Triple = tuple[Uncertainty, Uncertainty, Uncertainty]
+Freedom = Annotated[float, Field(ge=1, allow_inf_nan=False)]
 
 
 class Contribution(BaseModel):
@@ -22,7 +22,8 @@ class Contribution(BaseModel):
     delta epsilon, and of the amplitude of the cogging torque that it moves most.
 
     basis: "data"; "stated", by the bench file; or "assumed". limit: what is stated or assumed, half
-    of a rectangular distribution's width, in `unit`.
+    of a rectangular distribution's width, in `unit`. degrees_of_freedom: of QUANTITIES, of phases
+    and orders the fewest; None for many.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -36,6 +37,15 @@ class Contribution(BaseModel):
     beta_A: Triple
     delta_epsilon: Uncertainty
     cogging_Nm: Uncertainty
+    degrees_of_freedom: tuple[Freedom | None, Freedom | None, Freedom | None, Freedom | None] = (
+        None, None, None, None,
+    )  # fmt: skip
+
+    @property
+    def coverage_factors(self) -> tuple[float, float, float, float]:
+        """Half of the 95 % intervals of QUANTITIES in standard uncertainties."""
+        alpha, beta, delta_epsilon, cogging = map(coverage_factor, self.degrees_of_freedom)
+        return alpha, beta, delta_epsilon, cogging
 
     @property
     def limit_text(self) -> str:
@@ -63,7 +73,10 @@ def totals(budget: Sequence[Contribution]) -> tuple[Contribution, Contribution, 
 
 
 def combined(source: str, type_: Literal["A", "B"], parts: Sequence[Contribution]) -> Contribution:
-    """Return the combination of contributions, as one of its own."""
+    """Return the combination of contributions, as one of its own.
+
+    Degrees of freedom by Welch and Satterthwaite (JCGM 100, G.4).
+    """
     a, b, c = (_root(part.alpha[phase] for part in parts) for phase in range(3))
     beta_a, beta_b, beta_c = (_root(part.beta_A[phase] for part in parts) for phase in range(3))
     return Contribution(
@@ -74,7 +87,24 @@ def combined(source: str, type_: Literal["A", "B"], parts: Sequence[Contribution
         beta_A=(beta_a, beta_b, beta_c),
         delta_epsilon=_root(part.delta_epsilon for part in parts),
         cogging_Nm=_root(part.cogging_Nm for part in parts),
+        degrees_of_freedom=(
+            _freedom(parts, 0),
+            _freedom(parts, 1),
+            _freedom(parts, 2),
+            _freedom(parts, 3),
+        ),
     )
+
+
+def _freedom(parts: Sequence[Contribution], quantity: int) -> float | None:
+    """Return the effective degrees of freedom of a quantity; None for many."""
+    value = QUANTITIES[quantity][2]
+    whole = _root(value(part) for part in parts)
+    if whole == 0:
+        return None
+    each = ((value(part) / whole, part.degrees_of_freedom[quantity]) for part in parts)
+    doubt = sum(share**4 / freedom for share, freedom in each if freedom is not None)
+    return max(1 / doubt, 1.0) if doubt > 0 else None
 
 
 def _root(values: Iterable[float]) -> float:

@@ -95,8 +95,8 @@ class Case:
         Where delta epsilon is not seen, intervals hold if it is what is assumed: 1.
         """
         bench, result = self._found(delta_epsilon_is_1=False)
-        words = " ".join(result.observable)
-        if result.delta_epsilon_stderr is None and "nearly" not in words:
+        [of_gain] = [note for note in result.observable if note.startswith("common gain")]
+        if result.delta_epsilon_stderr is None and "nearly" not in of_gain:
             return self._found(delta_epsilon_is_1=True)
         return bench, result
 

@@ -25,7 +25,7 @@ from motord.experiments.plans import build
 from motord.identification.operating_points import PointData, split
 from motord.rig.truth import RigTruth
 from motord.rig.truth import load as load_truth
-from motord.uncertainty_budget import EXPANDED, totals
+from motord.uncertainty_budget import totals
 from motord.virtual import VirtualBench, processors, run_plan
 from tests.campaigns import seeds
 
@@ -244,7 +244,9 @@ def errors_over_expanded(result: CalibrationResult, truth: RigTruth) -> np.ndarr
     errors, orders = _errors(result, truth)
     both = totals(result.budget)[2]
     combined = [*both.alpha, *both.beta_A, *[both.cogging_Nm] * len(orders)]
-    return np.abs(errors) / (EXPANDED * np.array(combined))
+    alpha, beta, _, cogging = both.coverage_factors
+    factors = np.repeat([alpha, beta, cogging], [3, 3, len(orders)])
+    return np.abs(errors) / (factors * np.array(combined))
 
 
 def _errors(result: CalibrationResult, truth: RigTruth) -> tuple[np.ndarray, list[int]]:

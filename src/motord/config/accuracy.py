@@ -1,6 +1,13 @@
 """`[accuracy]`: what data sheets and installation say of errors that data do not show (Type B)."""
 
+from typing import Annotated
+
+from pydantic import Field
+
 from motord.config.base import NonNegative, Section
+
+Percent = Annotated[NonNegative, Field(le=100)]
+Angle = Annotated[NonNegative, Field(le=1)]
 
 
 class AccuracyConfig(Section):
@@ -9,27 +16,29 @@ class AccuracyConfig(Section):
     What is left out is assumed as typical of its class, and results say so.
     """
 
-    encoder_zero_rad: NonNegative = 1e-3
+    encoder_zero_rad: Angle = 1e-3
     """Zero of the encoder, mechanical."""
-    encoder_error_rad: NonNegative = 5e-4
+    encoder_error_rad: Angle = 5e-4
     """Error of the encoder once and twice a turn, mechanical: eccentric or tilted disc."""
-    back_emf_percent: NonNegative = 0.5
+    back_emf_percent: Percent = 0.5
     """Amplitude of the back-EMF's fundamental."""
-    back_emf_harmonics_percent: NonNegative = 0.2
+    back_emf_harmonics_percent: Percent = 0.2
     """Each harmonic of the back-EMF, of its fundamental."""
-    saturation_percent: NonNegative = 1.0
+    saturation_percent: Percent = 1.0
     """Torque, and cogging torque, at the rated current: change with the current."""
-    torque_gain_percent: NonNegative = 0.5
+    current_gain_percent: Percent = 1.0
+    """Gain that all current sensors have in common; counts where delta epsilon is not measured."""
+    torque_gain_percent: Percent = 0.5
     """Gain of the torque sensor and its amplifier."""
-    torque_time_constant_percent: NonNegative = 5.0
+    torque_time_constant_percent: Percent = 5.0
     """Time constant of the torque sensor's high-pass."""
-    torque_crosstalk_percent: NonNegative = 0.5
+    torque_crosstalk_percent: Percent = 0.5
     """Change of the torque sensor's gain with the angle: cross-talk of side forces."""
-    current_crosstalk_percent: NonNegative = 0.1
+    current_crosstalk_percent: Percent = 0.1
     """Part of another phase's current in a current sensor."""
-    current_linearity_percent: NonNegative = 0.2
+    current_linearity_percent: Percent = 0.2
     """Change of a current sensor's gain up to the rated current."""
-    friction_ripple_percent: NonNegative = 0.3
+    friction_ripple_percent: Percent = 0.3
     """Friction that changes with the angle, of the rated torque."""
-    offset_like_cogging_percent: NonNegative = 0.05
+    offset_like_cogging_percent: Percent = 0.05
     """Cogging torque at the pole pairs and three times them, of the rated torque."""

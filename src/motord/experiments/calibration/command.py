@@ -1,6 +1,6 @@
 """`motord analyse calibrate`: gains, offsets and cogging torque."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -94,11 +94,17 @@ def _uncertainties(budget: Sequence[Contribution]) -> TextTable:
             (
                 f"{name} ({unit})",
                 *(f"{value(total):.2g}" for total in totals(budget)),
-                max(others, key=value).source,
+                _most_of(others, value),
             )
             for name, unit, value in QUANTITIES
         ],
     )
+
+
+def _most_of(sources: Sequence[Contribution], value: Callable[[Contribution], float]) -> str:
+    """Return the name of the source that contributes most, "" if none does."""
+    most = max(sources, key=value)
+    return most.source if value(most) > 0 else ""
 
 
 ANALYSIS = Analysis(

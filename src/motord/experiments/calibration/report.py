@@ -14,7 +14,7 @@ from motord.experiments.subject import Recordings, facts
 from motord.intervals import plus_minus
 from motord.report.html import Page
 from motord.report.plots.gains import Gains, gains
-from motord.uncertainty_budget import EXPANDED, QUANTITIES, Contribution, totals
+from motord.uncertainty_budget import QUANTITIES, Contribution, totals
 
 NEGLIGIBLE = 1e-3
 """Part of the combined uncertainty below which a contribution is shown as 0."""
@@ -65,8 +65,12 @@ def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
     rows = [[one.source, one.type, one.limit_text, *sizes(one)] for one in contributions]
     for one, label in ((of_data, "A"), (others, "B"), (both, "A and B")):
         rows.append([one.source, label, "", *sizes(one)])
-    expanded = [f"{EXPANDED * value(both):.2g}" for _, _, value in QUANTITIES]
-    rows.append([f"expanded, k = {EXPANDED:g}", "", "", *expanded])
+    factors = both.coverage_factors
+    expanded = [
+        f"{k * value(both):.2g}" for k, (_, _, value) in zip(factors, QUANTITIES, strict=True)
+    ]
+    rows.append(["expanded (95 %)", "", "", *expanded])
+    rows.append(["coverage factor k", "", "", *(f"{k:.2f}" for k in factors)])
     columns = [f"{name} ({unit})" for name, unit, _ in QUANTITIES]
     page.table(["source", "type", "limit", *columns], rows, numbers=True)
 

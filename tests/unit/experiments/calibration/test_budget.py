@@ -11,8 +11,15 @@ from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     WeighedRows,
 )
 from motord.experiments.calibration.estimate.result import CalibrationResult
+from motord.intervals import coverage_factor, plus_minus
 from motord.uncertainty_budget import Contribution, combined, totals
-from tests.campaigns.departures import DEPARTURES, calibrated, calibration_of, captured
+from tests.campaigns.departures import (
+    DEPARTURES,
+    Departure,
+    calibrated,
+    calibration_of,
+    captured,
+)
 
 SHORT = {"torques_Nm": [1.0, 5.0], "speeds_Hz": [0.9], "turns": 3, "settle_s": 0.3}
 MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.9], "turns": 6, "settle_s": 0.3}
@@ -126,13 +133,54 @@ def test_every_limit_is_one_source(
 
 def test_all_limits_have_a_source(independent: CalibrationResult) -> None:
     others = [one for one in independent.budget if one.type == "B"]
-    assert len(others) == len(AccuracyConfig.model_fields) == 12
+    assert len(others) == len(AccuracyConfig.model_fields) == 13
+    assert by_source(independent)["common gain of the current sensors"].alpha == (0.0, 0.0, 0.0)
 
 
 def test_friction_counts_as_cogging_torque_in_one_direction(independent: CalibrationResult) -> None:
     friction = by_source(independent)["friction ripple"]
     assert friction.cogging_Nm == pytest.approx(0.003 * 6.0 / np.sqrt(3), rel=0.3)
     assert max(friction.alpha) == 0.0
+
+
+def test_a_common_gain_that_is_not_seen_moves_the_gains_as_the_budget_says() -> None:
+    gains = Departure("common gain", (), lambda _: {"inverter": {"epsilon": 1.02}})
+    unscaled = {**MESH, "gain_steps": []}
+    config, truth, points = captured("independent", gains, 1, mesh=unscaled)
+    result = calibration_of(config, points, AccuracyConfig(current_gain_percent=2.0))
+    alpha = np.array(truth.inverter.alpha)
+    error = np.abs(result.alpha - alpha / np.cbrt(alpha.prod()))
+    gain = by_source(result)["common gain of the current sensors"]
+    assert result.delta_epsilon_stderr is None
+    assert error.max() > 3 * result.alpha_stderr.max()
+    assert np.sqrt(3) * np.array(gain.alpha) == pytest.approx(error, abs=6e-4)
+    assert gain.delta_epsilon == pytest.approx(0.02 / np.sqrt(3))
+
+
+def test_a_note_states_delta_epsilon_with_the_error_that_findings_give_it() -> None:
+    row = ROWS["current sensors' gain 1 % over range"]
+    result = calibrated("independent", row, 1, mesh=MESH)[0]
+    assert result.findings
+    assert result.delta_epsilon_stderr is not None
+    assert result.degrees_of_freedom is not None
+    half = coverage_factor(result.degrees_of_freedom.delta_epsilon) * result.delta_epsilon_stderr
+    assert f"{plus_minus(result.delta_epsilon, half)} (95 %)" in result.observable[0]
+
+
+def test_few_degrees_of_freedom_of_the_data_widen_the_coverage_factor() -> None:
+    def one(type_: str, size: float, freedom: float | None) -> Contribution:
+        triple = (size, size, size)
+        return Contribution(
+            source="x", type=type_, basis="data", alpha=triple, beta_A=triple,
+            delta_epsilon=size, cogging_Nm=size, degrees_of_freedom=(freedom,) * 4,
+        )  # fmt: skip
+
+    alike = totals([one("A", 1.0, 3.0), one("B", 1.0, None)])[2]
+    assert alike.degrees_of_freedom == pytest.approx([12.0] * 4)  # Welch and Satterthwaite
+    assert alike.coverage_factors == pytest.approx([coverage_factor(12.0)] * 4)
+    of_data = totals([one("A", 1.0, 3.0), one("B", 0.0, None)])[2]
+    assert of_data.coverage_factors[0] == pytest.approx(coverage_factor(3.0))
+    assert totals([one("B", 1.0, None)])[2].degrees_of_freedom == (None,) * 4
 
 
 def test_contributions_combine_by_squares() -> None:

@@ -19,7 +19,9 @@ def test_gains_that_do_not_exist_are_refused() -> None:
     theta = np.full(9, np.nan)
     errors = VarianceComponents.known(np.eye(10))
     solution = Solution(theta, theta[:3], 1.0)
-    fitted = JointFit(solution, errors, OPEN, np.zeros(2), 1.0, 1e-4, np.eye(9))
+    fitted = JointFit(
+        solution, errors, OPEN, np.zeros(2), 1.0, 1e-4, np.eye(9), np.eye(10, 9), np.zeros(10)
+    )
     with pytest.raises(IdentifyError, match="no gains fit this torque"):
         check_fit(fitted)
 
@@ -48,6 +50,16 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
     identifiable = Identifiability(None, offset_seen=True)
     solution = Solution(theta, np.ones(3), common)
     errors = VarianceComponents.known(1e-6 * np.eye(10))
-    fitted = JointFit(solution, errors, identifiable, np.full(2, 0.02), 1.0, 1e-4, np.eye(9))
+    fitted = JointFit(
+        solution,
+        errors,
+        identifiable,
+        np.full(2, 0.02),
+        1.0,
+        1e-4,
+        np.eye(9),
+        np.eye(10, 9),
+        np.zeros(10),
+    )
     with pytest.raises(IdentifyError, match=f"{common:.2f} times as large as the back-EMF says"):
         check_fit(fitted)

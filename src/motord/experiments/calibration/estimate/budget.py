@@ -7,7 +7,7 @@ m = V b, the contribution to the variance is X^+ G (V + m m') (X^+ G)'. So what 
 counts little, and what they cannot separate counts in full.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +64,13 @@ def _rate(limit: float, bench: BenchFile, terms: int) -> np.ndarray:
     tau_s = bench.sensor.highpass_time_constant_s
     return np.full(terms, limit / 100 / tau_s if tau_s else 0.0)
 
+
+SCALES = (
+    Source("gain of the torque sensor", "torque_gain_percent", "%", (), _percent),
+    Source("fundamental of the back-EMF", "back_emf_percent", "%", (), _percent),
+    Source("common gain of the current sensors", "current_gain_percent", "%", (), _percent),
+)
+"""Gains of the whole; that of the current sensors counts only where delta epsilon is not seen."""
 
 SOURCES = (
     Source("encoder's zero", "encoder_zero_rad", "rad", ("encoder-zero",), _alike),
@@ -148,7 +155,8 @@ def budget(
     both_ways = any(one.name == "friction-ripple" for one in sensitivities)
     return (
         _of_the_data(result),
-        *(_scales(result, bench, one_direction=not both_ways)),
+        *(_contribution(source, vector.scaled(source, result, bench), bench) for source in SCALES),
+        *([] if both_ways else [_friction(bench)]),
         *(
             _contribution(source, vector.squares(source, sensitivities, bench), bench)
             for source in SOURCES
@@ -159,29 +167,37 @@ def budget(
 
 @dataclass(frozen=True)
 class _Linear:
-    """Derivative (v, p) of alpha, beta, delta epsilon and amplitudes by the fit's parameters."""
+    """Derivative (v, p) of alpha, beta, delta epsilon and amplitudes by the fit's parameters.
+
+    gain_shift (v,): by the common gain, where that is not seen.
+    """
 
     derivative: np.ndarray
+    gain_shift: np.ndarray
 
     @classmethod
     def of(cls, result: CalibrationResult, fitted: JointFit) -> "_Linear":
-        theta = fitted.solution.theta
-        rows = np.zeros((7 + len(result.harmonics), theta.size))
-        rows[ALPHA, ALPHA] = np.eye(3)
-        rows[3:6, BETA] = np.eye(3)
-        if fitted.identifiable.gain_direction is None:
-            delta_epsilon = fitted.solution.delta_epsilon
-            rows[6, ALPHA] = delta_epsilon / 3 / theta[ALPHA]
-            rows[ALPHA, ALPHA] = (
-                np.eye(3) - np.outer(fitted.solution.alpha, rows[6, ALPHA])
-            ) / delta_epsilon
+        size = fitted.solution.vector.size
+        rows = np.zeros((7 + len(result.harmonics), size))
+        rows[ALPHA, ALPHA] = rows[3:6, BETA] = np.eye(3)
+        rows[6, -1] = 1.0
         for n, harmonic in enumerate(result.harmonics):
             place = FIRST_COGGING + 2 * n
-            rows[7 + n, place : place + 2] = (
-                np.sin(harmonic.phase_rad),
-                np.cos(harmonic.phase_rad),
-            )
-        return cls(rows)
+            rows[7 + n, place : place + 2] = np.sin(harmonic.phase_rad), np.cos(harmonic.phase_rad)
+        return cls(rows @ fitted.derivative, rows @ fitted.gain_shift)
+
+    def scaled(self, source: Source, result: CalibrationResult, bench: BenchFile) -> np.ndarray:
+        """Return the variances (v,) of a gain that scales the result, or that is assumed to be 1.
+
+        A gain of the torque sensor scales offsets and cogging torque, one of the back-EMF offsets.
+        """
+        shift = self.gain_shift.copy()
+        if source.field != "current_gain_percent":
+            shift[3:6] -= result.beta_A
+            shift[6] = result.delta_epsilon
+        if source.field == "torque_gain_percent":
+            shift[7:] -= [h.amplitude_Nm for h in result.harmonics]
+        return np.asarray((float(getattr(bench.accuracy, source.field)) / 100 * shift) ** 2 / 3)
 
     def squares(
         self, source: Source, sensitivities: Sequence[EffectSensitivity], bench: BenchFile
@@ -206,33 +222,35 @@ def _of_the_data(result: CalibrationResult) -> Contribution:
         beta_A=_triple(result.beta_stderr_A),
         delta_epsilon=result.delta_epsilon_stderr or 0.0,
         cogging_Nm=max((h.stderr_Nm or 0.0 for h in result.harmonics), default=0.0),
+        degrees_of_freedom=_fewest(result),
     )
 
 
-def _scales(
-    result: CalibrationResult, bench: BenchFile, *, one_direction: bool
-) -> Iterator[Contribution]:
-    """Yield what scales the result as a whole, or adds to it; the data show nothing of it."""
-    largest_Nm = max((abs(h.amplitude_Nm) for h in result.harmonics), default=0.0)
-    for name, field, of_cogging in (
-        ("gain of the torque sensor", "torque_gain_percent", True),
-        ("fundamental of the back-EMF", "back_emf_percent", False),
-    ):
-        u = float(getattr(bench.accuracy, field)) / 100 / np.sqrt(3)
-        scaled = Source(name, field, "%", (), _percent)
-        squares = np.zeros(7 + 1)
-        squares[3:6] = (u * result.beta_A) ** 2
-        squares[6] = (u * result.delta_epsilon) ** 2
-        squares[7] = (u * largest_Nm) ** 2 if of_cogging else 0.0
-        yield _contribution(scaled, squares, bench)
-    if one_direction:  # friction that ripples is then counted as cogging torque
-        field = "friction_ripple_percent"
-        squares = np.zeros(7 + 1)
-        u_Nm = float(getattr(bench.accuracy, field)) / 100 * bench.motor.rated_torque_Nm
-        squares[7] = u_Nm**2 / 3
-        yield _contribution(
-            Source("friction ripple", field, "% of rated", (), _percent), squares, bench
-        )
+def _fewest(
+    result: CalibrationResult,
+) -> tuple[float | None, float | None, float | None, float | None]:
+    """Return the fewest degrees of freedom of alpha, beta, delta epsilon and amplitudes."""
+    freedom = result.degrees_of_freedom
+    of_orders = [h.degrees_of_freedom for h in result.harmonics if h.degrees_of_freedom is not None]
+    found = (
+        (min(freedom.alpha), min(freedom.beta_A), freedom.delta_epsilon)
+        if freedom
+        else (None, None, None)
+    )
+    alpha, beta, delta_epsilon, cogging = (
+        None if one is None else max(one, 1.0) for one in (*found, min(of_orders, default=None))
+    )
+    return alpha, beta, delta_epsilon, cogging
+
+
+def _friction(bench: BenchFile) -> Contribution:
+    """Return what friction that ripples adds, where the rotor turned one way: it counts as cogging
+    torque."""
+    [source] = [one for one in SOURCES if one.field == "friction_ripple_percent"]
+    squares = np.zeros(7 + 1)
+    [half_width_Nm] = source.limits(getattr(bench.accuracy, source.field), bench, 1)
+    squares[7] = half_width_Nm**2 / 3
+    return _contribution(source, squares, bench)
 
 
 def _contribution(source: Source, squares: np.ndarray, bench: BenchFile) -> Contribution:

@@ -13,8 +13,8 @@ from motord.experiments.calibration.estimate.checks import check_fit, check_poin
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.joint_result import (
     cogging_harmonics,
-    observability,
     result_of,
+    with_observability,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
@@ -141,9 +141,7 @@ class Calibrator:
         if found.added:
             residual = FitResidual.of(regression, fitted, self._motor)
         agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
-        notes = observability(fitted)
-        if agreement is not None:
-            notes.append(agreement.in_words())
+        notes = [] if agreement is None else [agreement.in_words()]
         notes += self._left_out(orders)
         left = residual.explained()
         result = with_lack_of_fit(
@@ -160,6 +158,7 @@ class Calibrator:
             max(point.period_s for point in self._points),
         )
         lost = first.identifiable.offset_seen and not fitted.identifiable.offset_seen
+        result = with_observability(result, fitted)
         result = with_added_orders(result, found, lost, self._motor.pole_pairs)
         return replace(
             result,

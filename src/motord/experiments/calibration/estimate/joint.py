@@ -60,7 +60,9 @@ class JointFit:
     errors: of solution.vector (p + 1,); noise_Nm (points,): standard deviation that is
     left in each operating point; condition_number of what was solved, columns scaled alike;
     delay_unit_s: unit of the age of the currents; apart_from_torque (p, p): information on theta of
-    Kirchhoff's law and of the priors.
+    Kirchhoff's law and of the priors. derivative (p + 1, p): of solution.vector by theta on what is
+    seen; gain_shift (p + 1,): the same by the common gain, for each part by which it is not the 1
+    that is assumed; 0 where it is seen.
     """
 
     solution: Solution
@@ -70,6 +72,8 @@ class JointFit:
     condition_number: float
     delay_unit_s: float
     apart_from_torque: np.ndarray
+    derivative: np.ndarray
+    gain_shift: np.ndarray
 
     @property
     def current_delay_s(self) -> tuple[float, float, float]:
@@ -113,6 +117,8 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
         condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
         apart_from_torque=normals.information - normals.torque_information + normals.prior,
+        derivative=_derivative(normals.left, solution, identifiable),
+        gain_shift=_gain_shift(normals.left, solution, identifiable),
     )
 
 
@@ -183,10 +189,31 @@ def _derivative(
         derivative[ALPHA, ALPHA] /= solution.delta_epsilon
         derivative[ALPHA, ALPHA] -= np.outer(solution.alpha, slopes) / 3
         return derivative
-    fixed = identifiable.gain_vector(size)
-    change = fixed - _inverse(normal, identifiable) @ (normal @ fixed)
+    change = _unseen_change(normal, identifiable)
     derivative[:-1, ALPHA] -= np.outer(change, slopes) / (slopes @ change[ALPHA])
     return derivative
+
+
+def _unseen_change(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
+    """Return how theta (p,) changes along what the data do not show of the gains."""
+    fixed = identifiable.gain_vector(len(normal))
+    return np.asarray(fixed - _inverse(normal, identifiable) @ (normal @ fixed))
+
+
+def _gain_shift(
+    normal: np.ndarray, solution: Solution, identifiable: Identifiability
+) -> np.ndarray:
+    """Return by how much the vector (p + 1,) would change, if delta epsilon were 1 + e, over e.
+
+    The gains, whose product is then (1 + e)^3, go along what is not seen; alpha has the product 1.
+    """
+    shift = np.zeros(len(normal) + 1)
+    if identifiable.gain_direction is not None:
+        change = _unseen_change(normal, identifiable)
+        shift[:-1] = 3 * change / (change[ALPHA] / solution.theta[ALPHA]).sum()
+        shift[ALPHA] -= solution.alpha
+        shift[-1] = 1.0
+    return shift
 
 
 def _condition_number(information: np.ndarray, identifiable: Identifiability) -> float:

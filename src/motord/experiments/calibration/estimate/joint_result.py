@@ -1,5 +1,7 @@
 """From a joint fit to the result of a calibration, and to what it says of what the data show."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from motord.calibration import DegreesOfFreedom, Harmonic
@@ -70,12 +72,13 @@ def cogging_harmonics(fitted: JointFit, regression: Regression) -> tuple[Harmoni
     return tuple(found)
 
 
-def observability(fitted: JointFit) -> list[str]:
-    """Return what was not identifiable, and how it was fixed, for the file."""
+def with_observability(result: CalibrationResult, fitted: JointFit) -> CalibrationResult:
+    """Return the result with notes on what was not identifiable, and how it was fixed."""
     notes = []
-    if fitted.identifiable.gain_direction is None:
-        half = coverage_factor(fitted.errors.freedom[-1]) * fitted.stderr[-1]
-        measured = plus_minus(fitted.solution.delta_epsilon, half)
+    if result.delta_epsilon_stderr is not None:
+        freedom = result.degrees_of_freedom
+        factor = coverage_factor(freedom.delta_epsilon if freedom else None)
+        measured = plus_minus(result.delta_epsilon, factor * result.delta_epsilon_stderr)
         notes.append(f"common gain delta epsilon: measured, {measured} (95 %)")
     else:
         notes.append(
@@ -89,4 +92,4 @@ def observability(fitted: JointFit) -> list[str]:
             "common offset of the currents: not seen (the back-EMFs add up to nothing); "
             "sum of beta set to 0" + NEARLY_SEEN * fitted.identifiable.offset_nearly
         )
-    return notes
+    return replace(result, observable=(*notes, *result.observable))
