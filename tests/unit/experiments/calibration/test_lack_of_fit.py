@@ -6,6 +6,7 @@ import pytest
 from motord.experiments.calibration.estimate.lack_of_fit import analysis as lack_of_fit
 from motord.experiments.calibration.estimate.lack_of_fit import departures
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import left_orders
+from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
 from tests.campaigns.departures import DEPARTURES, calibrated, errors_over_half_widths
 
@@ -67,9 +68,9 @@ def test_the_noise_of_a_sensor_that_drifts_is_found_at_low_orders() -> None:
     rng = np.random.default_rng(4)
     true = 1 + 30 / np.arange(1, 121) ** 2
     half = true * np.abs(rng.normal(size=(11, 120, 2)) @ [1, 1j]) / np.sqrt(2)
-    assert np.median(smooth_noise(half) / true) == pytest.approx(1.0, abs=0.1)
+    assert np.median(smooth_noise(half**2) / true) == pytest.approx(1.0, abs=0.1)
     for order in (1, 2, 6, 20, 120):
-        assert np.median(smooth_noise(half)[:, order - 1] / true[order - 1]) == pytest.approx(
+        assert np.median(smooth_noise(half**2)[:, order - 1] / true[order - 1]) == pytest.approx(
             1.0, abs=0.35
         )
 
@@ -97,3 +98,45 @@ def test_an_order_that_stands_out_is_found_with_its_growth() -> None:
         rest[:, order - 1] += 30 * torque_Nm**power / (torque_Nm**power).max()
     found = left_orders(torque_Nm, rest, noise)
     assert [(one.order, one.power) for one in found] == [(10, 0), (20, 1), (30, 2)]
+
+
+def _rows(groups_Nm: np.ndarray) -> ResidualRows:
+    """Return rows of points with lines (points, groups, orders), to a model of one column."""
+    points, _, orders = groups_Nm.shape
+    return ResidualRows(
+        rest_Nm=groups_Nm.mean(axis=1),
+        noise_Nm=np.ones((points, orders)),
+        groups_Nm=list(groups_Nm),
+        columns=np.ones((points, 1, orders), complex),
+        further=np.zeros(0),
+        further_columns=np.zeros((0, 1)),
+    )
+
+
+def test_what_one_group_of_turns_has_alone_is_no_departure() -> None:
+    """A few bad turns are at many orders at once, where noise of each order alone is small."""
+    rng = np.random.default_rng(5)
+    effect = rng.normal(size=(3, 1, 40)) + 1j * rng.normal(size=(3, 1, 40))
+    noise = 0.1 * (rng.normal(size=(3, 4, 40)) + 1j * rng.normal(size=(3, 4, 40)))
+    for shares, lowest, highest in (((1, 1, 1, 1), 20.0, np.inf), ((4, 0, 0, 0), 0.0, 4.0)):
+        rows = _rows(noise + effect * np.array(shares)[:, None])
+        weighed = rows.weighed(np.ones(40))
+        column = weighed.effect(effect, np.zeros((0, 1)))
+        [gain] = weighed.gains([column])
+        t, freedom = weighed.robust_t(rows, column @ gain.size)
+        assert np.sqrt(gain.chi_square) > 10  # the same for both: noise of single orders is small
+        assert lowest < t < highest
+        assert 3 <= freedom <= 9
+
+
+def test_robust_errors_are_those_of_white_noise_where_noise_is_white() -> None:
+    rng = np.random.default_rng(6)
+    effect = rng.normal(size=(30, 1, 40)) + 1j * rng.normal(size=(30, 1, 40))
+    groups = np.sqrt(2) * (rng.normal(size=(30, 4, 40)) + 1j * rng.normal(size=(30, 4, 40)))
+    rows = _rows(groups)
+    weighed = rows.weighed(np.ones(40))
+    column = weighed.effect(effect, np.zeros((0, 1)))
+    [gain] = weighed.gains([column])
+    t, freedom = weighed.robust_t(rows, column @ gain.size)
+    assert t == pytest.approx(np.sqrt(gain.chi_square), rel=0.25)
+    assert freedom > 60

@@ -20,7 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.turn_spectrum import ANGLE_BINS, TurnSpectrum
+from motord.experiments.calibration.estimate.turn_spectrum import (
+    ANGLE_BINS,
+    TURN_GROUPS,
+    TurnSpectrum,
+)
 from motord.identification.basis import (
     CURRENT,
     Basis,
@@ -88,7 +92,8 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     turns = np.array(samples.turns)
     torque = np.zeros((len(turns), *2 * (_padded(basis.width + 2),)))
     currents = np.zeros((len(turns), 8, 8))
-    binned = np.zeros((2, min(counts, ANGLE_BINS), basis.command.start + 2))
+    groups = min(len(turns), TURN_GROUPS)
+    binned = np.zeros((groups, min(counts, ANGLE_BINS), basis.command.start + 2))
     steady_Nm = y_Nm.copy()
     steady_Nm[samples.whole] = without_drift(samples, y_Nm)
     sum_up_turns(
@@ -207,8 +212,9 @@ def sum_up_turns(
 ) -> None:
     """Add each turn's products of its columns, 1 and time to `torque`, of currents to `currents`.
 
-    And to `binned` (2, bins, m + 2), of even and of odd turns, the sums in each bin of the angle of
-    the first m columns (all but the instruments), of the torque without drift, and the samples.
+    And to `binned` (groups, bins, m + 2), of each group of turns in rotation, the sums in each bin
+    of the angle of the first m columns (all but the instruments), of the torque without drift, and
+    the samples.
 
     turns (b, 2): first and end of each; rates (2, counts, 4): for even and odd turns. torque
     (b, w, w), currents (b, 8, 8): the upper triangles hold. tau_s, state (2, .): the high-pass, see
@@ -241,7 +247,9 @@ def sum_up_turns(
                 _fill_lane(current_lanes[p + p // 3], currents_A[start : start + rows, p])
             for row in range(rows):
                 lanes[width + 2, row] = (t_s[start + row] - middle_s) / span_s
-                here = binned[turn % 2, count[start + row] * bins // back_emf.shape[0]]
+                here = binned[
+                    turn % binned.shape[0], count[start + row] * bins // back_emf.shape[0]
+                ]
                 for j in range(model):
                     here[j] += columns[row, j]
                 here[model] += steady_Nm[start + row]

@@ -1,7 +1,7 @@
-"""The model's columns by order of the turn, of even and of odd turns of an operating point.
+"""The model's columns by order of the turn, of groups of turns of an operating point.
 
 What the fit leaves at an order is linear in the parameters, so it can be had for any of them after
-the samples are gone. Noise is what differs between even and odd turns.
+the samples are gone. Noise is what differs between the groups.
 """
 
 from dataclasses import dataclass
@@ -17,6 +17,9 @@ from motord.identification.torque_sensor import order_below_resonance
 
 ANGLE_BINS = 4096
 """Parts of the turn in which samples are summed; fewer where the encoder has fewer counts."""
+
+TURN_GROUPS = 4
+"""Groups in which the turns of a point are summed, in rotation; of fewer turns, each by itself."""
 
 BEYOND = 1.25
 """Orders are looked at so far beyond the highest of the model."""
@@ -38,8 +41,8 @@ def orders_averaged(highest: int) -> np.ndarray:
 class TurnSpectrum:
     """Spectra of an operating point; orders 1 to h, w columns, the last the torque.
 
-    visits (2, 2 h + 1): transform of the samples in each bin, its order 0 first. sums
-    (2, h + 1, w): transform of the columns' sums. command_A (bins, 3), velocity_rad_s (bins,):
+    visits (groups, 2 h + 1): transform of the samples in each bin, its order 0 first. sums
+    (groups, h + 1, w): transform of the columns' sums. command_A (bins, 3), velocity_rad_s (bins,):
     commanded currents and velocity over the turn. highpass (h,): complex gain of the torque
     sensor's amplifier. velocity_Hz: mean speed, negative backwards.
     """
@@ -62,7 +65,7 @@ class TurnSpectrum:
         basis: Basis,
         sensor: TorqueSensorConfig,
     ) -> "TurnSpectrum":
-        """Return the spectra of sums in bins (2, bins, w + 1), the last the number of samples."""
+        """Return the spectra of sums in bins (groups, bins, w + 1), the last those of samples."""
         bins, counts = binned.shape[1], command_A.shape[0]
         fewest = min(end - first for first, end in samples.turns)
         wanted = round(BEYOND * max(basis.orders, default=1))
@@ -100,21 +103,19 @@ class TurnSpectrum:
         inside = 2j * np.pi * np.outer(order, np.arange(counts // bins)) / counts
         return np.asarray(self.highpass * cell_gain(order, counts) * np.exp(inside).mean(axis=1))
 
-    def residual(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residual(self, coefficients: np.ndarray) -> np.ndarray:
         """Return what the columns with these coefficients (w - 1,) leave of the torque.
 
-        Lines of orders 1 to h, complex: order h is Re(line exp(j h theta)); and half the difference
-        of even and odd turns, whose mean square is that of the lines' noise.
+        Lines (groups, h) of orders 1 to h, complex: order h is Re(line exp(j h theta)).
         """
         sums = self.sums[:, :, -1] - self.sums[:, :, :-1] @ coefficients
         both = np.concatenate([sums[:, :0:-1].conj(), sums], axis=1)
-        halves = np.array(
+        return np.array(
             [
                 2 * solve_toeplitz(visits, right)[self.highest + 1 :]
                 for visits, right in zip(self.visits, both, strict=True)
             ]
         )
-        return halves.mean(axis=0), np.abs(halves[0] - halves[1]) / 2
 
 
 def lines_of(visits: np.ndarray, sums: np.ndarray, rounds: int = 6) -> np.ndarray:
@@ -133,13 +134,12 @@ def lines_of(visits: np.ndarray, sums: np.ndarray, rounds: int = 6) -> np.ndarra
     return np.asarray(2 * lines[1:])
 
 
-def smooth_noise(half_Nm: np.ndarray) -> np.ndarray:
-    """Return the noise (points, orders) of which `half_Nm` (points, orders) is one sample each.
+def smooth_noise(squares: np.ndarray) -> np.ndarray:
+    """Return the noise (points, orders) whose variance `squares` (points, orders) are samples of.
 
     Its level is that of neighbouring orders at each point; how it rises towards order 1 is
     taken to be alike at all points.
     """
-    squares = half_Nm**2
     orders = squares.shape[1]
     shape = _means(squares.mean(axis=0, keepdims=True), orders_averaged(orders))
     shape = np.maximum(shape, 1e-24 * max(float(shape.max()), 1e-300))

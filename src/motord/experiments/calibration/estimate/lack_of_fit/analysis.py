@@ -111,7 +111,8 @@ class FitResidual:
     def of(cls, regression: Regression, fitted: JointFit, motor: MotorConfig) -> "FitResidual":
         """Return what a fit leaves."""
         theta = fitted.solution.theta
-        rest_Nm, noise_Nm = _rest(regression, theta)
+        groups_Nm, noise_Nm = _rest(regression, theta)
+        rest_Nm = np.array([lines.mean(axis=0) for lines in groups_Nm])
         models = point_models(regression, theta, rest_Nm.shape[1])
         own = model_columns(models, regression, theta[ALPHA])
         law = kirchhoff_rows(regression, theta)
@@ -121,6 +122,7 @@ class FitResidual:
         rows = ResidualRows(
             rest_Nm=rest_Nm,
             noise_Nm=noise_Nm,
+            groups_Nm=groups_Nm,
             columns=np.einsum("pjh,jk->pkh", own, subspace),
             further=-further @ theta,
             further_columns=further @ subspace,
@@ -189,15 +191,24 @@ def _sensitivities(
             yield replace(one, shift=subspace @ one.shift[own])
 
 
-def _rest(regression: Regression, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lines (points, orders) that parameters theta (p,) leave, and their noise."""
+def _rest(regression: Regression, theta: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the lines (groups, orders) that parameters theta (p,) leave in each point.
+
+    And the noise (points, orders) of their means over the groups of turns.
+    """
     spectra = [point.spectrum for point in regression.points]
     highest = min(spectrum.highest for spectrum in spectra)
     coefficients = regression.coefficients(theta)
-    lines = [spectrum.residual(coefficients) for spectrum in spectra]
-    rest_Nm = np.array([rest[:highest] for rest, _ in lines])
-    noise_Nm = smooth_noise(np.array([half[:highest] for _, half in lines]))
-    return rest_Nm, np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300))
+    lines = [spectrum.residual(coefficients)[:, :highest] for spectrum in spectra]
+    noise_Nm = smooth_noise(np.array([_variance_of_mean(groups) for groups in lines]))
+    return lines, np.maximum(noise_Nm, 1e-12 * max(float(noise_Nm.max()), 1e-300))
+
+
+def _variance_of_mean(groups: np.ndarray) -> np.ndarray:
+    """Return the variance (orders,) of the mean over lines (groups, orders)."""
+    apart = groups - groups.mean(axis=0)
+    count = len(groups)
+    return np.asarray((np.abs(apart) ** 2).sum(axis=0) / (count * max(count - 1, 1)))
 
 
 def _modelled(own: np.ndarray, cogging_orders: tuple[int, ...]) -> np.ndarray:

@@ -170,20 +170,13 @@ def _ranked(gains: Sequence[Gain], chosen: Sequence[int]) -> list[int]:
     return sorted(open_, key=rank)[:LOOKED_AT]
 
 
-def _with(plain: WeighedRows, columns: Sequence[np.ndarray], chosen: Sequence[int]) -> WeighedRows:
-    """Return the rows with the chosen effects in the model."""
-    if not chosen:
-        return plain
-    return plain.with_columns(np.column_stack([columns[n] for n in chosen]))
-
-
 def _significant(
     evidence: Evidence, chosen: Sequence[int], gains: Sequence[Gain]
 ) -> tuple[int, float] | None:
     """Return the first effect, as ranked, that is more than chance, and its standard errors.
 
     Order by order: the noise at an order is the measured one, or what the fit leaves there over the
-    points, if that is more.
+    points, if that is more. And it has to be there in all groups of turns alike.
     """
     samples = evidence.rows.rest_Nm.size
     level = FALSE_SHARE / len(evidence.effects)
@@ -197,9 +190,12 @@ def _significant(
             dispersion = np.maximum((np.abs(left / evidence.rows.noise_Nm) ** 2).mean(axis=0), 1.0)
         weighed = evidence.rows.weighed(dispersion)
         columns = evidence.columns(weighed, number)
-        [gain] = evidence.fitted(weighed, chosen).gains([columns])
+        so_far = evidence.fitted(weighed, chosen)
+        [gain] = so_far.gains([columns])
         if gain.terms and _p_value(gain, samples) <= level:
-            return number, float(np.sqrt(gain.chi_square))
+            t, freedom = so_far.robust_t(evidence.rows, columns @ gain.size)
+            if 2 * stats.t.sf(abs(t), freedom) <= level:
+                return number, float(min(np.sqrt(gain.chi_square), abs(t)))
     return None
 
 

@@ -54,11 +54,13 @@ class EffectSensitivity:
 class ResidualRows:
     """The rest of a fit: lines (points, orders), with noise, and further rows of unit variance.
 
-    columns (points, p, orders), further_columns (m, p): of the model; further (m,): their rest.
+    groups_Nm: of each point, the lines (groups, orders) of groups of its turns. columns
+    (points, p, orders), further_columns (m, p): of the model; further (m,): their rest.
     """
 
     rest_Nm: np.ndarray
     noise_Nm: np.ndarray
+    groups_Nm: Sequence[np.ndarray]
     columns: np.ndarray
     further: np.ndarray
     further_columns: np.ndarray
@@ -114,6 +116,26 @@ class WeighedRows:
             s = g.T @ g - cross.T @ inverse @ cross
             gained.append(_gain(s, np.diag(g.T @ g), g.T @ left))
         return gained
+
+    def robust_t(self, rows: ResidualRows, effect: np.ndarray) -> tuple[float, float]:
+        """Return how large a column (n,) is in standard errors, and their degrees of freedom.
+
+        The standard error is by how groups of turns differ (cluster-robust), so noise may be of any
+        kind within a turn: a few bad turns, or an error of the timing, are at all orders at once.
+        """
+        inverse, scale = self._inverse
+        g = effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect))))
+        real, imaginary = g[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
+        along = (real - 1j * imaginary) * self.weight
+        variances, freedoms = [], []
+        for lines, here in zip(rows.groups_Nm, along, strict=True):
+            parts = (lines * here).real.sum(axis=1)
+            variances.append(parts.var(ddof=1) / parts.size if parts.size > 1 else 0.0)
+            freedoms.append(max(parts.size - 1, 1))
+        variance = np.array(variances)
+        doubt = float((variance**2 / np.array(freedoms)).sum())
+        whole = float(variance.sum())
+        return float(g @ self.y) / max(whole, 1e-300) ** 0.5, whole**2 / max(doubt, 1e-300)
 
     def sensitivity(self, name: str, effect: np.ndarray) -> EffectSensitivity:
         """Return how an effect (n, terms) would move the parameters of the model."""
