@@ -6,7 +6,7 @@ from math import pi, sqrt
 import numpy as np
 
 from motord.config import OscillationConfig
-from motord.config.inertia import EffectiveMass
+from motord.config.plans.inertia import EffectiveMass
 from motord.identification import IdentifyError
 
 HEAVY, UNLOADED = 1 / 3, 4 / pi**2
