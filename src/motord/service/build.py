@@ -19,7 +19,7 @@ from motord.control import parameters
 from motord.hal import registry
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
-from motord.service.bench.calibrations import CalibrationStore
+from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
@@ -170,14 +170,8 @@ def installed_calibration(store: CalibrationStore, bench: Bench) -> Calibration 
         return None
     if calibration is not None:
         bench.calibration_installed()
-        accepted = calibration.serious_names
-        bench.events.emit(
-            "calibration",
-            f"{calibration.id} is in force, {calibration.age()} old"
-            + (f", in spite of {', '.join(accepted)}" if accepted else ""),
-            id=calibration.id,
-            findings=accepted,
-        )
+        comma = "," if calibration.serious_names else ""
+        announce(bench.events, calibration, f"is in force, {calibration.age()} old{comma}")
     return calibration
 
 
