@@ -24,8 +24,8 @@ from motord.config import (
     packaged,
 )
 from motord.config.experiments import PlansConfig, plan_kinds, plans_model
+from motord.experiments.inertia.acceleration import accelerate
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import accelerate
 from motord.experiments.plans import build
 from motord.schema import InverterStatus, Request, Trip
 from motord.virtual import VirtualBench
