@@ -1,6 +1,6 @@
 """Steps of torque together: the mean of both directions, how well it repeats, and its budget."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -129,7 +129,7 @@ def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
     freedom = values.size - len(groups)
     reduced = sqrt(sum(1 / group.size for group in groups)) / len(groups)
     if freedom < 1:
-        return BothWays(mean, noise * reduced, None, _few(values.size))
+        return BothWays(mean, noise * reduced, None, tuple(_few(values.size)))
     scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
     findings = [*_few(values.size), *_scatter(scatter, noise, freedom)]
     if len(groups) == 2:
@@ -139,41 +139,32 @@ def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
     return BothWays(mean, scatter * reduced, float(freedom), tuple(findings))
 
 
-def _few(steps: int) -> tuple[Finding, ...]:
-    if steps >= FEW_STEPS:
-        return ()
-    return (
-        Finding(
+def _few(steps: int) -> Iterator[Finding]:
+    if steps < FEW_STEPS:
+        yield Finding(
             "few-steps", steps, FEW_STEPS, "steps", "warning",
             "what differs from step to step is hardly in the uncertainty",
             "raise repeats",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip
 
 
-def _scatter(scatter: float, noise: float, freedom: int) -> tuple[Finding, ...]:
-    """Return a finding where steps differ by more than the noise that each was seen to have."""
+def _scatter(scatter: float, noise: float, freedom: int) -> Iterator[Finding]:
+    """Yield a finding where steps differ by more than the noise that each was seen to have."""
     limit = noise * sqrt(float(chi2.ppf(1 - RARE, freedom)) / freedom)
-    if scatter <= limit:
-        return ()
-    return (
-        Finding(
+    if scatter > limit:
+        yield Finding(
             "steps-scatter", scatter, limit, "kg m2", "warning",
             "steps differ by more than the noise of torque sensor and encoder explains: friction "
             "changes, the brake drags or the sensor is disturbed; the uncertainty takes it in",
             "look at the steps in the report; let the brake cool and release fully",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip
 
 
-def _directions(difference: float, limit: float) -> tuple[Finding, ...]:
-    if abs(difference) <= limit:
-        return ()
-    return (
-        Finding(
+def _directions(difference: float, limit: float) -> Iterator[Finding]:
+    if abs(difference) > limit:
+        yield Finding(
             "directions-differ", abs(difference), limit, "kg m2", "warning",
             "steps forwards give another inertia than steps back: the torque sensor's gain differs "
             "with the sign, or a torque acts in one direction; the mean takes half of it out",
             "look for a cable or a belt on the shaft; check the sensor with a weight both ways",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip

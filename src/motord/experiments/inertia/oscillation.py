@@ -1,6 +1,6 @@
 """Releases together: the inertia by several readings of the same swings, and its budget."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from math import hypot
@@ -198,29 +198,23 @@ def _uncertain_cogging(release: Release, setup: SpringSetup, cogging_Nm: np.ndar
     return abs(changed.frequency_rad_s / release.decay.frequency_rad_s - 1)
 
 
-def _few(releases: int) -> tuple[Finding, ...]:
-    if releases >= FEW_RELEASES:
-        return ()
-    return (
-        Finding(
+def _few(releases: int) -> Iterator[Finding]:
+    if releases < FEW_RELEASES:
+        yield Finding(
             "few-releases", releases, FEW_RELEASES, "releases", "warning",
             "what differs from release to release is hardly in the uncertainty",
             "let go more often",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip
 
 
-def _left_out(found: Oscillation) -> tuple[Finding, ...]:
-    if not found.disturbed:
-        return ()
-    numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
-    worst_rad = max(float(np.std(one.decay.residual_rad)) for one in found.disturbed)
-    best_rad = np.median([np.std(one.decay.residual_rad) for one in found.releases])
-    return (
-        Finding(
+def _left_out(found: Oscillation) -> Iterator[Finding]:
+    if found.disturbed:
+        numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
+        worst_rad = max(float(np.std(one.decay.residual_rad)) for one in found.disturbed)
+        best_rad = np.median([np.std(one.decay.residual_rad) for one in found.releases])
+        yield Finding(
             "releases-left-out", worst_rad, float(DISTURBED * best_rad), "rad", "note",
             f"release {numbers}: left out, as a decay fits worse there than in the others: "
             "somebody touched the bar, or ticks were missed",
             "look at the decays in the report",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip
