@@ -25,12 +25,12 @@ from motord.config.devices.slow_devices import ModbusConfig as ModbusConfig
 from motord.config.devices.slow_devices import RegisterKind as RegisterKind
 from motord.config.experiments import PlansConfig as PlansConfig
 from motord.config.motor import SEQUENCE as SEQUENCE
-from motord.config.motor import AccuracyConfig as AccuracyConfig
 from motord.config.motor import MotorConfig as MotorConfig
 from motord.config.motor import MotorFile as MotorFile
 from motord.config.motor import PhaseOrder as PhaseOrder
 from motord.config.motor import TorqueSensorConfig as TorqueSensorConfig
 from motord.config.motor import back_emf_waves as back_emf_waves
+from motord.config.motor.accuracy import AccuracyConfig as AccuracyConfig
 from motord.config.motor.back_emf import BackEmfHarmonic as BackEmfHarmonic
 from motord.config.motor.back_emf import BackEmfTable as BackEmfTable
 from motord.config.plans import AlignConfig as AlignConfig

@@ -9,7 +9,8 @@ from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.devices import BridgeConfig, InverterConfig
 from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
 from motord.config.experiments import Plans
-from motord.config.motor import AccuracyConfig, MotorConfig, TorqueSensorConfig
+from motord.config.motor import MotorConfig, TorqueSensorConfig
+from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.timing import (
     JUMP_MAX_RAD,
     ORDER_S,

@@ -1,4 +1,4 @@
-"""`[motor] [torque_sensor] [accuracy]`: motor and sensor as they are taken to be, and how well."""
+"""`[motor]` and `[torque_sensor]`: motor and sensor as the controller takes them to be."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 
 PhaseOrder = Literal["abc", "acb"]
@@ -121,38 +122,6 @@ class TorqueSensorConfig(Section):
     """Damping ratio of that resonance."""
     gain_Nm_per_V: Positive = 1.0
     """Gain of sensor and amplifier."""
-
-
-class AccuracyConfig(Section):
-    """`[accuracy]`: limits of errors, half-widths of rectangular distributions; from data sheets.
-
-    What is left out is assumed as typical of its class, and results say so.
-    """
-
-    encoder_zero_rad: NonNegative = 1e-3
-    """Zero of the encoder, mechanical."""
-    encoder_error_rad: NonNegative = 5e-4
-    """Error of the encoder once and twice a turn, mechanical: eccentric or tilted disc."""
-    back_emf_percent: NonNegative = 0.5
-    """Amplitude of the back-EMF's fundamental."""
-    back_emf_harmonics_percent: NonNegative = 0.2
-    """Each harmonic of the back-EMF, of its fundamental."""
-    saturation_percent: NonNegative = 1.0
-    """Torque, and cogging torque, at the rated current: change with the current."""
-    torque_gain_percent: NonNegative = 0.5
-    """Gain of the torque sensor and its amplifier."""
-    torque_time_constant_percent: NonNegative = 5.0
-    """Time constant of the torque sensor's high-pass."""
-    torque_crosstalk_percent: NonNegative = 0.5
-    """Change of the torque sensor's gain with the angle: cross-talk of side forces."""
-    current_crosstalk_percent: NonNegative = 0.1
-    """Part of another phase's current in a current sensor."""
-    current_linearity_percent: NonNegative = 0.2
-    """Change of a current sensor's gain up to the rated current."""
-    friction_ripple_percent: NonNegative = 0.3
-    """Friction that changes with the angle, of the rated torque."""
-    offset_like_cogging_percent: NonNegative = 0.05
-    """Cogging torque at the pole pairs and three times them, of the rated torque."""
 
 
 class MotorFile(Section):
