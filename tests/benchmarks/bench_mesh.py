@@ -32,9 +32,6 @@ from tests.benchmarks import drive_peers
 from tests.benchmarks.figure import Figure
 
 MESH_HZ = 5000
-MESH_POINTS = 30
-"""Torques times speeds; what the plan takes besides is left out."""
-
 PEER_HZ = round(1 / drive_peers.PERIOD_S)
 REAL_TIME_RATIO_WANTED = 200.0
 PEER_RATIO_WANTED = 500.0

@@ -233,11 +233,6 @@ class StandIn:
             self._show_plan(state="failed", message="the bench tripped")
         self.enter(State.TRIPPED)
 
-    def taken_by(self, holder: str) -> None:
-        """Somebody else takes the lease by force."""
-        self.holder, self.token = holder, f"token of {holder}"
-        self._lease_until_s = time.monotonic() + 3600.0
-
     def restart(self) -> None:
         """Begin again, as another process would."""
         self._started_s = time.monotonic()

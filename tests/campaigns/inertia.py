@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from motord.config import AccelerationConfig, TorqueSensorConfig, load
+from motord.experiments.inertia.acceleration import Acceleration, accelerate
 from motord.experiments.inertia.error_budget import budget
-from motord.experiments.inertia.oscillation import Oscillation, Release, combine, waves_of
+from motord.experiments.inertia.oscillation import Oscillation, combine
+from motord.experiments.inertia.releases import Release, waves_of
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import Acceleration, accelerate
 from motord.identification.harmonics import harmonics_table
 from motord.identification.rotor.free_decay import mean_frequency
 from motord.reproduce.cad_difference import DIFFERENCE, explanations

@@ -25,7 +25,6 @@ FLAGS = (
     *("-Wstrict-prototypes", "-Wmissing-prototypes", "-Werror"),
     *(f"-I{FIRMWARE}", f"-I{C_TESTS}"),
 )
-ENUMS = re.compile(r"^enum (\w+)", re.MULTILINE)
 
 
 def needs(command: str, package: str) -> str:

@@ -24,11 +24,6 @@ WAIT_S = 20.0
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("access")
-
-
-@pytest.fixture(scope="module")
 def certificates(folder):
     """anna operates, ben watches, carl's role was taken away, dora's certificate has expired."""
     for name in ("ours", "theirs"):

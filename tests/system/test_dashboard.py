@@ -25,23 +25,6 @@ TORQUE_Nm = 1.0
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("dashboard")
-
-
-@pytest.fixture(scope="module")
-def running(folder):
-    with daemon(folder, write_sim(folder)) as program:
-        yield program
-
-
-@pytest.fixture(scope="module")
-def client(running):
-    with running.connect() as client:
-        yield client
-
-
-@pytest.fixture(scope="module")
 def server(running, folder):
     with dashboard(folder, running.endpoint) as program:
         yield program

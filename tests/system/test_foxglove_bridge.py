@@ -18,11 +18,6 @@ pytestmark = pytest.mark.system
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("bridge")
-
-
-@pytest.fixture(scope="module")
 def path(folder):
     return write_sim(folder, "bridged")
 

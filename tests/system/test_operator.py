@@ -55,23 +55,6 @@ def finish(process):
     return process.returncode, (out or b"").decode(), (err or b"").decode()
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("operator")
-
-
-@pytest.fixture(scope="module")
-def running(folder):
-    with daemon(folder, write_sim(folder)) as program:
-        yield program
-
-
-@pytest.fixture(scope="module")
-def client(running):
-    with running.connect() as client:
-        yield client
-
-
 @pytest.fixture
 def motord(running, folder, client):
     yield Terminal(running, folder)

@@ -7,23 +7,10 @@ import sys
 
 import pytest
 
-from tests.system.daemons import PATIENCE_S, daemon, wait_for, write_sim
+from tests.system.daemons import PATIENCE_S, wait_for
 from tests.system.terminal import ScreenOf
 
 pytestmark = pytest.mark.system
-
-
-@pytest.fixture(scope="module")
-def running(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("watch")
-    with daemon(folder, write_sim(folder)) as program:
-        yield program
-
-
-@pytest.fixture(scope="module")
-def client(running):
-    with running.connect() as client:
-        yield client
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from motord.bench_file.templates import CHECK, KeyComments, Tables, Template
 from motord.config import Config
 from motord.config.text.descriptions import description, section_of, summary
-from motord.config.text.toml_text import toml_key, toml_value
+from motord.config.text.editing import toml_key, toml_value
 
 WIDTH = 100
 OF_DEVICES = ("inverter", "torque_sensor", "brake", "drive", "motor", "limits")

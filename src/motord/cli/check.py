@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import AsJson, BenchFile
-from motord.cli.compilation import explain_first_run
-from motord.cli.console import fail, print_result
+from motord.cli.console import explain_first_run, fail, print_result
 
 if TYPE_CHECKING:
     from motord.config import Config

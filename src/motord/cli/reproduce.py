@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import ResultAsJson
-from motord.cli.compilation import explain_first_run
-from motord.cli.console import fail, plain_console, print_json, progress_bar, text_column
+from motord.cli.console import (
+    explain_first_run,
+    fail,
+    plain_console,
+    print_json,
+    progress_bar,
+    text_column,
+)
 
 if TYPE_CHECKING:
     from motord.reproduce.bench import StageProgress

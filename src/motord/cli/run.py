@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.common_options import BenchFile
-from motord.cli.compilation import explain_first_run
 from motord.cli.connection_options import print_answer
+from motord.cli.console import explain_first_run
 
 if TYPE_CHECKING:
     from motord.config import Config

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from motord.cli.common_options import PlanSettings, ResultAsJson
-from motord.cli.compilation import explain_first_run
-from motord.cli.console import fail, print_result, progress_bar, text_column
+from motord.cli.console import explain_first_run, fail, print_result, progress_bar, text_column
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration

@@ -1,9 +1,193 @@
-"""A whole bench: `[bench] [loop] [limits] [recording] [zenoh] [plans.*]` and the devices."""
+"""A whole bench, and what must hold between its tables: rules that yield what is wrong, the remedy.
+
+`RULES` in the order in which they are checked: the first one that is broken refuses the file.
+"""
+
+import math
+from collections.abc import Callable, Iterator
 
 from pydantic import model_validator
 
-from motord.config.rules import RULES
+from motord.config.devices.slow_devices import shares_line
 from motord.config.sections import Sections
+from motord.config.timing import (
+    DRIVE_FALLS_S,
+    DRIVE_REACTS_S,
+    INTERVALS_MIN,
+    RENEWAL_S,
+    SILENCE_MAX_S,
+    TURN_PER_SAMPLE_MAX_RAD,
+)
+
+BUS_LOAD_MAX = 0.9
+"""Most of a CAN bus that the bridge may take at worst; the rest is for Status, at 20 Hz, and for
+frames sent again."""
+
+_ROUNDING = 1e-9
+
+
+def simulated_together(config: Sections) -> Iterator[str]:
+    """Inverter and bridge are simulated both or neither."""
+    drivers = {"inverter": config.inverter.driver, "bridge": config.bridge.driver}
+    if len({driver == "sim" for driver in drivers.values()}) > 1:
+        yield "inverter and bridge are simulated together or not at all; got " + ", ".join(
+            f'[{k}] driver = "{v}"' for k, v in drivers.items()
+        )
+
+
+def timeouts_outlast_a_lost_message(config: Sections) -> Iterator[str]:
+    """Every timeout spans INTERVALS_MIN intervals of what it watches, and none SILENCE_MAX_S."""
+    loop_Hz, period_s = config.loop.rate_Hz, 1.0 / config.loop.rate_Hz
+    for name, limit_s, interval_s, what in (
+        ("[bridge] stale_after_s", config.bridge.stale_after_s, config.sample_interval_s,
+         "samples come"),
+        ("[inverter] stale_after_s", config.inverter.stale_after_s, period_s, "feedback comes"),
+        ("[inverter] timeout_s", config.inverter.timeout_s, period_s, "commands come"),
+        ("[bridge] heartbeat_timeout_s", config.bridge.heartbeat_timeout_s, period_s,
+         "heartbeats come"),
+    ):  # fmt: skip
+        if limit_s < (1.0 - _ROUNDING) * INTERVALS_MIN * interval_s:
+            yield (
+                f"{name} = {limit_s:g} is too short: {what} every {interval_s:g} s, and one may be "
+                f"lost; make it at least {INTERVALS_MIN * interval_s:g}, or raise the rates"
+            )
+    patience_s = config.bench.rig_patience_s
+    if patience_s is not None and patience_s < (1.0 - _ROUNDING) * INTERVALS_MIN * period_s:
+        yield (
+            f"[bench] rig_patience_s = {patience_s:g} is too short: commands come every "
+            f"{period_s:g} s, and the rig's time would stand still between them; make it at least "
+            f"{INTERVALS_MIN * period_s:g}, or leave it out"
+        )
+    overrun_s = config.loop.overrun_ticks / loop_Hz
+    if overrun_s > SILENCE_MAX_S:
+        yield (
+            f"[loop] overrun_ticks = {config.loop.overrun_ticks} at rate_Hz = {loop_Hz} lets the "
+            f"loop stand still for {overrun_s:g} s before it is a fault; make it at most "
+            f"{round(SILENCE_MAX_S * loop_Hz)} ({SILENCE_MAX_S:g} s)"
+        )
+
+
+def position_is_unambiguous(config: Sections) -> Iterator[str]:
+    """A step of the encoder is plausible, and the speed limit turns little from sample to sample.
+
+    At most TURN_PER_SAMPLE_MAX_RAD.
+    """
+    limits, counts, interval_s = config.limits, config.motor.counts, config.sample_interval_s
+    if limits.encoder_jump_rad <= 2 * math.pi / counts:
+        yield (
+            f"[limits] encoder_jump_rad = {limits.encoder_jump_rad:g} is not above one point of "
+            f"an encoder with counts = {counts}, so every step would be implausible; make it more "
+            f"than {2 * math.pi / counts:.3g}"
+        )
+    most_rad_s = TURN_PER_SAMPLE_MAX_RAD / interval_s
+    if limits.trip_speed_rad_s > most_rad_s:
+        yield (
+            f"[limits] trip_speed_rad_s = {limits.trip_speed_rad_s:g} is too fast for "
+            f"{1 / interval_s:g} encoder samples a second: the rotor would turn "
+            f"{limits.trip_speed_rad_s * interval_s:.2g} rad from one to the next; make it at most "
+            f"{most_rad_s:.3g}, or raise [bridge] rate_Hz and [loop] rate_Hz"
+        )
+
+
+def interlocks_keep_their_times(config: Sections) -> Iterator[str]:
+    """No setting lets an interlock lose its stated time."""
+    yield from timeouts_outlast_a_lost_message(config)
+    yield from position_is_unambiguous(config)
+
+
+def bus_voltage_is_measured(config: Sections) -> Iterator[str]:
+    """A drive on CAN sends its DC bus voltage."""
+    can = config.inverter.can
+    if config.inverter.driver in ("can", "can-dq") and can and not can.signals.feedback_u_bus_V:
+        yield (
+            "[inverter.can.signals] has no feedback_u_bus_V: the interlock of the bus voltage "
+            "needs it"
+        )
+
+
+def bridge_fits_its_bus(config: Sections) -> Iterator[str]:
+    """Samples and heartbeats take at most BUS_LOAD_MAX of the bridge's CAN bus."""
+    can, loop_Hz = config.bridge.can, config.loop.rate_Hz
+    if config.bridge.driver != "can" or can is None:
+        return
+    sample_Hz = config.sample_rate_Hz
+    load = can.load(sample_Hz, loop_Hz)
+    if load > BUS_LOAD_MAX:
+        yield (
+            f"[bridge.can] samples at {sample_Hz} Hz and heartbeats at {loop_Hz} Hz "
+            f"take up to {load:.0%} of the bus; lower [bridge] rate_Hz or [loop] rate_Hz, or "
+            "raise bitrate, or take CAN FD with a data_bitrate"
+        )
+
+
+def lease_outlasts_the_ramp(config: Sections) -> Iterator[str]:
+    """No torque remains when a lease expires without renewal."""
+    limits = config.limits
+    least_s = config.wind_down_s(limits.torque_Nm) + RENEWAL_S
+    if config.zenoh.lease_s < least_s:
+        yield (
+            f"[zenoh] lease_s = {config.zenoh.lease_s:g} is too short: no torque may be left "
+            f"when it ends, and the ramp from [limits] torque_Nm = {limits.torque_Nm:g} "
+            f"takes {limits.torque_Nm / limits.ramp_down_Nm_per_s:g} s, besides "
+            f"[loop] supervisor_timeout_s = {config.loop.supervisor_timeout_s:g} and the time "
+            f"for a renewal; make it at least {least_s:.2f}"
+        )
+
+
+def drive_stops_without_the_daemon(config: Sections) -> Iterator[str]:
+    """Whatever of the daemon hangs, the drive's speed falls within DRIVE_FALLS_S.
+
+    Its last set-point is written at most a timeout after the order's end; then its watchdog
+    runs. A brake on the same serial line may keep it waiting besides.
+    """
+    modbus, brake, poll_s = config.drive.modbus, config.brake.modbus, config.drive.poll_s
+    if config.drive.driver != "modbus" or modbus is None:
+        return
+    watchdog_s = modbus.watchdog_s
+    if watchdog_s == 0.0:
+        yield (
+            "[drive.modbus] has no watchdog_s: a drive that nobody writes to any more would "
+            "turn the rotor for ever. Set a watchdog (communication timeout) in the drive and "
+            "say here what it is, such as watchdog_s = 0.2; one without cannot be used"
+        )
+        return
+    wait_s, waits = modbus.timeout_s, "timeout_s"
+    if config.brake.driver == "modbus" and brake is not None and shares_line(modbus, brake):
+        wait_s, waits = wait_s + brake.timeout_s, "timeout_s, and that of the brake on its line"
+    most_s = DRIVE_FALLS_S - DRIVE_REACTS_S - config.setpoint_valid_s
+    if watchdog_s + wait_s > most_s * (1 + _ROUNDING):
+        yield (
+            f"[drive.modbus] watchdog_s = {watchdog_s:g} and {waits} ({wait_s:g} s) are "
+            f"too long: the rotor's speed has to fall within {DRIVE_FALLS_S:g} s if the daemon "
+            f"hangs. Together they may be {most_s:g} s, such as 0.2 and 0.1"
+        )
+    elif 2 * poll_s > watchdog_s:
+        yield (
+            f"[drive] poll_s = {poll_s:g} is too long for [drive.modbus] "
+            f"watchdog_s = {watchdog_s:g}: one failed exchange would stop the drive; "
+            f"make it at most {watchdog_s / 2:g}"
+        )
+
+
+def dq_needs_a_star(config: Sections) -> Iterator[str]:
+    """A drive that takes d and q feeds windings in a star."""
+    if config.inverter.driver == "can-dq" and config.motor.connection != "star":
+        yield (
+            f'[inverter] driver = "can-dq" with [motor] connection = "{config.motor.connection}"'
+            ": currents along d and q say nothing of the part that is common to all phases, "
+            "which independent windings can carry; it takes a star"
+        )
+
+
+RULES: tuple[Callable[[Sections], Iterator[str]], ...] = (
+    simulated_together,
+    interlocks_keep_their_times,
+    bus_voltage_is_measured,
+    bridge_fits_its_bus,
+    lease_outlasts_the_ramp,
+    drive_stops_without_the_daemon,
+    dq_needs_a_star,
+)
 
 
 class Config(Sections):

@@ -1,18 +1,16 @@
-"""The tables of a bench file, each checked by itself; `config.rules`: what holds between them."""
+"""The tables of a bench file, each checked by itself; `config.bench`: what holds between them."""
 
-import re
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from motord import DEFAULT_ENDPOINT
-from motord.config.accuracy import AccuracyConfig
 from motord.config.base import Finite, NonNegative, Positive, Section
 from motord.config.devices import BridgeConfig, InverterConfig
+from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
 from motord.config.experiments import Plans
 from motord.config.motor import MotorConfig, TorqueSensorConfig
-from motord.config.slow_devices import BrakeConfig, DriveConfig
+from motord.config.motor.accuracy import AccuracyConfig
 from motord.config.timing import (
     JUMP_MAX_RAD,
     ORDER_S,
@@ -22,6 +20,7 @@ from motord.config.timing import (
     SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
 )
+from motord.config.zenoh import ZenohConfig
 
 
 class BenchConfig(Section):
@@ -124,31 +123,6 @@ class LimitsConfig(Section):
         return self
 
 
-_LOOPBACK = r"tcp/(127\.\d+\.\d+\.\d+|\[::1\]|localhost):\d{1,5}"
-_SOCKET = r"unixsock-stream/(?=.{2,100}$)(/[\w.@+-]+)+"
-_TLS = r"tls/(\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9.-]+):\d{1,5}"
-
-
-def _closed_to_others(endpoints: tuple[str, ...]) -> tuple[str, ...]:
-    own = re.compile(f"{_LOOPBACK}|{_SOCKET}")
-    form = re.compile(f"{own.pattern}|{_TLS}")
-    if not any(own.fullmatch(endpoint) for endpoint in endpoints) or not all(
-        form.fullmatch(endpoint) for endpoint in endpoints
-    ):
-        raise ValueError(
-            "whoever reaches the daemon may command it, so it listens on TCP ports of this "
-            'machine alone, such as "tcp/127.0.0.1:7447", or on a Unix socket, such as '
-            f'"unixsock-stream//run/motord/bench.sock"; got {", ".join(endpoints) or "none"}. '
-            'Other machines come in by "tls/0.0.0.0:7448" besides, with certificates and roles: '
-            "`motord security init` makes them"
-        )
-    return endpoints
-
-
-Endpoints = Annotated[tuple[str, ...], AfterValidator(_closed_to_others)]
-"""Zenoh endpoints: TCP or Unix sockets of this machine alone, at least one, and TLS."""
-
-
 class RecordingConfig(Section):
     """`[recording]`: where runs go and how they are written."""
 
@@ -177,66 +151,6 @@ class RecordingConfig(Section):
     def blackbox_directory(self) -> Path:
         """Where black boxes go; the `blackbox_keep` newest of a bench are kept."""
         return self.directory / "blackbox"
-
-
-class TlsConfig(Section):
-    """`[zenoh.tls]`: who comes in from other machines; `motord security init` makes the files."""
-
-    ca: Path
-    """Certificate of the authority that signs all others."""
-    certificate: Path
-    """The daemon's certificate."""
-    key: Path
-    """The daemon's private key, readable by its user alone."""
-    roles: Path
-    """File that names each identity with its role."""
-
-
-class ZenohConfig(Section):
-    """`[zenoh]`: endpoints and telemetry rate. Beyond this machine only by TLS with `tls`."""
-
-    listen: Endpoints = (DEFAULT_ENDPOINT,)
-    """Endpoints: TCP ports and Unix sockets of this machine, and `tls/` for others."""
-    tick_rate_Hz: Annotated[float, Field(gt=0, le=1000)] = 100.0
-    """Rate of the single ticks on the key `tick`."""
-    block_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
-    """Time span of a block of ticks on the key `ticks`."""
-    lease_s: Annotated[float, Field(ge=0.2, le=60)] = 2.0
-    """Time after the last renewal of the lease by which no torque is left."""
-    socket_group: Annotated[str, Field(min_length=1, max_length=32)] | None = None
-    """Members of this group may connect to Unix sockets; left out: the daemon's own group."""
-    tls: TlsConfig | None = None
-    """Who comes in from other machines."""
-
-    @property
-    def local(self) -> tuple[str, ...]:
-        """Endpoints of this machine alone."""
-        return tuple(endpoint for endpoint in self.listen if not endpoint.startswith("tls/"))
-
-    @property
-    def remote(self) -> tuple[str, ...]:
-        """Endpoints that other machines reach, with a certificate."""
-        return tuple(endpoint for endpoint in self.listen if endpoint.startswith("tls/"))
-
-    @model_validator(mode="after")
-    def _a_group_needs_a_socket(self) -> "ZenohConfig":
-        if self.socket_group and not any(e.startswith("unixsock-stream/") for e in self.listen):
-            raise ValueError(
-                f"socket_group = '{self.socket_group}' without an endpoint such as "
-                '"unixsock-stream//run/motord/bench.sock" in listen'
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _tls_is_all_or_nothing(self) -> "ZenohConfig":
-        if self.remote and self.tls is None:
-            raise ValueError(
-                f"{', '.join(self.remote)} needs [zenoh.tls]: `motord security init` makes "
-                "certificates and roles, and prints the section"
-            )
-        if self.tls is not None and not self.remote:
-            raise ValueError('[zenoh.tls] without an endpoint such as "tls/0.0.0.0:7448" in listen')
-        return self
 
 
 class Sections(Section):

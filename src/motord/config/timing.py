@@ -1,7 +1,7 @@
 """The times, rates and angles within which every interlock keeps its stated time.
 
 The fields of a bench file are bounded by them, and so are the rules between several fields
-(`config.rules`).
+(`config.bench`).
 """
 
 import math

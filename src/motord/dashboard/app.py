@@ -1,6 +1,7 @@
 """The server of the page: its files, `GET /session`, and one WebSocket."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
@@ -14,18 +15,20 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from motord.allowance import Allowance
 from motord.dashboard.bench_link import BenchLink
 from motord.dashboard.frames import FrameError, encode
 from motord.dashboard.page.live_page import LivePage, PageGone
 from motord.dashboard.page.messages import read
 from motord.dashboard.page.pages import Pages
-from motord.dashboard.page.rate_limit import RateLimit
 from motord.dashboard.tokens import Tokens, foreign
 
 SUBPROTOCOL = "motord.1"
 MALFORMED, TOO_MANY_MESSAGES, NO_ANSWER = 4400, 4429, 4408
 """Codes with which the socket is closed, after a message `error` that says why."""
 CLOSE_S = 2.0
+MESSAGES_PER_S, MESSAGES_AT_ONCE = 200.0, 400.0
+"""What a page may send, on average and at once."""
 
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -143,14 +146,15 @@ async def _send(socket: WebSocket, page: LivePage) -> None:
 
 
 async def _receive(socket: WebSocket, page: LivePage) -> None:
-    limit = RateLimit()
+    allowance = Allowance(MESSAGES_PER_S, MESSAGES_AT_ONCE)
     with suppress(WebSocketDisconnect):
         while True:
             event = await socket.receive()
             if event["type"] == "websocket.disconnect":
                 return
-            if not limit.allows():
-                await _close(socket, TOO_MANY_MESSAGES, limit.why)
+            if not allowance.spend(1, time.monotonic_ns()):
+                why = f"more than {MESSAGES_PER_S:g} messages a second"
+                await _close(socket, TOO_MANY_MESSAGES, why)
                 return
             try:
                 message = read(_binary(event))

@@ -5,7 +5,6 @@ import logging
 import socket
 import threading
 from collections.abc import Mapping
-from concurrent.futures import Future, wait
 from pathlib import Path
 
 from pymodbus.constants import ExcCodes
@@ -37,8 +36,8 @@ class ModbusServers:
     def __init__(self, devices: Mapping[str, tuple[ModbusConfig, RegisterDevice]]) -> None:
         """Take the devices by name. Raises EmulatorError if two share port and unit."""
         self._places = _group(devices)
-        self._thread = threading.Thread(target=self._run, name="modbus", daemon=True)
-        self._serving: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = Future()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="modbus", daemon=True)
         self._ptys: list[Pty] = []
         self._servers: list[ModbusBaseServer] = []
 
@@ -46,7 +45,7 @@ class ModbusServers:
         """Listen on every port. Raises EmulatorError for one that cannot be had."""
         self._thread.start()
         try:
-            self._serving.result()
+            asyncio.run_coroutine_threadsafe(self._listen(), self._loop).result()
         except BaseException:
             self.close()
             raise
@@ -54,29 +53,12 @@ class ModbusServers:
     def close(self) -> None:
         """End the servers and remove the pseudo-terminals; may be called twice."""
         if self._thread.is_alive():
-            if wait([self._serving]).done and self._serving.exception() is None:
-                loop, end = self._serving.result()
-                loop.call_soon_threadsafe(end.set)  # the thread waits for it: its loop is open
+            asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop).result()
+            self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
+        self._loop.close()
         for pty in self._ptys:
             pty.close()
-
-    def _run(self) -> None:
-        try:
-            asyncio.run(self._serve())
-        except Exception as error:
-            if self._serving.done():
-                raise
-            self._serving.set_exception(error)  # of whatever kind: `start` waits for it
-
-    async def _serve(self) -> None:
-        end = asyncio.Event()
-        try:
-            await self._listen()
-            self._serving.set_result((asyncio.get_running_loop(), end))
-            await end.wait()
-        finally:
-            await self._shut_down()
 
     async def _listen(self) -> None:
         for (place, port), units in self._places.items():

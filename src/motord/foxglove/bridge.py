@@ -3,17 +3,17 @@
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 from motord.api.messages import BenchState, Event
 from motord.api.plan_messages import MeshView, PlanView
 from motord.client import Client, ClientError
 from motord.foxglove import topics
 from motord.foxglove.decimation import Decimator
-from motord.foxglove.named_state import named_state
-from motord.foxglove.parameters import flat
 from motord.foxglove.server import FoxgloveServer
 from motord.recording.event_log import event_message
+from motord.sequencing.settings import COMPENSATE
 from motord.wire.ticks.blocks import Block
 
 SILENT_S = 2.0
@@ -24,6 +24,8 @@ RETRY_S = 1.0
 _NAMES = ("state", "fault", "trips", "holder", "plan", "plan_state")
 """A state in which one of these has changed is always sent."""
 _PERIOD_NS = round(1e9 / topics.RATE_HZ)
+MAX_ITEMS = 64
+"""Longer lists, such as a table of the back-EMF, are given by their length alone."""
 
 
 class ViewerFeed:
@@ -59,7 +61,7 @@ class ViewerFeed:
     def state(self, state: BenchState) -> None:
         """Send a state, unless one that shows the same was sent just before."""
         self.received_s = time.monotonic()
-        named = named_state(state)
+        named = _named_state(state)
         shown = [named[key] for key in _NAMES]
         if shown == self._shown and 0 <= state.t_ns - self._state_ns < _PERIOD_NS:
             return
@@ -91,9 +93,45 @@ class ViewerFeed:
         self._server.log(topics.EVENT.name, json.dumps(content).encode(), event.t_ns)
 
 
+def _named_state(state: BenchState) -> dict[str, Any]:
+    """Return the state by name, as topic `/state` of a recording has it."""
+    setpoint = state.setpoint
+    plan = state.plan if state.plan is not None and not state.plan.over else None
+    return {
+        "t_ns": state.t_ns,
+        "state": state.state,
+        "fault": state.fault,
+        "trips": [trip.name for trip in state.trips],
+        "first_trip": state.first_trip,
+        "holder": state.lease.holder or "",
+        "plan": plan.plan if plan is not None else "",
+        "plan_state": plan.state if plan is not None else "",
+        "torque_Nm": setpoint.torque_Nm,
+        "speed_Hz": setpoint.speed_Hz or 0.0,
+        "drive_Hz": setpoint.drive_Hz,
+        "compensate": int(COMPENSATE[setpoint.compensate]),
+    }
+
+
+def _flat(tables: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return the values in nested tables by dotted path; what is null is left out."""
+    return dict(_values(tables, prefix))
+
+
+def _values(tables: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        path = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from _values(value, f"{path}.")
+        elif isinstance(value, list) and len(value) > MAX_ITEMS:
+            yield path, f"{len(value)} values"
+        elif value is not None:
+            yield path, value
+
+
 def feed(client: Client, server: FoxgloveServer, stopping: threading.Event) -> None:
     """Feed `server` until `stopping` is set. Raises ClientError when the daemon is gone."""
-    server.set_parameters(flat(client.rpc("config")["config"]))
+    server.set_parameters(_flat(client.rpc("config")["config"]))
     one = ViewerFeed(server)
     with (
         client.subscribe_state(one.state),

@@ -8,6 +8,7 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from motord.allowance import Allowance
 from motord.recorder.pipe_lines import LineReader
 
 TEXT_MAX = 16_384
@@ -64,26 +65,6 @@ def note_outcome(outcomes: dict[str, str], path: Path, outcome: str) -> None:
 M = TypeVar("M", bound=Message)
 
 
-class Allowance:
-    """A token bucket: `rate_per_s` for ever, `burst` at once. Times are ns."""
-
-    def __init__(self, rate_per_s: float = RATE_PER_S, burst: float = BURST) -> None:
-        self._rate_per_s = rate_per_s
-        self._burst = burst
-        self._left = burst
-        self._at_ns: int | None = None
-
-    def spend(self, amount: float, now_ns: int) -> bool:
-        """Take `amount` and return True; False, and take nothing, if there is not so much."""
-        passed_s = (now_ns - (self._at_ns if self._at_ns is not None else now_ns)) / 1e9
-        self._at_ns = now_ns
-        self._left = min(self._burst, self._left + passed_s * self._rate_per_s)
-        if amount > self._left:
-            return False
-        self._left -= amount
-        return True
-
-
 class MessageReader(Generic[M]):
     """Messages of type `model` out of a pipe, at most `lines.LINES_AT_ONCE` at a call.
 
@@ -94,7 +75,7 @@ class MessageReader(Generic[M]):
     def __init__(self, descriptor: int, model: type[M]) -> None:
         self._lines = LineReader(descriptor)
         self._model = model
-        self._allowance = Allowance()
+        self._allowance = Allowance(RATE_PER_S, BURST)
         self._bad = 0
         self.newest_bad = ""
         self.flooded = False

@@ -57,11 +57,6 @@ class Damage:
         return sum(loss.size for loss in self.losses)
 
     @property
-    def messages_lost(self) -> bool:
-        """True if messages may be missing, false if only indexes are."""
-        return any(loss.messages for loss in self.losses)
-
-    @property
     def from_ns(self) -> int | None:
         """Unix ns of the last message before the first loss of messages; None if there is none."""
         times = [loss.from_ns for loss in self.losses if loss.messages]

@@ -20,8 +20,8 @@ from motord.experiments.cogging import command as cogging
 from motord.experiments.cogging.estimate import compare
 from motord.experiments.cogging.result import Comparison, MeasuredCogging
 from motord.experiments.inertia import command as inertia
+from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.oscillation import Oscillation
-from motord.experiments.inertia.torque_step import Acceleration
 from motord.experiments.ripple.estimate import Explained, explained
 from motord.experiments.sensitivity.estimate import sensitivity
 from motord.experiments.sensitivity.result import Sensitivity

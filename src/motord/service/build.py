@@ -19,7 +19,7 @@ from motord.control import parameters
 from motord.hal import registry
 from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
-from motord.service.bench.calibrations import CalibrationStore
+from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
@@ -112,21 +112,10 @@ def build(
     )
     events.listeners += [publisher.event, recording.recorder.event, boxes.event]
 
-    plans = PlanControl(bench, resumption, recording.obstacle)
-    installation = Installation(bench, store, tables.write, toml)
-    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
-    kept, available = CalibrationFiles(store), AvailablePlans(bench)
-    dispatcher = Dispatcher(bench, operation, available, plans, installation, kept)
-    longest = max_request_bytes(config.motor.counts)
-    offloaded = {
-        CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
-        CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
-        CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
-        PLAN_LIST.name: Offloaded(available.prepare),
-        PLAN_RESUME.name: Offloaded(plans.read_remaining),
-    }
+    dispatcher, offloaded = build_rpc(bench, resumption, recording, loop, store, tables, toml)
     api = Api(
-        *(config.bench.name, dispatcher.calls, offloaded, publisher.documents, longest),
+        *(config.bench.name, dispatcher.calls, offloaded, publisher.documents),
+        max_request_bytes(config.motor.counts),
         in_command=lambda payload: bench.lease.is_in(payload, time.monotonic_ns()),
     )
     supervisor = Supervisor(
@@ -135,6 +124,30 @@ def build(
         *(guard, notifier),
     )
     return Daemon(supervisor, api, telemetry, DeviceThreads(list(bench.devices.values())))
+
+
+def build_rpc(
+    bench: Bench,
+    resumption: Resumption,
+    recording: RecordingControl,
+    loop: LoopLink,
+    store: CalibrationStore,
+    tables: TablesWriter,
+    toml: str,
+) -> tuple[Dispatcher, dict[str, Offloaded]]:
+    """Return what carries requests out, and which of them are prepared in other threads."""
+    plans = PlanControl(bench, resumption, recording.obstacle)
+    installation = Installation(bench, store, tables.write, toml)
+    operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
+    kept, available = CalibrationFiles(store), AvailablePlans(bench)
+    longest = max_request_bytes(bench.config.motor.counts)
+    return Dispatcher(bench, operation, available, plans, installation, kept), {
+        CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+        CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
+        CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
+        PLAN_LIST.name: Offloaded(available.prepare),
+        PLAN_RESUME.name: Offloaded(plans.read_remaining),
+    }
 
 
 def slow_devices(config: Config, events: EventLog) -> dict[str, SlowDevice]:
@@ -170,14 +183,8 @@ def installed_calibration(store: CalibrationStore, bench: Bench) -> Calibration 
         return None
     if calibration is not None:
         bench.calibration_installed()
-        accepted = calibration.serious_names
-        bench.events.emit(
-            "calibration",
-            f"{calibration.id} is in force, {calibration.age()} old"
-            + (f", in spite of {', '.join(accepted)}" if accepted else ""),
-            id=calibration.id,
-            findings=accepted,
-        )
+        comma = "," if calibration.serious_names else ""
+        announce(bench.events, calibration, f"is in force, {calibration.age()} old{comma}")
     return calibration
 
 

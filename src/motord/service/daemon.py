@@ -134,7 +134,7 @@ def supervise(supervisor: Supervisor, stopping: StopSignal, on_ready: Callable[[
         if supervisor.wait_for_loop(stopping):
             on_ready()
             notifier.ready(f"bench {bench.config.bench.name} is up, OFF")
-            supervisor.run(stopping)
+            supervisor.run_until(stopping)
             notifier.stopping(f"ramping down: {stopping.name}")
             supervisor.ramp_down(stopping.name)
         elif not stopping():

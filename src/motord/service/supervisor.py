@@ -96,15 +96,11 @@ class Supervisor:
 
     def wait_for_loop(self, stopping: Callable[[], object]) -> bool:
         """Step until the loop is up and recorded (True), or has failed or is to stop (False)."""
-        self._until(lambda: stopping() or self.loop.phase != "starting")
+        self.run_until(lambda: stopping() or self.loop.phase != "starting")
         if self.loop.phase != "up":
             return False
-        self._until(lambda: stopping() or self.recording.settled, RECORDER_START_NS)
+        self.run_until(lambda: stopping() or self.recording.settled, RECORDER_START_NS)
         return not stopping()
-
-    def run(self, stopping: Callable[[], object]) -> None:
-        """Step until `stopping()` is true; a step that comes late is not made up for."""
-        self._until(stopping)
 
     def ramp_down(self, why: str) -> None:
         """Ramp the torque to zero, disable, go OFF; whatever takes too long is cut short."""
@@ -113,10 +109,10 @@ class Supervisor:
         bench.plans.abort("the daemon shuts down")
         bench.disable()
         ramp_s = limits.torque_Nm / limits.torque_rate_Nm_per_s + RAMP_MARGIN_S
-        self._until(lambda: bench.state is not DriveState.ENABLED, round(ramp_s * 1e9))
+        self.run_until(lambda: bench.state is not DriveState.ENABLED, round(ramp_s * 1e9))
         bench.stop("the daemon shut down")
         over = (DriveState.OFF, DriveState.TRIPPED)
-        self._until(lambda: bench.state in over, STOP_NS)
+        self.run_until(lambda: bench.state in over, STOP_NS)
 
     def emergency(self, error: Exception) -> str:
         """Take the current away at once after an error in the program; return it in a line.
@@ -151,7 +147,8 @@ class Supervisor:
         self.publisher.step(self.loop.read()[0], self.clock_ns())
         self.recording.stop()
 
-    def _until(self, done: Callable[[], object], limit_ns: int | None = None) -> None:
+    def run_until(self, done: Callable[[], object], limit_ns: int | None = None) -> None:
+        """Step until `done()` is true, for `limit_ns` at most; a late step is not made up for."""
         begun_ns = due_ns = self.clock_ns()
         while not done():
             if limit_ns is not None and due_ns - begun_ns > limit_ns:

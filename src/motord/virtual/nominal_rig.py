@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from motord.config import BackEmfHarmonic, Config, PhaseOrder
-from motord.config.back_emf import BackEmfTable
 from motord.config.motor import MotorConfig
+from motord.config.motor.back_emf import BackEmfTable
 from motord.rig.truth import (
     MAX_ORDER,
     BrakeTruth,

@@ -5,7 +5,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from motord.cli.compilation import explain_first_run
+from motord.cli.console import explain_first_run
 
 
 def test_it_is_said_once(

@@ -1,8 +1,10 @@
-"""A Zenoh session that says what a test lets it say."""
+"""A Zenoh session that says what a test lets it say; a daemon's own pieces."""
 
 from types import SimpleNamespace
 
 import pytest
+
+from tests.unit.service.live_service import live_service
 
 
 class Session:
@@ -23,3 +25,9 @@ class Session:
 @pytest.fixture
 def session():
     return Session()
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory):
+    with live_service(tmp_path_factory.mktemp("state")) as service:
+        yield service

@@ -11,16 +11,9 @@ from motord.client.aio import AsyncSubscription
 from motord.client.aio.threads import Threads
 from motord.client.subscription import Subscription
 from motord.client.tick_subscription import TickLosses
-from tests.unit.service.live_service import live_service
 
 WAIT_S = 20.0
 SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
-
-
-@pytest.fixture(scope="module")
-def live(tmp_path_factory):
-    with live_service(tmp_path_factory.mktemp("state")) as service:
-        yield service
 
 
 def run(live, use):

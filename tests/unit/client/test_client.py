@@ -29,12 +29,6 @@ WAIT_S = 20.0
 SHORT = {"torques_Nm": [1.0], "speeds_Hz": [1.0], "turns": 2, "gain_steps": []}
 
 
-@pytest.fixture(scope="module")
-def live(tmp_path_factory):
-    with live_service(tmp_path_factory.mktemp("state")) as service:
-        yield service
-
-
 @pytest.fixture
 def client(live):
     with connect("live", live.listen) as client:

@@ -24,8 +24,8 @@ from motord.config import (
     packaged,
 )
 from motord.config.experiments import PlansConfig, plan_kinds, plans_model
+from motord.experiments.inertia.acceleration import accelerate
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import accelerate
 from motord.experiments.plans import build
 from motord.schema import InverterStatus, Request, Trip
 from motord.virtual import VirtualBench
@@ -39,6 +39,7 @@ from tests.unit.experiments.inertia.test_plan import Bar, released, watch
 from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
+CONFIG = ROOT / "src/motord/config"
 BY_NAME = {
     **{
         f"accuracy.{name}": "by its name in experiments.calibration.estimate.budget"
@@ -89,7 +90,7 @@ KEYS = sorted(set(keys()))
 @cache
 def read_by_the_program() -> frozenset[str]:
     """Return the attributes that are read anywhere but where bench files are checked."""
-    files = (p for p in (ROOT / "src").rglob("*.py") if p.parent.name != "config")
+    files = (p for p in (ROOT / "src").rglob("*.py") if CONFIG not in p.parents)
     return frozenset(
         node.attr
         for file in files

@@ -9,12 +9,11 @@ from starlette.websockets import WebSocketDisconnect
 from motord import config
 from motord.api.messages import BenchState, CalibrationView
 from motord.client import ClientError
-from motord.dashboard.app import MALFORMED, TOO_MANY_MESSAGES, application
+from motord.dashboard.app import MALFORMED, MESSAGES_AT_ONCE, TOO_MANY_MESSAGES, application
 from motord.dashboard.frames import decode, encode
 from motord.dashboard.live_bench import LiveBench
 from motord.dashboard.page.messages import VIEWS_MAX
 from motord.dashboard.page.pages import PAGES_MAX, Pages
-from motord.dashboard.page.rate_limit import AT_ONCE
 from motord.dashboard.tokens import Tokens
 from motord.security.roles import Role
 from tests.unit.dashboard.fake_link import FakeLink
@@ -441,7 +440,7 @@ def test_unknown_kinds_are_skipped(server):
 
 def test_a_page_that_floods_is_closed(server):
     with server.socket() as socket:
-        for _ in range(2 * round(AT_ONCE)):
+        for _ in range(2 * round(MESSAGES_AT_ONCE)):
             send(socket, kind="visible", value=True)
         assert receive(socket, "error")[0]["code"] == TOO_MANY_MESSAGES
 

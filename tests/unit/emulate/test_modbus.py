@@ -50,34 +50,12 @@ def test_a_port_in_use_is_told_and_nothing_is_left_running(tmp_path):
     assert not link.is_symlink()
 
 
-def test_a_refusal_is_said_however_late_the_caller_looks(monkeypatch):
-    """The thread of a server that could not start may be anywhere in its ending by then."""
-    alive = threading.Thread.is_alive
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        servers = ModbusServers({"drive": unit(tcp_port=taken.getsockname()[1])})
-        monkeypatch.setattr(threading.Thread, "is_alive", lambda one: one.join() or True)
-        with pytest.raises(EmulatorError, match="Address already in use"):
-            servers.start()
-    monkeypatch.setattr(threading.Thread, "is_alive", alive)
-
-
 def test_a_port_that_is_taken_at_the_last_moment_is_refused(monkeypatch):
     monkeypatch.setattr(modbus, "_refuse_taken", lambda *_: None)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         servers = ModbusServers({"drive": unit(tcp_port=taken.getsockname()[1])})
         with pytest.raises(EmulatorError, match=r"Modbus at 127\.0\.0\.1: Could not start listen"):
             servers.start()
-
-
-def test_a_thread_that_cannot_begin_is_no_endless_wait(monkeypatch):
-    def refuse(serving):
-        serving.close()
-        raise OSError(24, "Too many open files")
-
-    servers = ModbusServers({"drive": unit(tcp_port=free_port())})
-    monkeypatch.setattr(modbus.asyncio, "run", refuse)
-    with pytest.raises(OSError, match="Too many open files"):
-        servers.start()
 
 
 def test_an_address_of_another_computer_is_told():

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from motord.calibration import CalibratedMotor
 from motord.cli import app
 from motord.config import Config, MotorConfig, load, packaged
-from motord.config.back_emf import BackEmfTable
+from motord.config.motor.back_emf import BackEmfTable
 from motord.control import parameters
 from motord.experiments.analysis import encode
 from motord.experiments.back_emf import estimate as back_emf

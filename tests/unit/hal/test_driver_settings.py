@@ -9,7 +9,7 @@ from motord import config
 from motord.config import BridgeConfig, InverterConfig
 from motord.config.base import Positive, Section
 from motord.config.devices import DeviceConfig
-from motord.config.slow_devices import BrakeConfig, DriveConfig
+from motord.config.devices.slow_devices import BrakeConfig, DriveConfig
 from motord.hal.base import DeviceError
 from motord.hal.driver_settings import read_settings
 from motord.hal.registry import BUILT_IN, WITHOUT_WIRE

@@ -7,9 +7,10 @@ import random
 
 import pytest
 
+from motord.allowance import Allowance
 from motord.recorder import pipe_lines
 from motord.recorder.pipe_lines import LineReader, LineWriter
-from motord.recorder.protocol import Allowance, MessageReader, RecorderReport
+from motord.recorder.protocol import MessageReader, RecorderReport
 from tests.support.nonsense import random_line
 
 

@@ -14,8 +14,7 @@ import pytest
 
 from motord.api.requests import LeaseAcquire
 from motord.cli.bench import shared_token
-from motord.cli.bench.interruption import interrupted_once
-from motord.cli.bench.lease_session import in_command
+from motord.cli.bench.lease_session import in_command, interrupted_once
 from motord.client import ClientError, Lease, holder, operator
 
 

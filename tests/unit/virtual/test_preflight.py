@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from motord.config import ConfigError, load, packaged
-from motord.config.back_emf import BackEmfTable
 from motord.config.experiments import plan_kinds
+from motord.config.motor.back_emf import BackEmfTable
 from motord.experiments.plans import build
 from motord.virtual import preflight
 from motord.virtual.nominal_rig import nominal_rig

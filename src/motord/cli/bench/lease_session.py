@@ -6,16 +6,19 @@ and end at once. When the one that holds the lease ends, by whatever signal, the
 and is disabled.
 """
 
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from types import FrameType
 from typing import TYPE_CHECKING, TypeVar
 
-from motord.cli.bench.interruption import interrupted_once
 from motord.cli.bench.shared_token import shared, tokens
 from motord.cli.connection_options import Connection, print_answer
 from motord.cli.console import fail, remark
+from motord.signal_handlers import handled
 
 if TYPE_CHECKING:
     from motord.api.messages import BenchState
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
 
 _Reply = TypeVar("_Reply", bound="RpcReply")
 LOOK_S = 0.2
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Ctrl-C, SIGTERM and SIGHUP (a terminal that is closed) end a command in the same way."""
 _RANK = {"TRIPPED": -1, "OFF": 0, "READY": 1, "ENABLED": 2}
 
 
@@ -58,6 +63,30 @@ def in_command(client: "Client", *, force: bool = False) -> "Iterator[LeaseSessi
             hold_off()
             if lease.token:
                 lease.release()
+
+
+@contextmanager
+def interrupted_once() -> Iterator[Callable[[], None]]:
+    """Let the first of the signals raise KeyboardInterrupt in the block.
+
+    Later ones do not disturb the clearing up, nor does any after a call of what is yielded. Those
+    that are ignored stay so (nohup).
+    """
+    held_off = False
+
+    def hold_off() -> None:
+        nonlocal held_off
+        held_off = True
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not held_off:
+            hold_off()
+            raise KeyboardInterrupt
+
+    is_main = threading.current_thread() is threading.main_thread()
+    taken = [n for n in _ENDING if is_main and signal.getsignal(n) is not signal.SIG_IGN]
+    with handled(taken, interrupt):
+        yield hold_off
 
 
 def command(

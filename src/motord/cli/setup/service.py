@@ -133,7 +133,7 @@ def status(user: OfUser = False, root: Root = None, as_json: AsJson = False) -> 
     result = {
         "unit": unit,
         "limits": host.limits_of(pid) if pid else {},
-        "files": _differences(deployment, root),
+        "files": _differences(deployment),
         "log": [] if root else host.recent_lines(LOG_LINES, user=user),
     }
     print_result(result, "\n".join(status_lines(result, ask_systemd=root is None)), as_json)
@@ -177,7 +177,7 @@ def _obstacles(
     return found
 
 
-def _differences(deployment: "Deployment", root: Path | None) -> dict[str, str]:
+def _differences(deployment: "Deployment") -> dict[str, str]:
     """Return how the files that are there differ from those that would be installed now."""
     from motord.deployment.plan import BENCH, ServiceRequest, files_of
 

@@ -16,22 +16,24 @@ back and ends its subscriptions before it ends; a request that is under way is c
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Concatenate, ParamSpec, Self
 
 from motord.api.messages import BenchState, Event
 from motord.api.plan_messages import MeshView, PlanView
 from motord.client import discovery
 from motord.client.aio.subscription import AsyncSubscription, AsyncTickSubscription
-from motord.client.aio.threads import Threads, awaited
+from motord.client.aio.threads import HasSync, Threads, awaited
 from motord.client.client import KEPT_BLOCKS, Client
 from motord.client.commander import Commander
 from motord.client.lease import Lease
 from motord.client.plan_run import PlanRun
 from motord.security.identity import Identity
+
+_P = ParamSpec("_P")
 
 
 def connect(
@@ -72,6 +74,18 @@ class AsyncPlanRun:
         return last
 
 
+def followed(
+    begin: Callable[Concatenate[Any, _P], PlanRun],
+) -> Callable[Concatenate[Any, _P], AsyncPlanRun]:
+    """Return a method that returns the plan which `begin` of the object that waits begins."""
+
+    @wraps(begin)
+    def later(self: HasSync, /, *args: _P.args, **named: _P.kwargs) -> AsyncPlanRun:
+        return AsyncPlanRun(self.threads, partial(begin, self.sync, *args, **named))
+
+    return later
+
+
 class AsyncLease:
     """The lease while an `async with` block runs, as `motord.client.Lease`.
 
@@ -83,6 +97,7 @@ class AsyncLease:
     reset = awaited(Commander.reset)
     set = awaited(Commander.set)
     start_plan = awaited(Commander.start_plan)
+    run_plan = followed(Commander.run_plan)
     pause_plan = awaited(Commander.pause_plan)
     resume_plan = awaited(Commander.resume_plan)
     abort_plan = awaited(Commander.abort_plan)
@@ -117,18 +132,6 @@ class AsyncLease:
     async def __aexit__(self, *error: object) -> None:
         await self.threads.finish(self.sync.release)
 
-    def run_plan(
-        self,
-        name: str,
-        settings: Mapping[str, Any] | None = None,
-        *,
-        detach: bool = False,
-        notes: str = "",
-    ) -> AsyncPlanRun:
-        """Return a plan that starts when it is iterated or awaited; as of `Commander.run_plan`."""
-        begin = partial(self.sync.run_plan, name, settings, detach=detach, notes=notes)
-        return AsyncPlanRun(self.threads, begin)
-
 
 class AsyncClient:
     """A connection to one daemon while an `async with` block runs, as `motord.client.Client`."""
@@ -143,6 +146,7 @@ class AsyncClient:
     config = awaited(Client.config)
     stop = awaited(Client.stop)
     note = awaited(Client.note)
+    follow_plan = followed(Client.follow_plan)
 
     def __init__(self, opening: Callable[[], Client]) -> None:
         self.threads = Threads()
@@ -168,10 +172,6 @@ class AsyncClient:
     async def __aexit__(self, *error: object) -> None:
         await self.threads.finish(self.sync.close)
         self.threads.end()
-
-    def follow_plan(self) -> AsyncPlanRun:
-        """Return the plan under way or the last one, to iterate over its progress."""
-        return AsyncPlanRun(self.threads, self.sync.follow_plan)
 
     def lease(self, holder: str | None = None, *, force: bool = False) -> AsyncLease:
         """Return a lease, acquired, renewed and given back by `async with`."""

@@ -1,13 +1,35 @@
-"""Single values written into the text of a bench file, everything else left as it is."""
+"""Values as TOML, and written into the text of a bench file with everything else left as it is."""
 
+import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from motord.config.base import ConfigError
-from motord.config.text.toml_text import toml_value
 
 Value = str | int | float
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_value(value: Any) -> str:
+    """Return a bool, number, text, list or mapping as TOML on one line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        pairs = (f"{toml_key(key)} = {toml_value(one)}" for key, one in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    if isinstance(value, Sequence):
+        return f"[{', '.join(map(toml_value, value))}]"
+    return repr(value)
+
+
+def toml_key(key: str) -> str:
+    """Return a key of TOML, in quotes where it needs them."""
+    return key if _BARE_KEY.fullmatch(key) else toml_value(key)
 
 
 def with_values(text: str, table: str, values: Mapping[str, Value], where: str) -> str:

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from motord.config import SEQUENCE, BackEmfHarmonic, MotorConfig, PhaseOrder
-from motord.config.back_emf import BackEmfTable
 from motord.config.motor import back_emf_waves
+from motord.config.motor.back_emf import BackEmfTable
 from motord.experiments.alignment.rests import Rests, rests_of
 from motord.experiments.alignment.rests_checks import (
     check_pole_pairs,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from motord.config import Config
-from motord.config.back_emf import BackEmfTable
+from motord.config.motor.back_emf import BackEmfTable
 from motord.config.plans import AlignConfig
 from motord.sequencing import Induced, OperatingPoint, Plan, PlanError
 from motord.sequencing.capture import account, take_points

@@ -53,11 +53,12 @@ def _text(measured: MeasuredCogging, _: Recordings) -> Iterator[str | TextTable]
             for h in measured.harmonics
         ],
     )
-    for speed in measured.speed_results:
+    for result in measured.speed_results:
+        speed = result.measured
         motion = ", jerky: counted angles" if speed.jerky else ""
         yield (
             f"- {speed.direction * speed.speed_Hz:+.4g} /s: {speed.turns} turns{motion}, "
-            f"within {speed.worst_error_percent:.2f} % of the average"
+            f"within {result.worst_error_percent:.2f} % of the average"
         )
     if other := measured.comparison:
         yield (

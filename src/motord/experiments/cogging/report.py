@@ -1,16 +1,13 @@
 """The report of a cogging run: spectrum, cogging torque, error of each speed, a calibration's."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from motord.experiments.cogging.at_speed import SpeedCogging
 from motord.experiments.cogging.plots import averaged, errors, spectra, with_calibration
-from motord.experiments.cogging.result import (
-    Comparison,
-    MeanHarmonic,
-    MeasuredCogging,
-    SpeedResult,
-)
+from motord.experiments.cogging.result import Comparison, MeanHarmonic, MeasuredCogging, SpeedResult
 from motord.experiments.driven_findings import left_out_lines
 from motord.experiments.subject import Recordings, facts
 from motord.intervals import plus_minus
@@ -38,7 +35,9 @@ def fill(page: Page, measured: MeasuredCogging) -> None:
         f"{poles}, a magnet out of place multiples of {slots}."
     )
     page.picture(
-        spectra([(_at(s), s.spectrum_Nm) for s in speeds], _allowed(measured)),
+        spectra(
+            [(_at(s.measured), np.abs(s.measured.spectrum_Nm)) for s in speeds], _allowed(measured)
+        ),
         "Amplitude (Nm) at each order of the turn, at each speed, freed of the sensor's response "
         "(Poels 2008, Figure 3.2). Marked: the orders that slots and poles allow. What is between "
         "them is noise.",
@@ -50,25 +49,12 @@ def fill(page: Page, measured: MeasuredCogging) -> None:
     )
     _harmonics(page, measured)
     page.picture(
-        errors([(_at(s), s.error_percent) for s in speeds], _span_deg(measured)),
+        errors([(_at(s.measured), s.error_percent) for s in speeds], _span_deg(measured)),
         "Cogging torque at each speed less the average, in percent of the average's peak, over "
         "the part of the turn within which it repeats (Poels 2008, Figure 3.4, where it is up to "
         "2.5 %).",
     )
-    page.table(
-        ["speed (1/s)", "turns", "speed ripple (%)", "angle", "largest error (%)"],
-        [
-            [
-                f"{s.direction * s.speed_Hz:+.4f}",
-                str(s.turns),
-                f"{s.speed_ripple_percent:.1f}",
-                "as counted" if s.jerky else "smooth motion",
-                f"{s.worst_error_percent:.2f}",
-            ]
-            for s in speeds
-        ],
-        numbers=True,
-    )
+    _speeds(page, speeds)
     if measured.left_out:
         page.points([f"{line[0].upper()}{line[1:]}." for line in left_out_lines(measured.left_out)])
     if measured.directions:
@@ -77,7 +63,7 @@ def fill(page: Page, measured: MeasuredCogging) -> None:
         _comparison(page, measured, measured.comparison)
 
 
-def _at(speed: SpeedResult) -> str:
+def _at(speed: SpeedCogging) -> str:
     return f"{speed.direction * speed.speed_Hz:.2g} /s"
 
 
@@ -101,6 +87,23 @@ def _harmonics(page: Page, measured: MeasuredCogging) -> None:
                 _origin(h, measured),
             ]
             for h in measured.harmonics
+        ],
+        numbers=True,
+    )
+
+
+def _speeds(page: Page, speeds: Sequence[SpeedResult]) -> None:
+    page.table(
+        ["speed (1/s)", "turns", "speed ripple (%)", "angle", "largest error (%)"],
+        [
+            [
+                f"{s.measured.direction * s.measured.speed_Hz:+.4f}",
+                str(s.measured.turns),
+                f"{s.speed_ripple_percent:.1f}",
+                "as counted" if s.measured.jerky else "smooth motion",
+                f"{s.worst_error_percent:.2f}",
+            ]
+            for s in speeds
         ],
         numbers=True,
     )

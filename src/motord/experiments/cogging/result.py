@@ -45,31 +45,46 @@ class MeanHarmonic(TorqueHarmonic):
 
 @dataclass(frozen=True)
 class SpeedResult:
-    """One speed, forwards (1) or backwards (-1). noise_Nm: median per component over the orders.
+    """One speed compared with the mean over the speeds.
 
-    jerky, motion_left_counts: whether, and by how much, a smooth motion leaves the encoder's counts
-    unexplained.
-
-    spectrum_Nm (m,): amplitude of orders 1 to m; error_percent (counts,): cogging torque at this
-    speed less the mean over the speeds, % of the mean's peak (Poels 2008, Figure 3.4).
+    error_percent (counts,): cogging torque at this speed less the mean, % of the mean's peak (Poels
+    2008, Figure 3.4).
     """
 
-    JSON = (
-        "speed_set_Hz", "speed_Hz", "direction", "turns", "speed_ripple_percent", "jerky",
-        "motion_left_counts", "noise_Nm", "worst_error_percent", "harmonics",
-    )  # fmt: skip
+    JSON: ClassVar[dict[str, str]] = {
+        "speed_set_Hz": "measured.speed_set_Hz",
+        "speed_Hz": "measured.speed_Hz",
+        "direction": "measured.direction",
+        "turns": "measured.turns",
+        "speed_ripple_percent": "speed_ripple_percent",
+        "jerky": "measured.jerky",
+        "motion_left_counts": "measured.motion_left_counts",
+        "noise_Nm": "noise_Nm",
+        "worst_error_percent": "worst_error_percent",
+        "harmonics": "harmonics",
+    }
 
-    speed_set_Hz: float
-    speed_Hz: float
-    direction: int
-    jerky: bool
-    motion_left_counts: float
-    turns: int
-    speed_ripple_percent: float
-    noise_Nm: float
-    harmonics: tuple[TorqueHarmonic, ...]
-    spectrum_Nm: np.ndarray
+    measured: SpeedCogging
     error_percent: np.ndarray
+
+    @property
+    def speed_ripple_percent(self) -> float:
+        """(largest - smallest) / (2 mean) speed, %."""
+        return 100 * self.measured.speed_ripple
+
+    @property
+    def noise_Nm(self) -> float:
+        """Noise per component, the median over the orders."""
+        return float(np.median(self.measured.noise_Nm))
+
+    @property
+    def harmonics(self) -> tuple[TorqueHarmonic, ...]:
+        """The fitted orders as harmonics."""
+        one = self.measured
+        return tuple(
+            TorqueHarmonic(int(order), float(abs(line)), float(np.angle(1j * line)), float(stderr))
+            for order, line, stderr in zip(one.order, one.line_Nm, one.stderr_Nm, strict=True)
+        )
 
     @property
     def worst_error_percent(self) -> float:
@@ -162,29 +177,7 @@ class MeasuredCogging:
     @property
     def speed_results(self) -> tuple[SpeedResult, ...]:
         """What each speed gave, beside the mean."""
-        return tuple(
-            SpeedResult(
-                speed_set_Hz=one.speed_set_Hz,
-                speed_Hz=one.speed_Hz,
-                direction=one.direction,
-                jerky=bool(one.jerky),
-                motion_left_counts=one.motion_left_counts,
-                turns=one.turns,
-                speed_ripple_percent=100 * one.speed_ripple,
-                noise_Nm=float(np.median(one.noise_Nm)),
-                harmonics=tuple(
-                    TorqueHarmonic(
-                        int(order), float(np.abs(line)), float(np.angle(1j * line)), float(stderr)
-                    )
-                    for order, line, stderr in zip(
-                        one.order, one.line_Nm, one.stderr_Nm, strict=True
-                    )
-                ),
-                spectrum_Nm=np.abs(one.spectrum_Nm),
-                error_percent=self.error_percent(one),
-            )
-            for one in self.speeds
-        )
+        return tuple(SpeedResult(one, self.error_percent(one)) for one in self.speeds)
 
     @property
     def peak_Nm(self) -> float:

@@ -90,7 +90,7 @@ def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -
     )
     if began.demand.brake:
         yield from wait(free.labelled("releasing the brake"), release_s(brake))
-    accelerate = _accelerate(free.labelled("accelerating"), point, own)
+    accelerate = _accelerate(free.labelled("accelerating"), point)
     yield from within(own.timeout_s, accelerate, lambda seen: _too_slow(seen, own))
     ending = free.labelled("ending the torque")
     off = hold(ending, lambda seen: seen.torque_set_Nm == 0.0)
@@ -106,7 +106,7 @@ def coast_down(point: OperatingPoint, own: FrictionConfig, brake: BrakeConfig) -
     return account(point, seen, quality(seen, own.temperature_C, fault), turns=turns)
 
 
-def _accelerate(demand: Demand, point: OperatingPoint, own: FrictionConfig) -> Motion[None]:
+def _accelerate(demand: Demand, point: OperatingPoint) -> Motion[None]:
     """Accelerate, with a torque that falls in proportion to the speed that is missing."""
     seen = yield None
     while (part := seen.speed_Hz / point.speed_Hz) < 1.0:

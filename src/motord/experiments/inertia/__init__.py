@@ -9,13 +9,13 @@ EXPERIMENT = Experiment(
             "inertia-oscillation",
             "a bar between springs, deflected by hand and let go, for the moment of inertia",
             OscillationConfig(),
-            make="motord.experiments.inertia.plan:make_oscillation",
+            make="motord.experiments.inertia.plan.oscillation:make",
         ),
         PlanKind(
             "inertia-acceleration",
             "steps of torque from rest without the brake, for the moment of inertia",
             AccelerationConfig(),
-            make="motord.experiments.inertia.plan:make_acceleration",
+            make="motord.experiments.inertia.plan.acceleration:make",
         ),
     ),
     analyses=(

@@ -11,17 +11,12 @@ import typer
 from motord.calibration import load as load_calibration
 from motord.config import AccelerationConfig, OscillationConfig
 from motord.experiments.analysis import Analysis, encode
-from motord.experiments.inertia.oscillation import (
-    Oscillation,
-    Release,
-    combine,
-    find_releases,
-    read_release,
-    waves_of,
-)
+from motord.experiments.inertia.acceleration import Acceleration, accelerate
+from motord.experiments.inertia.oscillation import Oscillation, combine
+from motord.experiments.inertia.releases import Release, find_releases, read_release, waves_of
 from motord.experiments.inertia.report import report
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import REQUIRED, Acceleration, accelerate
+from motord.experiments.inertia.torque_step import REQUIRED
 from motord.experiments.subject import (
     AnalysisError,
     Recordings,

@@ -14,8 +14,6 @@ from motord.experiments.inertia.springs import (
     UNLOADED,
     SpringSetup,
     mass_factors,
-    one_spring_a_side,
-    shorter_bar,
 )
 
 DRAWS = 200_000
@@ -217,53 +215,3 @@ def curves(setup: SpringSetup, frequency_rad_s: float) -> Curves:
         factor_change=-(factor - HEAVY) * swinging / heavy,
         wave_factor=float(np.mean(waves)),
     )
-
-
-@dataclass(frozen=True)
-class Improvement:
-    """A change of the set-up, and the budget that it would have."""
-
-    JSON = ("label", "period_s", "uncertainty")
-
-    label: str
-    period_s: float
-    budget: Budget
-
-    @property
-    def uncertainty(self) -> float:
-        """Standard uncertainty of the inertia in parts of it."""
-        return self.budget.uncertainty_kg_m2 / self.budget.inertia_kg_m2
-
-
-def improvements(
-    setup: SpringSetup,
-    inertia_kg_m2: float,
-    frequency_stderr: float,
-    damping_ratio: float,
-    damping_stderr: float,
-) -> tuple[Improvement, ...]:
-    """Return what the changes proposed in Poels 2008, section 2.3.2, would bring.
-
-    frequency_stderr: in parts; damping_stderr: of the damping ratio, which makes the undamped
-    frequency uncertain. Errors of ruler and balance stay what they are: N/m, m and kg.
-    """
-    undamped = damping_ratio * damping_stderr
-    made = (
-        ("as it is", setup, undamped),
-        ("one spring a side", one_spring_a_side(setup), undamped),
-        ("bar half as long", shorter_bar(setup, 0.5), undamped),
-        ("no brake disc", setup, 0.0),
-        ("all three", shorter_bar(one_spring_a_side(setup), 0.5), 0.0),
-    )
-    found = []
-    for label, changed, uncertain in made:
-        frequency_rad_s = changed.frequency_rad_s(inertia_kg_m2)
-        stderr_rad_s = frequency_rad_s * sqrt(frequency_stderr**2 + uncertain**2)
-        found.append(
-            Improvement(
-                label,
-                2 * np.pi / frequency_rad_s,
-                budget(changed, frequency_rad_s, stderr_rad_s, draws=20_000),
-            )
-        )
-    return tuple(found)

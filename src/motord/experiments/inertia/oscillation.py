@@ -1,28 +1,20 @@
 """Releases together: the inertia by several readings of the same swings, and its budget."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from math import hypot
 from typing import ClassVar
 
 import numpy as np
-from scipy import ndimage
 
-from motord.experiments.inertia.error_budget import (
-    Budget,
-    Curves,
-    Improvement,
-    budget,
-    curves,
-    improvements,
-)
+from motord.experiments.inertia.error_budget import Budget, Curves, budget, curves
+from motord.experiments.inertia.improvements import Improvement, improvements
+from motord.experiments.inertia.releases import Release
 from motord.experiments.inertia.springs import SpringSetup
 from motord.findings import Finding
 from motord.identification import IdentifyError
-from motord.identification.rotor.free_decay import Decay, fit_decay, mean_frequency
-from motord.identification.rotor.log_decrement import FivePeriods, Swing, find_swing, five_periods
-from motord.identification.turning import unwrap_counts
+from motord.identification.rotor.free_decay import fit_decay, mean_frequency
 from motord.intervals import coverage_factor
 
 FEW_RELEASES = 4
@@ -43,37 +35,6 @@ DISTURBED = 1.25
 
 COGGING_UNCERTAINTY = 0.01
 """Standard uncertainty of a known cogging torque, in parts of it."""
-
-
-STILL_S = 0.1
-"""How long a bar is still before it is let go."""
-
-STILL_COUNTS = 2
-"""Counts that a bar may move by and be still."""
-
-
-@dataclass(frozen=True)
-class Release:
-    """One release as it was read: swing, five periods of it, and the fit of its whole decay."""
-
-    JSON: ClassVar[dict[str, str]] = {
-        "index": "index",
-        "period_s": "five.period_s",
-        "decrement": "five.decrement",
-        "damping_ratio": "five.damping_ratio",
-        **{
-            name: f"decay.{name}"
-            for name in (
-                "frequency_rad_s", "frequency_stderr_rad_s", "cubic_per_rad2", "viscous_per_s",
-                "coulomb_rad_s2",
-            )
-        },
-    }  # fmt: skip
-
-    index: int
-    swing: Swing
-    five: FivePeriods
-    decay: Decay
 
 
 @dataclass(frozen=True)
@@ -159,26 +120,6 @@ class Oscillation:
         return float(np.mean([release.five.damping_ratio for release in self.releases]))
 
 
-def read_release(
-    index: int,
-    t_ns: np.ndarray,
-    count: np.ndarray,
-    counts: int,
-    setup: SpringSetup,
-    cogging_Nm: np.ndarray | None = None,
-) -> Release:
-    """Return a release from its samples (n,). Raises IdentifyError naming it.
-
-    counts: of the encoder's turn; cogging_Nm (3, n): as `waves_of` gives it.
-    """
-    try:
-        swing = find_swing(t_ns, count, counts)
-        decay = fit_decay(swing, setup.stiffness_Nm, cogging_Nm)
-    except IdentifyError as error:
-        raise IdentifyError(f"release {index + 1}: {error}") from None
-    return Release(index, swing, five_periods(swing), decay)
-
-
 def combine(
     releases: Sequence[Release], setup: SpringSetup, cogging_Nm: np.ndarray | None = None
 ) -> Oscillation:
@@ -251,75 +192,29 @@ def _readings(releases: Sequence[Release], setup: SpringSetup) -> tuple[InertiaR
     return tuple(readings)
 
 
-def waves_of(table_Nm: np.ndarray) -> np.ndarray:
-    """Return order, cosine and sine (3, n) of the cogging torque table_Nm (counts,)."""
-    lines = np.fft.rfft(table_Nm) * (2 / table_Nm.size)
-    order = np.arange(lines.size)
-    there = (np.abs(lines) > 1e-3 * np.abs(lines).max()) & (order > 0)
-    return np.array([order[there], lines[there].real, -lines[there].imag], float)
-
-
 def _uncertain_cogging(release: Release, setup: SpringSetup, cogging_Nm: np.ndarray) -> float:
     """Return by how much the frequency is uncertain, in parts, as the cogging torque is."""
     changed = fit_decay(release.swing, setup.stiffness_Nm, cogging_Nm * (1 + COGGING_UNCERTAINTY))
     return abs(changed.frequency_rad_s / release.decay.frequency_rad_s - 1)
 
 
-def find_releases(t_ns: np.ndarray, count: np.ndarray, counts: int) -> list[slice]:
-    """Return the samples of each stretch that begins with a still bar and goes on until the next.
-
-    t_ns, count (n,); counts: of the encoder's turn. A stretch need not be a swing: the bar may have
-    been pulled. Without any stillness, all samples are one stretch.
-    """
-    t_s = (np.asarray(t_ns, np.int64) - int(t_ns[0])) * 1e-9
-    stretches, _ = ndimage.label(_still(t_s, unwrap_counts(count, counts)))
-    still = [part for (part,) in ndimage.find_objects(stretches)]
-    if not still:
-        return [slice(0, t_s.size)]
-    begins = [
-        max(part.start, int(np.searchsorted(t_s, t_s[part.stop - 1] - STILL_S))) for part in still
-    ]
-    stops = [*begins[1:], t_s.size]
-    return [
-        slice(begin, stop)
-        for begin, part, stop in zip(begins, still, stops, strict=True)
-        if stop > part.stop
-    ]
-
-
-def _still(t_s: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Return (n,) whether a sample belongs to STILL_S during which the position hardly changes."""
-    size = max(int(np.searchsorted(t_s, STILL_S)), 2)
-    if position.size < size:
-        return np.zeros(position.size, bool)
-    windows = np.lib.stride_tricks.sliding_window_view(position, size)
-    calm = np.ptp(windows, axis=1) <= STILL_COUNTS
-    return np.asarray(np.convolve(calm, np.ones(size)) > 0.5)
-
-
-def _few(releases: int) -> tuple[Finding, ...]:
-    if releases >= FEW_RELEASES:
-        return ()
-    return (
-        Finding(
+def _few(releases: int) -> Iterator[Finding]:
+    if releases < FEW_RELEASES:
+        yield Finding(
             "few-releases", releases, FEW_RELEASES, "releases", "warning",
             "what differs from release to release is hardly in the uncertainty",
             "let go more often",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip
 
 
-def _left_out(found: Oscillation) -> tuple[Finding, ...]:
-    if not found.disturbed:
-        return ()
-    numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
-    worst_rad = max(float(np.std(one.decay.residual_rad)) for one in found.disturbed)
-    best_rad = np.median([np.std(one.decay.residual_rad) for one in found.releases])
-    return (
-        Finding(
+def _left_out(found: Oscillation) -> Iterator[Finding]:
+    if found.disturbed:
+        numbers = ", ".join(str(index + 1) for index in found.disturbed_indices)
+        worst_rad = max(float(np.std(one.decay.residual_rad)) for one in found.disturbed)
+        best_rad = np.median([np.std(one.decay.residual_rad) for one in found.releases])
+        yield Finding(
             "releases-left-out", worst_rad, float(DISTURBED * best_rad), "rad", "note",
             f"release {numbers}: left out, as a decay fits worse there than in the others: "
             "somebody touched the bar, or ticks were missed",
             "look at the decays in the report",
-        ),
-    )  # fmt: skip
+        )  # fmt: skip

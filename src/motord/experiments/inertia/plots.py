@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from motord.experiments.inertia.error_budget import Curves
-from motord.experiments.inertia.oscillation import Release
+from motord.experiments.inertia.releases import Release
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.inertia.torque_step import TorqueStep
 from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from motord.experiments.inertia.acceleration import Acceleration
 from motord.experiments.inertia.error_budget import Share
 from motord.experiments.inertia.oscillation import POELS2008_METHOD, Oscillation
 from motord.experiments.inertia.plots import (
@@ -12,7 +13,6 @@ from motord.experiments.inertia.plots import (
     uncertainties,
 )
 from motord.experiments.inertia.springs import SpringSetup
-from motord.experiments.inertia.torque_step import Acceleration
 from motord.experiments.subject import Recordings, facts
 from motord.report.html import Page
 

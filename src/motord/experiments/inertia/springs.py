@@ -1,12 +1,12 @@
 """Bar and springs on the rotor: from the frequency of the swing to the inertia of the motor."""
 
-from dataclasses import dataclass, replace
-from math import pi, sqrt
+from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 
 from motord.config import OscillationConfig
-from motord.config.inertia import EffectiveMass
+from motord.config.plans.inertia import EffectiveMass
 from motord.identification import IdentifyError
 
 HEAVY, UNLOADED = 1 / 3, 4 / pi**2
@@ -127,37 +127,3 @@ def mass_factors(
     small = x < 0.02
     safe = np.where(small, 1.0, x)
     return np.asarray(np.where(small, HEAVY + x**2 / 45, (1 - safe / np.tan(safe)) / safe**2))
-
-
-def one_spring_a_side(setup: SpringSetup) -> SpringSetup:
-    """Return the set-up with two springs as stiff as all are now, each as heavy as one is.
-
-    They are measured to as many N/m as each one now, and weighed together on the same balance.
-    """
-    stiffness = float(setup.stiffness_N_per_m.sum()) / 2
-    mass_kg = float(setup.mass_kg.mean())
-    square_m2 = setup.stiffness_Nm / setup.stiffness_N_per_m.sum()
-    t = setup.tolerances
-    return replace(
-        setup,
-        stiffness_N_per_m=np.full(2, stiffness),
-        mass_kg=np.full(2, mass_kg),
-        lever=np.zeros(2, int),
-        levers_m=np.array([sqrt(square_m2)]),
-        tolerances=replace(
-            t,
-            stiffness=t.stiffness * float(setup.stiffness_N_per_m.mean()) / stiffness,
-            mass=t.mass * float(setup.mass_kg.sum()) / (2 * mass_kg) if mass_kg else t.mass,
-        ),
-    )
-
-
-def shorter_bar(setup: SpringSetup, part: float) -> SpringSetup:
-    """Return the set-up with a bar of the same section, `part` as long; lengths to as many m."""
-    t = setup.tolerances
-    return replace(
-        setup,
-        levers_m=part * setup.levers_m,
-        bar_inertia_kg_m2=part**3 * setup.bar_inertia_kg_m2,
-        tolerances=replace(t, lever=t.lever / part),
-    )

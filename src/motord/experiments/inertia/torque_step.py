@@ -15,7 +15,6 @@ and tells little of the error. It is propagated instead: from the noise seen at 
 integrals and the fit's weights, with the encoder's rounding.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import pi, sqrt
@@ -23,11 +22,8 @@ from math import pi, sqrt
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from motord.config import AccelerationConfig, TorqueSensorConfig
-from motord.experiments.inertia.repetition import BothWays, both_ways
-from motord.findings import Finding
+from motord.config import TorqueSensorConfig
 from motord.identification import IdentifyError
-from motord.intervals import coverage_factor
 
 REQUIRED = ("t_ns", "encoder_count", "torque_Nm", "torque_set_Nm")
 """Columns of the ticks of a step."""
@@ -74,97 +70,6 @@ class TorqueStep:
     torque_Nm: np.ndarray
     fitted_s: np.ndarray
     fitted_rad: np.ndarray
-
-
-@dataclass(frozen=True)
-class TorqueSource:
-    """A part of the uncertainty, in parts of the inertia."""
-
-    source: str
-    uncertainty: float
-
-
-@dataclass(frozen=True)
-class Acceleration:
-    """The motor's inertia by acceleration; budget: sources of its uncertainty, largest first.
-
-    freedom: effective degrees of freedom of the uncertainty (Welch-Satterthwaite, GUM G.4),
-    None of a step alone.
-    """
-
-    JSON = (
-        "inertia_kg_m2", "uncertainty_kg_m2", "freedom", "interval_95_kg_m2", "commanded_kg_m2",
-        "plain_kg_m2", "budget", "steps",
-    )  # fmt: skip
-
-    inertia_kg_m2: float
-    uncertainty_kg_m2: float
-    freedom: float | None
-    commanded_kg_m2: float
-    plain_kg_m2: float
-    budget: tuple[TorqueSource, ...]
-    steps: tuple[TorqueStep, ...]
-    findings: tuple[Finding, ...] = ()
-
-    @property
-    def half_width_kg_m2(self) -> float:
-        """Half of the 95 % interval, by Student's t."""
-        return coverage_factor(self.freedom) * self.uncertainty_kg_m2
-
-    @property
-    def interval_95_kg_m2(self) -> tuple[float, float]:
-        """95 % interval, by Student's t."""
-        half = self.half_width_kg_m2
-        return self.inertia_kg_m2 - half, self.inertia_kg_m2 + half
-
-
-def accelerate(
-    data: Sequence[np.ndarray],
-    counts: int,
-    sensor: TorqueSensorConfig,
-    settings: AccelerationConfig,
-) -> Acceleration:
-    """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
-
-    data: ticks of each step from the rest before it on, with the columns REQUIRED.
-    Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
-    half of it is what they differ by.
-    """
-    if not data:
-        raise IdentifyError("no good step in there")
-    steps = tuple(read_step(n, ticks, counts, sensor) for n, ticks in enumerate(data))
-    both = _both_ways(steps)
-    value = both.inertia_kg_m2
-    tau_s = sensor.highpass_time_constant_s
-    repetition = TorqueSource("repetition", both.stderr_kg_m2 / value)
-    sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
-    if tau_s > 0:
-        longer = sensor.model_copy(
-            update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
-        )
-        changed = _both_ways([read_step(n, ticks, counts, longer) for n, ticks in enumerate(data)])
-        other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
-        sources.append(TorqueSource("its time constant", other))
-    sources.append(repetition)
-    relative = sqrt(sum(s.uncertainty**2 for s in sources))
-    return Acceleration(
-        steps=steps,
-        inertia_kg_m2=value,
-        uncertainty_kg_m2=value * relative,
-        freedom=both.freedom and both.freedom * (relative / repetition.uncertainty) ** 4,
-        commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
-        plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
-        budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
-        findings=both.findings,
-    )
-
-
-def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
-    return both_ways(
-        np.array([step.inertia_kg_m2 for step in steps]),
-        np.array([step.stderr_kg_m2 for step in steps]),
-        np.array([step.angle_rad[-1] > step.angle_rad[0] for step in steps]),
-    )
 
 
 def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig) -> TorqueStep:

@@ -62,7 +62,7 @@ def detect(path: Path, options: CsvMap, wanted: Sequence[str]) -> Dialect:
         if is_row(lines[n - 1], options.comment)
     ]
     rows = [(n, split_line(lines[n - 1], delimiter)) for n in numbers[: HEADER_LINES + UNIT_LINES]]
-    decimal = options.decimal or _decimal(delimiter, [cells for _, cells in rows])
+    decimal = options.decimal or _decimal([cells for _, cells in rows])
     usual = 0 if header else _usual_cells(lines, delimiter)
     while rows and not _begins(rows[0][1], decimal, usual):
         if len(rows) == 1 or numbers.index(rows[0][0]) >= (UNIT_LINES if header else HEADER_LINES):
@@ -206,7 +206,7 @@ def _delimiter_of_rows(lines: Sequence[str], delimiters: Sequence[str]) -> str:
     last = [line for line in lines if line.strip()][-50:]
 
     def values(delimiter: str) -> int:
-        decimal = _decimal(delimiter, [split_line(line, delimiter) for line in last])
+        decimal = _decimal([split_line(line, delimiter) for line in last])
         return sum(holds_value(c, decimal) for line in last for c in split_line(line, delimiter))
 
     return max(delimiters, key=values)
@@ -219,7 +219,7 @@ def _line_above_rows(lines: Sequence[str], candidates: Sequence[int], delimiter:
         cells = split_line(lines[n - 1], delimiter)
         if len(cells) != usual:
             continue
-        decimal = _decimal(delimiter, [cells])
+        decimal = _decimal([cells])
         if any(holds_value(cell, decimal) for cell in cells):
             return above
         above = n
@@ -232,7 +232,7 @@ def _usual_cells(lines: Sequence[str], delimiter: str) -> int:
     return Counter(len(split_line(line, delimiter)) for line in last).most_common(1)[0][0]
 
 
-def _decimal(delimiter: str, rows: Sequence[Sequence[str]]) -> str:
+def _decimal(rows: Sequence[Sequence[str]]) -> str:
     """Return the decimal sign: a comma if there are numbers with one and none with a point."""
     cells = [cell for row in rows for cell in row]
     commas = sum(DECIMAL_COMMA.fullmatch(cell) is not None for cell in cells)

@@ -15,6 +15,7 @@ from motord.api.requests import max_calibration_bytes
 from motord.atomic_write import write_whole
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, MotorConfig
+from motord.service.host.events import EventLog
 
 MARK = "installed"
 
@@ -126,3 +127,11 @@ class CalibrationStore:
             path=str(self.path),
             findings=self.accepted_findings(),
         )
+
+
+def announce(events: EventLog, installed: Calibration, how: str) -> None:
+    """Emit that a calibration is in force now, `how`, and which serious findings it has."""
+    accepted = installed.serious_names
+    in_spite = f" in spite of {', '.join(accepted)}" if accepted else ""
+    text = f"{installed.id} {how}{in_spite}"
+    events.emit("calibration", text, id=installed.id, findings=accepted)

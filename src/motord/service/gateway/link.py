@@ -7,7 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from motord.recorder.protocol import Allowance, Message, MessageReader
+from motord.allowance import Allowance
+from motord.recorder.protocol import Message, MessageReader
 from motord.service.host.child_faults import ChildFaults
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog

@@ -23,7 +23,7 @@ import zenoh
 from motord import config as config_file
 from motord.api.endpoints import gateway_config
 from motord.config import Config, ConfigError
-from motord.config.sections import TlsConfig
+from motord.config.zenoh import TlsConfig
 from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.security import roles as roles_file

@@ -9,7 +9,6 @@ import numpy as np
 
 from motord.api.messages import BenchState, DeviceView, Event, LeaseView, TorqueSensorView
 from motord.api.plan_messages import MeshView, PlanView
-from motord.config import Config
 from motord.service.bench.bench import Bench
 from motord.service.bench.calibrations import CalibrationStore
 from motord.service.bench.guard import Guard
@@ -132,8 +131,8 @@ class Publisher:
             realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
             recording=self.recording.view(),
             calibration=self.calibrations.view(),
-            brake=device_view(bench, config, "brake", now_ns),
-            drive=device_view(bench, config, "drive", now_ns),
+            brake=device_view(bench, "brake", now_ns),
+            drive=device_view(bench, "drive", now_ns),
             bridge_clock=self.loop.bridge_clock(),
             processes=self.children.views(),
             faults=dict(self.guard.faults),
@@ -148,7 +147,7 @@ def ages_s(bench: Bench, now_ns: int) -> dict[str, float]:
     return {**bench.monitor.ages_s(now_ns), **known}
 
 
-def device_view(bench: Bench, config: Config, name: str, now_ns: int) -> DeviceView:
+def device_view(bench: Bench, name: str, now_ns: int) -> DeviceView:
     """Return a slow device, on a wire, in the simulated rig or not there."""
     if name in bench.devices:
         return bench.devices[name].view(now_ns)

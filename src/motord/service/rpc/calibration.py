@@ -15,7 +15,7 @@ from motord.api.replies import ConfigReply, InstalledCalibration
 from motord.calibration import Calibration, CalibrationError
 from motord.control import parameters
 from motord.service.bench.bench import Bench
-from motord.service.bench.calibrations import CalibrationStore
+from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.rpc.calibration_reader import Read, read_elsewhere
 from motord.service.rpc.dispatcher import RpcContext, Wait, handles
 from motord.service.rpc.preconditions import no_plan, zero_torque
@@ -87,14 +87,7 @@ class Installation:
                 return None
             self._store.current = prepared.calibration
             bench.calibration_installed()
-            accepted = prepared.calibration.serious_names
-            bench.events.emit(
-                "calibration",
-                f"{prepared.calibration.id} installed by {context.holder}"
-                + (f" in spite of {', '.join(accepted)}" if accepted else ""),
-                id=prepared.calibration.id,
-                findings=accepted,
-            )
+            announce(bench.events, prepared.calibration, f"installed by {context.holder}")
             return InstalledCalibration(
                 id=prepared.calibration.id,
                 created=prepared.calibration.created.isoformat(),

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntFlag
 
 from motord.config import ModbusConfig
-from motord.config.slow_devices import RegisterKind
+from motord.config.devices.slow_devices import RegisterKind
 
 _LAYOUTS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i"}
 

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from motord.config import Config, load, packaged
-from motord.experiments.inertia.oscillation import Release, read_release
+from motord.experiments.inertia.releases import Release, read_release
 from motord.experiments.inertia.springs import SpringSetup
 from motord.experiments.plans import build
 from motord.rig.truth import RigTruth

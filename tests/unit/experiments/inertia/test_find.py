@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from motord.experiments.inertia.oscillation import find_releases
+from motord.experiments.inertia.releases import find_releases
 from motord.identification.rotor.log_decrement import find_swing
 
 COUNTS = 4096

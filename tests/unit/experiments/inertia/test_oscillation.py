@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from motord.experiments.inertia.oscillation import POELS2008_METHOD, combine, read_release, waves_of
+from motord.experiments.inertia.oscillation import POELS2008_METHOD, combine
+from motord.experiments.inertia.releases import read_release, waves_of
 from motord.identification import IdentifyError
 from tests.campaigns.inertia import covered, with_stator
 from tests.unit.experiments.inertia.inertia_runs import (

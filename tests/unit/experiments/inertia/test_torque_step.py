@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from motord.config import AccelerationConfig, TorqueSensorConfig, load
-from motord.experiments.inertia.torque_step import REQUIRED, accelerate, read_step
+from motord.experiments.inertia.acceleration import accelerate
+from motord.experiments.inertia.torque_step import REQUIRED, read_step
 from motord.identification import IdentifyError
 from tests.unit.experiments.inertia.inertia_runs import pushes
 from tests.unit.experiments.inertia.step_simulator import Rotor, steps

@@ -12,7 +12,7 @@ from pydantic import (
 )
 
 from motord.config.base import NonNegative, Positive, Section
-from motord.config.can_signals import CanSignalMap, DqConfig
+from motord.config.devices.can_signals import CanSignalMap, DqConfig
 from motord.config.timing import DELAY_MAX_S, RATE_MAX_HZ, RATE_MIN_HZ, SILENCE_MAX_S
 
 SAMPLE_BYTES, HEARTBEAT_BYTES = 19, 6

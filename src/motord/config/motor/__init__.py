@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from motord.config.accuracy import AccuracyConfig
-from motord.config.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 from motord.config.base import Finite, NonNegative, Positive, Section
+from motord.config.motor.accuracy import AccuracyConfig
+from motord.config.motor.back_emf import BackEmf, BackEmfHarmonic, BackEmfTable
 
 PhaseOrder = Literal["abc", "acb"]
 """In which order the phases at the inverter's outputs a, b, c follow each other forwards."""

@@ -1,7 +1,6 @@
-"""`inertia-oscillation` and `inertia-acceleration`: releases of a bar, and steps of torque.
+"""`inertia-oscillation`: somebody deflects a bar between its springs and lets go.
 
-Somebody deflects the bar between its springs and lets go, with the power stage off: no current may
-act on the rotor. The steps are of the motor's own torque, from rest and with the brake open.
+The power stage is off meanwhile: no current may act on the rotor.
 """
 
 import math
@@ -11,12 +10,10 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from motord.config import AccelerationConfig, BrakeConfig, Config, OscillationConfig
+from motord.config import Config, OscillationConfig
 from motord.schema import State
 from motord.sequencing import Demand, Observation, OperatingPoint, Plan
-from motord.sequencing.brake_servo import release_s
-from motord.sequencing.capture import account, retaken_if_poor, take_points
-from motord.sequencing.limits import check_speed, check_torque
+from motord.sequencing.capture import account, retaken_if_poor
 from motord.sequencing.motions import (
     Capture,
     Motion,
@@ -25,16 +22,12 @@ from motord.sequencing.motions import (
     hold,
     ramp_down,
     restartable,
-    wait,
     within,
 )
 from motord.sequencing.quality import quality
-from motord.sequencing.settings import chosen, compensation
+from motord.sequencing.settings import chosen
 
-OSCILLATION, ACCELERATION = "inertia-oscillation", "inertia-acceleration"
-
-STANDSTILL_RAD = 0.01
-"""Movement from one observation to the next below which the rotor counts as standing."""
+NAME = "inertia-oscillation"
 
 DEFLECT_S = 3.0
 """What somebody takes to deflect the bar, hold it and let go, for the estimate of time."""
@@ -49,11 +42,11 @@ FADED_S = 0.3
 """Time over which the oscillation must have stayed small; periods are shorter."""
 
 
-def make_oscillation(config: Config, settings: Mapping[str, Any]) -> Plan:
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     """Return the plan of `[plans.inertia-oscillation]` with `settings`. Raises PlanError."""
-    own = chosen(config, OSCILLATION, OscillationConfig, settings)
+    own = chosen(config, NAME, OscillationConfig, settings)
     return Plan(
-        name=OSCILLATION,
+        name=NAME,
         points=tuple(OperatingPoint(n, 0.0, 0.0, 0, aim="a release") for n in range(own.repeats)),
         motion=partial(releases, own),
         point_s=partial(oscillation_s, own),
@@ -63,100 +56,10 @@ def make_oscillation(config: Config, settings: Mapping[str, Any]) -> Plan:
     )
 
 
-def make_acceleration(config: Config, settings: Mapping[str, Any]) -> Plan:
-    """Return the plan of `[plans.inertia-acceleration]` with `settings`. Raises PlanError."""
-    given = dict(settings)
-    applied = given.pop("compensate", "off")
-    flags = compensation(applied)
-    own = chosen(config, ACCELERATION, AccelerationConfig, given, "compensate")
-    check_torque(config, own.torque_Nm)
-    check_speed(config, own.stop_speed_Hz)
-    torques_Nm = [own.torque_Nm * (-1) ** index for index in range(own.repeats)]
-    return Plan(
-        name=ACCELERATION,
-        points=tuple(
-            OperatingPoint(index, torque_Nm, 0.0, 0, aim=f"a torque step of {torque_Nm:g} Nm")
-            for index, torque_Nm in enumerate(torques_Nm)
-        ),
-        motion=partial(
-            take_points,
-            partial(torque_step, own=own, brake=config.brake),
-            compensate=int(flags),
-        ),
-        point_s=partial(torque_step_s, own, config.brake),
-        settings={**own.model_dump(mode="json"), "compensate": applied},
-    )
-
-
 def releases(own: OscillationConfig, points: tuple[OperatingPoint, ...]) -> Motion[None]:
     """Wait for one release after the other."""
     for point in points:
         yield from retaken_if_poor(release, point, own)
-
-
-def torque_step_s(own: AccelerationConfig, brake: BrakeConfig, _: OperatingPoint) -> float:
-    """Return an estimate of the time that `torque_step` takes (s)."""
-    return 1.5 + release_s(brake) + own.rest_s + own.coast_s
-
-
-@restartable
-def torque_step(
-    point: OperatingPoint, own: AccelerationConfig, brake: BrakeConfig
-) -> Motion[Capture]:
-    """Stop the rotor and let it rest, step the torque up to a speed, follow it while it coasts.
-
-    The capture begins with the rest and ends with the coasting.
-    """
-    began = yield None
-    free = began.demand.at_rest(
-        enabled=True, brake=0.0, label=f"step {point.index + 1}, {point.torque_Nm:g} Nm"
-    )
-    captured = replace(free, plan_point=point.index)
-    limit_s = own.timeout_s + own.rest_s
-    yield from within(limit_s, _stop(free.labelled("stopping the rotor", brake=1.0)), _not_at_rest)
-    yield from wait(free.labelled("releasing the brake"), release_s(brake))
-    rest = _rest(captured.labelled("resting"), own.rest_s)
-    moved_rad = yield from within(limit_s, rest, _not_at_rest, since=began)
-    accelerate = hold(
-        captured.labelled("accelerating", torque_Nm=point.torque_Nm),
-        lambda seen: abs(seen.speed_Hz) >= own.stop_speed_Hz,
-    )
-    yield from within(limit_s, accelerate, partial(_too_slow, own.stop_speed_Hz), since=began)
-    seen = yield from wait(captured.labelled("coasting"), own.coast_s)
-    moved = f"not settled: moved by {moved_rad:.2g} rad at rest"
-    fault = moved if moved_rad > own.rest_rad else ""
-    turns = round(abs(seen.point_turns), 3)
-    return account(point, seen, quality(seen, own.temperature_C, fault), turns=turns)
-
-
-def _stop(demand: Demand) -> Motion[None]:
-    """Brake until neither rotor nor torque moves."""
-    seen = yield None
-    while seen.highest_rad - seen.lowest_rad > STANDSTILL_RAD or seen.torque_set_Nm != 0.0:
-        seen = yield demand
-
-
-def _rest(demand: Demand, for_s: float) -> Motion[float]:
-    """Return by how much the rotor moved (rad) in some time of rest."""
-    began = seen = yield None
-    lowest_rad = highest_rad = began.turned_rad
-    while True:
-        seen = yield demand
-        lowest_rad = min(lowest_rad, seen.lowest_rad)
-        highest_rad = max(highest_rad, seen.highest_rad)
-        if seen.since_s(began) >= for_s:
-            return highest_rad - lowest_rad
-
-
-def _too_slow(speed_Hz: float, seen: Observation) -> str:
-    return (
-        f"{seen.demand.label}: {speed_Hz:g} Hz not reached; is the rotor free, and torque_Nm more "
-        "than friction and cogging torque?"
-    )
-
-
-def _not_at_rest(seen: Observation) -> str:
-    return f"{seen.demand.label}: the rotor did not come to rest; does the brake answer?"
 
 
 def oscillation_s(own: OscillationConfig, _: OperatingPoint) -> float:

@@ -1,0 +1,170 @@
+"""Steps of torque together: the mean of both directions, how well it repeats, and its budget."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.stats import chi2
+
+from motord.config import AccelerationConfig, TorqueSensorConfig
+from motord.experiments.inertia.torque_step import TorqueStep, read_step
+from motord.findings import Finding
+from motord.identification import IdentifyError
+from motord.intervals import coverage_factor, t_quantile
+
+RARE = 0.001
+"""Probability at which chance alone makes a finding."""
+
+FEW_STEPS = 4
+"""Steps below which their scatter says little."""
+
+
+@dataclass(frozen=True)
+class TorqueSource:
+    """A part of the uncertainty, in parts of the inertia."""
+
+    source: str
+    uncertainty: float
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """The motor's inertia by acceleration; budget: sources of its uncertainty, largest first.
+
+    freedom: effective degrees of freedom of the uncertainty (Welch-Satterthwaite, GUM G.4),
+    None of a step alone.
+    """
+
+    JSON = (
+        "inertia_kg_m2", "uncertainty_kg_m2", "freedom", "interval_95_kg_m2", "commanded_kg_m2",
+        "plain_kg_m2", "budget", "steps",
+    )  # fmt: skip
+
+    inertia_kg_m2: float
+    uncertainty_kg_m2: float
+    freedom: float | None
+    commanded_kg_m2: float
+    plain_kg_m2: float
+    budget: tuple[TorqueSource, ...]
+    steps: tuple[TorqueStep, ...]
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def half_width_kg_m2(self) -> float:
+        """Half of the 95 % interval, by Student's t."""
+        return coverage_factor(self.freedom) * self.uncertainty_kg_m2
+
+    @property
+    def interval_95_kg_m2(self) -> tuple[float, float]:
+        """95 % interval, by Student's t."""
+        half = self.half_width_kg_m2
+        return self.inertia_kg_m2 - half, self.inertia_kg_m2 + half
+
+
+@dataclass(frozen=True)
+class BothWays:
+    """Mean of both directions, of as many as there are, each weighted alike.
+
+    stderr_kg_m2: from how steps of one direction differ, with so many degrees of freedom; of one
+    step alone, from its noise, freedom None.
+    """
+
+    inertia_kg_m2: float
+    stderr_kg_m2: float
+    freedom: float | None
+    findings: tuple[Finding, ...]
+
+
+def accelerate(
+    data: Sequence[np.ndarray],
+    counts: int,
+    sensor: TorqueSensorConfig,
+    settings: AccelerationConfig,
+) -> Acceleration:
+    """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
+
+    data: ticks of each step from the rest before it on, with the columns REQUIRED.
+    Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
+    half of it is what they differ by.
+    """
+    if not data:
+        raise IdentifyError("no good step in there")
+    steps = tuple(read_step(n, ticks, counts, sensor) for n, ticks in enumerate(data))
+    both = _both_ways(steps)
+    value = both.inertia_kg_m2
+    tau_s = sensor.highpass_time_constant_s
+    repetition = TorqueSource("repetition", both.stderr_kg_m2 / value)
+    sources = [TorqueSource("gain of the torque sensor", settings.gain_tolerance / sqrt(3))]
+    if tau_s > 0:
+        longer = sensor.model_copy(
+            update={"highpass_time_constant_s": tau_s * (1 + settings.highpass_tolerance)}
+        )
+        changed = _both_ways([read_step(n, ticks, counts, longer) for n, ticks in enumerate(data)])
+        other = abs(changed.inertia_kg_m2 / value - 1) / sqrt(3)
+        sources.append(TorqueSource("its time constant", other))
+    sources.append(repetition)
+    relative = sqrt(sum(s.uncertainty**2 for s in sources))
+    return Acceleration(
+        steps=steps,
+        inertia_kg_m2=value,
+        uncertainty_kg_m2=value * relative,
+        freedom=both.freedom and both.freedom * (relative / repetition.uncertainty) ** 4,
+        commanded_kg_m2=float(np.mean([p.commanded_kg_m2 for p in steps])),
+        plain_kg_m2=float(np.mean([p.plain_kg_m2 for p in steps])),
+        budget=tuple(sorted(sources, key=lambda s: -s.uncertainty)),
+        findings=both.findings,
+    )
+
+
+def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
+    """Return the mean of the steps over both directions."""
+    values = np.array([step.inertia_kg_m2 for step in steps])
+    stderr = np.array([step.stderr_kg_m2 for step in steps])
+    forwards = np.array([step.angle_rad[-1] > step.angle_rad[0] for step in steps])
+    groups = [group for group in (values[forwards], values[~forwards]) if group.size]
+    means = [float(group.mean()) for group in groups]
+    mean = float(np.mean(means))
+    noise = float(np.sqrt(np.mean(stderr**2)))
+    freedom = values.size - len(groups)
+    reduced = sqrt(sum(1 / group.size for group in groups)) / len(groups)
+    if freedom < 1:
+        return BothWays(mean, noise * reduced, None, tuple(_few(values.size)))
+    scatter = sqrt(sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom)
+    findings = [*_few(values.size), *_scatter(scatter, noise, freedom)]
+    if len(groups) == 2:
+        apart = sqrt(sum(1 / group.size for group in groups)) * scatter
+        limit = t_quantile(1 - RARE / 2, freedom) * apart
+        findings += _directions(means[0] - means[1], limit)
+    return BothWays(mean, scatter * reduced, float(freedom), tuple(findings))
+
+
+def _few(steps: int) -> Iterator[Finding]:
+    if steps < FEW_STEPS:
+        yield Finding(
+            "few-steps", steps, FEW_STEPS, "steps", "warning",
+            "what differs from step to step is hardly in the uncertainty",
+            "raise repeats",
+        )  # fmt: skip
+
+
+def _scatter(scatter: float, noise: float, freedom: int) -> Iterator[Finding]:
+    """Yield a finding where steps differ by more than the noise that each was seen to have."""
+    limit = noise * sqrt(float(chi2.ppf(1 - RARE, freedom)) / freedom)
+    if scatter > limit:
+        yield Finding(
+            "steps-scatter", scatter, limit, "kg m2", "warning",
+            "steps differ by more than the noise of torque sensor and encoder explains: friction "
+            "changes, the brake drags or the sensor is disturbed; the uncertainty takes it in",
+            "look at the steps in the report; let the brake cool and release fully",
+        )  # fmt: skip
+
+
+def _directions(difference: float, limit: float) -> Iterator[Finding]:
+    if abs(difference) > limit:
+        yield Finding(
+            "directions-differ", abs(difference), limit, "kg m2", "warning",
+            "steps forwards give another inertia than steps back: the torque sensor's gain differs "
+            "with the sign, or a torque acts in one direction; the mean takes half of it out",
+            "look for a cable or a belt on the shaft; check the sensor with a weight both ways",
+        )  # fmt: skip
