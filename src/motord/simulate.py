@@ -10,6 +10,7 @@ from motord.config import Config, load, packaged
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
+from motord.virtual import VirtualBench
 from motord.virtual.mesh import MeshPiece, run_points
 
 CHUNK_S = 1.0
@@ -53,6 +54,7 @@ def record_plan(
         plan={"name": plan.name, "settings": plan.settings},
         calibration_id=calibration.id if calibration else "",
     )
+    VirtualBench(config)  # a rig that is wrong is found before a file is begun
     ticks = 0
     progress(0.0)
     with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:

@@ -262,6 +262,8 @@ class CalibrationDetails(CalibrationEntry):
     """What could and could not be separated."""
     findings: list[dict[str, Any]] = []
     """Where its data depart from the model, with value, limit, meaning and what to do."""
+    budget: list[dict[str, Any]] = []
+    """What each source contributes to the standard uncertainty, Type A and Type B."""
     learned: bool
     """It holds what was learned on top."""
     rms_error_percent: dict[str, Any]

@@ -152,6 +152,18 @@ def load_in_force(client: "Client", missing: str) -> "Calibration":
     return load(Path(view.path))
 
 
+def _uncertainty_lines(budget: list[dict[str, Any]]) -> list[str]:
+    """Return the combined standard uncertainties as text."""
+    from motord.uncertainty_budget import QUANTITIES, Contribution, totals
+
+    both = totals([Contribution.model_validate(one) for one in budget])[2]
+    sizes = [f"{name} {value(both):.2g} {unit}" for name, unit, value in QUANTITIES]
+    return [
+        f"uncertainty  {', '.join(sizes)}",
+        "             (standard, Type A and B combined; the intervals above are of Type A alone)",
+    ]
+
+
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, as text."""
     from motord.calibration import Harmonic, half_widths
@@ -176,6 +188,8 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
         f"beta {plus_minus(c['beta_A'][phase], beta_A[phase])} A"
         for phase in range(3)
     ]
+    if c.get("budget"):
+        lines += _uncertainty_lines(c["budget"])
     lines.append(f"delta eps    {c['delta_epsilon']:.4f} ({c['delta_epsilon_source']})")
     lines += [
         f"order {h.order:4d}   {h.in_mNm()} mNm"

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +19,7 @@ from motord.config import (
     load,
     read_toml,
 )
+from motord.config.motor.accuracy import widest
 from motord.config.reading import load_motor
 from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, bounds_of, open_run
@@ -54,7 +55,10 @@ class Subject:
 
     @classmethod
     def of_runs(cls, runs: Sequence[Run]) -> "Subject":
-        """Return what the recordings say they are of. Raises AnalysisError if they differ."""
+        """Return what the recordings say they are of. Raises AnalysisError if they differ.
+
+        Of accuracies that they state differently, the wider limit of each holds.
+        """
         subjects = [_recorded(run) for run in runs]
         for run, subject in zip(runs, subjects, strict=True):
             if (subject.motor, subject.sensor) != (subjects[0].motor, subjects[0].sensor):
@@ -62,7 +66,7 @@ class Subject:
                     f"{run.path}: is of another motor or torque sensor than {runs[0].path}; "
                     "analyse them one by one, or name the bench file that holds for both with -c"
                 )
-        return subjects[0]
+        return replace(subjects[0], accuracy=widest([one.accuracy for one in subjects]))
 
 
 @dataclass(frozen=True)

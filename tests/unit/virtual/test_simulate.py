@@ -1,10 +1,12 @@
 import json
+import re
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
+from motord.config import packaged
 from motord.recording.reader import open_run
 
 
@@ -55,3 +57,16 @@ def test_what_cannot_be_simulated_is_said_in_a_line(
     assert words in err
     assert len(err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_rig_file_leaves_no_recording_behind(tmp_path: Path) -> None:
+    rig = packaged("report.rig.toml").read_text().replace("counts = 4096", "counts = 4097")
+    (tmp_path / "rig.toml").write_text(rig)
+    bench = packaged("sim.toml").read_text()
+    bench = re.sub(r"^rig = .*$", 'rig = "rig.toml"', bench, flags=re.M)
+    (tmp_path / "bench.toml").write_text(bench)
+    path = tmp_path / "run.mcap"
+    code, _, err = run("calibrate", *SMALL, "-c", tmp_path / "bench.toml", "-o", path)
+    assert code == 1
+    assert "4097" in err
+    assert not list(tmp_path.glob("run.mcap*"))

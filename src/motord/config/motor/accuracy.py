@@ -1,5 +1,6 @@
 """`[accuracy]`: what data sheets and installation say of errors that data do not show (Type B)."""
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from pydantic import Field
@@ -42,3 +43,13 @@ class AccuracyConfig(Section):
     """Friction that changes with the angle, of the rated torque."""
     offset_like_cogging_percent: Percent = 0.05
     """Cogging torque at the pole pairs and three times them, of the rated torque."""
+
+
+def widest(stated: Sequence[AccuracyConfig]) -> AccuracyConfig:
+    """Return the largest of each limit; it counts as stated where that one was."""
+    found = {}
+    for name in AccuracyConfig.model_fields:
+        largest = max(stated, key=lambda one: getattr(one, name))
+        if name in largest.model_fields_set:
+            found[name] = getattr(largest, name)
+    return AccuracyConfig(**found)

@@ -1,8 +1,8 @@
 """Which orders are learned, and which of those that the torque shows are out of reach, and why.
 
-Errors of currents make torque at multiples of the pole pairs; these are always in the list. All
-else is there because the torque shows it: over the points, |e_h|^2 / n_h^2 is more than noise makes
-of any of the orders.
+What the torque shows comes first: over the points, |e_h|^2 / n_h^2 is more than noise makes of any
+of the orders. Errors of currents make torque at multiples of the pole pairs: these are in the list
+as far as there is room.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,11 +28,12 @@ NOISE_FREEDOM = 30
 PASSED = 0.7
 """Part of an order that the sensor's high-pass lets through, below which its noise is mentioned."""
 
-Why = Literal["bandwidth", "highest-order", "room"]
+Why = Literal["bandwidth", "highest-order", "one-point", "room"]
 
 _WHY = {
     "bandwidth": "the currents do not follow",
     "highest-order": "above --highest-order",
+    "one-point": "not shown over all points together",
     "room": f"there is room for {MAX_ORDERS} orders",
 }
 
@@ -99,7 +100,7 @@ def unreached(point: SeenRipple, orders: Sequence[int]) -> tuple[Unreached, ...]
     corrected = {order for order in orders if order <= point.highest}
     found = []
     for order in sorted(set(shown([point])) - corrected):
-        why: Why = "room"
+        why: Why = "room" if len(orders) >= MAX_ORDERS else "one-point"
         if order > point.band:
             why = "bandwidth"
         elif order > point.highest:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from motord.config import AccuracyConfig
+from motord.config.motor.accuracy import widest
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import (
     EffectSensitivity,
     WeighedRows,
@@ -181,6 +182,15 @@ def test_few_degrees_of_freedom_of_the_data_widen_the_coverage_factor() -> None:
     of_data = totals([one("A", 1.0, 3.0), one("B", 0.0, None)])[2]
     assert of_data.coverage_factors[0] == pytest.approx(coverage_factor(3.0))
     assert totals([one("B", 1.0, None)])[2].degrees_of_freedom == (None,) * 4
+
+
+def test_of_several_statements_of_accuracy_the_wider_limit_holds() -> None:
+    one = AccuracyConfig(torque_gain_percent=0.1, encoder_zero_rad=2e-3)
+    other = AccuracyConfig(torque_gain_percent=0.2)
+    both = widest([one, other])
+    assert (both.torque_gain_percent, both.encoder_zero_rad) == (0.2, 2e-3)
+    assert both.model_fields_set == {"torque_gain_percent", "encoder_zero_rad"}
+    assert widest([AccuracyConfig(torque_gain_percent=0.1), AccuracyConfig()]) == AccuracyConfig()
 
 
 def test_contributions_combine_by_squares() -> None:

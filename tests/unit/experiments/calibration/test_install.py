@@ -36,6 +36,8 @@ def test_install_and_list(
         assert [(row["id"], row["in_force"]) for row in rows] == [(name, True)]
         assert run("list").stdout.startswith(f"* {name}")
         assert run("show").stdout.startswith(f"calibration  {name}")
+        assert "uncertainty  alpha 0." in run("show").stdout
+        assert "uncertainty  alpha 0." in run("show", "--id", name).stdout
         assert "in spite of" not in run("show").stdout
         refused = run("install", tmp_path / "none.json")
         assert refused.exit_code == 1

@@ -11,6 +11,7 @@ from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
     significant,
     unconfirmed,
+    undecided,
     with_added_orders,
 )
 from motord.experiments.calibration.estimate.more_orders.search import Search, levels, search
@@ -142,6 +143,8 @@ def test_significance_counts_how_many_orders_there_are() -> None:
     many = [harmonic(order, 3.5) for order in range(1, 10)]
     assert significant([*many, harmonic(48, 9.0)]) == (48,)
     assert significant([harmonic(48, 9.0, freedom=2.0)]) == ()
+    assert undecided([harmonic(48, 9.0, freedom=2.0), harmonic(96, 1.0, freedom=2.0)]) == (48,)
+    assert undecided([harmonic(48, 9.0)]) == ()
 
 
 def test_lines_of_uneven_visits_are_those_of_the_columns() -> None:

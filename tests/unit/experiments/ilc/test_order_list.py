@@ -47,11 +47,13 @@ def test_orders_out_of_reach_are_named_with_the_reason() -> None:
     point = ripple({6: 0.03, 60: 0.02, 90: 0.02, 110: 0.02}, band=100, highest=80)
     found = unreached(point, (6,))
     assert [(one.order, one.why) for one in found] == [
-        (60, "room"), (90, "highest-order"), (110, "bandwidth"),
+        (60, "one-point"), (90, "highest-order"), (110, "bandwidth"),
     ]  # fmt: skip
     [line] = in_lines(found)
     assert line.startswith("3 Nm, 0.7 /s: not corrected, order 60 (20.")
     assert "the currents do not follow" in line
+    full = unreached(point, tuple(range(1, 49)) + tuple(range(61, 77)))
+    assert (full[0].order, full[0].why) == (60, "room")
 
 
 def test_the_reach_names_what_limits_it() -> None:

@@ -38,6 +38,8 @@ def with_added_orders(
     harmonics = result.harmonics
     shown = significant(harmonics)
     clearly = in_a_row(shown) if shown else "at no order"
+    if few := undecided(harmonics):
+        clearly += f"; too few operating points to tell: {in_a_row(few)}"
     return replace(
         result,
         beta_stderr_A=np.sqrt(result.beta_stderr_A**2 + _hinted_A2(found)),
@@ -78,6 +80,12 @@ def significant(harmonics: Sequence[Harmonic]) -> tuple[int, ...]:
         if (h.amplitude_Nm / max(h.stderr_Nm or 0.0, 1e-300)) ** 2
         > 2 * stats.f.isf(share, 2, h.degrees_of_freedom or np.inf)
     )
+
+
+def undecided(harmonics: Sequence[Harmonic]) -> tuple[int, ...]:
+    """Return the orders that would be significant with many degrees of freedom, and are not."""
+    known = [h.model_copy(update={"degrees_of_freedom": None}) for h in harmonics]
+    return tuple(order for order in significant(known) if order not in significant(harmonics))
 
 
 def in_a_row(orders: Iterable[int]) -> str:
