@@ -95,8 +95,8 @@ class Case:
         Where delta epsilon is not seen, intervals hold if it is what is assumed: 1.
         """
         bench, result = self._found(delta_epsilon_is_1=False)
-        words = " ".join(result.observable)
-        if result.delta_epsilon_stderr is None and "nearly" not in words:
+        text = " ".join(result.observable)
+        if result.delta_epsilon_stderr is None and "nearly" not in text:
             return self._found(delta_epsilon_is_1=True)
         return bench, result
 
@@ -174,7 +174,7 @@ class Share:
 
     @property
     def kept(self) -> bool:
-        """Whether the share is as it should be, within what so few trials can tell."""
+        """Whether the share is as it should be, within what so few trials can show."""
         slack = SLACK * np.sqrt(0.05 * 0.95 / self.trials)
         return bool(COVERED[0] - slack <= self.covered <= COVERED[1] + slack)
 

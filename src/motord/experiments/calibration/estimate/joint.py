@@ -88,7 +88,7 @@ class JointFit:
 def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> JointFit:
     """Fit all turns. rated_A: peak of the rated current; use_law: use Kirchhoff's law, if it holds.
 
-    Raises IdentifyError where the turns cannot tell the parameters apart.
+    Raises IdentifyError where the turns cannot separate the parameters.
     """
     turns = regression.sums(np.ones(3))
     weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
@@ -149,7 +149,7 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
         found = subspace @ np.linalg.solve(subspace.T @ normal @ subspace, sides)
     except np.linalg.LinAlgError:
         raise IdentifyError(
-            "these operating points do not tell alpha, beta and cogging apart; "
+            "these operating points do not separate alpha, beta and cogging; "
             "take more torques and more turns"
         ) from None
     if not np.isfinite(found).all():
@@ -228,7 +228,7 @@ class Kirchhoff:
         """Whether noise, or the model's accuracy, explains the difference."""
         return self.errors <= self.limit
 
-    def in_words(self) -> str:
+    def summary(self) -> str:
         """Return whether the two agree."""
         size = f"{100 * self.difference:+.2f} % in phase {self.phase}"
         if self.agrees:

@@ -92,7 +92,7 @@ def _confirmed_Nm(harmonic: Harmonic) -> float:
 
 
 def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]:
-    """Yield a finding for each order that the data cannot tell from others or from offsets."""
+    """Yield a finding for each order that the data cannot separate from others or from offsets."""
     for order in found.inseparable:
         yield Finding(
             name=f"offsets-or-cogging-order-{order}",
@@ -100,7 +100,7 @@ def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]
             limit=0.0,
             unit="per turn",
             severity="serious",
-            meaning=f"cogging torque of order {order} is there, but these points do not tell "
+            meaning=f"cogging torque of order {order} is there, but these points do not separate "
             "it from offsets of the currents: it was taken for these, which are wrong",
             action=MEASURE_APART,
         )
@@ -136,7 +136,7 @@ def _common_offset(harmonics: Sequence[Harmonic], pole_pairs: int) -> Iterator[F
 
 
 def _notes(found: Search) -> Iterator[str]:
-    """Yield which orders were added and why, and which could not be told from offsets."""
+    """Yield which orders were added and why, and which could not be separated from offsets."""
     if found.added:
         names = in_a_row(trial.order for trial in found.added)
         yield (
