@@ -95,8 +95,8 @@ class Case:
         Where delta epsilon is not seen, intervals hold if it is what is assumed: 1.
         """
         bench, result = self._found(delta_epsilon_is_1=False)
-        text = " ".join(result.observable)
-        if result.delta_epsilon_stderr is None and "nearly" not in text:
+        words = " ".join(result.observable)
+        if result.delta_epsilon_stderr is None and "nearly" not in words:
             return self._found(delta_epsilon_is_1=True)
         return bench, result
 

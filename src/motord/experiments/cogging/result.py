@@ -161,7 +161,7 @@ class MeasuredCogging:
 
     @property
     def speed_results(self) -> tuple[SpeedResult, ...]:
-        """What each speed gave, in addition to the mean."""
+        """What each speed gave, beside the mean."""
         return tuple(
             SpeedResult(
                 speed_set_Hz=one.speed_set_Hz,

@@ -11,7 +11,7 @@ sampled at the same phase of each step, so that samples lead or lag the mean tor
 tick. Without d that goes into J, 1.6 % for each millisecond.
 
 The torque's noise enters twice integrated: what the fit leaves is correlated over the whole step,
-and says little of the error. It is propagated instead: from the noise seen at rest, through both
+and tells little of the error. It is propagated instead: from the noise seen at rest, through both
 integrals and the fit's weights, with the encoder's rounding.
 """
 
@@ -124,7 +124,7 @@ def accelerate(
     sensor: TorqueSensorConfig,
     settings: AccelerationConfig,
 ) -> Acceleration:
-    """Return the inertia from all steps. Raises IdentifyError where they do not determine it.
+    """Return the inertia from all steps. Raises IdentifyError where they cannot tell it.
 
     data: ticks of each step from the rest before it on, with the columns REQUIRED.
     Steps forwards and back are averaged apart first: what drifts has the same sign in both, and
@@ -168,7 +168,7 @@ def _both_ways(steps: Sequence[TorqueStep]) -> BothWays:
 
 
 def read_step(index: int, ticks: np.ndarray, counts: int, sensor: TorqueSensorConfig) -> TorqueStep:
-    """Return what one step gives. Raises IdentifyError naming it."""
+    """Return what one step tells. Raises IdentifyError naming it."""
     name = f"step {index + 1}"
     t_s, begin = _since_step(ticks, name)
     angle_rad = np.unwrap(ticks["encoder_count"] * (2 * pi / counts))[begin:]
@@ -258,7 +258,7 @@ def _fit(
     scale = np.abs(columns).max(axis=0)
     p, _, rank, _ = np.linalg.lstsq(columns / scale, angle_rad[sliding], rcond=1e-10)
     if rank < columns.shape[1]:
-        raise IdentifyError("a step cannot separate inertia from friction; let it coast for longer")
+        raise IdentifyError("a step cannot tell inertia from friction; let it coast for longer")
     weights = np.zeros_like(t_s)
     weights[sliding] = np.linalg.pinv(columns / scale)[2] / scale[2]
     return p / scale, weights, (columns / scale) @ p

@@ -143,7 +143,7 @@ class Calibrator:
         agreement = kirchhoff_agreement(regression, rated_A) if regression.kirchhoff else None
         notes = observability(fitted)
         if agreement is not None:
-            notes.append(agreement.summary())
+            notes.append(agreement.in_words())
         notes += self._left_out(orders)
         left = residual.explained()
         result = with_lack_of_fit(
