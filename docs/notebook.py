@@ -122,7 +122,7 @@ print(f"ripple {mean_Nm.std():.2f} Nm RMS")
 # %% [markdown]
 # Offsets of the current sensors make ripple once in an electrical period, which this motor has
 # eight of in a turn; unequal gains make it twice; cogging comes with the slots. `motord analyse
-# calibrate` tells them apart, and the daemon compensates them.
+# calibrate` separates them, and the daemon compensates them.
 #
 # ## Run a plan
 #

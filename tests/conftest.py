@@ -76,8 +76,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         times = ", ".join(f"{name} {seconds:.0f}" for name, seconds in folders.most_common())
         terminalreporter.write_line(f"seconds by folder: {times}")
     terminalreporter.write_line(f"{len(_forgiven)} trips forgiven to a computer that stalled")
-    for told in _forgiven:
-        terminalreporter.write_line(f"  {told}")
+    for line in _forgiven:
+        terminalreporter.write_line(f"  {line}")
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:

@@ -36,7 +36,7 @@ QUICK = (
 )  # fmt: skip
 """What keeps a bench safe. Of `service`, not the files that run plans, clients and processes."""
 NOT_QUICK = (
-    "resumption", "dry_run", "child_faults", "local_access", "gate", "cli", "journal",
+    "resumption", "dry_run", "child_faults", "local_access", "gateway", "cli", "journal",
     "experiments",
 )  # fmt: skip
 

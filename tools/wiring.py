@@ -24,7 +24,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Wire:
-    """A wire through points, with a word beside its `labelled` stretch; colour says what it is."""
+    """A wire through points, with a label at its `labelled` stretch; colour says what it is."""
 
     points: tuple[tuple[int, int], ...]
     label: str = ""
@@ -96,12 +96,12 @@ def _box(box: Box) -> str:
 
 
 def _text(
-    x: float, y: float, words: str, anchor: str, colour: str = INK, size: int = 13,
+    x: float, y: float, text: str, anchor: str, colour: str = INK, size: int = 13,
     weight: str = "normal",
 ) -> str:  # fmt: skip
     return (
         f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}" fill="{colour}" font-size="{size}" '
-        f'font-weight="{weight}">{escape(words)}</text>'
+        f'font-weight="{weight}">{escape(text)}</text>'
     )
 
 
@@ -132,10 +132,10 @@ def drawing() -> str:
     body += f'<circle cx="760" cy="214" r="4" fill="{SAFETY}"/>'
     body += f'<rect x="754" y="184" width="12" height="16" fill="{PAPER}" stroke="{SAFETY}"/>'
     legend = (("signals", SIGNAL), ("power", POWER), ("enable", SAFETY))
-    for number, (word, colour) in enumerate(legend):
+    for number, (label, colour) in enumerate(legend):
         x = 20 + 90 * number
         body += f'<rect x="{x}" y="18" width="22" height="4" fill="{colour}"/>'
-        body += _text(x + 28, 25, word, "start", colour, 12)
+        body += _text(x + 28, 25, label, "start", colour, 12)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
         f'font-family="system-ui,DejaVu Sans,sans-serif" role="img" '

@@ -12,7 +12,7 @@ static void drive_line(const struct bridge *bridge)
     bridge->board->set_enable_line(enable_line_closed(&bridge->line));
 }
 
-/* ---- what the board tells; in the interrupts, or before they are let loose */
+/* ---- what the board sends; in the interrupts, or before they are let loose */
 
 static void put_hello(struct bridge *bridge)
 {
@@ -129,7 +129,7 @@ void bridge_on_tick(struct bridge *bridge, const struct board_reading *reading)
 
 /* ---- what the host says; in the receive interrupt */
 
-static void hear_hello_request(struct bridge *bridge, uint16_t protocol)
+static void receive_hello_request(struct bridge *bridge, uint16_t protocol)
 {
     if (protocol != BRIDGE_PROTOCOL) {
         enable_line_bar(&bridge->line);
@@ -139,9 +139,9 @@ static void hear_hello_request(struct bridge *bridge, uint16_t protocol)
     put_hello(bridge);
 }
 
-/* All of it or nothing, so that the rate that Status tells stands for both. It is a host that starts:
+/* All of it or nothing, so that the rate in Status stands for both. It is a host that starts:
  * the line opens, so that an old Configure cannot prolong the time of a host that fell silent. */
-static void hear_configure(struct bridge *bridge, uint32_t rate_Hz, uint32_t timeout_us)
+static void receive_configure(struct bridge *bridge, uint32_t rate_Hz, uint32_t timeout_us)
 {
     if (timeout_us >= BRIDGE_TIMEOUT_MIN_US && timeout_us <= BRIDGE_TIMEOUT_MAX_US &&
         set_rate(bridge, rate_Hz)) {
@@ -156,7 +156,7 @@ static bool asks_to_close(const struct bridge_Heartbeat *heartbeat)
     return (heartbeat->turns_enable & BRIDGE_HEARTBEAT_ENABLE) != 0;
 }
 
-static void hear_heartbeat(struct bridge *bridge, const struct bridge_Heartbeat *heartbeat)
+static void receive_heartbeat(struct bridge *bridge, const struct bridge_Heartbeat *heartbeat)
 {
     bridge->heartbeats++;
     bridge->heartbeat_sequence = heartbeat->sequence;
@@ -164,17 +164,17 @@ static void hear_heartbeat(struct bridge *bridge, const struct bridge_Heartbeat 
     enable_line_heartbeat(&bridge->line, bridge->t_us, asks_to_close(heartbeat));
 }
 
-static void hear(struct bridge *bridge, const union bridge_frame *frame)
+static void receive(struct bridge *bridge, const union bridge_frame *frame)
 {
     switch (frame->type) {
     case BRIDGE_Heartbeat:
-        hear_heartbeat(bridge, &frame->Heartbeat);
+        receive_heartbeat(bridge, &frame->Heartbeat);
         break;
     case BRIDGE_HelloRequest:
-        hear_hello_request(bridge, frame->HelloRequest.protocol);
+        receive_hello_request(bridge, frame->HelloRequest.protocol);
         break;
     case BRIDGE_Configure:
-        hear_configure(bridge, frame->Configure.rate_Hz, frame->Configure.heartbeat_timeout_us);
+        receive_configure(bridge, frame->Configure.rate_Hz, frame->Configure.heartbeat_timeout_us);
         break;
     case BRIDGE_Start:
         bridge->streaming = true;
@@ -227,7 +227,7 @@ static void take(struct bridge *bridge, const union bridge_frame *frame)
     if (frame->type < BRIDGE_FROM_HOST) {
         sequence_corrupt(&bridge->receiver.check); /* a board's frame: an echo of somebody's */
     } else if (accept(bridge, frame)) {
-        hear(bridge, frame);
+        receive(bridge, frame);
     } else if (frame->type == BRIDGE_Stop ||
                (frame->type == BRIDGE_Heartbeat && !asks_to_close(&frame->Heartbeat) &&
                 enable_line_closed(&bridge->line))) {

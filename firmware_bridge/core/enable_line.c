@@ -9,8 +9,8 @@ void enable_line_init(struct enable_line *line, uint32_t timeout_us)
 
 void enable_line_judge(struct enable_line *line, uint32_t t_us)
 {
-    const bool heard = line->state == LINE_OPEN || line->state == LINE_CLOSED;
-    if (heard && clock_since(t_us, line->heartbeat_t_us) >= line->timeout_us) {
+    const bool alive = line->state == LINE_OPEN || line->state == LINE_CLOSED;
+    if (alive && clock_since(t_us, line->heartbeat_t_us) >= line->timeout_us) {
         line->state = LINE_LOST;
     }
 }

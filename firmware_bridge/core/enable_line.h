@@ -1,4 +1,4 @@
-/* The enable line: a state machine of what is heard and of time, and nothing else.
+/* The enable line: a state machine of what is received and of time, and nothing else.
  *
  * The line is closed in one state only, and that one is reached from OPEN only: nothing but a
  * heartbeat with enable = 0 lets one with enable = 1 close it, after a reset, a Stop, a silence or a
@@ -22,7 +22,7 @@ enum enable_line_state {
     LINE_SILENT, /* open, and a heartbeat with enable = 0 must come first: reset, Stop, bar */
     LINE_OPEN,   /* open: the host lives and wants it so */
     LINE_CLOSED, /* closed: the host lives and wants it so */
-    LINE_LOST,   /* as SILENT, but because the host fell silent: told in status bit 1 */
+    LINE_LOST,   /* as SILENT, but because the host fell silent: status bit 1 */
     LINE_BARRED  /* open: self-test failed, or the host speaks another protocol */
 };
 

@@ -39,8 +39,8 @@ void gray_filter_speed(struct gray_filter *filter, uint32_t speed_max_Hz, uint32
 
 /* Takes the reading of a tick. A reading is plausible if the shaft can have got there since the
  * last good one. Up to GRAY_BRIDGED implausible readings in a row are glitches, and the last good
- * one is told; then the encoder is invalid until readings are plausible again, or GRAY_AGREEING in
- * a row agree among themselves. */
+ * one is reported; then the encoder is invalid until readings are plausible again, or GRAY_AGREEING
+ * in a row agree among themselves. */
 struct gray_reading gray_filter_take(struct gray_filter *filter, uint32_t lines);
 
 #endif

@@ -39,9 +39,9 @@ void piece_reset(struct piece_joiner *joiner) { memset(joiner, 0, sizeof *joiner
 /* A body cannot be completed: an error once; the rest of it, up to its last piece, means nothing. */
 static enum received give_up(struct piece_joiner *joiner, bool last)
 {
-    const bool told = joiner->state == SKIPPING;
+    const bool reported = joiner->state == SKIPPING;
     joiner->state = last ? BETWEEN : SKIPPING;
-    return told ? RECEIVED_NOTHING : RECEIVED_CORRUPT;
+    return reported ? RECEIVED_NOTHING : RECEIVED_CORRUPT;
 }
 
 /* What is in a piece beyond its body has to be the zeros that fill a last piece in CAN FD. */

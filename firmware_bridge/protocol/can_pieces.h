@@ -43,7 +43,7 @@ struct piece_joiner {
 void piece_reset(struct piece_joiner *joiner);
 
 /* Takes the data field of one CAN frame. RECEIVED_CORRUPT: the body of this piece cannot be
- * completed, or is corrupt (told once for each body). joiner->lost: besides, a body before it was
+ * completed, or is corrupt (reported once for each body). joiner->lost: also, a body before it was
  * not ended. `frame` is written only with RECEIVED_FRAME. One context only. */
 enum received piece_take(struct piece_joiner *joiner, const uint8_t *piece, size_t count,
                          union bridge_frame *frame);

@@ -2,7 +2,7 @@
 
 Each round is a process of its own, as `motord analyse calibrate` is one: it has loaded its modules
 when the clock starts, and nothing else. Its memory is what the kernel says was the most of it that
-was resident at once, modules included (VmHWM; `ru_maxrss` would tell that of its parent, too).
+was resident at once, modules included (VmHWM; `ru_maxrss` would give that of its parent, too).
 
 The same answer by a pseudo-inverse is made in two ways. `joint` adds up products of the columns
 turn by turn; instead, the columns of all samples can be stacked in one matrix, and numpy's `pinv`
@@ -240,8 +240,10 @@ def ratio(
             way()
             times.append(time.perf_counter() - begun_s)
     mine_s, other_s = (statistics.median(times) for times in times_s)
-    told = f"{1e3 * mine_s:.0f} and {1e3 * other_s:.0f} ms, answers within {difference:.0e}; {note}"
-    return Figure(what, other_s / mine_s, "x", bound, "at least", told)
+    note_text = (
+        f"{1e3 * mine_s:.0f} and {1e3 * other_s:.0f} ms, answers within {difference:.0e}; {note}"
+    )
+    return Figure(what, other_s / mine_s, "x", bound, "at least", note_text)
 
 
 def matrix_figures(path: Path, rounds: int) -> list[Figure]:

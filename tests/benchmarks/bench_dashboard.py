@@ -1,6 +1,6 @@
 """What pages and subscribers cost at 10 kHz, and how soon pages show what was sampled.
 
-The daemon runs the simulated bench at 10 kHz, in operation: torque and speed are held by hand.
+The daemon runs the simulated bench at 10 kHz, in operation: torque and speed are set manually.
 Three pages are open in Chromium, which draws without a graphics processor, each with the traces as
 they are at first; five programs subscribe to every tick. A client asks meanwhile, one request
 after the other. Then slices of a tenth of a second with all of them alternate, some at a time, with
@@ -69,7 +69,7 @@ def browsers() -> list[int]:
 
 @contextmanager
 def operated(bench: Bench) -> Iterator[Lease]:
-    """Hold torque and speed by hand."""
+    """Hold torque and speed, set manually."""
     with bench.daemon.connect() as client, client.lease("benchmark") as lease:
         lease.enable()
         lease.set(torque_Nm=TORQUE_Nm, speed_Hz=SPEED_Hz)

@@ -36,8 +36,8 @@ from tests.system.daemons import Daemon, daemon, wait_for, wait_until, write_sim
 from tests.system.disturbances import (
     hogs,
     let_files_grow_no_more,
+    signal_all,
     subscriber,
-    tell_all,
     unsent_bytes,
 )
 
@@ -142,7 +142,7 @@ def disturbances(bench: Bench) -> Iterator[list[Disturbance]]:
         subscriber(bench.name, bench.endpoint) as other,
         hogs() as busy,
     ):
-        tell_all(busy, signal.SIGSTOP)
+        signal_all(busy, signal.SIGSTOP)
         wait_for(client, lambda s: s.recording.recording, "a recording")
 
         def stop_subscriber() -> None:
@@ -178,8 +178,8 @@ def disturbances(bench: Bench) -> Iterator[list[Disturbance]]:
             Disturbance("a full disk", fill_disk, another_recorder),
             Disturbance(
                 "hogs on every processor",
-                lambda: tell_all(busy, signal.SIGCONT),
-                lambda: tell_all(busy, signal.SIGSTOP),
+                lambda: signal_all(busy, signal.SIGCONT),
+                lambda: signal_all(busy, signal.SIGSTOP),
             ),
         ]
 

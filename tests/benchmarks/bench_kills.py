@@ -111,7 +111,7 @@ def _ticks(path: Path, outcome: Outcome) -> np.ndarray:
 def library_ticks(path: Path) -> list[int]:
     """Return the sequence numbers of all ticks that the library's reader finds in a file.
 
-    An unfinished file ends where its writer was killed, which the library tells by an exception.
+    An unfinished file ends where its writer was killed, which the library reports by an exception.
     """
     found, channel = [], -1
     with path.open("rb") as file:

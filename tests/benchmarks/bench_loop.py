@@ -205,7 +205,7 @@ def follow(seconds: float) -> list[Figure]:
             note=f"of {status.ticks}; read every {READ_EVERY_S * 1e3:g} ms",
         ),
         Figure(
-            f"{at}: periods skipped but not told in `missed`",
+            f"{at}: periods skipped but not counted in `missed`",
             abs(status.missed - followed.gaps),
             "",
             0,

@@ -2,7 +2,7 @@
 
 The others live in an environment of their own, `.bench-venv`, made when it is missing; drive_peers
 says what they simulate. Slices alternate. Core by core, processor time is compared, as the host of
-a virtual machine takes wall time away from whoever runs; beside it stands the mesh as it is taken,
+a virtual machine takes wall time away from whoever runs; next to it stands the mesh as it is taken,
 on all cores, in time that passes.
 """
 
@@ -147,7 +147,7 @@ def our_rate_per_s(seconds: float) -> float:
 
 
 def check_torque(name: str, torque_Nm: float) -> None:
-    """Raise RuntimeError if a drive did not make the torque that it was told to make."""
+    """Raise RuntimeError if a drive did not make the torque that it was commanded to make."""
     if not math.isclose(torque_Nm, drive_peers.TORQUE_NM, rel_tol=0.03):
         raise RuntimeError(f"{name} made {torque_Nm:.2f} Nm instead of {drive_peers.TORQUE_NM:g}")
 

@@ -1,4 +1,4 @@
-"""What recording costs: ticks written and read, beside the `mcap` library on the same ticks.
+"""What recording costs: ticks written and read, against the `mcap` library on the same ticks.
 
 motord writes from blocks of 50 ms, as its recorder gets them from the ring, and waits until the
 disk has the file, which the library does not. Each writes as it does by default: zstd with
@@ -250,7 +250,7 @@ def absolute(costs: Costs, rate_Hz: int) -> list[Figure]:
 
 
 def recorder_share(seconds: float) -> Figure:
-    """Return the share of a core that the recorder takes beside a loop in real time."""
+    """Return the share of a core that the recorder takes next to a loop in real time."""
     rate_Hz = RATES_Hz[0]
     with recorded_loop(rate_Hz) as running:
         running.start_recorder()

@@ -1,7 +1,7 @@
 """The cost of a tick over SocketCAN, by our raw socket and by python-can.
 
 Measured on the interface that MOTORD_TEST_CAN names; where there is none, in a virtual machine
-whose processor is emulated (`tests.vm`), so that there only the ratio tells something.
+whose processor is emulated (`tests.vm`), so that there only the ratio is meaningful.
 """
 
 import json

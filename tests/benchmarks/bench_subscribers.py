@@ -2,8 +2,8 @@
 
 The daemon runs the simulated bench. Slices with and without subscribers alternate, as in
 `bench_isolation`; then all of them stay for a minute and account for every tick: received, missed
-by the loop or told as lost. What is in none of these was lost silently. Meanwhile a client asks,
-one request after the other, and its round trips are timed.
+by the loop or reported as lost. What is in none of these was lost silently. Meanwhile a client
+asks, one request after the other, and its round trips are timed.
 """
 
 import statistics
@@ -116,7 +116,7 @@ def figures(quick: bool) -> list[Figure]:
 
 
 def accounted(accounts: list[Account]) -> list[Figure]:
-    """Return the ticks that subscribers lost silently, and those that they were told of."""
+    """Return the ticks that subscribers lost silently, and those reported as lost."""
     received = sum(each.received for each in accounts)
     missed = max(each.missed for each in accounts)
     return [
@@ -126,5 +126,5 @@ def accounted(accounts: list[Account]) -> list[Figure]:
             bound=0,
             note=f"{received} received; the loop missed {missed}",
         ),
-        Figure("ticks lost and told", sum(each.lost for each in accounts)),
+        Figure("ticks lost and reported", sum(each.lost for each in accounts)),
     ]

@@ -1,4 +1,4 @@
-"""How late the loop wakes up, beside cyclictest, and how long it works in a tick.
+"""How late the loop wakes up, against cyclictest, and how long it works in a tick.
 
 Loop and cyclictest alternate in slices of a quarter of a second (`motord latency --compare`). All
 figures are medians over the slices from which the host stole no time: of each slice's quantile, and
@@ -45,10 +45,10 @@ def figures(quick: bool) -> list[Figure]:
 
 def compared(measured: Measured) -> list[Figure]:
     """Return the figures of loop and cyclictest side by side."""
-    told = report(measured)
-    at = f"wake-up at {told.rate_Hz / 1000:g} kHz"
+    latency = report(measured)
+    at = f"wake-up at {latency.rate_Hz / 1000:g} kHz"
     loop, other = measured.kinds
-    ratio, reference = told.ratio_of_medians, told.cyclictest
+    ratio, reference = latency.ratio_of_medians, latency.cyclictest
     assert ratio is not None
     assert reference is not None
     every = ratio_of_medians(loop.clean + loop.stolen, other.clean + other.stolen)
@@ -74,7 +74,7 @@ def compared(measured: Measured) -> list[Figure]:
             _missed(loop),
             "",
             _missed(other),
-            note=f"in all {told.loop.missed} of {told.loop.samples}; "
+            note=f"in all {latency.loop.missed} of {latency.loop.samples}; "
             f"cyclictest {reference.missed} of {reference.samples}",
         ),
     ]
@@ -82,9 +82,9 @@ def compared(measured: Measured) -> list[Figure]:
 
 def alone(measured: Measured) -> list[Figure]:
     """Return the figures of the loop itself."""
-    told, loop = report(measured), measured.loop
-    late = told.loop
-    at = f"at {told.rate_Hz / 1000:g} kHz"
+    latency, loop = report(measured), measured.loop
+    late = latency.loop
+    at = f"at {latency.rate_Hz / 1000:g} kHz"
     work = [part.work for part in loop.clean]
     return [
         Figure(

@@ -8,7 +8,7 @@ the fixed peer (`wire_peer`), whose frames are made beforehand, the loop is what
 `motord emulate` has to keep up as well.
 
 Interfaces: UDP multicast that does not leave the computer, and slcan over a pseudo-terminal. The
-virtual bus of python-can ends at its process, so of it only the cost of the drivers' calls is told.
+virtual bus of python-can ends at its process, so only the cost of the drivers' calls is measured.
 """
 
 import gc
@@ -97,7 +97,7 @@ class Step:
             return "the loop"
         return "the emulator" if self.emulated and self.peer_skipped > SKIPPED_MAX else ""
 
-    def words(self) -> str:
+    def note(self) -> str:
         """Return what else there is to say of it."""
         peer_us = 1e6 * self.peer["cpu_s"] / max(self.peer["ticks"], 1)
         return (
@@ -134,19 +134,19 @@ def write_config(folder: Path, interface: str, rate_Hz: int, cpu: int) -> Path:
 @contextmanager
 def peer(command: list[str], cpu: int) -> Iterator[dict[str, Any]]:
     """Run a peer on processor `cpu`; what it says at its end is in the dict afterwards."""
-    told: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         try:
             os.sched_setaffinity(process.pid, {cpu})
             if not process.stdout.readline():
                 raise RuntimeError("the other ends of the wires did not start")
-            yield told
+            yield result
         finally:
             process.terminate()
             last = process.stdout.read().splitlines()
             process.wait()
-    told.update(json.loads(last[-1]))
+    result.update(json.loads(last[-1]))
 
 
 @contextmanager
@@ -208,7 +208,7 @@ def climb(interface: str, quick: bool, *, emulated: bool = False) -> list[Step]:
         for _ in range(TRIES):
             seconds = QUICK_S if quick else SECONDS
             step = at_rate(interface, rate_Hz, seconds, emulated=emulated)
-            sys.stderr.write(f"  {interface} {rate_Hz} Hz: {step.words()}\n")
+            sys.stderr.write(f"  {interface} {rate_Hz} Hz: {step.note()}\n")
             if not step.limits:
                 break
         steps.append(step)
@@ -232,14 +232,14 @@ def highest(name: str, steps: list[Step]) -> list[Figure]:
         note=note,
     )
     every = [
-        Figure(f"{name} at {s.rate_Hz} Hz: work p99", s.work_us[1], "us", note=s.words())
+        Figure(f"{name} at {s.rate_Hz} Hz: work p99", s.work_us[1], "us", note=s.note())
         for s in steps
     ]
     return [top, *every]
 
 
 class Rig:
-    """Both drivers in this thread, and peers that speak when told."""
+    """Both drivers in this thread, and peers that speak on command."""
 
     def __init__(self, interface: str) -> None:
         can = can_config(interface)
@@ -253,8 +253,8 @@ class Rig:
             other.stop()
 
     def speak(self) -> None:
-        self.drive.hear()
-        self.board.hear()
+        self.drive.receive()
+        self.board.receive()
         self.drive.speak()
         self.board.speak()
 

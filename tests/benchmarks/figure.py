@@ -9,7 +9,7 @@ from typing import Any, Literal
 class Figure:
     """A measured value with its unit ("" for a ratio or a number) and the bound it has to keep.
 
-    Without `bound` it is for information. `note` tells what it was made of.
+    Without `bound` it is for information. `note` says what it was made of.
     """
 
     what: str

@@ -146,8 +146,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.names:
         selected = {name: selected[name] for name in options.names}
     results = run(selected, options.quick)
-    told = "  ".join(f"{key} {value}" for key, value in results.machine.items())
-    sys.stdout.write(f"{told}\n\n{table(list(results.rows()))}\n")
+    machine = "  ".join(f"{key} {value}" for key, value in results.machine.items())
+    sys.stdout.write(f"{machine}\n\n{table(list(results.rows()))}\n")
     for name, why in results.failed.items():
         sys.stdout.write(f"benchmark {name} failed: {why}\n")
     if options.json:

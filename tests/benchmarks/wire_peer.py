@@ -59,7 +59,7 @@ class UdpWire:
         """Send what `pack` made."""
         self._socket.sendto(data, self._place)
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Take what the loop has sent; it is not subscribed to."""
 
 
@@ -82,7 +82,7 @@ class SlcanWire:
         with suppress(BlockingIOError):
             os.write(self._fd, data)
 
-    def hear(self) -> None:
+    def receive(self) -> None:
         """Take what the loop has sent."""
         with suppress(BlockingIOError):
             os.read(self._fd, 65536)
@@ -124,7 +124,7 @@ class FixedPeer:
         if board.streaming:
             link.send(board.sample(now_ns, 0x5A5, 1500, False))
         if number % self._listen_every == 0:
-            wire.hear()
+            wire.receive()
             for at_ns, numbered in link.receive(now_ns):
                 for answer in board.receive(at_ns, numbered):
                     link.send(answer)
@@ -176,8 +176,8 @@ def main() -> int:
         peer.tick(ticks)
         ticks += 1
     peer.close()
-    told = {"ticks": ticks, "skipped": pacer.missed, "cpu_s": time.process_time() - begun_s}
-    sys.stdout.write(json.dumps(told) + "\n")
+    result = {"ticks": ticks, "skipped": pacer.missed, "cpu_s": time.process_time() - begun_s}
+    sys.stdout.write(json.dumps(result) + "\n")
     return 0
 
 

@@ -284,9 +284,9 @@ class StandIn:
         point = self._points[done]
         self.bench.torque_target_Nm, self.bench.speed_target_Hz = point
         left_s = (count - done) * 8.0
-        words = f"{point[0]:g} Nm, {point[1]:g} Hz: capturing"
+        step = f"{point[0]:g} Nm, {point[1]:g} Hz: capturing"
         self._show_plan(
-            points_done=done, fraction=done / count, step=words, elapsed_s=done * 8.0, eta_s=left_s,
+            points_done=done, fraction=done / count, step=step, elapsed_s=done * 8.0, eta_s=left_s,
             recording="/runs/sim-20260101T090000000Z-calibrate-000.mcap",
         )  # fmt: skip
 

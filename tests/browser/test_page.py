@@ -220,7 +220,7 @@ def test_what_is_silent_is_grey_and_commands_nothing(server, visit: Watched):
     assert commands(server) == before
 
 
-def test_ticks_that_were_lost_are_told(server, visit: Watched):
+def test_ticks_that_were_lost_are_reported(server, visit: Watched):
     page = visit(server.urls.operator)
     bench = server.stand_in.bench
     server.stand_in.do(lambda: setattr(bench, "tick", bench.tick + 250))
@@ -254,7 +254,7 @@ def test_a_viewer_looks(server, visit: Watched):
     assert commands(server) == []
 
 
-def test_who_is_not_let_in_is_told_why(server, visit: Watched):
+def test_who_is_not_let_in_gets_the_reason(server, visit: Watched):
     visit.expected = "401"
     address = server.urls.operator.split("#")[0]
     page = visit(address, live=False)
@@ -314,7 +314,7 @@ def received(page: Page, frames: list[str], kind: str, count: int) -> None:
 
 
 def kind_of(received: dict[str, Any]) -> str:
-    """Return the kind of a frame that the debugger tells of."""
+    """Return the kind of a frame that the debugger reports."""
     header, _ = decode(base64.b64decode(received["response"]["payloadData"]))
     return str(header["kind"])
 

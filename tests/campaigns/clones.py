@@ -3,7 +3,7 @@
 Makes fresh clones of what is committed, one after the other, each in a time zone of its own, so
 that it is another time of day there, and runs `make test` in it while a process keeps every
 processor busy. What came of each, with the commit, is in `results.json` of the folder `--out`,
-its log beside it; exits with 1 if one is red.
+its log next to it; exits with 1 if one is red.
 
 Run again with the same `--out` it goes on after the last clone that ended, with the same commit.
 `--idle` leaves the processors alone, and `--run` names another target.

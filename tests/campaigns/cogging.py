@@ -70,11 +70,11 @@ def against_calibration(seed: int) -> tuple[float, float, float]:
         captured = piece.ticks[piece.ticks["plan_point"] >= 0]
         points.append(PointData(piece.point["torque_Nm"], piece.point["speed_Hz"], captured))
     result = calibrate(points, config.motor, config.torque_sensor)
-    beside = compare(found, result.to_calibration(config.motor, datetime.now(UTC), []))
+    comparison = compare(found, result.to_calibration(config.motor, datetime.now(UTC), []))
     return (
-        beside.worst_percent,
-        float(np.abs(beside.magnitude_percent).max()),
-        float(np.abs(beside.phase_points).max()),
+        comparison.worst_percent,
+        float(np.abs(comparison.magnitude_percent).max()),
+        float(np.abs(comparison.phase_points).max()),
     )
 
 

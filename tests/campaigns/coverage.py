@@ -174,7 +174,7 @@ class Share:
 
     @property
     def kept(self) -> bool:
-        """Whether the share is as it should be, within what so few trials can tell."""
+        """Whether the share is as it should be, within what so few trials can show."""
         slack = SLACK * np.sqrt(0.05 * 0.95 / self.trials)
         return bool(COVERED[0] - slack <= self.covered <= COVERED[1] + slack)
 

@@ -60,8 +60,8 @@ def bench_of(motor: Motor) -> tuple[Config, RigTruth]:
         for order, (a, phase) in sorted(amplitudes.items())
     )
     common = {"pole_pairs": motor.poles // 2, "connection": motor.connection, "back_emf": emf}
-    told = {**common, "name": motor.name, "slots": motor.slots, "counts": motor.counts}
-    config = config.model_copy(update={"motor": config.motor.model_copy(update=told)})
+    configured = {**common, "name": motor.name, "slots": motor.slots, "counts": motor.counts}
+    config = config.model_copy(update={"motor": config.motor.model_copy(update=configured)})
     truth = truth.model_copy(
         update={
             "motor": truth.motor.model_copy(update={**common, "cogging": cogging}),
@@ -98,7 +98,7 @@ def ticks_of(
 
 
 def inverter_apart(point: PointData, every: int, seed: int) -> PointData:
-    """Return every so many ticks, with voltages of a tick before them and their age told."""
+    """Return every so many ticks, with voltages of a tick before them and their age stated."""
     ticks = point.ticks
     rows = np.arange(every, ticks.size, every)
     older = np.random.default_rng(seed).integers(0, every, rows.size)

@@ -2,7 +2,7 @@
 
 Each trial is a rig of its own with random gains of torque sensor and currents and noise of its
 own: a small mesh and two points with one phase's current scaled. Prints how often the truth lies in
-the 95 % intervals, and biases beside those of the residual estimator; exits with 1 if a bound is
+the 95 % intervals, and biases next to those of the residual estimator; exits with 1 if a bound is
 not kept.
 """
 

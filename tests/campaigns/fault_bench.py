@@ -110,8 +110,8 @@ class Driver:
         ticks = np.concatenate(self.ticks)
         gaps = np.diff(ticks["tick"].astype(np.int64)) - 1
         missed = np.diff(ticks["missed"].astype(np.int64))
-        told = (ticks["flags"][1:] & Flag.AFTER_GAP) != 0
-        return int(np.abs(gaps - missed).sum() + (told != (gaps > 0)).sum())
+        flagged = (ticks["flags"][1:] & Flag.AFTER_GAP) != 0
+        return int(np.abs(gaps - missed).sum() + (flagged != (gaps > 0)).sum())
 
 
 def largest_A(truth: np.ndarray) -> np.ndarray:

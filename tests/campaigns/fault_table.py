@@ -1,6 +1,6 @@
 """What each fault must lead to: the table from which the tests and docs/faults.md come.
 
-A cell tells for a state of `fault_bench.STATES` the first cause and the time within which it must
+A cell gives for a state of `fault_bench.STATES` the first cause and the time within which it must
 be found; in OFF, where nothing is latched, the cause that then stands against enabling; in TRIPPED
 the cause that joins the first. Without a cause the fault must not trip.
 """
@@ -36,8 +36,10 @@ class Row:
     @property
     def name(self) -> str:
         """The fault with its parameters."""
-        told = ", ".join(f"{key} {value}" for key, value in self.fault.parameters().items())
-        return f"{self.fault.kind} {self.fault.duration_s:g} s" + (f" ({told})" if told else "")
+        parameters = ", ".join(f"{key} {value}" for key, value in self.fault.parameters().items())
+        return f"{self.fault.kind} {self.fault.duration_s:g} s" + (
+            f" ({parameters})" if parameters else ""
+        )
 
 
 NONE = Cell(None, 0.0)

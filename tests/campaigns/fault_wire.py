@@ -54,7 +54,7 @@ class WireCell:
 class WireRow:
     """A fault, what it leads to in each state, and where it shows if it does not trip.
 
-    With `alarm_ms` an event `device` must tell of it within that time, whatever the state, and no
+    With `alarm_ms` an event `device` must report it within that time, whatever the state, and no
     torque be left once it is ramped down.
     """
 
@@ -66,8 +66,10 @@ class WireRow:
     @property
     def name(self) -> str:
         """The fault with its parameters."""
-        told = ", ".join(f"{key} {value}" for key, value in self.fault.parameters().items())
-        return f"{self.fault.kind} {self.fault.duration_s:g} s" + (f" ({told})" if told else "")
+        parameters = ", ".join(f"{key} {value}" for key, value in self.fault.parameters().items())
+        return f"{self.fault.kind} {self.fault.duration_s:g} s" + (
+            f" ({parameters})" if parameters else ""
+        )
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class WireOutcome:
 
     row: WireRow
     state: str
-    told: bool  # by the emulator, and in the recording's bridge_status
+    reported: bool  # by the emulator, and in the recording's bridge_status
     first: Trip
     detected_ms: float | None
     zero_ms: float
@@ -204,8 +206,8 @@ def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) ->
             for event in run.events()
             if event["kind"] == "device" and event["data"].get("health") == "stale"
         ]
-    events = [told for told in map(json.loads, said) if "kind" in told]
-    events = [told for told in events if told["for_s"] != SETUP_S]
+    events = [event for event in map(json.loads, said) if "kind" in event]
+    events = [event for event in events if event["for_s"] != SETUP_S]
     _check_ticks(ticks)
     plan = [(row, state) for row in rows for state in states]
     assert len(events) == len(plan) == len(troubles)
@@ -314,7 +316,7 @@ def _outcome(
     end_ns = begun_ns + round((row.fault.duration_s + 0.3) * 1e9)
     during = np.flatnonzero((now_ns >= begun_ns - period_ns) & (now_ns <= end_ns))
     here = ticks[during]
-    told = bool(((here["bridge_status"] >> FAULT_COUNT_SHIFT) == event["fault"] % 128).any())
+    reported = bool(((here["bridge_status"] >> FAULT_COUNT_SHIFT) == event["fault"] % 128).any())
     before = int(ticks["trip_bits"][max(int(during[0]) - 1, 0)])
     new = (here["trip_bits"] & ~np.uint32(before)) != 0
     if state not in ("OFF", "TRIPPED"):
@@ -326,7 +328,7 @@ def _outcome(
         under = np.flatnonzero(here["torque_set_Nm"])
         torque_ms = (int(now_ns[during[under[-1]]]) - begun_ns) * 1e-6 if under.size else 0.0
         return WireOutcome(
-            row, state, told, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms
+            row, state, reported, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms
         )
     tick = here[int(rows[0])]
     first = int(tick["trip_bits"]) & ~before
@@ -337,14 +339,16 @@ def _outcome(
     flowing = np.flatnonzero(largest > 1e-3)
     zero_ms = (int(then["t_ns"][flowing[-1]]) - at_ns) * 1e-6 if flowing.size else 0.0
     detected_ms = (at_ns - begun_ns) * 1e-6
-    return WireOutcome(row, state, told, Trip(first), detected_ms, zero_ms, not_recovered, late_ms)
+    return WireOutcome(
+        row, state, reported, Trip(first), detected_ms, zero_ms, not_recovered, late_ms
+    )
 
 
 def wrong(one: WireOutcome) -> list[str]:
     """Return what is not as it must be; to the times is added what the computer took away."""
     cell, faults, late_ms = one.row.cells[one.state], [], one.late_ms + TIMING_MS
-    if not one.told:
-        faults.append("not told of in the recording")
+    if not one.reported:
+        faults.append("not reported in the recording")
     if cell.causes and cell.certain and one.detected_ms is None:
         faults.append("not detected")
     elif one.detected_ms is not None and not cell.causes & one.first:

@@ -114,7 +114,7 @@ def _broken(driver: Driver, timeline: Timeline) -> list[str]:
     if driver.lost():
         faults.append(f"{driver.lost()} ticks lost")
     if len(driver.bench.fault_events) != len(timeline.fault):
-        faults.append(f"{len(driver.bench.fault_events)} faults told of")
+        faults.append(f"{len(driver.bench.fault_events)} faults reported")
     return faults
 
 
@@ -151,9 +151,9 @@ def static_part() -> str:
     lines = [_HEAD, "## Kinds", "", "| kind | what it does | lasts | parameters | where |"]
     lines.append("|---|---|---|---|---|")
     for name, kind in KINDS.items():
-        told = ", ".join(f"{key} = {value!r}" for key, value in kind.parameters.items())
+        parameters = ", ".join(f"{key} = {value!r}" for key, value in kind.parameters.items())
         where = ", ".join(sorted(kind.places))
-        lines.append(f"| `{name}` | {kind.meaning} | {kind.for_s:g} s | {told} | {where} |")
+        lines.append(f"| `{name}` | {kind.meaning} | {kind.for_s:g} s | {parameters} | {where} |")
     lines += ["", _INTERLOCKS]
     lines += ["", _MATRIX, f"| fault | {' | '.join(STATES)} | if it does not trip, it shows in |"]
     lines.append("|---" * (len(STATES) + 2) + "|")
@@ -177,8 +177,8 @@ def _wire_expected(row: fault_wire.WireRow, state: str) -> str:
     causes = " or ".join(str(trip.name) for trip in Trip if trip & cell.causes)
     if row.alarm_ms and not causes:
         return f"alarm {row.alarm_ms:g} ms"
-    words = f"{causes} {cell.within_ms:g} ms" if causes else "-"
-    return words if cell.certain else f"({words})"
+    text = f"{causes} {cell.within_ms:g} ms" if causes else "-"
+    return text if cell.certain else f"({text})"
 
 
 _WIRE = f"""## On the wire

@@ -1,11 +1,11 @@
 """Can a broken child, a full system or a vanished disk stop a daemon, or hold up its heartbeat?
 
 `python -m tests.campaigns.hostile [--lines 10000] [--seed 1]`: a daemon on the simulated rig, with
-a commander and powered, is attacked from beside: random lines, lines without end and floods of good
+a commander and powered, is attacked: random lines, lines without end and floods of good
 messages in the recorder's pipe; its folder deleted, replaced and given back; files that can grow no
 more; a recorder that is killed or stopped while there are no descriptors left. The heartbeat is
 read out of the ring: the longest time in which no new set-point of the supervisor came to a tick,
-beside that of a quiet time before. Exit 1 if it was longer than 100 ms, the bench did not stay
+next to that of a quiet time before. Exit 1 if it was longer than 100 ms, the bench did not stay
 enabled, the daemon ended, did not record again afterwards or kept more memory.
 """
 

@@ -1,7 +1,7 @@
 """The inertia against the truth of simulated rigs: `python -m tests.campaigns.inertia`.
 
 Prints what is reached and exits with 1 if a bound is not kept. The swings of a few rigs are taken
-once; what is told of the springs then varies, as the reading of a swing does not depend on it.
+once; what is stated of the springs then varies, as the reading of a swing does not depend on it.
 """
 
 import sys
@@ -22,13 +22,13 @@ from motord.reproduce.cad_difference import DIFFERENCE, explanations
 from motord.rig.truth import load as load_truth
 from tests.campaigns import seeds
 from tests.unit.experiments.inertia.inertia_runs import (
+    nominal_setup,
     pushes,
     read,
     releases,
     swing_bench,
     swing_truth,
     taken,
-    told,
 )
 from tests.unit.experiments.inertia.step_simulator import Rotor, steps
 
@@ -42,9 +42,9 @@ DRAWS = 200
 TRUTH_KG_M2 = 0.0105
 
 
-def wrongly_told(rng: np.random.Generator) -> SpringSetup:
+def misstated_setup(rng: np.random.Generator) -> SpringSetup:
     """Return the packaged set-up as somebody may have measured it, within the tolerances."""
-    true = told()
+    true = nominal_setup()
     t = true.tolerances
 
     def off(width: float, count: int) -> np.ndarray:
@@ -60,12 +60,12 @@ def wrongly_told(rng: np.random.Generator) -> SpringSetup:
 
 
 def covered(taken: Sequence[Release], draws: int, seed: int) -> float:
-    """Return the part of wrongly told set-ups whose 95 % interval holds the truth."""
+    """Return the part of misstated set-ups whose 95 % interval holds the truth."""
     frequency_rad_s, stderr_rad_s = mean_frequency([release.decay for release in taken])
     rng = np.random.default_rng(seed)
     hits = 0
     for draw in range(draws):
-        found = budget(wrongly_told(rng), frequency_rad_s, stderr_rad_s, 10_000, seed=draw)
+        found = budget(misstated_setup(rng), frequency_rad_s, stderr_rad_s, 10_000, seed=draw)
         low, high = found.interval_kg_m2
         hits += low <= TRUTH_KG_M2 <= high
     return hits / draws
@@ -85,7 +85,7 @@ def with_stator(seed: int, repeats: int) -> Oscillation:
         )
     )
     runs = taken(swing_bench(), "inertia-oscillation", seed, truth, repeats=repeats)
-    return combine([read(n, ticks, waves) for n, ticks in enumerate(runs)], told(), waves)
+    return combine([read(n, ticks, waves) for n, ticks in enumerate(runs)], nominal_setup(), waves)
 
 
 def sets_of_rigs() -> list[Acceleration]:
@@ -135,7 +135,9 @@ def step_rows() -> list[tuple[str, float, bool]]:
 
 def main() -> int:
     """Print the figures; return 1 if one is out of its bounds."""
-    errors = [combine(releases(s, 30), told()).inertia_kg_m2 / TRUTH_KG_M2 - 1 for s in SEEDS]
+    errors = [
+        combine(releases(s, 30), nominal_setup()).inertia_kg_m2 / TRUTH_KG_M2 - 1 for s in SEEDS
+    ]
     worst = max(map(abs, errors))
     parts = [covered(releases(s, 30), DRAWS // len(SEEDS), seed=s) for s in SEEDS]
     share = float(np.mean(parts))

@@ -77,7 +77,7 @@ def at_rate(config: Config, rate_Hz: int) -> Config:
 def stated(result: CalibrationResult) -> tuple[int, ...]:
     """Return the orders of cogging torque that the result states as significant."""
     line = next(note for note in result.observable if note.startswith("significant cogging"))
-    return tuple(int(word.strip(",")) for word in line.split() if word.strip(",").isdigit())
+    return tuple(int(part.strip(",")) for part in line.split() if part.strip(",").isdigit())
 
 
 def beta_errors(result: CalibrationResult, config: Config) -> np.ndarray:

@@ -171,7 +171,7 @@ def _in_real_time(
 
 
 def _operate(client, seconds: float) -> None:
-    """Hear everything, command plan after plan."""
+    """Subscribe to everything, command plan after plan."""
     end_s, blocks = time.monotonic() + seconds, [0]
 
     def count(_block: object) -> None:
@@ -186,7 +186,7 @@ def _operate(client, seconds: float) -> None:
                 sys.stdout.write(f"again: {error}\n")  # a computer so busy that a lease ran out
     client.rpc("stop")
     if not blocks[0]:
-        raise RuntimeError("nothing was heard")
+        raise RuntimeError("nothing was received")
 
 
 def _one_plan(client, token: str, end_s: float) -> None:
@@ -204,16 +204,16 @@ def table(memories: dict[str, Memory]) -> tuple[list[str], bool]:
     """Return the figures as lines, and whether all is flat."""
     lines, flat = [], True
     for name, memory in memories.items():
-        words = []
+        figures = []
         for kind in KINDS:
             before, after = memory.before_after(kind)
-            words.append(
+            figures.append(
                 f"{kind} {before / 1024:7.1f} -> {after / 1024:7.1f} MB {memory.grew(kind):+6.2f} %"
             )
         good = all(memory.flat(kind) for kind in JUDGED)
         flat = flat and good
         looks = len(memory.looks["Rss"])
-        lines.append(f"{'ok ' if good else 'BAD'} {name:14} {', '.join(words)} ({looks} looks)")
+        lines.append(f"{'ok ' if good else 'BAD'} {name:14} {', '.join(figures)} ({looks} looks)")
     return lines, flat
 
 

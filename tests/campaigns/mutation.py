@@ -79,8 +79,8 @@ FEW = (
 ARITHMETIC = ("Add", "Sub", "Mul", "Div", "FloorDiv", "Mod", "Pow")
 BITWISE = ("BitAnd", "BitOr", "BitXor", "LShift", "RShift")
 NO_MISTAKES = ("RemoveDecorator", "_Is", "_IsNot", "VariableReplacer", "VariableInserter")
-"""Interpreted, a kernel has no compiler to take away; numbers are not told apart by identity; the
-last two must be told which variable.
+"""Interpreted, a kernel has no compiler to take away; numbers are not distinguished by identity;
+the last two must be given the variable.
 """
 
 

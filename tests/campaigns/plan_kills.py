@@ -5,8 +5,8 @@ simulated benches in real time, some side by side. At random moments it kills (-
 the loop, the recorder or all of them, starts what does not come back by itself and resumes the
 plan. The journal must be whole after every kill; at the end of a sweep the recordings must hold
 every point, whole, once, and every tick but the last 1.5 s before everything was killed. What is
-lost when everything is killed while a killed recorder's successor is not up yet is told apart: of
-that, nothing had been recorded.
+lost when everything is killed while a killed recorder's successor is not up yet is counted apart:
+of that, nothing had been recorded.
 """
 
 import argparse
@@ -54,7 +54,7 @@ class Outcome:
 
     @property
     def problems(self) -> list[str]:
-        """What is not as it should be, in words."""
+        """What is not as it should be, as messages."""
         found, once = self.found, Counter(dict.fromkeys(POINTS, 1))
         return [
             *self.torn,
@@ -152,7 +152,7 @@ class Sweep:
             kill_everything(daemon, client)
         elif victim == "supervisor":
             assert daemon.end(signal.SIGKILL) == -signal.SIGKILL
-            if self.rng.random() < PATIENT:  # else the next daemon is started beside them
+            if self.rng.random() < PATIENT:  # else the next daemon is started while they live
                 wait_until(lambda: not any(map(alive, pids.values())), "loop and recorder to end")
         else:
             os.kill(pids[victim], signal.SIGKILL)
@@ -204,7 +204,7 @@ class Campaign:
             with self._lock:
                 self._left += sweep.kills_left
                 self.outcomes.append(outcome)
-                self._tell(outcome)
+                self._report(outcome)
 
     def _shares(self) -> Iterator[int]:
         """Yield how many kills the next sweep may have, as long as any are left."""
@@ -216,7 +216,7 @@ class Campaign:
                 return
             yield share
 
-    def _tell(self, outcome: Outcome) -> None:
+    def _report(self, outcome: Outcome) -> None:
         kills = sum(sum(each.killed.values()) for each in self.outcomes)
         sys.stdout.write(
             f"{'BAD' if outcome.problems else 'ok '} killed {dict(outcome.killed)} "
@@ -226,7 +226,7 @@ class Campaign:
         sys.stdout.flush()
 
     def summary(self) -> str:
-        """Return the figures of all sweeps, in words."""
+        """Return the figures of all sweeps as text."""
         killed = sum((each.killed for each in self.outcomes), Counter())
         finds = [each.found for each in self.outcomes]
         lines = [

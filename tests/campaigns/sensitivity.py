@@ -1,4 +1,4 @@
-"""Induced errors beside theory, and found again: `python -m tests.campaigns.sensitivity`.
+"""Induced errors against theory, and found again: `python -m tests.campaigns.sensitivity`.
 
 Calibrates the packaged rig, induces the errors of Poels 2008, sections 4.3 and 4.4, and prints what
 is found; exits with 1 if a bound is not kept. Table 4.2 twice: by the first calibration, as the
@@ -57,7 +57,7 @@ def off_by(result: CalibrationResult) -> tuple[np.ndarray, np.ndarray]:
 
 
 def judge(first: CalibrationResult, found: Sensitivity) -> tuple[list[str], list[str]]:
-    """Return what was found, and what was not kept, in words."""
+    """Return what was found, and messages of what was not kept."""
     lines, failures = [], []
     assert found.again is not None
     for what, result in (("calibrated", first), ("calibrated again", found.again.found)):
@@ -93,7 +93,7 @@ def main() -> int:
         for seed in SEEDS:
             lines, missed = judge(*experiment(seed, Path(name)))
             print(f"seed {seed}", *lines, sep="\n")
-            failures += [f"seed {seed}: {words}" for words in missed]
+            failures += [f"seed {seed}: {text}" for text in missed]
     for failure in failures:
         print(f"NOT KEPT: {failure}")
     return 1 if failures else 0

@@ -61,8 +61,8 @@ class Bench:
     peers: tuple[Any, ...]
     """Other ends, with `silent`, and the numbers of frames to spoil and to leave out next:
     `corrupt`, `lose` (`tests.contract.peers.Peer`)."""
-    heard: Callable[[], Any]
-    """What the other end was last told: currents (None for a bridge) and enable."""
+    received: Callable[[], Any]
+    """What the other end last received: currents (None for a bridge) and enable."""
     says: Callable[[], dict[str, Any]]
     """What the other end says now, by the field of the feedback."""
     alter: Callable[[], None]
@@ -77,7 +77,7 @@ class Bench:
 
     @property
     def times(self) -> tuple[str, ...]:
-        """Return the fields that tell when something was sampled."""
+        """Return the fields with the time of sampling."""
         return tuple(name for name in self.fills if name in ("t_ns", "t_inverter_ns"))
 
     @property
@@ -126,7 +126,7 @@ def _inverter(driver: Any, drive: Drive, **others: Any) -> Bench:
             "driver": driver,
             "fills": INVERTER,
             "peers": (drive,),
-            "heard": lambda: (drive.i_A, drive.enable),
+            "received": lambda: (drive.i_A, drive.enable),
             "says": lambda: drive_says(drive),
             "alter": lambda: drive_alters(drive),
             "commands": lambda: drive.commands,
@@ -140,7 +140,7 @@ def _bridge(driver: Any, board: Board, **others: Any) -> Bench:
         driver=driver,
         fills=BRIDGE,
         peers=(board,),
-        heard=lambda: (None, board.line_closed),
+        received=lambda: (None, board.line_closed),
         says=lambda: board_says(board),
         alter=lambda: board_alters(board),
         commands=lambda: board.heartbeats,
@@ -157,7 +157,7 @@ def _both(driver: Any, drive: Drive, board: Board) -> Bench:
         driver=driver,
         fills=RIG,
         peers=(drive, board),
-        heard=lambda: (drive.i_A, drive.enable or board.line_closed),
+        received=lambda: (drive.i_A, drive.enable or board.line_closed),
         says=lambda: drive_says(drive) | board_says(board),
         alter=alter,
         commands=lambda: drive.commands + board.heartbeats,
@@ -233,14 +233,14 @@ def can_q_only() -> Bench:
 
 
 def _dq(can: CanConfig) -> Bench:
-    """Return a drive with its rotor at 0, where it hears and says phase currents, to 10 mA."""
+    """Return a drive with its rotor at 0, where its currents are phase currents, to 10 mA."""
     drive, config = Drive(can), bench(can)
     axes = DqFrame.of(config)
     for key, phases in (("i_{}_A", (1.0, -2.5, 1.5)), ("u_{}_V", (3.0, -6.0, 3.0))):
         d, q = axes.to_drive(0.0, 0.0, phases)
         drive.values |= {key.format("d"): d, key.format("q"): q}
 
-    def heard() -> Any:
+    def received() -> Any:
         phases = axes.from_drive(0.0, 0.0, *drive.i_A[:2])
         return tuple(round(i_A, 2) for i_A in phases), drive.enable
 
@@ -255,7 +255,7 @@ def _dq(can: CanConfig) -> Bench:
 
     bus_off = _error_frames(drive, can.interface)
     return _inverter(
-        DqInverter(config), drive, heard=heard, says=says, alter=alter, bus_off=bus_off
+        DqInverter(config), drive, received=received, says=says, alter=alter, bus_off=bus_off
     )
 
 
@@ -293,7 +293,7 @@ def simulated() -> Bench:
         driver=make_rig(config.load()),
         fills=RIG,
         peers=(),
-        heard=lambda: None,
+        received=lambda: None,
         says=dict,
         alter=lambda: None,
         commands=lambda: 0,

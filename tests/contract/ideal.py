@@ -196,7 +196,7 @@ def bench(kind: type[Driver]) -> Bench:
         driver=kind(end, clock),
         fills=kind.FILLS,
         peers=(end,),
-        heard=lambda: (end.i_A if inverter else None, end.enable),
+        received=lambda: (end.i_A if inverter else None, end.enable),
         says=lambda: dict(end.values),
         alter=lambda: end.values.update(kind.SAYS_LATER),
         commands=lambda: end.commands,

@@ -120,9 +120,9 @@ def _sends_always(self: Driver, i_A: tuple[float, ...], enable: bool) -> None:
 def _counts_one_send(self: Driver, i_A: tuple[float, ...], enable: bool) -> None:
     errors = self.errors
     Driver.send(self, i_A, enable)
-    if self.errors > errors and getattr(self, "told", False):
+    if self.errors > errors and getattr(self, "refused_before", False):
         self.errors = errors
-    self.told = self.end.refusing  # type: ignore[attr-defined]
+    self.refused_before = self.end.refusing  # type: ignore[attr-defined]
 
 
 def _leaks(self: Driver) -> None:
@@ -198,13 +198,13 @@ FAST = (
     ),
     Mutant("freezes time", BOTH, after_accept(_first_time), ("test_time_goes_on",)),
     Mutant(
-        "tells time in us",
+        "time in us",
         BOTH,
         after_fill(lambda self, f: f.__setitem__(self.TIME, self.t_ns // 1000)),
         ("test_samples_are_of_now",),
     ),
     Mutant(
-        "tells when it was read",
+        "time of reading",
         BOTH,
         {
             "fill": lambda self, f: (
@@ -358,7 +358,7 @@ FAST = (
 )
 
 
-def _reads_what_it_was_told(self: Slow, setpoint: float) -> DeviceReading:
+def _reads_back_the_request(self: Slow, setpoint: float) -> DeviceReading:
     reading = Slow.exchange(self, setpoint)
     return DeviceReading(reading.status, self.kept(setpoint), reading.value)
 
@@ -420,7 +420,7 @@ SLOW = tuple(
         ("writes nothing", {"kept": lambda self, setpoint: None}, (READ_BACK,)),
         ("writes percent", {"kept": lambda self, s: 100 * Slow.kept(self, s)}, (READ_BACK,)),
         ("wrong sign", {"kept": lambda self, s: -Slow.kept(self, s)}, (READ_BACK,)),
-        ("reads what it was told", {"exchange": _reads_what_it_was_told}, (READ_BACK,)),
+        ("reads back the request", {"exchange": _reads_back_the_request}, (READ_BACK,)),
         ("value is never read", _without(value=0.0), (SAYS,)),
         ("always ready", _without(status=1), (SAYS,)),
         ("keeps the last for what is no number", {"kept": _keeps_the_last}, (NO_NUMBER,)),

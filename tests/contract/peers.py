@@ -87,8 +87,8 @@ def until(condition: Callable[[], Any]) -> Any:
 
 
 def can_config(interface: str = "udp_multicast", **changes: Any) -> CanConfig:
-    """Return a bus of its own, so that tests that run at the same time do not hear each other."""
-    port = free_port()  # multicast groups on one port hear each other
+    """Return a bus of its own, so that tests that run at the same time do not share frames."""
+    port = free_port()  # multicast groups on one port share their frames
     own: dict[str, Any] = {"channel": f"test-{port}"}
     if interface == "udp_multicast":
         own = {"channel": CHANNEL, "options": {"port": port, "hop_limit": 0}}
@@ -155,7 +155,7 @@ class Peer:
         raise NotImplementedError
 
     def stop(self) -> None:
-        """End the thread; from then on the peer does what it is told."""
+        """End the thread; from then on the peer does what the test calls."""
         self._stopping = True
         self._thread.join()
 
@@ -213,11 +213,11 @@ class Drive(Peer):
         super().__init__()
 
     def step(self) -> None:
-        self.hear(self.left_s())
+        self.receive(self.left_s())
         if self.due() and not self.silent:
             self.speak()
 
-    def hear(self, timeout_s: float = 0.0) -> None:
+    def receive(self, timeout_s: float = 0.0) -> None:
         message = self.bus.recv(timeout_s)
         while message is not None:
             if message.arbitration_id == self.codec.command.identifier:
@@ -314,14 +314,14 @@ class Board(Peer):
             self._sequence = 0
             self.clock_offset_us = -(time.monotonic_ns() // 1000)
             self._send(self._hello())
-        self.hear(self.left_s())
+        self.receive(self.left_s())
         if self.raw:
             os.write(self._fd, self.raw)
             self.raw = b""
         if self.due() and self.streaming and not self.silent:
             self.speak()
 
-    def hear(self, timeout_s: float = 0.0) -> None:
+    def receive(self, timeout_s: float = 0.0) -> None:
         if select.select([self._fd], [], [], timeout_s)[0]:
             for number, frame in self._decoder.feed(os.read(self._fd, 65536)):
                 self._obey(number, frame)
@@ -410,7 +410,7 @@ class CanBoard(Board):
             can_.channel, can_.interface, ignore_config=True, fd=can_.fd, **can_.options
         )
 
-    def hear(self, timeout_s: float = 0.0) -> None:
+    def receive(self, timeout_s: float = 0.0) -> None:
         message = self._bus.recv(timeout_s)
         while message is not None:
             if message.arbitration_id == self._config.host_id and message.data:

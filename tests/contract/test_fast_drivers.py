@@ -110,8 +110,8 @@ def new_samples(bench: Bench) -> None:
 
 
 def expected(bench: Bench, i_A: tuple[float, ...], enable: bool) -> bool:
-    """Return whether the other end was last told these currents (if it takes any) and enable."""
-    currents, enabled = bench.heard()
+    """Return whether the other end last received these currents (if it takes any) and enable."""
+    currents, enabled = bench.received()
     right = currents is None or currents == pytest.approx(i_A, abs=0.011)
     return bool(right and bool(enabled) == enable)
 

@@ -28,7 +28,7 @@ def promises(module: ModuleType) -> dict[str, Callable[..., None]]:
 
 
 def cases(test: Callable[..., None]) -> Iterator[dict[str, Any]]:
-    """Return the arguments beside the driver that pytest would call a test with."""
+    """Return the arguments other than the driver that pytest would call a test with."""
     names = inspect.signature(test).parameters
     for wild in WILD if "wild" in names else (None,):
         for phase in PHASES if "phase" in names else (None,):

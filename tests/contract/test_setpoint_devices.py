@@ -31,7 +31,7 @@ class Pair:
     """A device under test, not yet open, and its other end."""
 
     device: SetpointDevice
-    told: Callable[[], float]
+    received: Callable[[], float]
     """The set-point that the other end has."""
     measure: Callable[[float, DeviceStatus], None]
     """Lets the other end say this value and status from now on."""
@@ -98,7 +98,7 @@ def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
         device = make_setpoint_device("brake", _config(table))
         parts = layout(table)
 
-        def told() -> float:
+        def received() -> float:
             return parts.setpoint.decode(other_end.numbers("read", parts.setpoint.address))
 
         def measure(value: float, status: DeviceStatus) -> None:
@@ -106,7 +106,7 @@ def _libmodbus(table: ModbusConfig, other_end: Peer) -> Iterator[Pair]:
             assert other_end("holding", parts.value.address, count) == "ok"
             assert other_end("holding", parts.status.address, parts.status_word(status)) == "ok"
 
-        yield Pair(device, told, measure, other_end.close)
+        yield Pair(device, received, measure, other_end.close)
         device.close()
 
 
@@ -120,13 +120,13 @@ def pair(make_pair: Callable[[Path], Iterator[Pair]], tmp_path: Path) -> Iterato
 
 
 def test_exchange_writes_and_reads_back(pair: Pair) -> None:
-    """What is read back is what the device has, which rounds; not what it was told."""
+    """What is read back is what the device has, which rounds; not what it was sent."""
     pair.device.open()
     for asked in (0.5, 0.123456):
         reading = pair.device.exchange(asked)
         assert isinstance(reading, DeviceReading)
-        assert pair.told() == pytest.approx(asked, abs=1e-3)
-        assert reading.setpoint == pytest.approx(pair.told(), abs=1e-9)
+        assert pair.received() == pytest.approx(asked, abs=1e-3)
+        assert reading.setpoint == pytest.approx(pair.received(), abs=1e-9)
 
 
 def test_shows_what_the_device_says(pair: Pair) -> None:
@@ -146,25 +146,25 @@ def test_shows_what_the_device_says(pair: Pair) -> None:
 def test_a_setpoint_that_is_no_number_is_zero(pair: Pair, wild: float) -> None:
     pair.device.open()
     pair.device.exchange(0.5)
-    assert pair.told() == pytest.approx(0.5, abs=1e-3)
+    assert pair.received() == pytest.approx(0.5, abs=1e-3)
     pair.device.exchange(wild)
-    assert pair.told() == 0.0
+    assert pair.received() == 0.0
 
 
 def test_a_setpoint_is_kept_in_its_range(pair: Pair) -> None:
     pair.device.open()
     for asked, kept in ((7.0, 1.0), (-7.0, 0.0)):
         pair.device.exchange(asked)
-        assert pair.told() == kept
+        assert pair.received() == kept
 
 
 def test_opening_asks_for_nothing(pair: Pair) -> None:
-    """A device that is opened anew goes on with what it was told last, until it is told more."""
+    """A device that is opened anew goes on with its last set-point, until it gets another."""
     pair.device.open()
     pair.device.exchange(0.5)
     pair.device.close()
     pair.device.open()
-    assert pair.told() == pytest.approx(0.5, abs=1e-3)
+    assert pair.received() == pytest.approx(0.5, abs=1e-3)
 
 
 def test_safe_stop_at_any_time(pair: Pair) -> None:
@@ -172,11 +172,11 @@ def test_safe_stop_at_any_time(pair: Pair) -> None:
     pair.device.open()
     pair.device.exchange(1.0)
     pair.device.safe_stop()
-    assert pair.told() == 0.0
+    assert pair.received() == 0.0
     pair.device.exchange(1.0)
     pair.device.close()
     pair.device.safe_stop()
-    assert pair.told() == 0.0
+    assert pair.received() == 0.0
 
 
 def test_closes_twice_and_leaves_nothing_open(pair: Pair) -> None:

@@ -1,4 +1,4 @@
-"""What an slcan adapter may do to the driver besides: lines of nonsense, being unplugged."""
+"""What an slcan adapter may do to the driver: lines of nonsense, being unplugged."""
 
 import time
 from collections.abc import Iterator
@@ -80,11 +80,11 @@ def test_an_adapter_that_is_back_is_used_again(
     first, end.commands = list(end.commands), []
     end.plug_in()
     end.deaf_to = deaf_to
-    feedback = until(lambda: (drive.hear(), drive.speak(), f := tick()) and _back(f, last_ns))
+    feedback = until(lambda: (drive.receive(), drive.speak(), f := tick()) and _back(f, last_ns))
     assert feedback.i_A.tolist() == [1.0, -2.5, 1.5]
     assert end.commands == first, "bit rate and opening, as at first"
     commands = drive.commands
-    until(lambda: (tick(), drive.hear()) and drive.commands > commands)
+    until(lambda: (tick(), drive.receive()) and drive.commands > commands)
 
 
 def _back(feedback: np.ndarray, last_ns: int) -> np.ndarray | None:

@@ -130,25 +130,29 @@ def parse(arguments: list[str]) -> list[str]:
         names.append(found)
 
 
-def settings_of(words: list[str]) -> dict[str, Any]:
+def settings_of(arguments: list[str]) -> dict[str, Any]:
     """Return what `--set key=value` says; several values are a list."""
-    pairs = [words[at + 1].split("=", 1) for at, word in enumerate(words) if word == "--set"]
+    pairs = [
+        arguments[at + 1].split("=", 1)
+        for at, argument in enumerate(arguments)
+        if argument == "--set"
+    ]
     return {key: json.loads(f"[{value}]" if "," in value else value) for key, value in pairs}
 
 
-def check_motord(words: list[str]) -> None:
-    names = parse(words)
+def check_motord(arguments: list[str]) -> None:
+    names = parse(arguments)
     if names[:2] in (["plan", "start"], ["simulate"]) or names[:1] == ["simulate"]:
-        plan = words[len(names)]
+        plan = arguments[len(names)]
         assert plan in plan_kinds(), f"no plan {plan}"
-        build(plan, config.load(), settings_of(words))
+        build(plan, config.load(), settings_of(arguments))
 
 
-def check_make(words: list[str], folder: Path) -> None:
-    folder = ROOT / words[words.index("-C") + 1] if "-C" in words else folder
+def check_make(arguments: list[str], folder: Path) -> None:
+    folder = ROOT / arguments[arguments.index("-C") + 1] if "-C" in arguments else folder
     files = (folder / "Makefile", *folder.glob("boards/*.mk"))
     makefile = "".join(path.read_text() for path in files)
-    targets = [w for at, w in enumerate(words) if w != "-C" and words[at - 1] != "-C"]
+    targets = [w for at, w in enumerate(arguments) if w != "-C" and arguments[at - 1] != "-C"]
     for target in targets:
         if "=" not in target:
             rule = rf"^(?:[\w-]+ )*{re.escape(target)}(?: [\w-]+)* *:"
@@ -157,14 +161,14 @@ def check_make(words: list[str], folder: Path) -> None:
 
 def check(command: str, folder: Path = ROOT) -> None:
     """Raise AssertionError for a command that cannot be meant as it stands in a folder."""
-    words = shlex.split(command)
-    while re.fullmatch(r"[A-Z_]+=.*", words[0]):
-        words = words[1:]
-    program, *rest = words
+    arguments = shlex.split(command)
+    while re.fullmatch(r"[A-Z_]+=.*", arguments[0]):
+        arguments = arguments[1:]
+    program, *rest = arguments
     program = "motord" if program.endswith("/motord") else program
-    for word in rest:
-        if word.startswith(KEPT_HERE):
-            assert (ROOT / word).exists(), f"{word} is not there"
+    for argument in rest:
+        if argument.startswith(KEPT_HERE):
+            assert (ROOT / argument).exists(), f"{argument} is not there"
     if program == "motord":
         try:
             check_motord(rest)

@@ -28,10 +28,10 @@ def test_the_tutorial_runs_as_it_is_written(tmp_path: Path) -> None:
 
 
 def output(command: str, folder: Path) -> str:
-    program, *words = shlex.split(command)
+    program, *arguments = shlex.split(command)
     assert program == "motord"
     done = subprocess.run(
-        ["nice", "-n19", sys.executable, "-m", "motord", *words], cwd=folder, check=False,
+        ["nice", "-n19", sys.executable, "-m", "motord", *arguments], cwd=folder, check=False,
         capture_output=True, text=True, timeout=TIMEOUT_S,
     )  # fmt: skip
     assert done.returncode == 0, f"{command}: {done.stderr}"

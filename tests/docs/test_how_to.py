@@ -100,8 +100,10 @@ def test_a_driver_is_found_by_its_entry_point(acme: Path) -> None:
 @pytest.mark.system
 def test_a_driver_keeps_the_contract(acme: Path) -> None:
     [block] = blocks_of(DRIVER, "sh")
-    words = block.text.split()[2:]  # the folder and the program are those of this test
-    out = run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *words, path=acme)
+    arguments = block.text.split()[2:]  # the folder and the program are those of this test
+    out = run(
+        "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *arguments, path=acme
+    )
     passed = re.search(r"(\d+) passed, 1 skipped", out)
     assert passed, out
     assert int(passed[1]) > 25

@@ -115,10 +115,12 @@ def test_certificates_as_in_the_guide(run: Run, tmp_path: Path) -> None:
     [block] = [b for b in of("console") if "security init" in b.text]
     said = ""
     for command in commands(block):
-        program, *words = command.split()
+        program, *arguments = command.split()
         if program == "motord":
-            words = [str(tmp_path / "access") if w == "/etc/motord/access" else w for w in words]
-            done = run("-m", "motord", *words)
+            arguments = [
+                str(tmp_path / "access") if w == "/etc/motord/access" else w for w in arguments
+            ]
+            done = run("-m", "motord", *arguments)
             assert done.returncode == 0, f"{command}: {done.stderr}"
             said = done.stdout
     assert "anna" in said

@@ -1,4 +1,4 @@
-"""How deep the stack of an image can get, from what the compiler tells (-fcallgraph-info=su)."""
+"""How deep the stack of an image can get, from what the compiler reports (-fcallgraph-info=su)."""
 
 import re
 from functools import cache

@@ -42,9 +42,11 @@ def sources() -> list[Path]:
 
 def run(*command: object, cwd: Path = ROOT, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run a command that has to succeed; what it printed is in the failure's message."""
-    words = [str(word) for word in command]
-    done = subprocess.run(words, cwd=cwd, capture_output=True, text=True, check=False, **options)
-    assert done.returncode == 0, f"{' '.join(words)}\n{done.stdout}{done.stderr}"
+    arguments = [str(argument) for argument in command]
+    done = subprocess.run(
+        arguments, cwd=cwd, capture_output=True, text=True, check=False, **options
+    )
+    assert done.returncode == 0, f"{' '.join(arguments)}\n{done.stdout}{done.stderr}"
     return done
 
 

@@ -1,4 +1,4 @@
-"""What the enable line must do, told a second time and in another way; and a check against it.
+"""What the enable line must do, specified a second time and in another way; and a check against it.
 
 The model keeps no states but facts (docs/protocols.md, item 5): when the line was last asked to be
 open, and what stands in the way of closing it.
@@ -54,18 +54,18 @@ def play(ffi: Any, lib: Any, start_us: int, steps: Iterable[tuple[str, int]]) ->
     """Let the C machine and the model do the same; return where they differ."""
     line = ffi.new("struct enable_line *", [77, 77, 77])
     lib.enable_line_init(line, TIMEOUT_US)
-    model, now_us, told = LineModel(TIMEOUT_US), start_us, []
+    model, now_us, history = LineModel(TIMEOUT_US), start_us, []
     if lib.enable_line_closed(line) or line.timeout_us != TIMEOUT_US:
         return "does not start open"
     for kind, wait_us in steps:
         now_us += wait_us
-        told.append(f"+{wait_us} us {kind}")
+        history.append(f"+{wait_us} us {kind}")
         _do(lib, line, kind, now_us % CLOCK)
         model.event(kind, now_us)
         if bool(lib.enable_line_closed(line)) != model.closed:
-            return ", ".join(told) + f": closed is not {model.closed}"
+            return ", ".join(history) + f": closed is not {model.closed}"
         if (line.state == LOST_STATE) != model.lost:
-            return ", ".join(told) + f": lost is not {model.lost}"
+            return ", ".join(history) + f": lost is not {model.lost}"
     return None
 
 

@@ -22,7 +22,7 @@ class Machine:
     def __init__(self, qemu):
         self.qemu = qemu
         self.frames = []
-        self.told = []
+        self.reports = []
         self._decoder = StreamDecoder()
         self._feed = FeedDecoder()
         self._sequence = 0
@@ -51,7 +51,7 @@ class Machine:
         while data := receive(self.qemu.link):
             self.frames += self._decoder.feed(data)
         while data := receive(self.qemu.feed):
-            self.told += self._feed.feed(data)
+            self.reports += self._feed.feed(data)
 
     def wait_for(self, condition, what):
         """Take in what comes until `condition()` gives something; return that."""
@@ -83,9 +83,9 @@ class Machine:
         return self.next(frames.Status)
 
     def line(self, closed):
-        """Wait until the enable line is closed or open; return what told so."""
+        """Wait until the enable line is closed or open; return the report that says so."""
         return self.wait_for(
-            lambda: next((told for told in self.told if told.line_closed is closed), None),
+            lambda: next((report for report in self.reports if report.line_closed is closed), None),
             f"the enable line to {'close' if closed else 'open'}",
         )
 

@@ -95,7 +95,7 @@ def examine(chosen: list[Mutant], folder: Path) -> Outcome:
         out = folder / f"mutant{number}.so"
         if not _compiles(mutated(source, mutant), out):
             outcome.refused.append(mutant)
-        elif history := _history_that_tells(out):
+        elif history := _failing_history(out):
             outcome.killed.append((mutant, history))
         else:
             outcome.lived.append(mutant)
@@ -115,7 +115,7 @@ def _compiles(text: str, out: Path) -> bool:
     return True
 
 
-def _history_that_tells(out: Path) -> str | None:
+def _failing_history(out: Path) -> str | None:
     ffi = cffi.FFI()
     ffi.cdef(declarations())
     lib = ffi.dlopen(str(out))

@@ -162,10 +162,10 @@ def test_configure_takes_all_or_nothing(
 
 def test_a_boards_own_limits(library: Library) -> None:
     device = Device(library, rate_max_Hz=5000, tick_max_Hz=4000)
-    for rate_Hz, told_Hz in ((5001, 1000), (4500, 1000), (4000, 4000)):
+    for rate_Hz, reported_Hz in ((5001, 1000), (4500, 1000), (4000, 4000)):
         status = device.ask(frames.Configure(rate_Hz, 20_000))
         assert isinstance(status, frames.Status)
-        assert status.rate_Hz == told_Hz
+        assert status.rate_Hz == reported_Hz
         assert device.bridge.line.timeout_us == (20_000 if rate_Hz == 4000 else 50_000)
 
 
@@ -191,17 +191,17 @@ def test_torque_and_encoder_not_valid(library: Library) -> None:
         device.tick()
         device.tick(0, adc)
         assert device.bridge.sample_status == torque
-    told = []
+    statuses = []
     for _ in range(20):
         device.tick(0xC00)
         device.tick(0xC00)
-        told.append(device.bridge.sample_status)
-    assert told == [0, *[encoder] * 7, *[0] * 12]
+        statuses.append(device.bridge.sample_status)
+    assert statuses == [0, *[encoder] * 7, *[0] * 12]
     *_, sample = samples(device.answers())
     assert sample.encoder_gray == 0xC00
 
 
-def test_a_glitch_between_two_samples_is_told_with_the_second(library: Library) -> None:
+def test_a_glitch_between_two_samples_is_reported_with_the_second(library: Library) -> None:
     device = streaming(library, 100)  # twenty ticks a sample
     assert device.bridge.ticks_per_sample == 20
     while device.bridge.ticks_to_sample != 20:
@@ -217,7 +217,7 @@ def test_a_glitch_between_two_samples_is_told_with_the_second(library: Library) 
 
 
 @LINKS
-def test_status_tells_the_newest_heartbeat(library: Library, link: int) -> None:
+def test_status_has_the_newest_heartbeat(library: Library, link: int) -> None:
     device = Device(library, link, CLOCK - 300)
     first = device.ask(frames.Start())
     assert isinstance(first, frames.Status)
@@ -225,12 +225,12 @@ def test_status_tells_the_newest_heartbeat(library: Library, link: int) -> None:
     for _ in range(3):
         device.now_us += 150
         device.beat(0)
-    heard_us, number = device.now_us, device.sequence - 1
+    received_us, number = device.now_us, device.sequence - 1
     device.now_us += 99
     status = device.ask(frames.Start())
     assert isinstance(status, frames.Status)
     assert (status.heartbeats, status.heartbeat_sequence) == (3, number)
-    assert (status.heartbeat_t_us, status.t_us) == (heard_us % CLOCK, device.now_us % CLOCK)
+    assert (status.heartbeat_t_us, status.t_us) == (received_us % CLOCK, device.now_us % CLOCK)
 
 
 @LINKS
@@ -250,7 +250,7 @@ def test_lost_corrupt_and_repeated_frames_are_counted(library: Library, link: in
 
 
 def test_frames_of_a_board_are_no_frames_of_a_host(library: Library) -> None:
-    """Receive and transmit lines that touch: the board hears itself."""
+    """Receive and transmit lines that touch: the board receives its own frames."""
     device = Device(library)
     device.answers()
     device.beat(1)
@@ -389,16 +389,16 @@ def test_another_protocol_opens_the_line_and_keeps_it_so(library: Library) -> No
     assert device.closed
 
 
-def test_status_tells_of_the_line(library: Library) -> None:
+def test_status_reports_the_line(library: Library) -> None:
     device = Device(library)
     device.pass_us(20_000)
     device.close_line()
-    told = [device.ask(frames.Start())]
+    answers = [device.ask(frames.Start())]
     device.pass_us(50_000)
-    told.append(device.ask(frames.Start()))
+    answers.append(device.ask(frames.Start()))
     device.beat(0)
-    told.append(device.ask(frames.Start()))
-    assert [frame.status for frame in told if isinstance(frame, frames.Status)] == [
+    answers.append(device.ask(frames.Start()))
+    assert [frame.status for frame in answers if isinstance(frame, frames.Status)] == [
         BridgeStatus.ENABLE_LINE,
         BridgeStatus.HEARTBEAT_LOST,
         0,
@@ -423,14 +423,14 @@ def test_the_first_sample_after_the_line_opened_says_so(
     else:
         device.send(frames.Stop() if ending == "stop" else frames.Configure(rate_Hz, 50_000))
         device.send(frames.Start())
-    told = []
+    received = []
     for _ in range(20):
         device.pass_us(2000)
-        told += samples(device.answers())
+        received += samples(device.answers())
     lost = BridgeStatus.HEARTBEAT_LOST if ending == "silence" else 0
     line = BridgeStatus.ENABLE_LINE | BridgeStatus.HEARTBEAT_LOST
-    assert told[0].t_us <= opened_us + 1_000_000 // rate_Hz
-    for sample in told:
+    assert received[0].t_us <= opened_us + 1_000_000 // rate_Hz
+    for sample in received:
         closed = sample.t_us < opened_us
         assert sample.status & line == (BridgeStatus.ENABLE_LINE if closed else lost)
 

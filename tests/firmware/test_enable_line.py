@@ -36,17 +36,17 @@ class Line(RuleBasedStateMachine):
         self.model = LineModel(50_000)
         self.lost_seen = False
 
-    def tell(self, kind: str, frame: frames.Frame) -> None:
+    def send(self, kind: str, frame: frames.Frame) -> None:
         self.device.send(frame)
         self.model.event(kind, self.device.now_us)
 
     @rule(enable=st.sampled_from([0, 1, 1, 1]))
     def beat(self, enable: int) -> None:
-        self.tell(f"beat {enable}", frames.Heartbeat(enable))
+        self.send(f"beat {enable}", frames.Heartbeat(enable))
 
     @rule()
     def stop(self) -> None:
-        self.tell("stop", frames.Stop())
+        self.send("stop", frames.Stop())
 
     @rule()
     def start(self) -> None:
@@ -54,7 +54,7 @@ class Line(RuleBasedStateMachine):
 
     @rule(protocol=st.sampled_from([frames.PROTOCOL, frames.PROTOCOL, 1, 3, 0, 0xFFFF]))
     def hello(self, protocol: int) -> None:
-        self.tell("permit" if protocol == frames.PROTOCOL else "bar", frames.HelloRequest(protocol))
+        self.send("permit" if protocol == frames.PROTOCOL else "bar", frames.HelloRequest(protocol))
 
     @rule(timeout_us=st.sampled_from([999, 1000, 1001, 20_000, 50_000, 1_000_000, 1_000_001]))
     def configure(self, timeout_us: int) -> None:

@@ -22,14 +22,14 @@ class Filter:
         self.state.step_max = step_max
 
     def take(self, position: int, flipped: int = 0) -> tuple[int, bool]:
-        """Return position and validity told for the lines of `position`, some of them flipped."""
+        """Return the reported position and validity for the lines of `position`, some flipped."""
         reading = self._lib.gray_filter_take(self.state, gray(position) ^ flipped)
         return binary(reading.lines), reading.valid
 
     def settle(self, position: int) -> None:
         for _ in range(self._lib.GRAY_AGREEING):
-            told = self.take(position)
-        assert told == (position, True)
+            taken = self.take(position)
+        assert taken == (position, True)
 
 
 def gray(position: int) -> int:
@@ -72,15 +72,15 @@ def test_every_transition_is_taken(library: Library, step: int) -> None:
 
 
 def test_every_glitch_of_one_line_at_every_position(library: Library) -> None:
-    """What is told is never further from the truth than the shaft can turn in a reading."""
+    """What is reported is never further from the truth than the shaft can turn in a reading."""
     encoder = Filter(library, step_max=5)
     encoder.settle(0)
     for position in range(COUNTS):
         for line in range(LINES):
             encoder.take(position)
-            told, valid = encoder.take(position, 1 << line)
+            reported, valid = encoder.take(position, 1 << line)
             assert valid
-            assert apart(told, position) <= 5
+            assert apart(reported, position) <= 5
             assert encoder.take(position) == (position, True)
 
 
@@ -89,9 +89,9 @@ def test_every_glitch_of_any_lines(library: Library, position: int) -> None:
     encoder = Filter(library, step_max=5)
     encoder.settle(position)
     for flipped in range(1, COUNTS):
-        told, valid = encoder.take(position, flipped)
+        reported, valid = encoder.take(position, flipped)
         assert valid
-        assert apart(told, position) <= 5
+        assert apart(reported, position) <= 5
         assert encoder.take(position) == (position, True)
 
 
@@ -104,12 +104,12 @@ def test_short_glitches_are_bridged_while_the_shaft_turns(library: Library, leng
     assert encoder.take(100 + 5 * (length + 1)) == (100 + 5 * (length + 1), True)
 
 
-def test_longer_ones_are_told_as_read_and_invalid(library: Library) -> None:
+def test_longer_ones_are_reported_as_read_and_invalid(library: Library) -> None:
     encoder = Filter(library, step_max=1)
     encoder.settle(100)
     wrong = binary(gray(100) ^ 1 << 11)
-    told = [encoder.take(100, 1 << 11) for _ in range(15)]
-    assert told == [(100, True)] * 3 + [(wrong, False)] * 12
+    readings = [encoder.take(100, 1 << 11) for _ in range(15)]
+    assert readings == [(100, True)] * 3 + [(wrong, False)] * 12
     assert encoder.take(100) == (100, True)
 
 
@@ -128,18 +128,18 @@ def test_readings_that_agree_make_a_new_position(library: Library) -> None:
     """After 16 of them; one that does not agree starts the count anew."""
     encoder = Filter(library, step_max=5)
     encoder.settle(0)
-    told = [encoder.take(2000 + number)[1] for number in range(15)]
-    assert told == [True] * 3 + [False] * 12
+    readings = [encoder.take(2000 + number)[1] for number in range(15)]
+    assert readings == [True] * 3 + [False] * 12
     assert encoder.take(1000) == (1000, False)
-    told = [encoder.take(2000 + number)[1] for number in range(16)]
-    assert told == [False] * 15 + [True]
+    readings = [encoder.take(2000 + number)[1] for number in range(16)]
+    assert readings == [False] * 15 + [True]
     assert encoder.take(2016) == (2016, True)
 
 
 def test_at_first_there_is_no_position(library: Library) -> None:
     encoder = Filter(library, step_max=5)
-    told = [encoder.take(7 + number) for number in range(16)]
-    assert told == [(7 + number, False) for number in range(15)] + [(22, True)]
+    readings = [encoder.take(7 + number) for number in range(16)]
+    assert readings == [(7 + number, False) for number in range(15)] + [(22, True)]
 
 
 def test_noise_is_never_a_position(library: Library) -> None:

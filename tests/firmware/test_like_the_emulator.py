@@ -27,7 +27,7 @@ SAYS = st.one_of(
 
 
 class Twins:
-    """Both boards, told the same."""
+    """Both boards, with the same requests."""
 
     def __init__(self, library: Library) -> None:
         self.device = Device(library)
@@ -45,7 +45,7 @@ class Twins:
         ours = self.device.answers()
         assert [type(answer) for answer in ours] == [type(answer) for answer in answers]
         for answer, wanted in zip(ours, answers, strict=True):
-            assert told(answer) == told(wanted)
+            assert comparable(answer) == comparable(wanted)
 
     def settle(self) -> None:
         """Judge both lines at this instant, not at the last tick, and compare them."""
@@ -59,7 +59,7 @@ class Twins:
         self.device.answers()  # samples, and Status now and then
 
 
-def told(frame: frames.Frame) -> tuple[object, ...]:
+def comparable(frame: frames.Frame) -> tuple[object, ...]:
     """Return what of an answer does not depend on the board's clock and name."""
     if isinstance(frame, frames.Hello):
         return frame.protocol, frame.counts, frame.layout, frame.heartbeat_next

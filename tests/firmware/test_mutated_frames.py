@@ -79,7 +79,7 @@ def test_of_many_more_hardly_any_is_taken(library: Library, name: str) -> None:
     assert taken <= count / 65536
 
 
-def test_the_count_can_tell(library: Library) -> None:
+def test_undetected_errors_are_counted(library: Library) -> None:
     """The polynomial itself is an error of four bits that the CRC cannot see."""
     body = frames.pack(frames.Heartbeat(1), 77)
     tried = library.ffi.new("uint32_t *")

@@ -1,8 +1,8 @@
 """Whatever was sent before, in whatever order, pace and number, keeps no enable line closed.
 
 A host lives through some sessions of its own, then falls silent. From then on the boards (firmware
-and emulated) hear nothing but frames that they, or the wire, heard before: single ones, runs of
-them, whole sessions from their HelloRequest on, after waits of up to some seconds.
+and emulated) receive nothing but frames that they, or the wire, received before: single ones, runs
+of them, whole sessions from their HelloRequest on, after waits of up to some seconds.
 """
 
 import random
@@ -35,8 +35,8 @@ class Host:
         self.number = 0
         self.timeout_us = 50_000
 
-    def hear(self, numbered: frames.Numbered) -> None:
-        """Let both boards hear a frame."""
+    def receive(self, numbered: frames.Numbered) -> None:
+        """Let both boards receive a frame."""
         now_ns = self.device.now_us * 1000
         self.device.send(numbered.frame, numbered.sequence)
         self.board.expire(now_ns)
@@ -49,7 +49,7 @@ class Host:
     def say(self, frame: frames.Frame) -> None:
         self.sent.append(frames.Numbered(self.number % frames.SEQUENCE_MODULUS, frame))
         self.number = (self.number + 1) % frames.HEARTBEAT_NUMBERS
-        self.hear(self.sent[-1])
+        self.receive(self.sent[-1])
 
     def beat(self, enable: int) -> None:
         self.say(frames.Heartbeat.of(self.number, enable=enable == 1))
@@ -80,7 +80,7 @@ class Host:
 def attack(host: Host, draw: random.Random, steps: int) -> None:
     """Replay what was said, without end; the line has to open in time and to stay so."""
     died_us = host.device.now_us
-    heard = host.board.status(0).heartbeats
+    heartbeats = host.board.status(0).heartbeats
     waits_us = (0, 100, host.timeout_us // 3, host.timeout_us, 1_100_000)
     starts = [n for n, one in enumerate(host.sent) if type(one.frame) is frames.HelloRequest]
     for _ in range(steps):
@@ -90,12 +90,12 @@ def attack(host: Host, draw: random.Random, steps: int) -> None:
             draw.shuffle(run)
         wait_us = draw.choice(waits_us)
         for numbered in run:
-            host.hear(numbered)
+            host.receive(numbered)
             late_us = host.device.now_us - died_us - host.timeout_us
             assert not host.device.closed or late_us < LATE_US
             host.pass_us(wait_us)
             assert not host.device.closed or late_us + wait_us < LATE_US
-    assert host.board.status(0).heartbeats == heard, "an old heartbeat was taken"
+    assert host.board.status(0).heartbeats == heartbeats, "an old heartbeat was taken"
 
 
 @pytest.mark.parametrize("link", [0, 1], ids=["serial", "can"])
@@ -127,7 +127,7 @@ def test_one_heartbeat_repeated_slowly(library: Library, link: int, timeout_us: 
     for _ in range(4):
         host.pass_us(1_200_000)
         assert not host.device.closed
-        host.hear(host.sent[-1])
-        host.hear(host.sent[-2])
+        host.receive(host.sent[-1])
+        host.receive(host.sent[-2])
         assert not host.device.closed
     assert host.device.now_us - died_us == 4 * 1_200_000

@@ -39,7 +39,7 @@ def test_the_board_says_who_it_is():
         assert (hello.counts, hello.rate_Hz) == (4096, 1000)
         board.send(frames.HelloRequest(frames.PROTOCOL))
         assert board.next(frames.Hello) == hello
-        assert [told.line_closed for told in board.told[:1]] in ([], [False])
+        assert [report.line_closed for report in board.reports[:1]] in ([], [False])
 
 
 def test_the_image_of_the_chip_starts_and_knows_that_its_clock_and_adc_fail():
@@ -54,7 +54,7 @@ def test_the_image_of_the_chip_starts_and_knows_that_its_clock_and_adc_fail():
         assert all(sample.status & BridgeStatus.FAULT for sample in samples)
 
 
-def test_samples_tell_what_the_rig_feeds():
+def test_samples_carry_what_the_rig_feeds():
     with machine(emulated()) as board:
         board.configure(rate_Hz=2000)
         board.feed(gray(4000), 0)
@@ -84,7 +84,7 @@ def test_a_reset_opens_the_line_and_starts_anew():
         board.configure(timeout_us=1_000_000)
         board.send(*CLOSE)
         board.line(closed=True)
-        board.told.clear()
+        board.reports.clear()
         board.qemu.reset()
         board.next(frames.Hello)
         assert board.line(closed=False).t_us < 1000
@@ -92,7 +92,7 @@ def test_a_reset_opens_the_line_and_starts_anew():
         status = board.next(frames.Status)
         assert (status.streaming, status.heartbeats) == (0, 0)
         assert not status.status & (BridgeStatus.ENABLE_LINE | BridgeStatus.HEARTBEAT_LOST)
-        board.told.clear()
+        board.reports.clear()
         board.send(frames.Heartbeat(1), frames.Start())  # a host that has not noticed
         status = board.next(frames.Status, lambda s: s.streaming)
         assert (status.heartbeats, status.status & BridgeStatus.ENABLE_LINE) == (1, 0)
@@ -100,7 +100,7 @@ def test_a_reset_opens_the_line_and_starts_anew():
         board.line(closed=True)
 
 
-def test_hello_is_heard_though_the_reset_tore_a_frame():
+def test_hello_is_received_though_the_reset_tore_a_frame():
     with machine(emulated()) as board:
         assert select.select([board.qemu.link], (), (), PATIENCE_S)[0]
         assert receive(board.qemu.link)[:1] == b"\0"  # ends what came before
@@ -151,10 +151,12 @@ def opening_us(timeout_us, host):
     chance = random.Random(timeout_us)
     with machine(emulated(), *FIRMWARE_TIME) as board:
         board.configure(TICK_HZ, timeout_us)
-        board.told.clear()
+        board.reports.clear()
         board.send(*CLOSE)
         closed = board.line(closed=True)
-        while not (opened := [t for t in board.told if t.t_us > closed.t_us and not t.line_closed]):
+        while not (
+            opened := [t for t in board.reports if t.t_us > closed.t_us and not t.line_closed]
+        ):
             host(board, chance)
             board.poll(0.005)
         status = board.next(frames.Status, lambda s: s.heartbeats == 2)
@@ -173,7 +175,7 @@ def test_corrupt_heartbeats_are_none():
         board.send(b"".join(bad), frames.Stop())
         status = board.next(frames.Status, lambda s: not s.streaming)
         assert status.heartbeats == 0
-        assert not any(told.line_closed for told in board.told)
+        assert not any(report.line_closed for report in board.reports)
         assert 0.9 * len(bad) < status.errors < 1.1 * len(bad)  # a zero in a frame makes two
 
 
@@ -182,7 +184,7 @@ def test_a_main_loop_that_hangs_does_not_keep_the_line_closed(tmp_path):
         board.configure(timeout_us=1_000_000)
         board.send(*CLOSE)
         board.line(closed=True)
-        board.told.clear()
+        board.reports.clear()
         hang(tmp_path / "gdb")
         board.line(closed=True)  # the interrupts go on
         opened_us = board.line(closed=False).t_us
@@ -200,7 +202,7 @@ def test_a_fault_opens_the_line_and_starts_anew(tmp_path):
         board.configure(timeout_us=1_000_000)
         board.send(*CLOSE)
         closed = board.line(closed=True)
-        board.told.clear()
+        board.reports.clear()
         with Debugger(tmp_path / "gdb") as debugger:
             debugger.jump(0x3000_0000)
         assert board.line(closed=False).t_us < closed.t_us + 900_000

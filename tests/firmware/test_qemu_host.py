@@ -97,17 +97,17 @@ def death(bench, number):
     try:
         with machine(emulated()) as board:
             wire = Wire(board, pty)
-            wire.wait_for(lambda: board.told, "the board")
+            wire.wait_for(lambda: board.reports, "the board")
             host = subprocess.Popen([sys.executable, "-c", HOST, str(bench)])
             try:
                 wire.wait_for(lambda: wire.status and wire.status.heartbeats > 50, "heartbeats")
-                wire.wait_for(lambda: board.told[-1].line_closed, "the line to close")
+                wire.wait_for(lambda: board.reports[-1].line_closed, "the line to close")
                 host.send_signal(number)
                 wire.samples.clear()
-                wire.wait_for(lambda: not board.told[-1].line_closed, "the line to open")
-                opened = board.told[-1]
-                while board.told and not board.told[-1].line_closed:
-                    opened = board.told.pop()
+                wire.wait_for(lambda: not board.reports[-1].line_closed, "the line to open")
+                opened = board.reports[-1]
+                while board.reports and not board.reports[-1].line_closed:
+                    opened = board.reports.pop()
                 wire.status = None
                 wire.wait_for(lambda: wire.status, "Status")
                 wire.wait_for(

@@ -44,11 +44,11 @@ def test_only_memory_functions_are_needed_of_a_library(
     for line in run(needs("arm-none-eabi-nm", "binutils-arm-none-eabi"), *objects).stdout.split(
         "\n"
     ):
-        words = line.split()
-        if len(words) == 3:
-            defined.add(words[2])
-        elif len(words) == 2:
-            needed.add(words[1])
+        fields = line.split()
+        if len(fields) == 3:
+            defined.add(fields[2])
+        elif len(fields) == 2:
+            needed.add(fields[1])
     outside = {name for name in needed - defined if not name.startswith("__aeabi_")}
     assert outside <= {"memcpy", "memset"}
 
@@ -57,7 +57,7 @@ def test_it_is_small(compiled: tuple[Path, list[Path]]) -> None:
     _, objects = compiled
     size = needs("arm-none-eabi-size", "binutils-arm-none-eabi")
     *_, total = run(size, "-t", *objects).stdout.strip().split("\n")
-    text, data, bss = (int(word) for word in total.split()[:3])
+    text, data, bss = (int(field) for field in total.split()[:3])
     assert 1000 < text <= TEXT_BYTES_MAX
     assert (data, bss) == (0, 0)  # all state is in the board's one struct bridge
 

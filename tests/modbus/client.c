@@ -1,4 +1,4 @@
-/* A Modbus host made with libmodbus, told on stdin what to ask.
+/* A Modbus host made with libmodbus, controlled by lines on stdin.
  *
  *   client tcp PORT
  *   client rtu DEVICE BAUD

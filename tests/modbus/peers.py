@@ -48,15 +48,15 @@ class Peer:
         )
         assert self._line() == "ready"
 
-    def __call__(self, *words: object) -> str:
+    def __call__(self, *arguments: object) -> str:
         """Send a command; return the answer."""
         assert self._process.stdin is not None
-        self._process.stdin.write((" ".join(map(str, words)) + "\n").encode())
+        self._process.stdin.write((" ".join(map(str, arguments)) + "\n").encode())
         return self._line()
 
-    def numbers(self, *words: object) -> list[int]:
+    def numbers(self, *arguments: object) -> list[int]:
         """Send a command; return the numbers of its answer, which must be "ok"."""
-        ok, *numbers = self(*words).split()
+        ok, *numbers = self(*arguments).split()
         assert ok == "ok"
         return [int(number) for number in numbers]
 

@@ -1,4 +1,4 @@
-/* A Modbus device made with libmodbus, told on stdin how to behave.
+/* A Modbus device made with libmodbus, controlled by lines on stdin.
  *
  *   server tcp PORT UNIT
  *   server rtu DEVICE BAUD UNIT

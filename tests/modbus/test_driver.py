@@ -116,7 +116,7 @@ def test_every_kind_and_word_order_reads_back(bench: Bench, kind: str, order: st
 
 
 def test_words_are_where_the_order_says(bench: Bench) -> None:
-    """65537 counts are the words 1 and 1; 65538 tell the two apart."""
+    """65537 counts are the words 1 and 1; 65538 distinguish the two."""
     for order, words in (("big", [1, 2]), ("little", [2, 1])):
         host = bench.host(setpoint_kind="u32", setpoint_scale=1 / 65_538, word_order=order)
         host.exchange(1.0)
@@ -125,7 +125,7 @@ def test_words_are_where_the_order_says(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "words"),
+    ("code", "expected"),
     [
         (1, "illegal function"),
         (2, "no such register"),
@@ -137,11 +137,13 @@ def test_words_are_where_the_order_says(bench: Bench) -> None:
         (11, "no such unit"),
     ],
 )
-def test_exceptions_are_told_and_keep_the_connection(bench: Bench, code: int, words: str) -> None:
+def test_exceptions_are_reported_and_keep_the_connection(
+    bench: Bench, code: int, expected: str
+) -> None:
     host = bench.host()
     for register, what in ((SETPOINT, "write"), (STATUS, "read")):
         bench.peer("exception", register, code)
-        with pytest.raises(DeviceError, match=rf"{what} of .*exception {code} \({words}\)"):
+        with pytest.raises(DeviceError, match=rf"{what} of .*exception {code} \({expected}\)"):
             host.exchange(0.5)
         bench.peer("exception", register, 0)
         assert host.exchange(0.25).setpoint == pytest.approx(0.25)
@@ -166,12 +168,12 @@ def test_a_wrong_unit(bench: Bench) -> None:
     assert bench.peer.numbers("read", SETPOINT) == [0]
 
 
-def test_silence_is_told_and_the_next_exchange_works(bench: Bench) -> None:
+def test_silence_is_reported_and_the_next_exchange_works(bench: Bench) -> None:
     host = bench.host(timeout_s=SHORT_S)
     for lost in range(4):  # one of each request of an exchange
         answered(host, 0.5)
         bench.peer("silent", 0)
-        told(bench, host, 0.5, lost, "silent")
+        times_out(bench, host, 0.5, lost, "silent")
         answered(host, 0.25)
     host.close()
 
@@ -186,7 +188,7 @@ def test_a_late_answer_is_never_taken_for_a_later_one(
     bench.peer("pause", 20)
     host = bench.host(timeout_s=SHORT_S)
     answered(host, 0.5)
-    told(bench, host, 0.5, lost, "late")
+    times_out(bench, host, 0.5, lost, "late")
     for _ in range(6):
         reading = attempt(host, setpoint)
         if reading is not None:
@@ -195,9 +197,9 @@ def test_a_late_answer_is_never_taken_for_a_later_one(
     host.close()
 
 
-def told(bench: Bench, host: ModbusDevice, setpoint: float, lost: int, how: str) -> None:
-    """Let the device not answer the request `lost` of an exchange: it is told, once."""
-    # exceptions cannot be counted down, so the exchange is led to the request by hand
+def times_out(bench: Bench, host: ModbusDevice, setpoint: float, lost: int, how: str) -> None:
+    """Let the device not answer the request `lost` of an exchange: one timeout is reported."""
+    # exceptions cannot be counted down, so the exchange is led to the request step by step
     with pytest.raises(DeviceError, match=r"no valid answer within 0\.15 s"):
         ask(bench, host, setpoint, lost, how)
 

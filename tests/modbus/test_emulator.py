@@ -66,9 +66,9 @@ def bench(transport: str, tmp_path: Path) -> Iterator[Bench]:
     bench.close()
 
 
-def soon(host: Peer, *words: object) -> str:
+def soon(host: Peer, *arguments: object) -> str:
     """Ask until there is an answer, three times at most: a computer may stall."""
-    answers = (host(*words) for _ in range(3))
+    answers = (host(*arguments) for _ in range(3))
     return next((answer for answer in answers if not answer.startswith("error")), "error")
 
 
@@ -128,7 +128,7 @@ def test_half_of_a_number_may_be_written_at_a_time(transport: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("words", "code"),
+    ("asked", "code"),
     [
         (("read", 400, 1), 2),
         (("read", 16, 3), 2),
@@ -140,10 +140,10 @@ def test_half_of_a_number_may_be_written_at_a_time(transport: str, tmp_path: Pat
         (("bits", 0, 1), 1),
     ],
 )
-def test_what_cannot_be_is_refused(bench: Bench, words: tuple[object, ...], code: int) -> None:
+def test_what_cannot_be_is_refused(bench: Bench, asked: tuple[object, ...], code: int) -> None:
     host = bench.host()
     assert host("write", 0, 1234) == "ok"
-    assert host(*words) == f"exception {code}"
+    assert host(*asked) == f"exception {code}"
     assert host("read", 0, 1) == "ok 1234"
     assert bench.devices[1].setpoint == pytest.approx(0.1234)
 
@@ -154,7 +154,7 @@ def test_a_wrong_number_of_registers(bench: Bench, count: str) -> None:
 
 
 def test_an_unknown_function(bench: Bench) -> None:
-    """Told over TCP; on a line nobody can tell where such a request ends."""
+    """Reported over TCP; on a line it is unknown where such a request ends."""
     host = bench.host()
     if bench.transport == "rtu":
         host("timeout", SHORT_MS)

@@ -2,7 +2,7 @@
 
 A test whose bench must keep running in real time tries again after such a trip, and only then: the
 first cause is one of `STALENESS`, and since the try began the bench's processes were kept from
-running for at least as long as the limit that tripped. The end of a run of tests tells them all.
+running for at least as long as the limit that tripped. The end of a run of tests lists them all.
 """
 
 import os
@@ -19,7 +19,7 @@ STALENESS = (
 LINE = ("INVERTER_FAULT", "BRIDGE_FAULT", "ENABLE_LINE")
 """What comes of heartbeats or commands that stayed away: only if the loop itself missed so long."""
 FORGIVEN: list[str] = []
-"""Told by `tests.conftest` when all tests are over."""
+"""Reported by `tests.conftest` when all tests are over."""
 
 
 def _descendants() -> set[int]:
@@ -66,7 +66,7 @@ class Stalls:
 
     def lasted_s(self, missed: int = 0) -> float:
         """Return the longest wait of a thread, ticks missed by a loop, and time stolen, in all."""
-        return max(self._waits_s().values(), default=0.0) + self._besides_s(missed)
+        return max(self._waits_s().values(), default=0.0) + self._other_s(missed)
 
     def delay_s(self, missed: int = 0) -> float:
         """Return what may have been added to something that goes from process to process."""
@@ -74,7 +74,7 @@ class Stalls:
         for name, wait_s in self._waits_s().items():
             pid = name.split("/")[2]
             longest_s[pid] = max(longest_s.get(pid, 0.0), wait_s)
-        return sum(longest_s.values()) + self._besides_s(missed)
+        return sum(longest_s.values()) + self._other_s(missed)
 
     def _waits_s(self) -> dict[str, float]:
         now_s = waited_s()
@@ -84,7 +84,7 @@ class Stalls:
         """Return the time of the ticks that the loop missed."""
         return max(missed - self.missed, 0) / self.rate_Hz
 
-    def _besides_s(self, missed: int) -> float:
+    def _other_s(self, missed: int) -> float:
         return self.missed_s(missed) + stolen_s() - self._stolen_s
 
 

@@ -190,7 +190,7 @@ def emulator(folder, bench_path, truth: Path):
 def forgive(client, kept, error=None, limit_s=STALE_S):
     """Count a trip, or a request not fulfilled in time, that `kept` (stalls) explains; else fail.
 
-    `error` is what a request was answered with, if that told of it.
+    `error` is what a request was answered with, if that reported it.
     """
     state = client.state()
     cause = state.first_trip if state.state == "TRIPPED" or error is None else error.code

@@ -66,7 +66,7 @@ def hogs():
             process.wait()
 
 
-def tell_all(processes, number: signal.Signals):
+def signal_all(processes, number: signal.Signals):
     """Send all processes a signal."""
     for process in processes:
         process.send_signal(number)

@@ -38,7 +38,7 @@ class ScreenOf:
         threading.Thread(target=self._read, daemon=True).start()
 
     def resize(self, width, height):
-        """Tell the program another size."""
+        """Give the terminal another size."""
         size = struct.pack("HHHH", height, width, 0, 0)
         fcntl.ioctl(self.terminal, termios.TIOCSWINSZ, size)
 
@@ -81,11 +81,11 @@ class ScreenOf:
         """The rows of the screen."""
         return self.text.splitlines()
 
-    def shows(self, words):
+    def shows(self, expected):
         """Wait until it shows these words."""
         end_s = time.monotonic() + PATIENCE_S
-        while words not in self.text:
-            assert time.monotonic() < end_s, f"waited in vain for: {words}\n{self.text}"
+        while expected not in self.text:
+            assert time.monotonic() < end_s, f"waited in vain for: {expected}\n{self.text}"
             time.sleep(0.02)
 
     def _read(self):

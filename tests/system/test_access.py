@@ -1,4 +1,4 @@
-"""Who gets in from other machines, and what they may do there: a daemon, its gate, real TLS."""
+"""Who gets in from other machines, and what they may do there: a daemon, its gateway, real TLS."""
 
 import json
 import os
@@ -56,15 +56,15 @@ def who(certificates, name):
     return identity.load(certificates / "clients" / name)
 
 
-def logged(client, words):
-    """Wait until the daemon's event log has `words`, and return that event."""
+def logged(client, text):
+    """Wait until the daemon's event log has `text`, and return that event."""
     found = []
 
     def look():
-        found[:] = [e for e in client.events() if e.kind == "access" and words in e.message]
+        found[:] = [e for e in client.events() if e.kind == "access" and text in e.message]
         return found
 
-    wait_until(look, f"an event: {words}")
+    wait_until(look, f"an event: {text}")
     return found[-1]
 
 
@@ -132,7 +132,7 @@ def test_a_viewer_cannot_speak_in_the_name_of_the_bench(bench, certificates):
 
 @pytest.mark.parametrize("name", ["ben", "anna"])
 def test_wildcards_do_not_widen_a_role(bench, certificates, name):
-    """The gate lets no viewer's wildcard through, and the daemon's router no operator's."""
+    """The gateway lets no viewer's wildcard through, and the daemon's router no operator's."""
     with bench.connect() as client, client.lease("a test") as lease:
         client.rpc("enable", token=lease.token)
         with zenoh.open(client_config(bench.remote, who(certificates, name))) as session:
@@ -258,22 +258,24 @@ def _lets_in(bench, shown):
     return True
 
 
-def test_the_bench_goes_on_when_the_gate_is_killed(bench, certificates):
+def test_the_bench_goes_on_when_the_gateway_is_killed(bench, certificates):
     with bench.connect() as client, client.lease("local") as lease:
         client.rpc("enable", token=lease.token)
-        gate = client.state().processes["gate"]
-        os.kill(gate.pid, 9)
+        gateway = client.state().processes["gate"]
+        os.kill(gateway.pid, 9)
         wait_for(
             client,
-            lambda s: s.processes["gate"].running and s.processes["gate"].restarts > gate.restarts,
-            "another gate",
+            lambda s: (
+                s.processes["gate"].running and s.processes["gate"].restarts > gateway.restarts
+            ),
+            "another gateway",
         )
         assert client.state().state == "ENABLED"
         wait_until(lambda: _lets_in(bench, who(certificates, "anna")), "anna to get in again")
         assert not lease.lost.is_set()
 
 
-def test_garbage_at_the_gate_holds_up_nothing(bench, certificates):
+def test_garbage_at_the_gateway_holds_up_nothing(bench, certificates):
     host, port = bench.remote.removeprefix("tls/").split(":")
     garbage = random.Random(1)
     for n in range(20):

@@ -89,8 +89,8 @@ def steps_of(text: str) -> list[Step]:
 
 def matches(expected: str, printed: str) -> bool:
     """Return whether a line, with `...` for anything, is one of those printed."""
-    words = [re.escape(part) for part in re.split(r"\s*\.\.\.\s*", expected.strip())]
-    pattern = r".*".join(re.sub(r"(\\ )+", r"\\s+", word) for word in words)
+    parts = [re.escape(part) for part in re.split(r"\s*\.\.\.\s*", expected.strip())]
+    pattern = r".*".join(re.sub(r"(\\ )+", r"\\s+", part) for part in parts)
     return any(re.fullmatch(pattern, line.strip()) for line in printed.splitlines())
 
 
@@ -219,15 +219,15 @@ def test_what_is_printed_is_compared_with_dots_for_anything() -> None:
 
 def spoken() -> str:
     """Return all text of the program's strings, what is filled in left out."""
-    words = []
+    texts = []
     for path in SOURCES.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                words.append(node.value)
+                texts.append(node.value)
             elif isinstance(node, ast.JoinedStr):
                 parts = [p.value if isinstance(p, ast.Constant) else "\0" for p in node.values]
-                words.append("".join(map(str, parts)))
-    return "\n".join(words).lower()
+                texts.append("".join(map(str, parts)))
+    return "\n".join(texts).lower()
 
 
 def test_the_messages_that_the_guide_explains_are_those_of_the_program() -> None:

@@ -1,4 +1,4 @@
-"""`motord dashboard` beside a daemon: what pages command, and what becomes of it when they go."""
+"""`motord dashboard` with a daemon: what pages command, and what becomes of it when they go."""
 
 import os
 import signal
@@ -89,7 +89,7 @@ def test_a_page_operates_the_bench(server, client, at_rest):
         page.state(lambda s: s["lease"]["holder"] is None)
 
 
-def test_who_may_not_come_in_is_told_so(server):
+def test_who_may_not_come_in_gets_an_error(server):
     good = {"Authorization": f"Bearer {server.operator}"}
     assert status_of(server, **good) == 200
     assert status_of(server, Authorization="Bearer wrong") == 401
@@ -239,7 +239,7 @@ def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"),
+    ("arguments", "code", "expected"),
     [
         (("--connect", "tcp/127.0.0.1:1"), 1, "no motord at tcp/127.0.0.1:1"),
         (("--host", "0.0.0.0"), 1, "ssh -L"),
@@ -247,7 +247,7 @@ def test_pages_stay_open_over_a_restart_of_the_daemon(tmp_path):
         (("--port", "{port}"), 1, "another `motord dashboard`"),
     ],
 )
-def test_what_cannot_be_is_told_in_one_line(server, running, folder, arguments, code, words):
+def test_what_cannot_be_is_reported_in_one_line(server, running, folder, arguments, code, expected):
     given = [argument.format(port=server.port) for argument in arguments]
     connection = [] if "--connect" in given else ["--connect", running.endpoint]
     done = subprocess.run(
@@ -256,7 +256,7 @@ def test_what_cannot_be_is_told_in_one_line(server, running, folder, arguments, 
         env=dict(os.environ, XDG_RUNTIME_DIR=str(folder)),
     )  # fmt: skip
     assert done.returncode == code
-    assert words in done.stderr.replace("\n", " ")
+    assert expected in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.stderr
     if code == 1:
         assert len(done.stderr.splitlines()) == 1

@@ -39,7 +39,7 @@ def test_ripple_before_and_after(demo: tuple[Path, dict]) -> None:
         assert 0.02 < point["after"] <= 0.5
 
 
-def test_estimates_beside_the_truth(demo: tuple[Path, dict]) -> None:
+def test_estimates_against_the_truth(demo: tuple[Path, dict]) -> None:
     _, found = demo
     truth, joint, residual = found["truth"], found["joint"], found["residual"]
     assert truth["alpha"] == [0.8, 1.118, 1.118]

@@ -44,8 +44,8 @@ def test_a_driven_rotor_on_the_wire(tmp_path):
             cogging = run_plan(client, "cogging", speeds_Hz=[0.8], turns=5, settle_s=0.5)
         assert running.end() == 0, running.said()
     found = measured_back_emf(Recordings.open([Path(emf)]))
-    told = load(bench).motor.back_emf_table()
-    assert np.abs(found.table() - told).max() < 0.06 * 0.206
+    configured = load(bench).motor.back_emf_table()
+    assert np.abs(found.table() - configured).max() < 0.06 * 0.206
     measured = measured_cogging(Recordings.open([Path(cogging)]))
     place = int(np.flatnonzero(measured.order == 48)[0])
     assert measured.amplitude_Nm[place] == pytest.approx(0.33, rel=0.1)

@@ -325,7 +325,7 @@ def test_a_second_emulator_of_a_bench_is_refused_in_one_line(start, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected"),
     [
         ({'interface = "udp_multicast"': 'interface = "socketcan"'}, "CAN socketcan"),
         ({'driver = "can"': 'driver = "acme"'}, '[inverter] driver = "acme"'),
@@ -333,10 +333,10 @@ def test_a_second_emulator_of_a_bench_is_refused_in_one_line(start, tmp_path):
         ({'rig = "package:report.rig.toml"': 'rig = "nowhere.toml"'}, "nowhere.toml"),
     ],
 )
-def test_what_cannot_be_served_is_one_line(tmp_path, changes, words):
+def test_what_cannot_be_served_is_one_line(tmp_path, changes, expected):
     result = CliRunner().invoke(app, ["emulate", "-c", str(write_bench(tmp_path, changes))])
     assert result.exit_code == 1
-    assert words in result.stderr
+    assert expected in result.stderr
     assert result.stderr.count("\n") == 1
     assert not (tmp_path / "bridge").is_symlink()
 

@@ -172,14 +172,14 @@ def test_on_a_terminal_it_asks(tmp_path: Path) -> None:
             asked.append(question)
             person.answer(
                 next(
-                    (left.pop(0) for words, left in answers.items() if words in question and left),
+                    (left.pop(0) for part, left in answers.items() if part in question and left),
                     "",
                 )
             )
         assert person.process.wait(TIMEOUT_S) == 0, person.said
     finally:
         person.close()
-    assert answers == {words: [] for words in answers}
+    assert answers == {part: [] for part in answers}
     assert "one of simulated, emulated" in person.said
     assert "it takes a star" in person.said.replace("\r\n", " ")
     assert not any("Modbus" in question or "slots" in question for question in asked)

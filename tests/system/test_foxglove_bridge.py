@@ -1,4 +1,4 @@
-"""`motord bridge foxglove` beside a daemon: it serves, it comes back, and it harms nobody."""
+"""`motord bridge foxglove` with a daemon: it serves, it comes back, and it harms nobody."""
 
 import json
 import os

@@ -150,7 +150,9 @@ def test_a_subscriber_that_stands_still(tmp_path):
             wait_until(lambda: unsent_bytes(endpoint) == 0, "the stopped one to read")
             account = stopped.end()
             assert account.received > 0
-            assert account.silent == 0  # what the buffers on the way did not hold is told as lost
+            assert (
+                account.silent == 0
+            )  # what the buffers on the way did not hold is reported as lost
         check_recorded_to_the_end(bench)
 
 
@@ -173,10 +175,10 @@ def test_a_recorder_that_is_killed_again_and_again(tmp_path):
         runs = check_recorded_to_the_end(bench)
     assert len(runs) == 4
     for before, after in pairwise(runs):
-        [told] = [e["data"] for e in after.events() if e["kind"] == "recorder_restarted"]
-        assert told["tick_before"] == before.ticks(("tick",))["tick"][-1]
-        assert told["tick_after"] == after.ticks(("tick",))["tick"][0]
-        assert told["lost"] == 0
+        [restart] = [e["data"] for e in after.events() if e["kind"] == "recorder_restarted"]
+        assert restart["tick_before"] == before.ticks(("tick",))["tick"][-1]
+        assert restart["tick_after"] == after.ticks(("tick",))["tick"][0]
+        assert restart["lost"] == 0
 
 
 def test_hogs_on_every_processor(tmp_path):

@@ -1,4 +1,4 @@
-"""`motord latency` as a process: the real loop beside cyclictest, real or a stub."""
+"""`motord latency` as a process: the real loop against cyclictest, real or a stub."""
 
 import json
 import os

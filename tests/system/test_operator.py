@@ -133,18 +133,18 @@ def test_a_reader_that_leaves_does_not_end_the_command(motord, client):
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("asked", "expected"),
     [
         (("--torque-Nm", "99"), "99 Nm is above [limits] torque_Nm"),
         (("--torque-Nm", "nan"), "torque_Nm"),
         (("--torque-Nm", "1", "--speed-Hz", "40"), "[limits] trip_speed_rad_s"),
     ],
 )
-def test_a_refused_set_point_leaves_the_bench_off(motord, client, asked, words):
+def test_a_refused_set_point_leaves_the_bench_off(motord, client, asked, expected):
     begun_ns = client.state().t_ns
     code, out, err = motord.run("set", "--enable", *asked)
     assert (code, out, len(err.splitlines())) == (1, "", 1)
-    assert words in err
+    assert expected in err
     assert client.state().state == "OFF"
     assert not [event for event in events_since(client, begun_ns) if event.kind == "state"]
 
@@ -198,7 +198,7 @@ POINTS = 8
 """More than can be taken until a command has come that ends them."""
 SPEEDS_HZ = ",".join(f"{0.8 + 0.02 * number:.2f}" for number in range(POINTS))
 PLAN = [
-    word
+    argument
     for setting in (
         "torques_Nm=2",
         f"speeds_Hz={SPEEDS_HZ}",
@@ -206,7 +206,7 @@ PLAN = [
         "settle_s=0.2",
         "gain_steps=[]",
     )
-    for word in ("--set", setting)
+    for argument in ("--set", setting)
 ]
 
 

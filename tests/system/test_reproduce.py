@@ -45,23 +45,23 @@ def test_every_figure_and_table_is_there(done: tuple[Path, dict]) -> None:
     folder, _ = done
     page = (folder / "reproduce.html").read_text()
     assert page.count("<svg") >= 20
-    words = re.sub(r"<svg.*?</svg>", " ", page, flags=re.DOTALL)
+    text = re.sub(r"<svg.*?</svg>", " ", page, flags=re.DOTALL)
     for figure in FIGURES:
-        assert re.search(rf"Figures?[^.]*? [^<]*?\b{re.escape(figure)}\b", words), figure
+        assert re.search(rf"Figures?[^.]*? [^<]*?\b{re.escape(figure)}\b", text), figure
     for table in ("Table 4.1", "Table 4.2"):
-        assert table in words
+        assert table in text
     assert "http://" not in page.replace("http://www.w3.org", "")
 
 
-def test_the_numbers_stand_beside_the_reports(done: tuple[Path, dict]) -> None:
-    folder, told = done
+def test_the_numbers_stand_next_to_the_reports(done: tuple[Path, dict]) -> None:
+    folder, printed = done
     kept = json.loads((folder / "reproduce.json").read_text())
-    assert kept["beside"] == told["beside"]
-    assert list(told["beside"]) == [
+    assert kept["beside"] == printed["beside"]
+    assert list(printed["beside"]) == [
         "Moment of inertia", "Cogging torque", "Calibration", "Sensitivity", "What remains",
         "Beyond the report",
     ]  # fmt: skip
-    rows = [row for chapter in told["beside"].values() for row in chapter]
+    rows = [row for chapter in printed["beside"].values() for row in chapter]
     assert all(row["report"] and row["here"] for row in rows)
     assert len([row for row in rows if row["why"]]) >= 10
     assert len(list(folder.glob("*.mcap"))) == 9

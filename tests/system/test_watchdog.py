@@ -1,4 +1,4 @@
-"""What systemd hears of a running daemon; the watchdog is fed by the loop's progress alone."""
+"""What a running daemon notifies systemd of; the loop's progress alone feeds the watchdog."""
 
 import os
 import signal
@@ -23,19 +23,19 @@ def manager(tmp_path, monkeypatch):
 
 def drain(manager):
     manager.setblocking(False)
-    heard = []
+    received = []
     try:
         while True:
-            heard.append(manager.recv(1000))
+            received.append(manager.recv(1000))
     except BlockingIOError:
         manager.settimeout(60.0)
-        return heard
+        return received
 
 
 def test_ready_then_fed_while_the_loop_makes_progress(manager, tmp_path):
     with daemon(tmp_path, write_sim(tmp_path)) as running:
         first = manager.recv(1000)
-        while b"READY=1" not in first:  # being alive may be told before being ready
+        while b"READY=1" not in first:  # the watchdog may be notified before readiness
             first = manager.recv(1000)
         assert b"bench system is up, OFF" in first
         assert manager.recv(1000) == b"WATCHDOG=1"

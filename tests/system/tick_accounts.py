@@ -37,7 +37,7 @@ with Client(zenoh.open(config), bench, endpoint) as client:
 
 @dataclass(frozen=True)
 class Account:
-    """What one subscriber received, was told of, and had between its first and its last tick."""
+    """What one subscriber received, what it lost, and the span from its first to its last tick."""
 
     received: int
     lost: int
@@ -52,7 +52,7 @@ class Account:
 
 
 class Subscriber:
-    """A process that subscribes when it is told to. room_bytes: for what it has not read."""
+    """A process that subscribes on command. room_bytes: for what it has not read."""
 
     def __init__(self, bench: str, endpoint: str, room_bytes: int = 0) -> None:
         self.process = subprocess.Popen(
@@ -72,17 +72,17 @@ class Subscriber:
 
     def begin(self) -> None:
         """Subscribe."""
-        self._tell()
+        self._send_line()
         assert self._says() == "on\n"
 
     def end(self) -> Account:
         """End the subscription and return its account."""
-        self._tell()
+        self._send_line()
         received, lost, missed, restarts, ends = json.loads(self._says())
         span = ends[-1] - ends[0] + 1 if ends else 0
         return Account(received, lost, missed, restarts, span)
 
-    def _tell(self) -> None:
+    def _send_line(self) -> None:
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()

@@ -159,7 +159,7 @@ def test_save_failing_leaves_the_old_file_and_nothing_else(
 
 
 @pytest.mark.parametrize(
-    ("seconds", "words"),
+    ("seconds", "expected"),
     [
         (0.4, "0 seconds"),
         (1.0, "1 second"),
@@ -170,9 +170,9 @@ def test_save_failing_leaves_the_old_file_and_nothing_else(
         (-5, "less than nothing (made in the future: is the clock right?)"),
     ],
 )
-def test_age_in_words(seconds: float, words: str) -> None:
-    assert in_words(seconds) == words
-    assert make().age(CREATED + timedelta(seconds=seconds)) == words
+def test_age_text(seconds: float, expected: str) -> None:
+    assert in_words(seconds) == expected
+    assert make().age(CREATED + timedelta(seconds=seconds)) == expected
 
 
 def test_age_now() -> None:

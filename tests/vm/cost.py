@@ -47,7 +47,7 @@ def measure(channel: str) -> dict[str, float]:
         for way, driver in drivers.items():
             spent_ns = 0
             for _ in range(TICKS):
-                drive.hear()
+                drive.receive()
                 drive.speak()
                 begun_ns = time.process_time_ns()
                 driver.read(time.time_ns(), feedback)

@@ -106,8 +106,8 @@ def _examples(found: list[Command]) -> dict[tuple[str, ...], list[str]]:
     for block in blocks(path for path in pages() if REFERENCE not in path.parents):
         if block.language in ("sh", "console"):
             for line in commands(block):
-                words = tuple(re.split(r"\s+", line))
-                path = next((path for path in leaves if words[: len(path)] == path), None)
-                if path and line not in taken.setdefault(path, []) and words != path:
+                arguments = tuple(re.split(r"\s+", line))
+                path = next((path for path in leaves if arguments[: len(path)] == path), None)
+                if path and line not in taken.setdefault(path, []) and arguments != path:
                     taken[path].append(line)
     return {path: lines[:EXAMPLES] for path, lines in taken.items()}

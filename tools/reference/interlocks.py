@@ -12,7 +12,7 @@ SOURCES = {
     EvidenceSource.INVERTER: "feedback of the inverter",
 }
 INTRO = """In the order in which the first of several causes of one tick is chosen. *May last*: for
-how long the condition may hold without a trip; *evidence*: new ones of these tell whether it does.
+how long the condition may hold without a trip; *evidence*: new ones of these show whether it does.
 How they work, and what each fault leads to: [Faults](../faults.md). Limits are keys of the [bench
 file](bench-file.md)."""
 

@@ -112,7 +112,7 @@ def _alternatives(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def type_of(schema: dict[str, Any], links: dict[str, str]) -> str:
-    """Return the type of a field in words."""
+    """Return the description of a field's type."""
     if reference := schema.get("$ref"):
         name = reference.rpartition("/")[2]
         return links.get(name, "any value")

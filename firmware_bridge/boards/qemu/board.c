@@ -12,27 +12,27 @@
 
 #define TIMER_HZ 1000000000U /* of all timers in QEMU, whatever the clock tree says */
 
-enum { CONVERSIONS = 16, TELL_US = 10000 };
+enum { CONVERSIONS = 16, REPORT_US = 10000 };
 
 static struct feed_decoder decoder;
 static volatile uint32_t fed; /* lines << 16 | torque, taken at once */
 static volatile bool feeding;
-static bool told_closed;
-static uint32_t told_us;
+static bool reported_closed;
+static uint32_t reported_us;
 
 /* QEMU's USART takes every byte at once. */
-static void tell(bool closed, uint32_t t_us)
+static void report(bool closed, uint32_t t_us)
 {
     uint8_t bytes[FEED_OUT_BYTES];
     feed_write(closed, t_us, bytes);
     for (uint32_t i = 0; i < FEED_OUT_BYTES; i++) {
         USART2->DR = bytes[i];
     }
-    told_closed = closed;
-    told_us = t_us;
+    reported_closed = closed;
+    reported_us = t_us;
 }
 
-void board_open_line(void) { tell(false, timing_us()); }
+void board_open_line(void) { report(false, timing_us()); }
 
 void usart2_handler(void)
 {
@@ -59,8 +59,8 @@ static bool self_test(void)
 static void set_enable_line(bool closed)
 {
     uint32_t t_us = timing_us();
-    if (closed != told_closed || t_us - told_us >= TELL_US) {
-        tell(closed, t_us);
+    if (closed != reported_closed || t_us - reported_us >= REPORT_US) {
+        report(closed, t_us);
     }
 }
 
@@ -97,7 +97,7 @@ void board_main(void)
 {
     timing_start(TIMER_HZ);
     USART2->CR1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_RXNEIE;
-    tell(false, timing_us());
+    report(false, timing_us());
     irq_enable(IRQ_USART2, PRIORITY_BYTES);
     board.link = port_link;
     program_run(&board, read);

@@ -1,4 +1,4 @@
-/* What the rig and the emulated board tell each other over a UART of their own.
+/* What the rig and the emulated board send each other over a UART of their own.
  *
  * A byte with the top bit set begins a frame, so either side is in step again at the next one; all
  * bytes carry seven bits, the highest first. The last is the check: the sum of the bytes before it

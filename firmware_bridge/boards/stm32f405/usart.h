@@ -28,7 +28,7 @@ void usart_open(struct usart *port, usart_registers *registers, uint32_t bus_Hz,
 bool usart_send(struct usart *port, const uint8_t *bytes, size_t count);
 
 /* Takes up to `count` received bytes; returns how many. From one context. Bytes that found no room,
- * or came before the last was read, are lost: the frame's CRC tells. */
+ * or came before the last was read, are lost: the frame's CRC shows it. */
 size_t usart_take(struct usart *port, uint8_t *bytes, size_t count);
 
 /* Moves bytes. To be called from the USART's interrupt. */

@@ -44,7 +44,7 @@ class CalibrationError(Exception):
 class Calibration(Part):
     """A calibration, Poels 2008, eq. (4.1): what flows is alpha epsilon i* + beta_A in each phase.
 
-    alpha has product 1 and beta_A sums to 0 where the data cannot tell otherwise (`observable`
+    alpha has product 1 and beta_A sums to 0 where the data cannot determine otherwise (`observable`
     says so in words). tau_cog_Nm[n] is the cogging torque at angle 2 pi n / counts; added_orders:
     those of its orders that slots and poles do not allow. findings: where the data depart from the
     model; None in files of before they were looked for. degrees_of_freedom of the standard errors;

@@ -45,7 +45,7 @@ class Harmonic(Part):
     """One order of the cogging torque: amplitude_Nm sin(order theta + phase_rad).
 
     stderr_Nm: of the amplitude, None where a single trial does not show it; phase_stderr_rad: of
-    the phase, None in files that do not tell. degrees_of_freedom: of both, None for many.
+    the phase, None in files that do not state it. degrees_of_freedom: of both, None for many.
     """
 
     order: Annotated[int, Field(ge=1)]

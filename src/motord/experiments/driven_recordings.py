@@ -10,7 +10,7 @@ from motord.identification.operating_points import CURRENTS, PointData, good_poi
 from motord.recording.reader import Run, bounds_of
 
 ANGLE = ("encoder_count", "angle_rad")
-"""Either tells where the rotor is."""
+"""Either gives the angle of the rotor."""
 
 
 def driven_points(runs: Iterable[Run], names: Sequence[str]) -> Iterator[PointData]:

@@ -2,4 +2,4 @@
 
 
 class IdentifyError(Exception):
-    """Data that cannot tell what was asked; the message says what is missing and what to do."""
+    """Data that do not determine what was asked; the message says what is missing, what to do."""

@@ -166,8 +166,8 @@ def require_currents(samples: Samples) -> None:
     """Raise IdentifyError if the currents were not recorded."""
     if not np.isfinite(samples.i_A).all():
         raise IdentifyError(
-            f"{samples.label}: {', '.join(CURRENTS)} were not recorded: without currents there is "
-            "no telling gains and offsets; verify and cogging do without"
+            f"{samples.label}: {', '.join(CURRENTS)} were not recorded: without currents "
+            "gains and offsets cannot be identified; verify and cogging do without"
         )
 
 

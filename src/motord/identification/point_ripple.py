@@ -157,7 +157,7 @@ def without_drift(samples: Samples, torque_Nm: np.ndarray) -> np.ndarray:
     t_s = samples.t_s
     means = np.array([torque_Nm[first:end].mean() for first, end in samples.turns])
     middles_s = np.array([t_s[first:end].mean() for first, end in samples.turns])
-    if means.size > 1:  # the first and the last half turn drift as the turns beside them
+    if means.size > 1:  # the first and the last half turn drift as the turns next to them
         ends = [0, -1]
         steps_s, steps_Nm = np.diff(middles_s)[ends], np.diff(means)[ends]
         middles_s = np.pad(middles_s, 1, constant_values=tuple(middles_s[ends] + [-1, 1] * steps_s))

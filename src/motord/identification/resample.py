@@ -48,7 +48,7 @@ def interpolate(
     """Fill `result` (m, k) with `values` (n, k), known at `source_s` (n), at times `target_s` (m).
 
     Cubic through the two neighbours on either side (Lagrange); straight between two samples that
-    have a gap beside them. Both times rise strictly. Inside a gap, and where there are no two
+    have a gap next to them. Both times rise strictly. Inside a gap, and where there are no two
     neighbours, the result is nan.
     """
     longest_s = GAP * float(np.median(np.diff(source_s))) if source_s.size > 1 else 0.0

@@ -46,7 +46,7 @@ FILES = {
     "calibration": "calibration.json",
     "report": "report.html",
 }
-"""What a demo leaves in its folder, besides `demo.json`; by their names in that."""
+"""What a demo leaves in its folder, in addition to `demo.json`; by their names in that."""
 
 HIGHEST_ORDER = 300
 

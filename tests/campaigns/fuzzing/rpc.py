@@ -42,7 +42,7 @@ NEW_AFTER = 200
 WAIT_STEPS = 400
 GO_ON_STEPS = 5
 NO_NUMBER = ("brake_temperature_C",)
-"""nan where there is nothing to tell."""
+"""nan where there is nothing to report."""
 
 
 class Rpc:

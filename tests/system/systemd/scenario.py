@@ -1,6 +1,6 @@
 """What happens to the unit under systemd: start, a loop that stops, stop. Leaves facts.json.
 
-Runs as root beside systemd as PID 1 (`manager.sh`), by files of Python's and motord's own alone.
+Runs as root next to systemd as PID 1 (`manager.sh`), by files of Python's and motord's own alone.
 """
 
 import fcntl
@@ -60,8 +60,8 @@ def loop_of(found: dict[int, str]) -> int:
 
 
 def motord(*arguments: str) -> "subprocess.CompletedProcess[str]":
-    words = ["/opt/motord/bin/motord", *arguments]
-    return subprocess.run(words, capture_output=True, text=True, check=False)
+    command = ["/opt/motord/bin/motord", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def main() -> None:

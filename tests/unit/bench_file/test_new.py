@@ -126,7 +126,7 @@ def test_an_emulated_bench_at_another_rate(template: str, rate_Hz: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("template", "inverter", "answers", "words"),
+    ("template", "inverter", "answers", "expected"),
     [
         ("simulated", "", {"motor__pole_pairs": "4"}, "--motor-pole-pairs.*rig of this template"),
         ("emulated", "vesc", {}, "--inverter is for a real bench"),
@@ -142,9 +142,9 @@ def test_an_emulated_bench_at_another_rate(template: str, rate_Hz: int) -> None:
     ],
 )
 def test_a_wrong_answer_is_refused_with_the_reason(
-    template: str, inverter: str, answers: dict[str, str], words: str
+    template: str, inverter: str, answers: dict[str, str], expected: str
 ) -> None:
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=expected):
         bench(template, inverter, **answers)
 
 
@@ -199,12 +199,12 @@ def test_nothing_is_written_for_wrong_answers(tmp_path: Path, wrong: list[str]) 
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("lost/b.toml", "there is no folder"), (".", "is a folder")]
+    ("name", "expected"), [("lost/b.toml", "there is no folder"), (".", "is a folder")]
 )
-def test_where_no_file_can_be_is_named(tmp_path: Path, name: str, words: str) -> None:
+def test_where_no_file_can_be_is_named(tmp_path: Path, name: str, expected: str) -> None:
     done = run(str(tmp_path / name), "--template", "simulated", "--yes", "--force")
     assert (done.exit_code, done.stderr.count("\n")) == (1, 1)
-    assert words in done.stderr
+    assert expected in done.stderr
 
 
 def test_without_a_terminal_it_wants_a_template(tmp_path: Path) -> None:

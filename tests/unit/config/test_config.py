@@ -70,7 +70,7 @@ def test_without_a_file_it_is_the_simulated_bench() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "line", "words"),
+    ("old", "new", "line", "expected"),
     [
         ("rate_Hz = 1000", "rate_hz = 1000", 5, "loop.rate_hz: unknown key; did you mean rate_Hz"),
         ("[limits]", "[limit]", 16, "limit: unknown key; did you mean limits"),
@@ -89,11 +89,13 @@ def test_without_a_file_it_is_the_simulated_bench() -> None:
         ("[limits]", "[limits]\nbus_V_min = 40.0", 16, "bus_V_max must be above"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:
+def test_what_is_wrong_is_named(
+    tmp_path: Path, old: str, new: str, line: int, expected: str
+) -> None:
     assert old in BENCH
     message = complaint(tmp_path, BENCH.replace(old, new))
     assert f"bench.toml:{line}: " in message, message
-    assert words in message, message
+    assert expected in message, message
 
 
 def test_two_mistakes_are_both_named(tmp_path: Path) -> None:
@@ -115,7 +117,7 @@ def test_a_heartbeat_timeout_that_no_board_takes_is_refused(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("drive", "modbus", "loop", "words"),
+    ("drive", "modbus", "loop", "expected"),
     [
         ("", "", "", "has no watchdog_s"),
         ("", "watchdog_s = 0.2", "", ""),
@@ -130,14 +132,14 @@ def test_a_heartbeat_timeout_that_no_board_takes_is_refused(tmp_path: Path) -> N
     ],
 )
 def test_a_drive_that_would_go_on_without_the_daemon_is_refused(
-    tmp_path: Path, drive: str, modbus: str, loop: str, words: str
+    tmp_path: Path, drive: str, modbus: str, loop: str, expected: str
 ) -> None:
     text = BENCH.replace("[loop]\n", f"[loop]\n{loop}\n")
     text += (
         f'[zenoh]\nlease_s = 5.0\n[drive]\ndriver = "modbus"\n{drive}\n[drive.modbus]\n{modbus}\n'
     )
-    if words:
-        assert words in complaint(tmp_path, text)
+    if expected:
+        assert expected in complaint(tmp_path, text)
     else:
         read(tmp_path, text)
 
@@ -286,14 +288,14 @@ def test_back_emf_from_a_table_file(tmp_path: Path) -> None:
     (tmp_path / "emf.json").write_text(json.dumps({"k_V_s_per_rad": k[:10].tolist()}))
     with pytest.raises(ConfigError, match=r"is \(10, 3\), expected \(4096, 3\)"):
         read(tmp_path, text).motor.back_emf_table()
-    for content, words in (
+    for content, expected in (
         ("[]", "not a back-EMF table: it has no k_V_s_per_rad"),
         ("{}", "not a back-EMF table: it has no k_V_s_per_rad"),
         ('{"k_V_s_per_rad": [[1, 2, "x"]]}', r"k_V_s_per_rad\[0\]\[2\]: Input should be a valid"),
         (json.dumps({"k_V_s_per_rad": [[0, 1, 1]] * 4096}), "a phase that is zero"),
     ):
         (tmp_path / "emf.json").write_text(content)
-        with pytest.raises(ConfigError, match=words):
+        with pytest.raises(ConfigError, match=expected):
             read(tmp_path, text)
     (tmp_path / "emf.json").unlink()
     with pytest.raises(ConfigError, match=r"emf\.json: cannot read the back-EMF table: No such"):

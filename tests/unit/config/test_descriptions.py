@@ -28,16 +28,16 @@ class Derived(Base):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "expected"),
     [("a", "The first, of two lines"), ("b", ""), ("f", "Of its own")],
 )
 def test_a_key_is_described_by_the_string_below_it(
-    name: str, words: str, monkeypatch: pytest.MonkeyPatch
+    name: str, expected: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for cls in (Base, Derived):
         monkeypatch.setattr(cls, "__module__", "motord.test")
     monkeypatch.setattr("inspect.getsource", lambda cls: SOURCES[cls.__name__])
-    assert description(Derived, name) == words
+    assert description(Derived, name) == expected
 
 
 SOURCES = {
@@ -55,9 +55,11 @@ SOURCES = {
 }
 
 
-@pytest.mark.parametrize(("name", "words"), [("c_A", "current"), ("d_V", "a voltage"), ("b", "")])
-def test_or_else_by_the_docstring_of_its_section(name: str, words: str) -> None:
-    assert description(Base, name) == words
+@pytest.mark.parametrize(
+    ("name", "expected"), [("c_A", "current"), ("d_V", "a voltage"), ("b", "")]
+)
+def test_or_else_by_the_docstring_of_its_section(name: str, expected: str) -> None:
+    assert description(Base, name) == expected
 
 
 def test_what_a_section_is() -> None:

@@ -45,7 +45,7 @@ PHASES = 'command_i_A = ["A.A", "A.B", "A.C"]\n'
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected"),
     [
         (((r"^command_i_q_A.*\n", ""),), "needs either command_i_A"),
         (((r"^command_i_q_A", PHASES + "command_i_q_A"),), "needs either command_i_A"),
@@ -81,9 +81,9 @@ PHASES = 'command_i_A = ["A.A", "A.B", "A.C"]\n'
     ],
 )
 def test_what_does_not_fit_together(
-    tmp_path: Path, changes: tuple[tuple[str, str], ...], words: str
+    tmp_path: Path, changes: tuple[tuple[str, str], ...], expected: str
 ) -> None:
-    assert words in complaint(tmp_path, *changes)
+    assert expected in complaint(tmp_path, *changes)
 
 
 def test_phase_currents_need_the_other_driver(tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ def test_the_packaged_bench_can_be_edited(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "expected"),
     [
         ("[limits]\n", r"^b.toml: there is no table \[motor\]"),
         ("motor = {name = 'm'}\n", r"no table \[motor\]"),
@@ -53,8 +53,8 @@ def test_the_packaged_bench_can_be_edited(tmp_path) -> None:
         ('[motor]\nname = """\nencoder_direction = 1\n"""\n', "encoder_direction = -1"),
     ],
 )
-def test_a_text_that_cannot_be_edited_is_refused(text: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=words):
+def test_a_text_that_cannot_be_edited_is_refused(text: str, expected: str) -> None:
+    with pytest.raises(ConfigError, match=expected):
         with_values(text, "motor", {"encoder_direction": -1}, "b.toml")
 
 

@@ -2,7 +2,7 @@
 
 The bench's samples come at a rate of their own, with jitter, and some are lost. From the moment at
 which a cause begins until its trip at most `lasts_s` of the interlock table and two of the gaps
-that there were between samples may pass, and a tick; besides what the table below allows.
+that there were between samples may pass, and a tick; in addition, what the table below allows.
 """
 
 import copy

@@ -103,7 +103,7 @@ def torque(value: float):
     return depart
 
 
-def torque_beside(apart_Nm: float, asked_Nm: float = 0.0):
+def torque_off_set_point(apart_Nm: float, asked_Nm: float = 0.0):
     def depart(w: Watched) -> None:
         w.p.torque_decay = 1.0
         w.m.torque_asked_Nm = w.m.torque_before_Nm = asked_Nm
@@ -185,8 +185,8 @@ BEYOND = [
     (Trip.FEEDBACK_INVALID, of_feedback("torque_Nm", math.inf)),
     (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (4.01, 0.0, 0.0))),
     (Trip.CURRENT_IMPLAUSIBLE, of_feedback("i_A", (0.0, 0.0, -4.01))),
-    (Trip.TORQUE_IMPLAUSIBLE, torque_beside(1.501)),
-    (Trip.TORQUE_IMPLAUSIBLE, torque_beside(-2.502, 5.0)),
+    (Trip.TORQUE_IMPLAUSIBLE, torque_off_set_point(1.501)),
+    (Trip.TORQUE_IMPLAUSIBLE, torque_off_set_point(-2.502, 5.0)),
     (Trip.BRAKE_TEMPERATURE, attribute("brake_C", 160.01)),
 ]
 """A departure just beyond each limit, and the only cause that it is."""
@@ -213,8 +213,8 @@ WITHIN = [
     of_feedback("u_bus_V", 32.0),
     of_memory("arming_s", 1.0),
     of_feedback("i_A", (0.0, 3.99, 0.0)),
-    torque_beside(1.5),
-    torque_beside(-2.5, 5.0),
+    torque_off_set_point(1.5),
+    torque_off_set_point(-2.5, 5.0),
     attribute("brake_C", 160.0),
     attribute("brake_C", math.nan),
 ]
@@ -318,13 +318,13 @@ def test_a_power_stage_that_is_off_matters_only_where_it_should_be_on(state) -> 
 @pytest.mark.parametrize("state", [State.OFF, State.READY, State.TRIPPED])
 def test_torque_is_compared_only_where_it_is_made(state) -> None:
     watched = Watched(state)
-    torque_beside(3.0)(watched)
+    torque_off_set_point(3.0)(watched)
     assert {watched.look() for _ in range(20)} == {0}
 
 
 def test_torque_that_is_limited_is_not_compared() -> None:
     watched = Watched()
-    torque_beside(3.0)(watched)
+    torque_off_set_point(3.0)(watched)
     watched.m.limited = 1
     assert {watched.look() for _ in range(20)} == {0}
 

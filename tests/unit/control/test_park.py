@@ -1,4 +1,4 @@
-"""The axes that a drive is told of, beside those that the simulated rig has: two derivations."""
+"""The axes configured for a drive, against those of the simulated rig: two derivations."""
 
 import math
 from typing import Any
@@ -94,12 +94,12 @@ dqs = st.builds(
     st.floats(-3.0, 3.0),
     st.tuples(currents, currents, currents),
 )
-def test_the_rig_understands_what_it_is_told(
+def test_the_rig_agrees_with_the_configured_axes(
     dq: DqConfig, order: str, angle_rad: float, i_A: tuple[float, float, float]
 ) -> None:
-    """Phase currents, through the told axes and the rig's own back to phases, but for their mean;
-    and what it then says of them the other way."""
-    told = star(dq=dq.model_dump(), phase_order=order, back_emf=HARMONICS)
+    """Phase currents, through the configured axes and the rig's own back to phases, but for their
+    mean; and what it then says of them the other way."""
+    configured = star(dq=dq.model_dump(), phase_order=order, back_emf=HARMONICS)
     truth = RigTruth.model_validate(
         {
             "motor": {"pole_pairs": 8, "connection": "star", "back_emf": HARMONICS},
@@ -108,7 +108,7 @@ def test_the_rig_understands_what_it_is_told(
         }
     )
     parameters, state = build(truth, 1)
-    axes, output = DqFrame.of(told), np.zeros(1, RIG_OUTPUT)
+    axes, output = DqFrame.of(configured), np.zeros(1, RIG_OUTPUT)
     values = np.array([*axes.to_drive(angle_rad, 0.0, i_A), 0.0])
     latch(parameters, state, values)
     expected = np.array(i_A) - np.mean(i_A)

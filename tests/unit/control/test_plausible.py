@@ -1,4 +1,4 @@
-"""Interlocks of what should be, beside what is measured: currents, torque, tracks, brake."""
+"""Interlocks of what should be, against what is measured: currents, torque, tracks, brake."""
 
 import math
 
@@ -74,7 +74,7 @@ def at_torque(torque_Nm: float = 3.0, **sections: object) -> Answering:
 @pytest.mark.kernel
 @pytest.mark.parametrize("connection", ["independent", "star"])
 @pytest.mark.parametrize(("error_A", "trips"), [(4.9, False), (5.1, True)])
-def test_current_beside_its_command(connection: str, error_A: float, trips: bool) -> None:
+def test_current_against_its_command(connection: str, error_A: float, trips: bool) -> None:
     bench = at_torque(motor={"connection": connection})
     bench.error_A[1] = error_A * (1.5 if connection == "star" else 1.0)  # less its mean
     number, first = until_trip(bench, 60)
@@ -102,7 +102,7 @@ def test_current_may_be_wrong_for_a_moment_and_samples_count_not_ticks() -> None
 
 @pytest.mark.kernel
 @pytest.mark.parametrize(("error_Nm", "trips"), [(2.05, False), (2.15, True), (-2.15, True)])
-def test_torque_beside_its_set_point(error_Nm: float, trips: bool) -> None:
+def test_torque_against_its_set_point(error_Nm: float, trips: bool) -> None:
     bench = at_torque(3.0)  # a fifth of it is free besides 1.5 Nm
     bench.error_Nm = error_Nm
     number, first = until_trip(bench, 150)

@@ -44,7 +44,7 @@ def test_every_case_obeys_the_rules() -> None:
 
 
 def without_causes(state, arming, stopping, request, ready, at_zero):
-    """What comes next, told request by request."""
+    """What comes next, specified request by request."""
     asked = {
         State.OFF: {Request.ENABLE: (State.READY, True, False)},
         State.READY: {
@@ -69,7 +69,7 @@ def without_causes(state, arming, stopping, request, ready, at_zero):
 
 
 @pytest.mark.kernel
-def test_every_case_ends_as_it_is_told() -> None:
+def test_every_case_ends_as_specified() -> None:
     for state, arming, stopping, request, causes, ready, at_zero in CASES:
         expected = without_causes(state, arming, stopping, request, ready, at_zero)
         if causes:

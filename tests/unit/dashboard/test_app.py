@@ -1,4 +1,4 @@
-"""Who may come in, what a page is told, and what it may ask for."""
+"""Who may come in, what a page receives, and what it may ask for."""
 
 import struct
 import warnings
@@ -188,10 +188,10 @@ def test_pages_are_not_without_number(server):
         receive(socket, "hello")
 
 
-# What a page is told
+# What a page receives
 
 
-def test_a_page_is_told_what_it_needs_first(server):
+def test_a_page_gets_what_it_needs_first(server):
     with server.socket() as socket:
         assert socket.accepted_subprotocol == "motord.1"
         header, _ = receive(socket, "hello")
@@ -252,7 +252,7 @@ def test_a_view_at_rest_is_sent_once(server):
         assert receive(socket, "trace")[0]["view"] == 1
 
 
-def test_lost_ticks_are_told(server):
+def test_lost_ticks_are_reported(server):
     epoch_ns = server.bench.epoch_ns
     server.come(("ticks", block(100, t0_ns=epoch_ns)))
     server.come(("ticks", block(100, first=142, t0_ns=epoch_ns)))
@@ -287,7 +287,7 @@ def test_a_window_beyond_all_history_is_refused(server, given):
         assert next(iter(given)) in receive(socket, "error", code=MALFORMED)[0]["message"]
 
 
-def test_a_silent_daemon_is_told(server):
+def test_a_silent_daemon_is_reported(server):
     with server.socket() as socket:
         server.link.alive = False
         header, _ = receive(socket, "connection", alive=False)

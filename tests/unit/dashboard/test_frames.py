@@ -30,7 +30,7 @@ def framed(header):
 
 
 @pytest.mark.parametrize(
-    ("message", "words"),
+    ("message", "expected"),
     [
         (b"", "too short"),
         (b"\x08\x00\x00", "too short"),
@@ -45,6 +45,6 @@ def framed(header):
         (framed(b"null"), "no JSON object"),
     ],
 )
-def test_a_malformed_message_is_told_as_such(message, words):
-    with pytest.raises(FrameError, match=words):
+def test_a_malformed_message_is_reported_as_such(message, expected):
+    with pytest.raises(FrameError, match=expected):
         decode(message)

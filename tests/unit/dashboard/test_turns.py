@@ -37,13 +37,13 @@ def test_the_spectrum_has_the_amplitudes_of_the_torque(turns_per_s):
     np.testing.assert_allclose(amplitudes_Nm, expected, atol=0.01)
 
 
-def test_few_ticks_a_turn_tell_few_orders():
+def test_few_ticks_a_turn_resolve_few_orders():
     turns = gathered(turned(10.0, 2.0, rate_Hz=1000.0))
     amplitudes_Nm = turns.amplitudes_Nm()
     assert amplitudes_Nm[[0, 1, 8]] == pytest.approx([2.0, 0.1, 0.05], abs=0.01)
-    told = np.flatnonzero(np.isfinite(amplitudes_Nm))[-1]
-    assert told < 50
-    assert np.isnan(amplitudes_Nm[told + 1 :]).all()
+    highest_order = np.flatnonzero(np.isfinite(amplitudes_Nm))[-1]
+    assert highest_order < 50
+    assert np.isnan(amplitudes_Nm[highest_order + 1 :]).all()
 
 
 def test_turns_in_which_the_set_point_moves_have_no_part_in_the_spectrum():

@@ -152,7 +152,7 @@ def test_a_damaged_manifest_is_named(folder: Path, manifest: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "expected"),
     [
         (('"dbc/mine.dbc"', '"../mine.dbc"'), "outside of its folder"),
         (('"dbc/mine.dbc"', '"/home/anna/mine.dbc"'), "in a home, which the service cannot see"),
@@ -161,13 +161,13 @@ def test_a_damaged_manifest_is_named(folder: Path, manifest: str) -> None:
     ],
 )
 def test_a_bench_that_would_not_start_is_refused(
-    folder: Path, change: tuple[str, str], words: str
+    folder: Path, change: tuple[str, str], expected: str
 ) -> None:
     path = folder / "bench.toml"
     path.write_text(path.read_text().replace(*change))
     done = install(folder)
     assert done.exit_code == 1
-    assert words in done.stderr
+    assert expected in done.stderr
     assert files(folder) == ()
 
 
@@ -222,9 +222,9 @@ def ran(folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Commands that would be run on a computer with systemd."""
     commands: list[str] = []
 
-    def run(words: tuple[str, ...], _: float) -> "subprocess.CompletedProcess[str]":
-        commands.append(" ".join(words))
-        return subprocess.CompletedProcess(words, 1 if "fails" in commands else 0, "", "why\n")
+    def run(arguments: tuple[str, ...], _: float) -> "subprocess.CompletedProcess[str]":
+        commands.append(" ".join(arguments))
+        return subprocess.CompletedProcess(arguments, 1 if "fails" in commands else 0, "", "why\n")
 
     monkeypatch.setattr(host, "_run", run)
     monkeypatch.setattr(host, "is_systemd", lambda: True)

@@ -38,7 +38,7 @@ def write_bench(
 ) -> Path:
     """Write a file of config/ with ports of its own into `folder`; `changes` replaces text.
 
-    `drag_Nm_s_per_rad` gives the rig other bearings, in a file of its own beside the bench's.
+    `drag_Nm_s_per_rad` gives the rig other bearings, in a file of its own next to the bench's.
     """
     text = source.read_text()
     if drag_Nm_s_per_rad is not None:

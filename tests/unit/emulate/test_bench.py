@@ -147,5 +147,5 @@ def test_a_brake_that_is_too_hot_says_so():
     assert bench.brake.status == DeviceStatus.FAULT
 
 
-def test_a_fault_is_told(bench):
+def test_a_fault_is_reported(bench):
     assert InverterStatus.FAULT in bench.inverter_status(bench.sense()._replace(fault=1))

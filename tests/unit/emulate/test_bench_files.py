@@ -20,12 +20,12 @@ def test_the_emulated_bench_keeps_to_this_computer():
     assert {config.brake.modbus.host, config.drive.modbus.host} == {"127.0.0.1"}
 
 
-def test_the_emulated_bench_is_told_what_its_rig_is():
+def test_the_emulated_bench_file_agrees_with_its_rig():
     config, rig = load(EMULATED), truth.load(load(EMULATED).bench.rig)
-    told, true = config.motor, rig.motor
-    assert (told.pole_pairs, told.connection) == (true.pole_pairs, true.connection)
-    assert told.counts == rig.encoder.counts
-    assert told.back_emf == true.back_emf
+    configured, true = config.motor, rig.motor
+    assert (configured.pole_pairs, configured.connection) == (true.pole_pairs, true.connection)
+    assert configured.counts == rig.encoder.counts
+    assert configured.back_emf == true.back_emf
     assert config.torque_sensor.gain_Nm_per_V == rig.torque_sensor.gain_Nm_per_V
     assert config.torque_sensor.resonance_Hz == rig.torque_sensor.resonance_Hz
     assert config.bridge.adc_V_per_count == pytest.approx(rig.torque_sensor.adc_V_per_count)

@@ -106,7 +106,7 @@ def test_a_failing_bus_is_counted_and_survived(ends, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected"),
     [
         ({"interface": "socketcan", "channel": "nocan7", "options": {}}, "socketcan nocan7"),
         ({"interface": "no-such-interface"}, "no-such-interface"),
@@ -114,10 +114,10 @@ def test_a_failing_bus_is_counted_and_survived(ends, monkeypatch):
         ({"bitrate": 500_000, "data_bitrate": 2_000_000, "options": {"port": "x"}}, "ip route"),
     ],
 )
-def test_a_bus_that_cannot_be_opened_is_one_line(changes, words):
+def test_a_bus_that_cannot_be_opened_is_one_line(changes, expected):
     with pytest.raises(EmulatorError) as caught:
         CanPort(CONFIG.model_copy(update=changes), CODEC)
-    assert words in str(caught.value)
+    assert expected in str(caught.value)
     assert "cannot open it" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -166,7 +166,7 @@ def test_faults_on_the_way_to_the_drive(ends):
     assert len(list(port.receive())) == 1
 
 
-def test_the_hosts_controller_hears_that_it_is_off_the_bus_and_back(ends):
+def test_the_hosts_controller_notices_that_it_is_off_the_bus_and_back(ends):
     port, host = ends
     port.faults.active = port.faults.off = True
     port.play(0)

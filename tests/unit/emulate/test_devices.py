@@ -31,7 +31,7 @@ def test_silence_zeroes_the_currents_at_the_timeout_and_not_before():
     assert (inverter.timeouts, inverter.deadline_ns) == (1, NEVER_NS)
 
 
-def test_after_a_timeout_it_stays_off_until_told_to_be_off():
+def test_after_a_timeout_it_stays_off_until_commanded_off():
     inverter = Inverter(0.05)
     inverter.command(0, CURRENTS, True)
     inverter.expire(60 * MS)

@@ -32,7 +32,7 @@ def changed(dq: dict[str, Any] | None = None, **signals: Any) -> Config:
 
 
 def spun(config: Config, truth: RigTruth, duration_ms: int = 60) -> EmulatedBench:
-    """Return a bench that was told the same d and q every millisecond."""
+    """Return a bench that was sent the same d and q every millisecond."""
     bench = EmulatedBench(config, truth, 0)
     bench.arrive(0, beat(0))
     for ms in range(duration_ms):
@@ -92,11 +92,11 @@ def test_a_turning_drive_follows_the_rotor_between_commands() -> None:
     assert np.abs(phases[1]).max() < 0.3
 
 
-def test_the_rig_file_is_true_and_the_bench_file_told() -> None:
-    told = load(DQ).inverter
-    own = told.dq.model_copy(update={"d_axis_rad": 0.2})
-    assert with_drive(still_rig(dq=own), told).inverter.dq == own
-    assert with_drive(still_rig(), told).inverter.dq == told.dq
+def test_a_rig_file_without_a_drive_takes_the_configured_one() -> None:
+    configured = load(DQ).inverter
+    own = configured.dq.model_copy(update={"d_axis_rad": 0.2})
+    assert with_drive(still_rig(dq=own), configured).inverter.dq == own
+    assert with_drive(still_rig(), configured).inverter.dq == configured.dq
     phases = load(EMULATED).inverter
     assert with_drive(still_rig(dq=own), phases).inverter.dq is None
     plain = still_rig()
@@ -117,7 +117,7 @@ def test_its_messages() -> None:
     assert {slot for m in codec.feedback for slot in m.slots} <= said.keys()
 
 
-def test_a_drive_that_cannot_be_told_to_be_off_follows_the_next_command() -> None:
+def test_a_drive_that_cannot_be_commanded_off_follows_the_next_command() -> None:
     inverter = Inverter(0.05, always_on=True)
     inverter.command(0, COMMAND_A, True)
     inverter.expire(60 * MS)
@@ -138,7 +138,7 @@ def test_a_drive_that_cannot_be_told_to_be_off_follows_the_next_command() -> Non
     assert bench.inverter.enabled
 
 
-def test_the_bench_is_told_what_its_rig_is() -> None:
+def test_the_bench_file_agrees_with_its_rig() -> None:
     config = load(DQ)
     true = rig_truth.load(config.bench.rig).motor
     assert (config.motor.connection, true.connection) == ("star", "star")

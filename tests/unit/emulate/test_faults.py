@@ -38,14 +38,14 @@ def injected(config):
 
 
 class Injected:
-    """A bench with an injector, and what it told and asked for."""
+    """A bench with an injector, and what it reported and asked for."""
 
     def __init__(self, config):
         self.bench = EmulatedBench(config, RigTruth(), 0)
         self.can, self.bridge = Disturbance(), Disturbance()
-        self.told, self.stalls, self.restarts = [], [], []
+        self.reported, self.stalls, self.restarts = [], [], []
         self.injector = Injector(
-            self.bench, self.can, self.bridge, lambda at_ns, told: self.told.append((at_ns, told)),
+            self.bench, self.can, self.bridge, lambda *report: self.reported.append(report),
             self.stalls.append, lambda: self.restarts.append(self.bench.now_ns),
         )  # fmt: skip
 
@@ -122,7 +122,7 @@ def test_a_fault_of_a_wire_is_put_and_taken_away(injected, kind, wire, field):
     injected.play(3 * MS)
     assert not disturbed.active
     assert not getattr(disturbed, field)
-    assert [(at_ns, told["kind"], told["fault"]) for at_ns, told in injected.told] == [
+    assert [(at_ns, event["kind"], event["fault"]) for at_ns, event in injected.reported] == [
         (MS, kind, 1)
     ]
 
@@ -195,7 +195,7 @@ def test_random_timelines_end_as_they_began(injected, seed):
     assert not injected.can.active
     assert not injected.bridge.active
     assert not injected.bench.rig_input["injected"]["active"].any()
-    assert injected.injector.begun == len(timeline.fault) == len(injected.told)
+    assert injected.injector.begun == len(timeline.fault) == len(injected.reported)
 
 
 def test_faults_that_cannot_be_here(injected):

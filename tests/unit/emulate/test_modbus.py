@@ -33,7 +33,7 @@ def test_two_devices_may_not_be_the_same_unit():
         ModbusServers({"brake": unit(), "drive": unit()})
 
 
-def test_a_port_in_use_is_told_and_nothing_is_left_running(tmp_path):
+def test_a_port_in_use_is_reported_and_nothing_is_left_running(tmp_path):
     link = tmp_path / "port"
     before = threading.active_count()
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -58,7 +58,7 @@ def test_a_port_that_is_taken_at_the_last_moment_is_refused(monkeypatch):
             servers.start()
 
 
-def test_an_address_of_another_computer_is_told():
+def test_an_address_of_another_computer_is_reported():
     servers = ModbusServers({"brake": unit(host="192.0.2.77", tcp_port=free_port())})
     with pytest.raises(EmulatorError, match=r"192\.0\.2\.77:\d+: Cannot assign"):
         servers.start()
@@ -74,6 +74,6 @@ def test_status_and_value_are_read_only():
     servers.close()
 
 
-def test_places_in_words():
+def test_address_texts():
     assert ModbusConfig(host="10.0.0.1", tcp_port=502).place == "10.0.0.1:502"
     assert ModbusConfig(transport="rtu", serial_port="/dev/x").place == "/dev/x"

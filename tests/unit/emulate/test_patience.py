@@ -42,7 +42,7 @@ def truth_of(bench: EmulatedBench) -> np.record:
 
 
 @pytest.mark.parametrize("patience_s", [None, 0.005])
-def test_the_rig_waits_only_if_told_to(patience_s: float | None) -> None:
+def test_the_rig_waits_only_if_configured_to(patience_s: float | None) -> None:
     bench = bench_with(patience_s)
     play(bench, 20 * MS)
     assert truth_of(bench).inverter_on

@@ -77,7 +77,7 @@ def test_two_emulators_do_not_share_a_port(pty, link):
     assert str(link.readlink()) == pty.name
 
 
-def test_a_folder_that_is_missing_is_told(tmp_path):
+def test_a_folder_that_is_missing_is_reported(tmp_path):
     with pytest.raises(EmulatorError, match="cannot make the serial port there: No such file"):
         Pty(tmp_path / "nowhere" / "port")
 

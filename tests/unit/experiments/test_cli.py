@@ -92,19 +92,19 @@ def test_what_is_wrong_is_one_line(recorded: Recorded, tmp_path: Path) -> None:
             "--report", tmp_path / "r.html",
         ): "made for another motor: name is 'other' there",
     }  # fmt: skip
-    for arguments, words in cases.items():
+    for arguments, expected in cases.items():
         code, _, error = run(analyse, *arguments)
         assert code == 1, arguments
         assert error.startswith("motord: ")
         assert error.count("\n") == 1
-        assert words in error
+        assert expected in error
 
 
 def test_show_a_calibration(recorded: Recorded, tmp_path: Path) -> None:
     code, out, _ = run(calibration, "show", recorded.calibration)
     assert code == 0
-    for words in (" old (", "axial-flux 48/16", "alpha 0.", "order   48", "RMS before"):
-        assert words in out
+    for part in (" old (", "axial-flux 48/16", "alpha 0.", "order   48", "RMS before"):
+        assert part in out
     content = json.loads(run(calibration, "show", recorded.calibration, "--json")[1])
     assert content["schema"] == "motord.calibration/1"
     code, _, error = run(calibration, "show", tmp_path / "none.json")

@@ -66,8 +66,8 @@ def table(runs: Path) -> Path:
     return path
 
 
-def motord(kind: str, *words: object):
-    return CliRunner().invoke(app, ["analyse", kind, *map(str, words)])
+def motord(kind: str, *arguments: object):
+    return CliRunner().invoke(app, ["analyse", kind, *map(str, arguments)])
 
 
 def test_cogging_on_the_command_line(runs: Path, tmp_path: Path) -> None:
@@ -137,12 +137,14 @@ def test_the_table_is_a_motors_back_emf(runs: Path, table: Path, tmp_path: Path)
         )
     )
     (tmp_path / "table.json").write_text(table.read_text())
-    config, told = load(bench), load()
+    config, nominal = load(bench), load()
     assert isinstance(config.motor.back_emf, BackEmfTable)
     k = config.motor.back_emf_table()
-    assert np.abs(k - told.motor.back_emf_table()).max() < 0.003 * 0.206
+    assert np.abs(k - nominal.motor.back_emf_table()).max() < 0.003 * 0.206
     assert np.array_equal(parameters.build(config)[1], k)
-    make(motor=CalibratedMotor.of(told.motor), tau_cog_Nm=(0.0,) * 4096).check_motor(config.motor)
+    make(motor=CalibratedMotor.of(nominal.motor), tau_cog_Nm=(0.0,) * 4096).check_motor(
+        config.motor
+    )
     run = tmp_path / "run.mcap"
     mesh = {"torques_Nm": [1.0, 4.0], "speeds_Hz": [1.0], "turns": 5, "settle_s": 0.5}
     record(run, "calibrate", config, **mesh)
@@ -200,7 +202,7 @@ def test_points_from_elsewhere_are_cut_into_steady_stretches(runs: Path, tmp_pat
     assert {0.8, 1.0} <= {round(one.speed_Hz, 2) for one in found.speeds}
 
 
-def test_what_is_wrong_is_told(runs: Path, tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported(runs: Path, tmp_path: Path) -> None:
     run = open_run(runs / "cogging.mcap")
     path = tmp_path / "bad.mcap"
     with RunWriter(path, run.metadata) as writer:
@@ -254,11 +256,11 @@ def test_columns_that_are_not_there(runs: Path) -> None:
     currents = ("i_a_A", "i_b_A", "i_c_A", "i_age_ns")
     measured = measured_cogging(Narrow(run, "encoder_count", *currents), subject)
     assert measured.amplitude_Nm[measured.order == 48] == pytest.approx(0.33, abs=5e-3)
-    for missing, words in (
+    for missing, expected in (
         (("torque_Nm",), "the recording has no torque_Nm"),
         (("encoder_count", "angle_rad"), "has neither encoder_count nor angle_rad"),
     ):
-        with pytest.raises(AnalysisError, match=words):
+        with pytest.raises(AnalysisError, match=expected):
             measured_cogging(Narrow(run, *missing), subject)
 
 

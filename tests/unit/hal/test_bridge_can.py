@@ -120,7 +120,7 @@ def test_without_a_table() -> None:
 
 
 def test_inverter_and_bridge_share_a_channel() -> None:
-    """Each hears its own frames; neither counts the other's as errors.
+    """Each receives its own frames; neither counts the other's as errors.
 
     Drive and board speak once for each command: at a pace of their own, a reader that is kept
     waiting for 0.1 s finds that the kernel had no room for all, which rightly counts.
@@ -142,8 +142,8 @@ def test_inverter_and_bridge_share_a_channel() -> None:
     for number in range(1, 51):
         commands, heartbeats = drive.commands, board.heartbeats
         rig.write(new_command((1.0, 0.0, -1.0), 1))
-        until(lambda n=commands: drive.hear() or drive.commands > n)
-        until(lambda n=heartbeats: board.hear() or board.heartbeats > n)
+        until(lambda n=commands: drive.receive() or drive.commands > n)
+        until(lambda n=heartbeats: board.receive() or board.heartbeats > n)
         board.encoder_gray, drive.values["u_bus_V"] = number, 20.0 + number / 10
         _speak(drive, board)
         until(lambda n=number: read(rig).encoder_gray == n)

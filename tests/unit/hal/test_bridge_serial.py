@@ -62,7 +62,7 @@ def test_torque_from_counts(pair: tuple[SerialBridge, Board]) -> None:
     until(lambda: read(driver).torque_Nm == pytest.approx(-1.5))
 
 
-def test_encoder_and_status_as_told(pair: tuple[SerialBridge, Board]) -> None:
+def test_encoder_and_status_as_sent(pair: tuple[SerialBridge, Board]) -> None:
     driver, board = pair
     board.encoder_gray = 0xFFF
     board.status = int(BridgeStatus.TORQUE_INVALID)
@@ -187,7 +187,7 @@ def test_something_else_on_the_port(board: Board) -> None:
 
 
 @pytest.mark.parametrize(
-    ("identity", "words"),
+    ("identity", "expected"),
     [
         (Identity(protocol=1), ["fake (firmware 1.2.3) speaks protocol 1, motord speaks 2"]),
         (Identity(layout=0xABCD), ["0000abcd", f"{frames.LAYOUT_HASH:08x}"]),
@@ -195,11 +195,11 @@ def test_something_else_on_the_port(board: Board) -> None:
         (Identity(rates_Hz=[500]), ["cannot sample at 1000 Hz", "set rate_Hz in [bridge]"]),
     ],
 )
-def test_a_board_that_does_not_fit(board: Board, identity: Identity, words: list[str]) -> None:
+def test_a_board_that_does_not_fit(board: Board, identity: Identity, expected: list[str]) -> None:
     board.identity = identity
     message = error_of(port=board.port)
-    for word in words:
-        assert word in message
+    for part in expected:
+        assert part in message
 
 
 def test_a_board_that_does_not_know_its_encoder(board: Board) -> None:

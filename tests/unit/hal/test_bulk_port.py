@@ -23,7 +23,7 @@ class Adapter:
     bus: can.BusABC
     fd: int
 
-    def hear(self) -> bytes:
+    def sent_by_host(self) -> bytes:
         """What the host has sent since the last call."""
         try:
             return os.read(self.fd, 65536)
@@ -40,7 +40,7 @@ def adapter() -> Iterator[Adapter]:
     config = can_config("slcan", channel=os.ttyname(host_fd), options=options)
     bus = open_python_can(config)._bus
     made = Adapter(bus, fd)
-    assert until(made.hear).startswith(b"O\r")
+    assert until(made.sent_by_host).startswith(b"O\r")
     yield made
     bus.shutdown()
     os.close(fd)
@@ -82,17 +82,17 @@ def test_frames_come_in_order_however_the_line_cuts_them(adapter: Adapter) -> No
 
 def test_frames_go_out_at_once(adapter: Adapter) -> None:
     adapter.bus.send(frame(), timeout=0)
-    assert until(adapter.hear) == b"b100400020304\r"
+    assert until(adapter.sent_by_host) == b"b100400020304\r"
 
 
-def test_a_frame_that_the_port_cuts_off_is_told_and_spoils_no_other(adapter: Adapter) -> None:
+def test_a_frame_that_the_port_cuts_off_is_reported_and_spoils_no_other(adapter: Adapter) -> None:
     sent = send_until_refused(adapter.bus)
-    heard = b""
-    while piece := adapter.hear():
-        heard += piece
+    received = b""
+    while piece := adapter.sent_by_host():
+        received += piece
     adapter.bus.send(frame(255), timeout=0)
-    heard += until(adapter.hear)
-    lines = heard.split(b"\r")
+    received += until(adapter.sent_by_host)
+    lines = received.split(b"\r")
     assert lines[:sent] == [f"b1004{n % 256:02X}020304".encode() for n in range(sent)]
     assert lines[-2:] == [b"b1004FF020304", b""]
 

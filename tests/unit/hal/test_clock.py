@@ -51,10 +51,10 @@ class Wire:
             number = math.floor((now_ns - delay_ns - begin_ns - phase_ns) / sample_ns)
             if self.heartbeats and tick % 50 == 0:
                 sent_ns = now_ns - 20 * MS
-                heard_ns = sent_ns + self.delay_ns + rng.expovariate(1) * self.jitter_ns
+                received_ns = sent_ns + self.delay_ns + rng.expovariate(1) * self.jitter_ns
                 if rng.random() < self.early:
-                    heard_ns -= rng.random() * self.early_ns
-                clock.heartbeat(self.board_us(heard_ns), sent_ns)
+                    received_ns -= rng.random() * self.early_ns
+                clock.heartbeat(self.board_us(received_ns), sent_ns)
             if number > newest:
                 newest = number
                 true_ns = begin_ns + phase_ns + number * sample_ns
@@ -142,7 +142,7 @@ def test_a_board_that_lost_time_is_noticed_after_a_second() -> None:
 
 
 def test_a_heartbeat_stamped_wrongly_is_passed_over() -> None:
-    """Heard 3 ms before it was sent: it contradicts the samples."""
+    """Received 3 ms before it was sent: it contradicts the samples."""
     clock, wire = BoardClock(), Wire()
     errors = settled(wire.run(clock, 3.5))
     sent_ns = START_NS + 3500 * MS
@@ -171,7 +171,7 @@ def test_samples_that_lag_for_long_are_late_and_not_another_clock() -> None:
     assert max(abs(error) for error in errors) < 150_000
 
 
-def test_told_of_a_reset() -> None:
+def test_a_reset() -> None:
     clock = BoardClock()
     clock.received(500, START_NS)
     clock.reset()

@@ -54,13 +54,13 @@ class Link:
 
     def errors(self, clock: BoardClock, duration_ms: int) -> np.ndarray:
         """Return the error (ns) of the newest sample's time at each reading once settled."""
-        found, waiting, heard = [], [], []
+        found, waiting, sent = [], [], []
         sample_ns, stalled_until_ns = 370_000.0, 0
         for tick in range(1, duration_ms):
             now_ns = tick * MS + round(abs(self._random.gauss(0, 3_000)))
             if tick == self.reboot_ms:
                 self._offset_us, self._booted_ns = 0, now_ns
-                waiting, heard = [], []
+                waiting, sent = [], []
             if self.stalls and self._random.random() < 5e-4:
                 stalled_until_ns = now_ns + 100 * MS
             while sample_ns < now_ns:
@@ -71,12 +71,12 @@ class Link:
                 sample_ns += MS / (1 + self.drift_ppm * 1e-6)
             if now_ns < stalled_until_ns:
                 continue
-            heard.append((now_ns, now_ns + self.late(self.heartbeat_ns)))
+            sent.append((now_ns, now_ns + self.late(self.heartbeat_ns)))
             if tick % 50 == 0:
-                told = [beat for beat in heard if beat[1] < now_ns - self.sample_ns]
-                if told:
-                    clock.heartbeat(self.board_us(told[-1][1]), START_NS + told[-1][0])
-                heard = heard[-8:]
+                arrived = [beat for beat in sent if beat[1] < now_ns - self.sample_ns]
+                if arrived:
+                    clock.heartbeat(self.board_us(arrived[-1][1]), START_NS + arrived[-1][0])
+                sent = sent[-8:]
             read = [one for one in waiting if one[0] <= now_ns]
             del waiting[: len(read)]
             if read:
@@ -108,7 +108,9 @@ def test_what_the_heartbeats_way_may_take(heartbeat_us: int) -> None:
     assert np.mean(errors_ns) == pytest.approx(expected_ns, abs=15_000)
 
 
-def test_heartbeats_that_wait_for_a_frame_cannot_be_told_from_a_clock_that_is_off() -> None:
+def test_heartbeats_that_wait_for_a_frame_cannot_be_distinguished_from_a_clock_that_is_off() -> (
+    None
+):
     """A way of 1 ms out, always: the time is early by it, less the 0.1 ms that is believed."""
     link = Link(20.0, heartbeat_ns=MS, jitter_ns=5_000)
     errors_ns = link.errors(BoardClock(), 20_000)

@@ -73,7 +73,7 @@ def pair() -> Iterator[tuple[CanInverter, SilentBus]]:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "expected"),
     [
         (
             {"interface": "socketcan", "channel": "nocan7"},
@@ -83,10 +83,10 @@ def pair() -> Iterator[tuple[CanInverter, SilentBus]]:
         ({"channel": "not an address"}, ["a multicast group needs a route"]),
     ],
 )
-def test_a_bus_that_cannot_be_opened(changes: dict[str, Any], words: list[str]) -> None:
+def test_a_bus_that_cannot_be_opened(changes: dict[str, Any], expected: list[str]) -> None:
     message = error_of(CanInverter(bench(can_config(**changes))))
-    for word in words:
-        assert word in message
+    for part in expected:
+        assert part in message
 
 
 def test_bit_rates_reach_the_interface() -> None:
@@ -101,7 +101,7 @@ def test_a_drive_that_says_nothing() -> None:
 
 
 def _with_stranger(identifier: int, data: bytes) -> str:
-    """Return the error of a driver that hears only this frame, again and again."""
+    """Return the error of a driver that receives only this frame, again and again."""
     config = can_config("virtual", connect_timeout_s=0.1)
     with can.Bus(config.channel, config.interface) as stranger:
         driver = CanInverter(bench(config))
@@ -153,7 +153,7 @@ def test_refused_sends_become_bus_off_and_recover(pair: tuple[CanInverter, Silen
     assert not read(driver).inverter_status & BUS_OFF
 
 
-def test_error_frames_tell_of_bus_off(pair: tuple[CanInverter, SilentBus]) -> None:
+def test_error_frames_report_bus_off(pair: tuple[CanInverter, SilentBus]) -> None:
     driver, bus = pair
     before = read(driver).link_errors
     bus.pending = [can.Message(is_error_frame=True, arbitration_id=0x40)]

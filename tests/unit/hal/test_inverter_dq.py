@@ -30,10 +30,10 @@ def drive() -> Iterator[Drive]:
 
 def opened(drive: Drive, **inverter: Any) -> tuple[DqInverter, Config]:
     """Return the driver of `drive`, opened, and its bench."""
-    told = bench(drive._config).model_dump()
-    told["inverter"] |= inverter
-    told["inverter"]["can"]["signals"] = drive._config.signals.model_dump()
-    config = Config.model_validate(told)
+    content = bench(drive._config).model_dump()
+    content["inverter"] |= inverter
+    content["inverter"]["can"]["signals"] = drive._config.signals.model_dump()
+    config = Config.model_validate(content)
     driver = DqInverter(config)
     driver.open()
     return driver, config
@@ -60,12 +60,12 @@ def test_the_same_along_the_axes_at_every_angle(drive: Drive, angle_rad: float) 
     seen_rad = angle_rad - SPEED_RAD_S * AGE_S
     i_A = axes.from_drive(seen_rad, 0.0, 1.0, 5.0)
 
-    def told() -> bool:
+    def has_command() -> bool:
         driver.write(command_at(angle_rad, i_A))
         return drive.enable and drive.i_A[:2] == pytest.approx((1.0, 5.0), abs=2e-3)
 
     drive.enable = False
-    until(told)
+    until(has_command)
     driver.close()
 
 

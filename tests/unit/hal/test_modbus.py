@@ -117,7 +117,7 @@ def test_a_host_that_does_not_exist_is_named():
         ModbusDevice("drive", table, 0.0, 1.0).open()
 
 
-def test_a_wrong_unit_is_told_over_tcp(brake_pair):
+def test_a_wrong_unit_is_reported_over_tcp(brake_pair):
     host, _ = brake_pair
     table = host._config.model_copy(update={"unit": 9})
     stranger = ModbusDevice("brake", table, 0.0, 1.0)
@@ -126,7 +126,7 @@ def test_a_wrong_unit_is_told_over_tcp(brake_pair):
     stranger.close()
 
 
-def test_a_wrong_register_is_told(brake_pair):
+def test_a_wrong_register_is_reported(brake_pair):
     host, _ = brake_pair
     table = host._config.model_copy(update={"status_register": 400})
     lost = ModbusDevice("brake", table, 0.0, 1.0)
@@ -135,7 +135,7 @@ def test_a_wrong_register_is_told(brake_pair):
     lost.close()
 
 
-def test_a_value_out_of_the_devices_range_is_told(brake_pair):
+def test_a_value_out_of_the_devices_range_is_reported(brake_pair):
     host, device = brake_pair
     host.exchange(0.5)
     greedy = ModbusDevice("brake", host._config, 0.0, 2.0)
@@ -204,13 +204,13 @@ def test_silence_costs_one_timeout_and_the_next_exchange_connects_anew(scripted)
     assert server.connections == 2
 
 
-def test_a_connection_that_ends_is_told(scripted):
+def test_a_connection_that_ends_is_reported(scripted):
     _, host = scripted(lambda _request: None, timeout_s=2.0)
     with pytest.raises(DeviceError, match="connection lost"):
         host.exchange(0.0)
 
 
-def test_an_answer_of_the_wrong_length_is_told(scripted):
+def test_an_answer_of_the_wrong_length_is_reported(scripted):
     def two_registers(request):
         transaction = request[:2]
         return transaction + struct.pack(">HHBBBHH", 0, 7, 1, 3, 4, 1, 2)
@@ -220,7 +220,7 @@ def test_an_answer_of_the_wrong_length_is_told(scripted):
         host.open()
 
 
-def test_an_unknown_exception_code_is_told(scripted):
+def test_an_unknown_exception_code_is_reported(scripted):
     _, host = scripted(lambda r: r[:2] + struct.pack(">HHBBB", 0, 3, 1, 0x83, 99), timeout_s=2.0)
     with pytest.raises(DeviceError, match=r"exception 99 \(unknown cause\)"):
         host.open()

@@ -37,8 +37,8 @@ def test_frames_both_ways(pair: tuple[CanBus, can.BusABC]) -> None:
         before_ns = time.time_ns()
         other.send(message)
         after_ns = time.time_ns()
-        [(heard, data, t_ns)] = bus.receive()
-        assert (heard, data) == (key, payload)
+        [(received_key, data, t_ns)] = bus.receive()
+        assert (received_key, data) == (key, payload)
         assert before_ns - ROUNDING_NS <= t_ns <= after_ns + ROUNDING_NS  # when it came
     assert bus.receive() == []
     assert bus.state.errors == 0

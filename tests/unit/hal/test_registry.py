@@ -68,7 +68,7 @@ def test_slow_devices(kind: str) -> None:
     assert isinstance(device, ModbusDevice)
 
 
-def test_an_unknown_driver_is_told_the_known_ones() -> None:
+def test_the_message_on_an_unknown_driver_names_the_known_ones() -> None:
     with pytest.raises(DeviceError) as caught:
         registry.make_rig(with_driver("telepathy"))
     assert str(caught.value) == (

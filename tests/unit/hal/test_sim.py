@@ -72,7 +72,7 @@ def test_commands_make_current_once_the_inverter_is_ready(stand: Stand) -> None:
 
 
 @pytest.mark.kernel
-def test_silence_switches_off_until_told_to_be_off(stand: Stand) -> None:
+def test_silence_switches_off_until_commanded_off(stand: Stand) -> None:
     stand.hold(8.0, 0, 12)  # the last command comes at 11 ms, the timeout is 50 ms
     assert stand.read(60.5).inverter_status == READY_AND_LINE
     late = stand.read(63.0)

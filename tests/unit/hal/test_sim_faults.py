@@ -1,4 +1,4 @@
-"""Faults of the bench simulated in the loop: from the first read on, told in bridge_status."""
+"""Faults of the bench simulated in the loop: from the first read on, reported in bridge_status."""
 
 from pathlib import Path
 

@@ -89,8 +89,8 @@ def test_batches_join(pair: Pair, count: int) -> None:
     """Fed as the queue of a datagram socket takes it, over and over, in the same memory."""
     bus, other = pair
     other.setblocking(False)
-    sent = heard = 0
-    while heard < count:
+    sent = received = 0
+    while received < count:
         while sent < count:
             try:
                 other.send(classic_frame(sent, bytes([sent % 256])))
@@ -98,8 +98,8 @@ def test_batches_join(pair: Pair, count: int) -> None:
                 break
             sent += 1
         frames = bus.receive()
-        assert [f[:2] for f in frames] == [(n, bytes([n % 256])) for n in range(heard, sent)]
-        heard += len(frames)
+        assert [f[:2] for f in frames] == [(n, bytes([n % 256])) for n in range(received, sent)]
+        received += len(frames)
 
 
 def test_a_flood_is_taken_in_bounded_bites(monkeypatch: pytest.MonkeyPatch, pair: Pair) -> None:
@@ -160,7 +160,7 @@ def mask_of(key: int) -> int:
     return socketcan._mask(key)
 
 
-def test_filters_tell_kinds_of_identifiers_apart() -> None:
+def test_filters_distinguish_kinds_of_identifiers() -> None:
     for key in (0x100, 0x100 | EXTENDED):
         others = [key ^ 1, key ^ (1 << 30), key ^ EXTENDED]
         assert all((other ^ key) & mask_of(key) for other in others)

@@ -45,7 +45,7 @@ def test_the_highest_rate_that_holds() -> None:
     assert "peer 20 us a tick" in each[0].note
 
 
-def test_a_rate_without_clean_slices_tells_nothing() -> None:
+def test_a_rate_without_clean_slices_gives_nothing() -> None:
     top: Figure = highest("a wire", [step(1000)])[0]
     assert math.isnan(top.value)
     assert top.met is None

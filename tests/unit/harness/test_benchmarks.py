@@ -11,7 +11,7 @@ from tests.benchmarks.figure import Figure
 
 
 @pytest.mark.parametrize(
-    ("value", "bound", "side", "met", "words"),
+    ("value", "bound", "side", "met", "expected"),
     [
         (0.04, 0.05, "at most", True, "met"),
         (0.06, 0.05, "at most", False, "NOT MET"),
@@ -23,11 +23,11 @@ from tests.benchmarks.figure import Figure
     ],
 )
 def test_a_figure_and_its_bound(
-    value: float, bound: float | None, side: str, met: bool | None, words: str
+    value: float, bound: float | None, side: str, met: bool | None, expected: str
 ) -> None:
     figure = Figure("x", value, "us", bound, side)  # type: ignore[arg-type]
     assert figure.met is met
-    assert figure.row()[3] == words
+    assert figure.row()[3] == expected
     assert json.loads(json.dumps(figure.as_json(), allow_nan=False))["met"] is met
 
 

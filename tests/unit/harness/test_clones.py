@@ -1,4 +1,4 @@
-"""The campaign of clones: goes on where it was, and tells how far it is."""
+"""The campaign of clones: goes on where it was, and reports how far it is."""
 
 import json
 import subprocess
@@ -34,7 +34,7 @@ def test_a_second_run_goes_on_with_the_commit_of_the_first(tmp_path: Path) -> No
     assert second.stdout.splitlines()[-1] == "2 of 2 clones, 1 red"
 
 
-def test_the_end_is_told_from_what_a_clone_took() -> None:
+def test_the_end_is_estimated_from_what_a_clone_took() -> None:
     done = [clones.Result(n, "c", "Z", n != 1, 600.0, [], 0, "x") for n in range(2)]
     at = datetime(2025, 1, 1, 12, 0)
     assert clones.progress([], 10, at) == "0 of 10 clones, 0 red"

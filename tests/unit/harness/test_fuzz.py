@@ -47,7 +47,7 @@ def test_a_request_carried_out_without_the_lease_is_found(monkeypatch):
         "motord.service.bench.lease.CommandLease.require", lambda self, token, now_ns: self._held
     )
     outcome = fuzz.run("rpc", 300)
-    assert any("without the lease" in words for words in outcome.first.values())
+    assert any("without the lease" in finding for finding in outcome.first.values())
 
 
 def test_a_change_by_a_refused_request_is_found(monkeypatch):
@@ -59,7 +59,7 @@ def test_a_change_by_a_refused_request_is_found(monkeypatch):
     monkeypatch.setattr(fuzz, "TARGETS", {"rpc": lambda: target})
     monkeypatch.setattr(rpc, "parse", careless)
     outcome = fuzz.run("rpc", 50)
-    assert any("changed something" in words for words in outcome.first.values())
+    assert any("changed something" in finding for finding in outcome.first.values())
 
 
 def test_a_hang_is_found(monkeypatch):

@@ -65,7 +65,7 @@ def test_an_open_line_is_forgiven_only_to_a_loop_that_missed_so_long(
     assert len(stalls.FORGIVEN) == 1
 
 
-def test_this_computer_tells_how_long_a_process_waited() -> None:
+def test_this_computer_reports_how_long_a_process_waited() -> None:
     assert max(stalls.waited_s().values()) > 0.0
     assert stalls.runs(1) > 0
 
@@ -74,9 +74,9 @@ def test_no_port_is_given_twice() -> None:
     """Not even to a process that begins to look at the same place."""
     mine = [free_port() for _ in range(50)]
     script = "from tests.support.ports import free_port; print([free_port() for _ in range(50)])"
-    told = subprocess.run(
+    output = subprocess.run(
         [sys.executable, "-c", f"import os; os.getpid = lambda: {os.getpid()}; {script}"],
         capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
-    theirs = [int(port) for port in told.strip("[]\n").split(",")]
+    theirs = [int(port) for port in output.strip("[]\n").split(",")]
     assert len({*mine, *theirs}) == 100

@@ -155,7 +155,7 @@ def test_interpolation_is_exact_for_cubics_and_says_where_it_cannot() -> None:
     assert np.isnan(few).all()
 
 
-def test_interpolation_does_not_bridge_gaps_and_goes_straight_beside_them() -> None:
+def test_interpolation_does_not_bridge_gaps_and_goes_straight_next_to_them() -> None:
     source = np.array([0.0, 1.0, 2.0, 3.0, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0])
     values = (source**2)[:, None]
     target = np.array([1.5, 2.5, 10.0, 20.5, 22.5])

@@ -52,12 +52,12 @@ def test_an_angle_alone_will_do() -> None:
         assert found - found[0] == pytest.approx(position_rad - 1.0, abs=1e-5)
 
 
-def test_no_angle_is_told() -> None:
+def test_a_missing_angle_is_reported() -> None:
     with pytest.raises(IdentifyError, match="here: no encoder_count and no angle_rad that moves"):
         unwrapped(np.zeros(10, [("encoder_count", "i4"), ("angle_rad", "f4")]), 100, "here")
 
 
-def test_counts_of_another_encoder_are_told() -> None:
+def test_counts_of_another_encoder_are_reported() -> None:
     ticks = record(4096, np.linspace(0, 20, 500))
     with pytest.raises(IdentifyError, match="the motor has 1000 counts a turn"):
         unwrapped(ticks, 1000, "here")

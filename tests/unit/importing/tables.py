@@ -71,7 +71,7 @@ def write_csv(
 def imported(
     folder: Path, source: Path, map_text: str = MAP, *, strict: bool = False
 ) -> tuple[Imported, Run]:
-    """Import `source` with a map that lies beside it."""
+    """Import `source` with a map that lies next to it."""
     map_path = folder / "map.toml"
     map_path.write_text(map_text, encoding="utf-8")
     if not (folder / "motor.toml").exists():

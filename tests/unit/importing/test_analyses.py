@@ -193,10 +193,10 @@ def test_time_position_and_torque_are_enough_to_verify(tmp_path: Path) -> None:
     run, result = tmp_path / "a.mcap", tmp_path / "a.json"
     runner = CliRunner()
     options = ["--map", str(tmp_path / "map.toml"), "-o", str(run)]
-    told = runner.invoke(app, ["record", "import", str(source), *options])
-    assert told.exit_code == 0, told.output
-    assert "3.00 Nm  0.700 Hz" in told.output
-    assert "no column has speed_set_Hz" in told.output
+    done = runner.invoke(app, ["record", "import", str(source), *options])
+    assert done.exit_code == 0, done.output
+    assert "3.00 Nm  0.700 Hz" in done.output
+    assert "no column has speed_set_Hz" in done.output
     again = runner.invoke(app, ["record", "import", str(source), *options])
     assert again.exit_code == 1
     assert "exists already" in again.stderr
@@ -214,10 +214,10 @@ def test_errors_of_an_import_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(KAGGLE.replace("angle_rad", "angle"))
     (tmp_path / "a.csv").write_text("Time,Position[rad],Iq\n")
     options = ["--map", str(tmp_path / "map.toml"), "-o", str(tmp_path / "run.mcap"), "--json"]
-    told = CliRunner().invoke(app, ["record", "import", str(tmp_path / "a.csv"), *options])
-    assert told.exit_code == 1
-    assert "map.toml:4: columns.angle: no field of a tick" in told.stderr
-    assert len(told.stderr.strip().splitlines()) == 1
+    result = CliRunner().invoke(app, ["record", "import", str(tmp_path / "a.csv"), *options])
+    assert result.exit_code == 1
+    assert "map.toml:4: columns.angle: no field of a tick" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
 
 
 def test_one_torque_only_is_refused(tmp_path: Path) -> None:

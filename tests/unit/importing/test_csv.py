@@ -42,7 +42,7 @@ def test_every_way_of_writing_gives_the_same_ticks(
     assert not ticks["missed"].any()
 
 
-def test_what_is_wrong_is_told_by_line(tmp_path: Path) -> None:
+def test_what_is_wrong_is_reported_by_line(tmp_path: Path) -> None:
     t = turning()["Time"]
     edit = {
         7: ",,",
@@ -283,7 +283,7 @@ def test_irregular_rows_miss_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("edit", "words"),
+    ("edit", "expected"),
     [
         (("t_s =", "t_x ="), r"map\.toml:4: columns\.t_x: no field of a tick"),
         (("angle_rad", "speed_rad_s"), r"must have encoder_count or angle_rad"),
@@ -297,9 +297,9 @@ def test_irregular_rows_miss_nothing(tmp_path: Path) -> None:
         (('"Time"', "[1]"), r"map\.toml:4: columns\.t_s"),
     ],
 )
-def test_maps_that_cannot_be(tmp_path: Path, edit: tuple[str, str], words: str) -> None:
+def test_maps_that_cannot_be(tmp_path: Path, edit: tuple[str, str], expected: str) -> None:
     source = write_csv(tmp_path / "a.csv", turning(100))
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=expected):
         imported(tmp_path, source, MAP.replace(*edit))
 
 
@@ -354,7 +354,7 @@ def test_files_that_are_no_tables(tmp_path: Path) -> None:
     source = tmp_path / "a.csv"
     with pytest.raises(RecordError, match=r"a\.csv: cannot read it: No such file"):
         imported(tmp_path, source)
-    for content, words in (
+    for content, expected in (
         (b"", "has no lines of text"),
         (b"\0\1" * 100, "not a table of text"),
         (b"Time,Position[rad],Iq\n", "no rows of numbers"),
@@ -362,7 +362,7 @@ def test_files_that_are_no_tables(tmp_path: Path) -> None:
         (b"Time,Position[rad],Iq\n1,2,3\n1,2,3\n", "fewer than two rows"),
     ):
         source.write_bytes(content)
-        with pytest.raises(RecordError, match=words):
+        with pytest.raises(RecordError, match=expected):
             imported(tmp_path, source)
 
 

@@ -29,7 +29,7 @@ PROPERTIES = {
 def write_tdms(
     path: Path, channels: dict[str, tuple[np.ndarray, dict[str, Any]]], pieces: int = 1
 ) -> Path:
-    """Write channels `Group/Name` in as many pieces as told."""
+    """Write channels `Group/Name` in `pieces` segments."""
     with TdmsWriter(path) as writer:
         for piece in range(pieces):
             objects = []

@@ -217,7 +217,7 @@ def test_bandwidth(tmp_path: Path, runtime: str, period: str, expected: Bandwidt
     assert Bandwidth.of_this_kernel(tmp_path) == expected
 
 
-def test_bandwidth_of_a_kernel_that_does_not_tell(tmp_path: Path) -> None:
+def test_bandwidth_of_a_kernel_that_does_not_report_it(tmp_path: Path) -> None:
     assert Bandwidth.of_this_kernel(tmp_path) == Bandwidth(0.95, 10**9)
 
 

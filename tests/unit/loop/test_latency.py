@@ -96,14 +96,14 @@ def test_cyclictest_gets_the_loops_conditions() -> None:
 
 
 @pytest.mark.parametrize(
-    ("script", "words"),
+    ("script", "expected"),
     [
         ("echo 'no right to do it' >&2; exit 3", "code 3: no right to do it"),
         ("exit 0", "code 0: it printed no latencies"),
     ],
 )
-def test_cyclictest_that_fails_is_one_line(tmp_path: Path, script: str, words: str) -> None:
-    with pytest.raises(LatencyError, match=words):
+def test_cyclictest_that_fails_is_one_line(tmp_path: Path, script: str, expected: str) -> None:
+    with pytest.raises(LatencyError, match=expected):
         run_stub(tmp_path, script)
 
 
@@ -231,8 +231,8 @@ def test_the_loop_runs_slices_on_demand(
 ) -> None:
     monkeypatch.setattr(rt_setup, "apply", lambda _loop: RIGHTS)
     setup = LoopSetup(loop=LoopConfig(rate_Hz=1000), period_ns=PERIOD_NS)
-    words = f"{setup.model_dump_json()}\n2 10\n1 20\n".encode()
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(words)))
+    lines = f"{setup.model_dump_json()}\n2 10\n1 20\n".encode()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines)))
     assert measured_loop.main() == 0
     sys.stdout.flush()
     line, _, rest = capfdbinary.readouterr().out.partition(b"\n")

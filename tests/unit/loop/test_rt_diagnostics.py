@@ -50,7 +50,7 @@ def test_a_machine_made_for_it_has_nothing_to_change(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "name", "words"),
+    ("file", "text", "name", "expected"),
     [
         ("sys/kernel/realtime", "0", "kernel", "PREEMPT_RT kernel"),
         ("proc/sys/kernel/sched_rt_runtime_us", "500000", "real-time limit", "sched_rt_runtime_us"),
@@ -69,8 +69,8 @@ def test_a_machine_made_for_it_has_nothing_to_change(tmp_path: Path) -> None:
         ("proc/meminfo", "SwapTotal: 2097148 kB", "swap", "swapoff"),
     ],
 )  # fmt: skip
-def test_each_flaw_is_found_and_its_cure_told(
-    tmp_path: Path, file: str, text: str, name: str, words: str
+def test_each_flaw_is_found_and_its_remedy_given(
+    tmp_path: Path, file: str, text: str, name: str, expected: str
 ) -> None:
     changed = {file: text}
     if file == "sys/kernel/realtime":
@@ -78,7 +78,7 @@ def test_each_flaw_is_found_and_its_cure_told(
     found = look(machine(tmp_path, **changed))
     bad = [f.name for f in found.values() if not f.good]
     assert bad == [name]
-    assert words in found[name].how
+    assert expected in found[name].how
     assert found[name].how in found[name].line()
 
 

@@ -57,11 +57,11 @@ print(os.sched_getscheduler(0))
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to become a user with few rights")
-def test_user_without_rights_is_told_what_is_missing() -> None:
+def test_missing_rights_are_reported_to_the_user() -> None:
     command = [sys.executable, "-c", UNPRIVILEGED]
     answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    told, policy = answer.splitlines()
-    status = rt_setup.RealtimeStatus.model_validate_json(told)
+    status_json, policy = answer.splitlines()
+    status = rt_setup.RealtimeStatus.model_validate_json(status_json)
     items = {item.name: item for item in status.items}
     assert not status.granted
     assert items["scheduler"].got == "normal priority"

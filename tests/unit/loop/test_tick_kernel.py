@@ -15,7 +15,7 @@ from motord.shm.timing import Timing
 
 
 class Bench:
-    """Records of a healthy rig that turns, told to apply torque."""
+    """Records of a healthy rig that turns, commanded to apply torque."""
 
     def __init__(self) -> None:
         self.tables = TableSet(*parameters.build(config.load()))

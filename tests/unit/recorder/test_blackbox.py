@@ -62,7 +62,7 @@ class Bench:
         handle(self.session, line, self.now_s)
         return path
 
-    def tell(self, message: str) -> None:
+    def send_event(self, message: str) -> None:
         content = {"kind": "state", "message": message, "data": {}}
         command = {"do": "blackbox_event", "t_ns": START_NS, "content": content}
         handle(self.session, json.dumps(command).encode(), self.now_s)
@@ -92,7 +92,7 @@ def test_a_box_has_the_ticks_before_and_after_the_trip_and_no_others(bench):
     bench.step()
     assert not path.exists()
     assert not bench.session.over
-    bench.tell("told while it is open")
+    bench.send_event("sent while it is open")
     bench.loop(40, State.TRIPPED, Trip.OVER_SPEED | Trip.BUS_OFF)
     bench.step()
     assert bench.outcome(path) == ""
@@ -103,8 +103,8 @@ def test_a_box_has_the_ticks_before_and_after_the_trip_and_no_others(bench):
     assert run.metadata["reason"] == "too fast"
     account = run.metadata["blackbox"]
     assert (account["first"], account["causes"]) == (["OVER_SPEED"], ["OVER_SPEED", "BUS_OFF"])
-    told, own = run.events()
-    assert told["message"] == "told while it is open"
+    event, own = run.events()
+    assert event["message"] == "sent while it is open"
     assert (own["kind"], own["data"]) == ("blackbox", account)
     assert not part_of(path).exists()
     assert bench.session.over
@@ -218,7 +218,9 @@ def test_a_folder_that_cannot_be_made_costs_the_box_alone(bench):
     assert "File exists" in bench.outcome(bench.ask(149, after=0))
 
 
-def test_while_the_disk_stalls_memory_is_bounded_and_what_is_left_out_is_told(bench, monkeypatch):
+def test_while_the_disk_stalls_memory_is_bounded_and_what_is_left_out_is_reported(
+    bench, monkeypatch
+):
     stalled = threading.Event()
     monkeypatch.setattr(blackbox, "make_room", lambda path, keep: stalled.wait(60))
     bench.folder.mkdir()
@@ -259,7 +261,7 @@ def test_when_the_daemon_dies_a_box_is_kept_if_the_bench_was_enabled(bench, stat
     assert bench.path().exists() == written
 
 
-def test_record_info_tells_what_happened_and_what_to_do(bench):
+def test_record_info_shows_what_happened_and_what_to_do(bench):
     bench.loop(100)
     bench.loop(50, State.TRIPPED, Trip.OVER_SPEED)
     path = bench.ask(100, after=0)
@@ -270,7 +272,7 @@ def test_record_info_tells_what_happened_and_what_to_do(bench):
         assert line in said
 
 
-def test_the_name_tells_bench_and_time():
+def test_the_name_has_bench_and_time():
     bench = config.load()
     path = path_of(bench, START_NS + 7 * PERIOD_NS)
     assert path.name == "blackbox-sim-20231114T221320007Z.mcap"

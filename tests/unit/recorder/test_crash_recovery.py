@@ -32,7 +32,7 @@ class Killed:
         )
         self.folder = folder / "runs"
         self.run_dir = RunDir(self.config.bench.name, folder / "run")
-        self.told: dict[str, str] = {}
+        self.outcomes: dict[str, str] = {}
 
     def ring(self, count: int, state: State, first: int = 0) -> None:
         self.run_dir.create()
@@ -58,13 +58,13 @@ class Killed:
             self.look_after()
 
     def look_after(self) -> None:
-        recovery = CrashRecovery(self.config, self.run_dir, lambda: {"bench": "anew"}, self._tell)
+        recovery = CrashRecovery(self.config, self.run_dir, lambda: {"bench": "anew"}, self._note)
         recovery._since_ns += 10**15  # whatever the clock of the file system
         recovery._parts = list(recovery._unfinished())
         recovery.run()
 
-    def _tell(self, path: Path, outcome: str) -> None:
-        self.told[path.name] = outcome
+    def _note(self, path: Path, outcome: str) -> None:
+        self.outcomes[path.name] = outcome
 
     def recorded(self) -> list[int]:
         files = sorted(self.folder.glob("*.mcap*"))
@@ -85,8 +85,8 @@ def test_a_recording_goes_on_in_its_next_file_with_what_the_ring_has(killed):
     killed.next_daemon()
     assert killed.recorded() == list(range(500))
     assert killed.names() == ["sim-T-calibrate-000.mcap", "sim-T-calibrate-001.mcap"]
-    assert "closed as" in killed.told[part_of(part).name]
-    [ring] = [outcome for outcome in killed.told.values() if "200 ticks" in outcome]
+    assert "closed as" in killed.outcomes[part_of(part).name]
+    [ring] = [outcome for outcome in killed.outcomes.values() if "200 ticks" in outcome]
     assert str(killed.folder) in ring
     second = open_run(killed.folder / f"sim-{STAMP}-calibrate-001.mcap")
     assert second.metadata["motor"] == METADATA["motor"]
@@ -119,7 +119,7 @@ def test_a_bench_that_was_off_is_not_recorded_and_its_ring_removed(killed):
     killed.ring(500, State.OFF)
     killed.next_daemon()
     assert len(killed.names()) == 1
-    assert killed.told == {}
+    assert killed.outcomes == {}
     assert killed.run_dir.left_rings() == []
 
 
@@ -130,7 +130,7 @@ def test_what_another_process_writes_is_left_to_it(killed, monkeypatch):
     assert try_lock(descriptor)
     killed.next_daemon()
     assert killed.names() == [part.name.replace(STAMP, "T")]
-    assert killed.told == {}
+    assert killed.outcomes == {}
     os.close(descriptor)
     killed.next_daemon()
     assert killed.names() == ["sim-T-000.mcap"]
@@ -140,13 +140,13 @@ def test_what_this_daemon_has_begun_and_other_benches_are_none_of_its_business(k
     killed.recording(10)
     (killed.folder / f"simulated-{STAMP}-000.mcap.part").write_bytes(b"x")
     with killed.run_dir.hold():
-        recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)
+        recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._note)
         assert recovery._parts == [part_of(killed.folder / f"sim-{STAMP}-000.mcap")]
         young = part_of(killed.recording(10, number=1))
         os.utime(young, (2e9, 2e9))
-        recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)
+        recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._note)
         assert young not in recovery._parts
-    assert CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)._parts == []
+    assert CrashRecovery(killed.config, killed.run_dir, dict, killed._note)._parts == []
 
 
 @pytest.mark.parametrize("at", ["copied", "named"])
@@ -176,24 +176,24 @@ def test_one_that_is_killed_over_it_is_followed_by_one_that_ends_it(killed, at, 
     assert killed.recorded() == list(range(300))
 
 
-def test_a_name_that_is_taken_and_a_file_without_sense_are_told_and_left(killed):
+def test_a_name_that_is_taken_and_a_file_without_sense_are_reported_and_left(killed):
     part = part_of(killed.recording(300))
     whole = killed.recording(5, suffix="-b", whole=True)
     whole.rename(killed.folder / f"sim-{STAMP}-000.mcap")
     nonsense = killed.folder / f"sim-{STAMP}-x-000.mcap.part"
     nonsense.write_bytes(b"no recording")
     killed.next_daemon()
-    assert "is there, too" in killed.told[part.name]
-    assert "not an MCAP file" in killed.told[nonsense.name]
+    assert "is there, too" in killed.outcomes[part.name]
+    assert "not an MCAP file" in killed.outcomes[nonsense.name]
     assert part.exists()
     assert nonsense.exists()
 
 
-def test_too_little_space_is_told(killed):
+def test_too_little_space_is_reported(killed):
     part = part_of(killed.recording(300))
     killed.config.recording.__dict__["free_min_MB"] = 1e12
     killed.next_daemon()
-    assert "too little space" in killed.told[part.name]
+    assert "too little space" in killed.outcomes[part.name]
     assert part.exists()
 
 
@@ -202,19 +202,19 @@ def test_it_is_bounded_in_time(killed, monkeypatch):
     part = part_of(killed.recording(300))
     killed.next_daemon()
     assert killed.names() == [part.name.replace(STAMP, "T")]
-    recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._tell)
+    recovery = CrashRecovery(killed.config, killed.run_dir, dict, killed._note)
     with pytest.raises(RecordError, match="in the time"):
         recovery._close(part)
     assert killed.names() == [part.name.replace(STAMP, "T")]
 
 
-def test_a_ring_of_another_version_is_told_and_removed(killed):
+def test_a_ring_of_another_version_is_reported_and_removed(killed):
     killed.ring(10, State.ENABLED)
     content = bytearray(killed.run_dir.ring.read_bytes())
     content[8] ^= 1
     killed.run_dir.ring.write_bytes(content)
     killed.next_daemon()
-    [outcome] = killed.told.values()
+    [outcome] = killed.outcomes.values()
     assert "its ticks are lost" in outcome
     assert killed.run_dir.left_rings() == []
 

@@ -205,7 +205,7 @@ def signals() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("signals")
-def test_main_records_at_once_if_told_where(tmp_path, pipe):
+def test_main_records_at_once_if_given_a_path(tmp_path, pipe):
     ring = RingWriter(tmp_path / "ring", 512)
     publish(ring, 0, 5)
     ring.close()

@@ -174,13 +174,13 @@ def test_whatever_happens_every_tick_is_in_the_files_once_or_counted(tmp_path_fa
     recorded = bench.recorded()
     assert recorded == sorted(set(recorded))
     missing = set(range(bench.published)) - set(recorded)
-    told = [e["data"]["lost"] for e in bench.events() if e["kind"] == "ring_lost"]
-    assert sum(told) == len(missing)
+    reported = [e["data"]["lost"] for e in bench.events() if e["kind"] == "ring_lost"]
+    assert sum(reported) == len(missing)
     if "restart" not in actions:
         assert bench.report()["lost"] == len(missing)
 
 
-def test_overwritten_ticks_are_counted_and_told(bench):
+def test_overwritten_ticks_are_counted_and_reported(bench):
     bench.start()
     bench.loop(10)
     bench.step()
@@ -310,7 +310,7 @@ def test_a_recorder_that_was_killed_goes_on_where_its_file_ends(bench):
     assert bench.report()["lost"] == 0
 
 
-def test_what_the_ring_no_longer_holds_after_a_restart_is_told(bench):
+def test_what_the_ring_no_longer_holds_after_a_restart_is_reported(bench):
     bench.start()
     bench.loop(100)
     bench.step(1.1)
@@ -517,7 +517,7 @@ def test_free_space_of_a_folder(tmp_path):
     assert free_bytes(tmp_path) > 0
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path):
+def test_a_folder_that_cannot_be_made_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="cannot make it"):
         RollingFile(tmp_path / "file" / "day" / "x", {}, RecordingConfig(), 0.0)
@@ -551,7 +551,7 @@ def test_resuming_without_a_readable_file_takes_all_that_the_ring_has(bench):
 
 
 class StallingDisk:
-    """Stands for os.fsync of a disk that does not answer until it is told to."""
+    """Stands for os.fsync of a disk that does not answer until it is released."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.reached, self.answer = threading.Event(), threading.Event()
@@ -662,7 +662,7 @@ def test_one_killed_as_a_recording_begins_does_not_record_twice_what_the_one_bef
     assert sum(len(open_run(f).ticks()) for f in night) == 25
 
 
-def test_recordings_of_other_benches_beside_it_do_not_matter(bench):
+def test_recordings_of_other_benches_next_to_it_do_not_matter(bench):
     bench.stem.parent.mkdir()
     with RunWriter(file_name(bench.stem.with_name("other"), 0), {}) as writer:
         writer.ticks(tick_block(10, 1000))
@@ -707,7 +707,7 @@ def test_the_last_tick_of_a_recording(tmp_path):
 # --- a disk that takes no more, and takes again
 
 
-def test_a_folder_that_is_deleted_is_told_and_recording_goes_on_when_it_is_back(bench):
+def test_a_folder_that_is_deleted_is_reported_and_recording_goes_on_when_it_is_back(bench):
     bench.start()
     bench.loop(40)
     bench.step()
@@ -795,7 +795,7 @@ def test_a_start_that_fails_is_tried_again_and_loses_nothing(bench):
     assert bench.report()["error"] == ""
 
 
-def test_a_file_that_cannot_get_its_name_at_the_end_is_told(bench):
+def test_a_file_that_cannot_get_its_name_at_the_end_is_reported(bench):
     bench.start()
     bench.loop(40)
     bench.step()

@@ -55,12 +55,12 @@ def test_info_of_a_calibration_run(tmp_path):
         writer.ticks(block[block["tick"] != 50])
         writer.operating_point(int(block["t_ns"][-1]), POINT)
     text = call("info", tmp_path / "run.mcap")
-    for words in ("AFPM-7", "calibrate", "99 in", "1 periods without a tick", "3.00 Nm  0.700 Hz"):
-        assert words in text
+    for part in ("AFPM-7", "calibrate", "99 in", "1 periods without a tick", "3.00 Nm  0.700 Hz"):
+        assert part in text
 
 
 @pytest.mark.parametrize(
-    ("metadata", "words"),
+    ("metadata", "expected"),
     [
         ({"calibration": "8f2c"}, "8f2c\n"),
         ({"calibration": "8f2c", "calibration_findings": []}, "8f2c\n"),
@@ -68,10 +68,10 @@ def test_info_of_a_calibration_run(tmp_path):
          "8f2c, in spite of kirchhoff, few turns\n"),
     ],
 )  # fmt: skip
-def test_info_says_which_findings_were_accepted(tmp_path, metadata, words):
+def test_info_says_which_findings_were_accepted(tmp_path, metadata, expected):
     with RunWriter(tmp_path / "run.mcap", metadata) as writer:
         writer.ticks(tick_block(1))
-    assert f"calibration:      {words}" in call("info", tmp_path / "run.mcap")
+    assert f"calibration:      {expected}" in call("info", tmp_path / "run.mcap")
 
 
 def test_info_of_an_empty_run(tmp_path):

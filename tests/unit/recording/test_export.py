@@ -80,7 +80,7 @@ def test_parquet_without_pyarrow_says_what_to_install(run, tmp_path, monkeypatch
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.mcap"]
 
 
-def test_mistakes_are_told_and_leave_nothing_behind(run, tmp_path):
+def test_mistakes_are_reported_and_leave_nothing_behind(run, tmp_path):
     taken = tmp_path / "taken.csv"
     taken.write_text("precious")
     for output, columns, message in (

@@ -148,7 +148,7 @@ def test_a_real_rig_has_no_truth(tmp_path):
 
 
 def check_survivors(run: Run, lost_rows: set[int] = frozenset()) -> np.ndarray:
-    """All ticks that come are as they were, in whole chunks, and what is missing is told."""
+    """All ticks that come are as they were, in whole chunks, and what is missing is reported."""
     found, expected = run.ticks(), tick_block(COUNT)
     damage = run.damage
     chunks = {int(tick) // ROWS for tick in found["tick"]}
@@ -231,7 +231,7 @@ def test_noise_after_the_magic_is_never_a_traceback(tmp_path_factory, noise):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_two_holes_are_both_told(tmp_path, compression):
+def test_two_holes_are_both_reported(tmp_path, compression):
     path = tmp_path / "run.mcap"
     write_run(path, COUNT, chunk_s=CHUNK_S, compression=compression)
     content = bytearray(path.read_bytes())
@@ -274,7 +274,7 @@ def test_a_damaged_metadata_record_costs_only_itself(tmp_path):
     assert "metadata record motord.end is damaged" in str(run.damage)
 
 
-def test_metadata_that_is_no_json_is_told(tmp_path):
+def test_metadata_that_is_no_json_is_reported(tmp_path):
     path = tmp_path / "run.mcap"
     write_run(path, 100)
     path.write_bytes(path.read_bytes().replace(b'{"motord":"0"}', b'{"motord":"0"]', 1))
@@ -302,7 +302,7 @@ def test_a_file_whose_index_alone_is_cut_misses_no_messages(whole, tmp_path):
 # --- files that are not ours
 
 
-def test_files_that_are_no_recordings_are_told_in_one_line(tmp_path):
+def test_files_that_are_no_recordings_are_reported_in_one_line(tmp_path):
     path = tmp_path / "x.mcap"
     cases = {b"": "is empty", b"hello": "is not an MCAP file", MAGIC: "no channel /tick"}
     for content, message in cases.items():
@@ -384,14 +384,16 @@ def test_ticks_of_an_older_version_have_fewer_columns(tmp_path):
         run.ticks(["torque_Nm"])
 
 
-def unfinished_by(path: Path, record: Record, count: int, told: int | None = None) -> np.ndarray:
-    """Leave an unfinished file of a motord whose ticks are `record`s, each `told` bytes long."""
+def unfinished_by(
+    path: Path, record: Record, count: int, message_bytes: int | None = None
+) -> np.ndarray:
+    """Leave an unfinished file of a motord whose ticks are `record`s, `message_bytes` each."""
     codec = BlockCodec(record)
     block = np.zeros(count, record.dtype)
     block["tick"] = np.arange(count)
     block["t_ns"] = START_NS + block["tick"].astype(np.int64)
     schema = replace(topics.TICKS.schema, data=descriptor_set(record))
-    size = {"message_bytes": str(codec.size if told is None else told)}
+    size = {"message_bytes": str(codec.size if message_bytes is None else message_bytes)}
     channel = replace(topics.TICKS.channel, metadata=size)
     layout, chunk = MessageArray(1, codec), ChunkBuilder()
     chunk.add_block(layout, block, block["t_ns"], block["tick"])
@@ -419,7 +421,7 @@ def test_unfinished_files_of_other_versions_are_read(tmp_path, record):
 def test_an_unchecked_schema_that_contradicts_its_channel_is_not_believed(tmp_path):
     path = tmp_path / "run.mcap"
     shorter = Record("Tick", "as if its last field had been destroyed", TICK.fields[:-1])
-    unfinished_by(path, shorter, 30, told=BlockCodec(TICK).size)
+    unfinished_by(path, shorter, 30, message_bytes=BlockCodec(TICK).size)
     assert open_run(part_of(path)).columns == TICK_DTYPE.names
     renamed = Record("Tick", "", (*TICK.fields[:-1], Field(39, "last_trip", "fixed32", "", "")))
     unfinished_by(tmp_path / "other.mcap", renamed, 30)
@@ -460,7 +462,7 @@ def test_other_topics_than_ticks_are_not_enough(tmp_path):
         open_run(path)
 
 
-def test_an_event_that_is_no_json_is_told(tmp_path):
+def test_an_event_that_is_no_json_is_reported(tmp_path):
     path = tmp_path / "run.mcap"
     with RunWriter(path, {}, compression="none") as writer:
         writer.event(START_NS, "a", "b")
@@ -553,7 +555,7 @@ def test_a_compression_that_is_not_known_is_a_loss(tmp_path):
 # --- words
 
 
-def test_times_are_told_in_utc():
+def test_times_are_given_in_utc():
     assert utc(START_NS + 1_234_567_890) == "2023-11-14T22:13:21.234Z"
     assert utc(2**63) == "2262-04-11T23:47:16.854Z"
     assert utc(2**70) == "an unknown time"
@@ -630,7 +632,7 @@ def test_newest_first_leaves_out_what_is_gone(tmp_path):
     assert found == [(2, tmp_path / "c"), (1, tmp_path / "a"), (0, tmp_path / "b")]
 
 
-def test_losses_tell_what_is_missing():
+def test_losses_report_what_is_missing():
     before = Loss(10, 5, "not readable", None, START_NS)
     between = Loss(50, 5, "not readable", START_NS, START_NS + 10**9)
     after = Loss(90, 5, "cut off", START_NS)

@@ -235,7 +235,7 @@ def test_ticks_out_of_order_or_without_time_are_kept_as_they_come(tmp_path):
     assert same(open_run(tmp_path / "run.mcap").ticks(), ticks)
 
 
-def test_chunks_follow_time_and_hold_truth_beside_ticks(tmp_path):
+def test_chunks_follow_time_and_hold_truth_next_to_ticks(tmp_path):
     path = tmp_path / "run.mcap"
     with RunWriter(path, {}, chunk_s=0.1) as writer:
         writer.ticks(tick_block(1000))
@@ -307,13 +307,13 @@ def test_nothing_is_overwritten(tmp_path, taken):
     assert (tmp_path / taken).read_text() == "precious"
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path):
+def test_a_folder_that_cannot_be_made_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(RecordError, match="cannot write it"):
         RunWriter(tmp_path / "file" / "run.mcap", {})
 
 
-def test_an_unknown_compression_is_told_before_a_file_is_made(tmp_path):
+def test_an_unknown_compression_is_reported_before_a_file_is_made(tmp_path):
     with pytest.raises(RecordError, match='"gzip" is not known; use zstd, lz4 or none'):
         RunWriter(tmp_path / "run.mcap", {}, compression="gzip")
     assert list(tmp_path.iterdir()) == []
@@ -366,7 +366,7 @@ def test_a_disk_that_takes_only_the_beginning_leaves_no_open_file(tmp_path, monk
         RunWriter(tmp_path / "run.mcap", METADATA)
 
 
-def test_a_failed_sync_is_told(tmp_path, monkeypatch):
+def test_a_failed_sync_is_reported(tmp_path, monkeypatch):
     def fail(descriptor: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 

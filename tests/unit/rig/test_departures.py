@@ -20,7 +20,7 @@ def expected_sum(angle_rad: np.ndarray, terms: list[tuple[int, float, float]]) -
 
 
 @pytest.mark.kernel
-def test_encoder_reads_its_error_besides_the_angle() -> None:
+def test_the_encoder_adds_its_error_to_the_angle() -> None:
     terms = [(1, math.radians(0.3), 0.7), (2, math.radians(0.1), -1.0)]
     errors = [{"order": m, "amplitude_rad": a, "phase_rad": phi} for m, a, phi in terms]
     probe = Probe(plain(rotor=TURNING, encoder={"counts": 65536, "errors": errors}))

@@ -1,4 +1,4 @@
-"""The bar between springs: energy, period and stiffness against closed forms; the hand."""
+"""The bar between springs: energy, period and stiffness against closed forms; the deflection."""
 
 import numpy as np
 import pytest

@@ -119,12 +119,12 @@ def test_orders_without_a_common_divisor_are_right_too() -> None:
 def test_random_numbers_are_those_of_the_published_generator() -> None:
     _, state = build(plain(), 3)
     x, carry = int(state[0].random) & 0xFFFFFFFF, int(state[0].random) >> 32
-    words = []
+    outputs = []
     for _ in range(20):
-        words.append(x ^ carry)
+        outputs.append(x ^ carry)
         product = MULTIPLIER * x + carry
         x, carry = product & 0xFFFFFFFF, product >> 32
-    parts = [(w & 0xFFFF) + (w >> 16) for w in words]
+    parts = [(w & 0xFFFF) + (w >> 16) for w in outputs]
     expected = [
         (parts[n] + parts[n + 1] - 2 * 65535) / math.sqrt((65536**2 - 1) / 3)
         for n in range(0, 20, 2)

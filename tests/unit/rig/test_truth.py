@@ -21,19 +21,19 @@ def test_packaged_rig_is_that_of_the_report() -> None:
     assert 0.2 < rms_Nm < 0.3
 
 
-def test_packaged_bench_is_told_the_nominal_values_of_its_rig() -> None:
-    told, truth = config.load(), load()
-    assert told.bench.rig == config.packaged("report.rig.toml")
-    assert told.motor.counts == truth.encoder.counts
-    assert told.motor.back_emf == truth.motor.back_emf
-    assert told.motor.connection == truth.motor.connection
+def test_packaged_bench_is_configured_with_the_nominal_values_of_its_rig() -> None:
+    configured, truth = config.load(), load()
+    assert configured.bench.rig == config.packaged("report.rig.toml")
+    assert configured.motor.counts == truth.encoder.counts
+    assert configured.motor.back_emf == truth.motor.back_emf
+    assert configured.motor.connection == truth.motor.connection
     for name in ("highpass_time_constant_s", "resonance_Hz", "damping_ratio", "gain_Nm_per_V"):
-        assert getattr(told.torque_sensor, name) == getattr(truth.torque_sensor, name)
-    assert told.bridge.adc_V_per_count == truth.torque_sensor.adc_V_per_count
+        assert getattr(configured.torque_sensor, name) == getattr(truth.torque_sensor, name)
+    assert configured.bridge.adc_V_per_count == truth.torque_sensor.adc_V_per_count
     lag_s = truth.inverter.dead_time_s + 1 / (2 * np.pi * truth.inverter.bandwidth_Hz)
-    assert told.inverter.actuation_delay_s == pytest.approx(lag_s, rel=0.01)
-    assert told.brake.torque_max_Nm == pytest.approx(truth.brake.torque_max_Nm, rel=0.1)
-    assert told.brake.critical_speed_rad_s == pytest.approx(
+    assert configured.inverter.actuation_delay_s == pytest.approx(lag_s, rel=0.01)
+    assert configured.brake.torque_max_Nm == pytest.approx(truth.brake.torque_max_Nm, rel=0.1)
+    assert configured.brake.critical_speed_rad_s == pytest.approx(
         truth.brake.critical_speed_rad_s, rel=0.1
     )
 

@@ -86,7 +86,7 @@ def test_roles_come_back_as_written(tmp_path_factory, given_roles):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "expected"),
     [
         ("", r"expected one table \[roles\]"),
         ("[roles]\nanna = 1", "anna = 1: a role is one of"),
@@ -96,10 +96,10 @@ def test_roles_come_back_as_written(tmp_path_factory, given_roles):
         ("roles", "not valid TOML"),
     ],
 )
-def test_wrong_roles_are_named(tmp_path, text, words):
+def test_wrong_roles_are_named(tmp_path, text, expected):
     path = tmp_path / "roles.toml"
     path.write_text(text)
-    with pytest.raises(SecurityError, match=words):
+    with pytest.raises(SecurityError, match=expected):
         roles.read(path)
     with pytest.raises(SecurityError, match="cannot read the roles"):
         roles.read(tmp_path / "none.toml")
@@ -169,7 +169,7 @@ TLS = '[zenoh.tls]\nca = "a"\ncertificate = "b"\nkey = "c"\nroles = "d"\n'
 
 
 @pytest.mark.parametrize(
-    ("zenoh", "words"),
+    ("zenoh", "expected"),
     [
         ('listen = ["tcp/0.0.0.0:7447"]', "of this machine alone.*motord security init"),
         ('listen = ["tls/0.0.0.0:7448"]\n' + TLS, "of this machine alone"),
@@ -184,10 +184,10 @@ TLS = '[zenoh.tls]\nca = "a"\ncertificate = "b"\nkey = "c"\nroles = "d"\n'
         ),
     ],
 )
-def test_nothing_is_listened_on_beyond_this_machine_without_all_of_it(tmp_path, zenoh, words):
+def test_nothing_is_listened_on_beyond_this_machine_without_all_of_it(tmp_path, zenoh, expected):
     path = tmp_path / "bench.toml"
     text = packaged("sim.toml").read_text()
     text = text.replace('rig = "report.rig.toml"', 'rig = "package:report.rig.toml"')
     path.write_text(f"{text}\n[zenoh]\n{zenoh}\n")
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=expected):
         load(path)

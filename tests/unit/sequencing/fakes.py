@@ -12,7 +12,7 @@ LOOK_TICKS = 2
 
 
 class FakeBench:
-    """Torque ramps at 10 Nm/s; the brake is `brake_factor` times as strong as told, and slow."""
+    """Torque ramps at 10 Nm/s; the brake is slow and `brake_factor` times the configured one."""
 
     def __init__(self, brake: BrakeConfig, brake_factor: float = 1.0) -> None:
         self.brake, self.brake_factor = brake, brake_factor

@@ -27,7 +27,7 @@ def look(servo, speed_Hz, seconds, begun_ns=0):
 
 
 def learnt(servo):
-    """Let the servo learn that the brake is weaker than told, and hold its speed with that."""
+    """Let the servo learn that the brake is weaker than configured, and hold its speed."""
     servo.start(0)
     t_ns = look(servo, 1.4 * WANTED_HZ, 1.0)
     return look(servo, WANTED_HZ, 2 * TRUST_S, t_ns)
@@ -42,7 +42,7 @@ def test_a_rotor_too_fast_gets_more_brake_and_one_too_slow_less(servo):
 
 
 @given(st.floats(-50, 50), st.floats(0.1, 10))
-def test_it_departs_from_the_told_curve_only_so_far(speed_Hz, seconds):
+def test_it_departs_from_the_configured_curve_only_so_far(speed_Hz, seconds):
     servo = BrakeServo(config.load().brake)
     look(servo, speed_Hz, seconds)
     assert abs(servo.shift) <= math.log(SHIFT_MAX)

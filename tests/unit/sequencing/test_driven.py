@@ -1,4 +1,4 @@
-"""The externally driven plans on the simulated rig, and on a drive that does not do as told."""
+"""The externally driven plans on the simulated rig, and on a drive that ignores commands."""
 
 from dataclasses import replace
 
@@ -112,7 +112,7 @@ def test_a_belt_that_creeps_a_little_is_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("answer", "expected"),
     [
         (lambda drive, _: 0.0, "does the drive answer, is the belt on"),
         (lambda drive, _: -drive, "it turns the other way"),
@@ -120,13 +120,13 @@ def test_a_belt_that_creeps_a_little_is_taken() -> None:
         (lambda drive, n: drive * (1 + 0.04 * np.sin(n / 300)), "it does not hold still"),
     ],
 )
-def test_a_speed_that_is_not_reached_is_told(answer, words: str) -> None:
+def test_a_speed_that_is_not_reached_is_reported(answer, expected: str) -> None:
     message = Driven(answer, settle_s=20.0, settle_timeout_s=25.0).finish()
-    assert words in message
+    assert expected in message
     assert message.startswith("driven at 0.5 Hz")
 
 
-def test_a_rotor_that_stops_in_the_capture_is_told() -> None:
+def test_a_rotor_that_stops_in_the_capture_is_reported() -> None:
     driven = Driven(lambda drive, _: drive)
     while driven.demand.plan_point < 0:
         driven.look()
@@ -135,7 +135,7 @@ def test_a_rotor_that_stops_in_the_capture_is_told() -> None:
     assert driven.demand.drive_rad_s == 0.0
 
 
-def test_a_speed_that_drifts_away_in_the_capture_is_told() -> None:
+def test_a_speed_that_drifts_away_in_the_capture_is_reported() -> None:
     driven = Driven(lambda drive, _: drive)
     while driven.demand.plan_point < 0:
         driven.look()
@@ -145,9 +145,11 @@ def test_a_speed_that_drifts_away_in_the_capture_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("swing", "words"), [(0.12, "ok"), (0.25, "not settled: turns from 0.3")], ids=["small", "big"]
+    ("swing", "expected"),
+    [(0.12, "ok"), (0.25, "not settled: turns from 0.3")],
+    ids=["small", "big"],
 )
-def test_a_speed_that_swings_about_its_mean_in_the_capture_has_not_settled(swing, words) -> None:
+def test_a_speed_that_swings_about_its_mean_in_the_capture_has_not_settled(swing, expected) -> None:
     driven = Driven(lambda drive, _: drive, turns=12)
     while driven.demand.plan_point < 0:
         driven.look()
@@ -157,7 +159,7 @@ def test_a_speed_that_swings_about_its_mean_in_the_capture_has_not_settled(swing
     )
     while not driven.executor.points:
         driven.look()
-    assert driven.executor.points[0]["quality"].startswith(words)
+    assert driven.executor.points[0]["quality"].startswith(expected)
 
 
 def test_a_poor_driven_point_is_taken_again_and_marked() -> None:
@@ -175,7 +177,7 @@ def test_a_stop_by_somebody_else_ends_it() -> None:
     assert "the bench was stopped" in driven.finish()
 
 
-def test_a_drive_that_does_not_stop_is_told() -> None:
+def test_a_drive_that_does_not_stop_is_reported() -> None:
     driven = Driven(lambda drive, _: max(drive, 3.0), speeds_Hz=[0.5])
     assert "the drive did not stop" in driven.finish()
 

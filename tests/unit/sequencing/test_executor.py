@@ -215,7 +215,7 @@ def test_a_rotor_that_stops_during_capture_fails_the_plan() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "expected"),
     [
         ({"torques_Nm": [9.0]}, "torque_Nm = 6"),
         ({"speeds_Hz": [3.0]}, "over-speed"),
@@ -225,8 +225,8 @@ def test_a_rotor_that_stops_during_capture_fails_the_plan() -> None:
         ({"compensate": "maybe"}, "one of off, on"),
     ],
 )
-def test_impossible_settings_are_refused_before_anything_moves(settings, words: str) -> None:
-    with pytest.raises(PlanError, match=words):
+def test_impossible_settings_are_refused_before_anything_moves(settings, expected: str) -> None:
+    with pytest.raises(PlanError, match=expected):
         build("calibrate", make_config(), settings)
 
 
@@ -242,7 +242,7 @@ def test_verify_compensates_and_calibrate_does_not() -> None:
         assert runner.demand.compensate == expected
 
 
-def test_brake_curve_is_told_truthfully() -> None:
+def test_brake_curve_and_its_inverse() -> None:
     from motord.sequencing.brake_servo import brake_torque_Nm, excitation_for
 
     brake = BrakeConfig(torque_max_Nm=8.0, critical_speed_rad_s=9.0)

@@ -52,9 +52,9 @@ def test_more_torque_than_the_brake_makes_at_a_speed_is_refused() -> None:
     check_operating_points(weak, [0.5, most_Nm[1.0] * (1 - 1e-9)], [1.0])
     check_operating_points(weak, [most_Nm[0.5] * (1 - 1e-9)], [1.0, 0.5])
     asked_Nm = most_Nm[0.5] * 1.01
-    words = (
+    expected = (
         f"the brake holds at most {most_Nm[0.5]:.3g} Nm at 0.5 Hz ([brake] torque_max_Nm, "
         f"critical_speed_rad_s); {asked_Nm:g} asked"
     )
-    with pytest.raises(PlanError, match=f"^{re.escape(words)}$"):
+    with pytest.raises(PlanError, match=f"^{re.escape(expected)}$"):
         check_operating_points(weak, [asked_Nm, 0.5], [1.0, 0.5])

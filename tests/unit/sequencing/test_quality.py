@@ -42,12 +42,12 @@ def steady(speed_Hz, seconds=4.0):
 
 
 @pytest.mark.parametrize(
-    ("speed_Hz", "words"),
+    ("speed_Hz", "expected"),
     [(1.0, "ok"), (1.039, "ok"), (0.961, "ok"), (1.045, "speed off by 4.5 %"),
      (0.955, "speed off by 4.5 %")],
 )  # fmt: skip
-def test_the_mean_speed_counts(speed_Hz, words):
-    assert quality(steady(speed_Hz)) == words
+def test_the_mean_speed_counts(speed_Hz, expected):
+    assert quality(steady(speed_Hz)) == expected
 
 
 @pytest.mark.parametrize(("drift", "good"), [(0.05, True), (0.08, False)])
@@ -82,12 +82,12 @@ def test_frames_that_are_lost_make_it_noisy(errors, good):
         (float("nan"), (40.0, 50.0), False),
     ],
 )  # fmt: skip
-def test_a_temperature_out_of_band_is_told(temperature_C, band_C, good):
+def test_a_temperature_out_of_band_is_reported(temperature_C, band_C, good):
     said = quality(steady(1.0), temperature_C=temperature_C, band_C=band_C)
     assert said == "ok" if good else "outside 40 to 50" in said
 
 
-def test_all_that_is_wrong_is_told():
+def test_all_that_is_wrong_is_reported():
     said = quality(steady(1.2), missed=2000, temperature_C=20.0, band_C=(40.0, 50.0))
     assert [part[:5] for part in said.split("; ")] == ["speed", "33 % ", "inver"]
 

@@ -14,20 +14,20 @@ from tests.unit.service.test_supervisor import PlayedDaemon
 def played(tmp_path, monkeypatch):
     daemon = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": False})
     daemon.up()
-    daemon.recorders[0].told()
+    daemon.recorders[0].received()
     yield daemon
     daemon.close()
 
 
 def trip(played, trips=Trip.OVER_SPEED, number=1):
-    """Let the loop trip, and return what the recorder was told of it."""
+    """Let the loop trip, and return what the recorder received of it."""
     slot = played.loops[-1].ring.slot()[0]
     slot["trip_bits"], slot["first_trip"], slot["t_ns"] = trips, trips & -trips, 10**15 * number
     slot["tick"], slot["state"], slot["speed_rad_s"] = played.loops[-1].number, State.TRIPPED, 99.0
     played.loops[-1].number += 1
     played.loops[-1].ring.publish()
     played.supervisor.step()
-    return played.recorders[-1].told()
+    return played.recorders[-1].received()
 
 
 def events(played, kind):
@@ -36,7 +36,7 @@ def events(played, kind):
 
 def test_at_a_trip_a_box_is_asked_for_even_if_nothing_is_recorded(played):
     played.step(5, State.ENABLED)
-    [asked, told] = trip(played, Trip.OVER_SPEED | Trip.BUS_OFF)
+    [asked, forwarded] = trip(played, Trip.OVER_SPEED | Trip.BUS_OFF)
     rate_Hz = played.config.loop.rate_Hz
     assert asked["do"] == "blackbox"
     assert (asked["tick"], asked["ticks_before"], asked["ticks_after"]) == (
@@ -52,7 +52,7 @@ def test_at_a_trip_a_box_is_asked_for_even_if_nothing_is_recorded(played):
     }
     assert "brake" in account["action"]
     assert asked["metadata"]["config"] == "the text"
-    assert (told["do"], told["content"]["kind"]) == ("blackbox_event", "trip")
+    assert (forwarded["do"], forwarded["content"]["kind"]) == ("blackbox_event", "trip")
     [event] = events(played, "trip")
     assert event.data["blackbox"] == str(path)
     assert event.data["action"] == account["action"]
@@ -73,12 +73,12 @@ def test_what_became_of_it_is_an_event_once(played):
 
 
 def test_a_recorder_that_died_over_a_box_is_followed_by_one_that_is_asked_again(played):
-    [asked, told] = trip(played)
+    [asked, event] = trip(played)
     played.recorders[0].code = -9
     played.step(40)
-    [again] = played.recorders[1].told("blackbox")
+    [again] = played.recorders[1].received("blackbox")
     assert {**again, "events": []} == {**asked, "events": []}
-    assert told["content"] in again["events"]
+    assert event["content"] in again["events"]
 
 
 def test_a_box_without_a_recorder_is_asked_for_when_there_is_one(played):
@@ -91,7 +91,7 @@ def test_a_box_without_a_recorder_is_asked_for_when_there_is_one(played):
     played.loops[0].ring.publish()
     played.supervisor.step()
     played.step(40, State.TRIPPED)
-    [asked] = played.recorders[1].told("blackbox")
+    [asked] = played.recorders[1].received("blackbox")
     assert asked["account"]["first"] == ["OVER_CURRENT"]
 
 
@@ -101,7 +101,7 @@ def test_a_recorder_that_never_answers_is_not_asked_for_more_and_more(played):
         played.step(1, State.READY)
     played.recorders[0].code = -9
     played.step(40)
-    assert len(played.recorders[1].told("blackbox")) == ASKED_MAX
+    assert len(played.recorders[1].received("blackbox")) == ASKED_MAX
 
 
 @pytest.mark.parametrize("state", [State.OFF, State.ENABLED])
@@ -109,7 +109,7 @@ def test_a_loop_that_dies_leaves_a_box(played, state):
     played.step(5, state)
     played.loops[0].code = -9
     played.step()
-    [asked] = played.recorders[0].told("blackbox")
+    [asked] = played.recorders[0].received("blackbox")
     assert (asked["tick"], asked["ticks_after"]) == (None, 0)
     account = asked["account"]
     assert (account["cause"], account["state"]) == ("loop died", state.name)
@@ -122,11 +122,11 @@ def test_a_loop_that_dies_tripped_or_before_its_first_tick_leaves_none(played, t
     trip(played)
     played.loops[0].code = -9
     played.step()
-    assert played.recorders[0].told("blackbox") == []
+    assert played.recorders[0].received("blackbox") == []
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.bring("reset", token=token)
     played.step(0)
     played.supervisor.step()
     played.loops[1].fail("no device")
     played.supervisor.step()
-    assert played.recorders[0].told("blackbox") == []
+    assert played.recorders[0].received("blackbox") == []

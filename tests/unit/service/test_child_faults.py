@@ -1,4 +1,4 @@
-"""Children that send nonsense, a system without descriptors: told, and the bench goes on."""
+"""Children that send nonsense, a system without descriptors: reported, and the bench goes on."""
 
 import errno
 import os
@@ -29,7 +29,7 @@ def played(tmp_path, monkeypatch):
 
 
 def heartbeats(daemon):
-    """Return the number of the set-point in the mailbox, and the request beside it."""
+    """Return the number of the set-point in the mailbox, and the request next to it."""
     record = np.zeros(1, daemon.supervisor.bench.setpoint._record.dtype)
     daemon.loops[0].mailbox.read(record)
     return int(record["seq"][0]), int(record["request"][0])
@@ -58,11 +58,11 @@ def test_10_000_random_lines_of_the_recorder_stop_nothing_and_it_is_started_agai
     assert state["processes"]["recorder"]["bad_messages"] > 500
     assert state["state"] == "ENABLED"
     assert state["faults"] == {}
-    told = [m for m in played.messages() if "no messages" in m or "more than can be meant" in m]
-    assert 2 <= len(told) <= 2 + steps * 0.01 / 10
+    reported = [m for m in played.messages() if "no messages" in m or "more than can be meant" in m]
+    assert 2 <= len(reported) <= 2 + steps * 0.01 / 10
 
 
-def test_a_line_that_is_no_report_is_told_and_counted(played):
+def test_a_line_that_is_no_report_is_reported_and_counted(played):
     played.recorders[0]._reports.write(b"Traceback (most recent call last):\n")
     played.step(12)
     assert any("recorder sent 1 lines that are no messages" in m for m in played.messages())
@@ -70,7 +70,7 @@ def test_a_line_that_is_no_report_is_told_and_counted(played):
     assert len(played.recorders) == 1
 
 
-def test_a_recorder_that_takes_no_commands_is_told_anew_what_to_record(played):
+def test_a_recorder_that_takes_no_commands_is_commanded_anew(played):
     start = played.record()
     for number in range(400):
         played.supervisor.bench.events.emit("note", "x" * 20_000, n=number)
@@ -79,12 +79,12 @@ def test_a_recorder_that_takes_no_commands_is_told_anew_what_to_record(played):
     assert any("did not take its commands in time" in m for m in played.messages())
     again = []
     for _ in range(100):
-        again += played.recorders[0].told("start")
+        again += played.recorders[0].received("start")
         played.step(1, State.ENABLED)
     assert [(c["out"], c["resume"]) for c in again] == [(start["out"], True)]
 
 
-def test_a_status_of_the_loop_that_makes_no_sense_is_told(tmp_path, monkeypatch):
+def test_a_status_of_the_loop_that_makes_no_sense_is_reported(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch)
     played.supervisor.loop.start(played.now_ns)
     for content in (b"[" * 10_000, b'{"phase": 7}', b"\xff", b"x" * (2 << 20)):
@@ -118,7 +118,7 @@ def test_a_ring_that_cannot_be_opened_yet_is_tried_again(tmp_path, monkeypatch):
     played.close()
 
 
-def test_a_recorder_that_cannot_be_started_is_told_and_tried_again(played):
+def test_a_recorder_that_cannot_be_started_is_reported_and_tried_again(played):
     start, tries = played.spawn["recorder"], []
 
     def without_descriptors(command):
@@ -132,9 +132,9 @@ def test_a_recorder_that_cannot_be_started_is_told_and_tried_again(played):
     played.step(200, State.ENABLED)
     assert len(tries) == 4
     assert len(played.recorders) == 2
-    told = [m for m in played.messages() if "cannot be started: Too many open files" in m]
-    assert len(told) == 3
-    assert "; again in 0.2 s" in told[0]
+    reported = [m for m in played.messages() if "cannot be started: Too many open files" in m]
+    assert len(reported) == 3
+    assert "; again in 0.2 s" in reported[0]
     assert played.state()["state"] == "ENABLED"
     assert played.state()["processes"]["recorder"]["running"]
 
@@ -214,7 +214,7 @@ def failing(played, monkeypatch, part, error):
 @pytest.mark.parametrize(
     "error", [OSError(errno.EMFILE, "Too many open files"), MemoryError()], ids=["EMFILE", "memory"]
 )
-def test_what_the_world_does_to_a_part_is_told_and_the_bench_goes_on(
+def test_what_the_world_does_to_a_part_is_reported_and_the_bench_goes_on(
     played, monkeypatch, part, error
 ):
     before = heartbeats(played)[0]

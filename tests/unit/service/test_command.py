@@ -82,7 +82,7 @@ def test_a_plan_of_a_silent_commander_is_at_zero_when_the_lease_ends():
     assert service.bench.plans.view.state == "aborted"
 
 
-def test_a_lease_tells_how_soon_it_must_be_renewed():
+def test_a_lease_says_how_soon_it_must_be_renewed():
     service = VirtualService()
     answer = service.ask("lease/acquire", holder="anna")
     assert answer["lease_s"] == 2.0

@@ -77,7 +77,7 @@ def test_a_device_that_never_answered_goes_stale_too():
     assert device.view(0).value is None
 
 
-def test_a_device_that_is_not_there_is_told_at_once():
+def test_a_device_that_is_not_there_is_reported_at_once():
     wire = Wire()
     wire.answers = False
     with pytest.raises(DeviceError, match="nothing there"):

@@ -1,4 +1,4 @@
-"""Driven plans through the service: the drive is told, the power stage stays off."""
+"""Driven plans through the service: the drive is commanded, the power stage stays off."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_it_needs_a_drive_and_no_brake(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Drive:
-    """A drive on a wire that notes what it is told."""
+    """A drive on a wire that notes its commands."""
 
     def __init__(self) -> None:
         self.written: list[float | str] = []
@@ -85,10 +85,10 @@ class Driven:
         self.service = VirtualService({"drive": self.drive})
         self.token = self.service.ready()
         self.service.ask("set", token=self.token, drive_Hz=1.0)
-        assert self.told() == TURNING
+        assert self.step_and_poll() == TURNING
 
-    def told(self) -> float | str | None:
-        """Let supervisor and thread come round; return what the device is told then."""
+    def step_and_poll(self) -> float | str | None:
+        """Let supervisor and thread come round; return what the device is commanded then."""
         self.service.step()
         return self.poll()
 
@@ -105,7 +105,7 @@ def test_the_drive_turns_while_supervisor_and_loop_live() -> None:
     driven = Driven()
     for _ in range(50):
         driven.service.ask("lease/renew", token=driven.token)
-        assert driven.told() == TURNING
+        assert driven.step_and_poll() == TURNING
 
 
 def test_a_supervisor_that_hangs_lets_the_drive_go_safe_and_starve() -> None:
@@ -122,7 +122,7 @@ def test_a_supervisor_that_hangs_lets_the_drive_go_safe_and_starve() -> None:
 def test_a_supervisor_that_was_away_does_not_go_on() -> None:
     driven = Driven()
     driven.service.now_ns += 510_000_000
-    assert driven.told() == 0.0
+    assert driven.step_and_poll() == 0.0
     said = "fault: the supervisor did not run for 0.5 s, and the drive was stopped"
     assert said in driven.service.messages()
 
@@ -130,15 +130,15 @@ def test_a_supervisor_that_was_away_does_not_go_on() -> None:
 def test_without_fresh_ticks_the_drive_goes_safe_and_starves() -> None:
     driven = Driven()
     driven.service.loop.running = False
-    told = [driven.told() for _ in range(90)]
-    assert told[:10] == [TURNING] * 10
-    assert told[10:] == ["safe", *[None] * 79]
+    commands = [driven.step_and_poll() for _ in range(90)]
+    assert commands[:10] == [TURNING] * 10
+    assert commands[10:] == ["safe", *[None] * 79]
     driven.service.ask("lease/renew", token=driven.token)
     for _ in range(20):
-        driven.told()
+        driven.step_and_poll()
     assert driven.service.bench.setpoint.drive_Hz == 0.0
     driven.service.loop.running = True
-    assert driven.told() == 0.0
+    assert driven.step_and_poll() == 0.0
 
 
 @pytest.mark.parametrize("how", ["trip", "stop", "release", "expire", "loop"])
@@ -156,8 +156,8 @@ def test_what_takes_the_bench_away_takes_the_drive_to_zero(how: str) -> None:
     else:
         lease_s = service.config.zenoh.lease_s
         for _ in range(int(lease_s * 100)):
-            driven.told()
+            driven.step_and_poll()
     for _ in range(3):
-        told = driven.told()
-    assert told == 0.0
+        command = driven.step_and_poll()
+    assert command == 0.0
     assert service.bench.setpoint.drive_Hz == 0.0

@@ -44,7 +44,7 @@ def test_a_plan_that_compensates_is_tried_out_with_the_calibration_in_force(tmp_
     assert warning([each], "verify") == "1 were not simulated: give it more time by --limit-s"
 
 
-def test_a_calibration_that_is_elsewhere_is_told(tmp_path, capsys):
+def test_a_calibration_that_is_elsewhere_is_reported(tmp_path, capsys):
     said = complaint(capsys, Client(tmp_path / "none.json"), "verify", SHORT, NO_TIME_S)
     assert said.startswith("motord: not simulated: ")
     assert "run this on the daemon's machine, or with --limit-s 0" in said
@@ -53,7 +53,7 @@ def test_a_calibration_that_is_elsewhere_is_told(tmp_path, capsys):
     )
 
 
-def test_a_rig_file_that_is_elsewhere_is_told(tmp_path, capsys):
+def test_a_rig_file_that_is_elsewhere_is_reported(tmp_path, capsys):
     client = Client(rig=str(tmp_path / "none.toml"))
     said = complaint(capsys, client, "calibrate", SHORT, 60.0)
     assert "not simulated" in said

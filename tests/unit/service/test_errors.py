@@ -1,4 +1,4 @@
-"""Errors in the program itself: the bench is stopped, the rest goes on, the log tells."""
+"""Errors in the program itself: the bench is stopped, the rest goes on, the log says so."""
 
 import logging
 import threading

@@ -66,7 +66,7 @@ def run_to_end(service, token=None, limit_s=120.0):
 def test_a_plan_runs_to_its_end(service):
     token = service.acquire()
     outline = start(service, token)
-    assert [p["speed_Hz"] for p in outline["points"]] == [0.8, 1.0]
+    assert [p["speed_Hz"] for p in outline["points"]] == [0.8, -1.0]
     view = run_to_end(service, token)
     assert (view.state, view.points, view.points_done) == ("done", 2, 2)
     assert [p["index"] for p in service.sink.points] == [0, 1]
@@ -95,16 +95,18 @@ def test_a_dry_run_says_what_is_done_where_torque_and_speed_do_not(service):
 
 
 @pytest.mark.parametrize(
-    ("name", "settings", "words"),
+    ("name", "settings", "expected"),
     [
         ("dance", {}, "no plan 'dance'"),
         ("calibrate", {"torques_Nm": [9.0]}, "torque_Nm = 6"),
         ("calibrate", {"speed": 1}, "speed"),
     ],
 )
-def test_a_plan_that_cannot_be_run_is_refused_before_anything_moves(service, name, settings, words):
+def test_a_plan_that_cannot_be_run_is_refused_before_anything_moves(
+    service, name, settings, expected
+):
     token = service.acquire()
-    assert words in refused(
+    assert expected in refused(
         service, "invalid", "plan/start", token=token, name=name, settings=settings
     )
 
@@ -122,13 +124,13 @@ def test_errors_are_induced_at_their_points_and_nowhere_else(service):
     token = service.acquire()
     start(service, token, speeds_Hz=[1.0], gain_steps=[0.8])
     run_to_end(service, token)
-    told = [point.get("induced") for point in service.sink.points]
-    assert told[0] is None
-    assert tuple(told[1]["gain"]) == (0.8, 1.0, 1.0)
+    induced = [point.get("induced") for point in service.sink.points]
+    assert induced[0] is None
+    assert tuple(induced[1]["gain"]) == (0.8, 1.0, 1.0)
     assert service.bench.setpoint.induced == NOTHING_INDUCED
 
 
-def test_induced_errors_need_a_calibration_to_be_induced_beside(service):
+def test_induced_errors_need_a_calibration(service):
     token = service.acquire()
     name = "sensitivity"
     assert "no calibration" in refused(service, "refused", "plan/start", token=token, name=name)
@@ -144,7 +146,7 @@ def test_induced_errors_need_a_calibration_to_be_induced_beside(service):
     assert {point["compensate"] for point in service.sink.points} == {3}
 
 
-def test_what_hand_operation_compensates_comes_back_after_a_plan(service):
+def test_what_manual_operation_compensates_comes_back_after_a_plan(service):
     service.bench.calibration_installed()
     token = service.acquire()
     start(service, token)
@@ -163,7 +165,7 @@ def test_what_hand_operation_compensates_comes_back_after_a_plan(service):
         ("plan/start", {"name": "calibrate"}),
     ],
 )
-def test_while_a_plan_runs_hand_operation_is_refused(service, name, arguments):
+def test_while_a_plan_runs_manual_operation_is_refused(service, name, arguments):
     token = service.acquire()
     start(service, token)
     assert "calibrate" in refused(service, "plan_running", name, token=token, **arguments)

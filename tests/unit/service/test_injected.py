@@ -1,4 +1,4 @@
-"""An event for each fault that the recording tells of."""
+"""An event for each fault in the recording."""
 
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ def made(config: Config) -> tuple[InjectedFaults, EventLog]:
     return InjectedFaults(config, events), events
 
 
-def told(events: EventLog) -> list[Any]:
+def numbers_and_times(events: EventLog) -> list[Any]:
     return [(event.data["number"], event.t_ns) for event in events.recent()]
 
 
@@ -41,7 +41,7 @@ def test_of_a_simulated_bench_it_is_known_which(tmp_path: Path) -> None:
     assert [event.data["fault"]["kind"] for event in events.recent()] == [
         "phase_open", "inverter_hot",
     ]  # fmt: skip
-    assert told(events) == [(1, 1002), (2, 1001)]
+    assert numbers_and_times(events) == [(1, 1002), (2, 1001)]
     assert "phase_open for 0.5 s, phase a" in events.recent()[0].message
     injected.update(block(0, 1))  # the loop was started again
     assert events.recent()[-1].data["fault"]["kind"] == "phase_open"
@@ -51,15 +51,15 @@ def test_of_an_emulator_those_count_that_come() -> None:
     injected, events = made(load(EMULATED))
     injected.update(block())
     injected.update(block(5, 5))
-    assert told(events) == []
+    assert numbers_and_times(events) == []
     injected.update(block(5, 7))
-    assert [number for number, _ in told(events)] == [6, 7]
+    assert [number for number, _ in numbers_and_times(events)] == [6, 7]
     injected.update(block(1))
-    assert [number for number, _ in told(events)] == [6, 7, 1]
+    assert [number for number, _ in numbers_and_times(events)] == [6, 7, 1]
 
 
 def test_the_count_wraps() -> None:
     injected, events = made(load())
     for count in range(1, 300):
         injected.update(block(count % 128))
-    assert [number for number, _ in told(events)] == list(range(1, 300))
+    assert [number for number, _ in numbers_and_times(events)] == list(range(1, 300))

@@ -108,7 +108,7 @@ def test_it_can_come_from_a_file_on_the_daemons_machine(service, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "expected"),
     [
         ({}, "no schema"),
         ({"schema": "motord.calibration/1"}, "calibration: "),
@@ -116,8 +116,8 @@ def test_it_can_come_from_a_file_on_the_daemons_machine(service, tmp_path):
          "another motor"),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_is_refused_and_changes_nothing(service, tables, content, words):
-    with pytest.raises(RpcError, match=words) as caught:
+def test_what_does_not_fit_is_refused_and_changes_nothing(service, tables, content, expected):
+    with pytest.raises(RpcError, match=expected) as caught:
         install(service, service.acquire(), calibration=json.loads(json.dumps(content)))
     assert caught.value.code == "invalid"
     assert tables.written == []
@@ -162,7 +162,7 @@ def test_what_was_accepted_is_shown_and_in_force_after_a_restart(service, tables
     assert service.bench.calibrated
 
 
-def test_findings_that_are_not_serious_need_no_word(service, tables):
+def test_findings_that_are_not_serious_need_no_acceptance(service, tables):
     given = calibration(findings=(finding("few turns", "warning"), finding("skew", "note")))
     assert install(service, service.acquire(), calibration=given.to_json())["id"] == given.id
     assert service.store.view().findings == []
@@ -198,7 +198,7 @@ def test_it_waits_for_zero_torque_and_needs_the_lease(service, tables):
     assert tables.written == []
 
 
-def test_a_loop_that_does_not_take_up_tables_is_told(service, tables):
+def test_a_loop_that_does_not_take_up_tables_is_reported(service, tables):
     tables.busy = True
     with pytest.raises(RpcError) as caught:
         install(service, service.acquire(), calibration=calibration().to_json())
@@ -230,7 +230,7 @@ def test_what_was_installed_for_another_motor_is_not_loaded(service, tmp_path):
         CalibrationStore(other, tmp_path).load_installed()
 
 
-def test_an_unreadable_mark_is_told(service):
+def test_an_unreadable_mark_is_reported(service):
     service.store.directory.mkdir(parents=True)
     (service.store.directory / MARK).mkdir()
     with pytest.raises(CalibrationError, match=MARK):
@@ -239,7 +239,7 @@ def test_an_unreadable_mark_is_told(service):
         service.store.save(calibration())
 
 
-def test_the_configuration_is_told_as_text_and_in_full(service):
+def test_the_configuration_is_given_as_text_and_in_full(service):
     answer = service.ask("config")
     assert answer["toml"] == "the text"
     assert answer["config"]["motor"]["slots"] == 48

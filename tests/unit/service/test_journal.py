@@ -42,7 +42,7 @@ def fill(journal, points):
         journal.point(taken)
 
 
-def test_a_plan_is_told_as_it_happened(journal):
+def test_a_plan_is_recorded_as_it_happened(journal):
     fill(journal, [point(0), point(1, "noisy"), point(1, "ok", 2)])
     journal.end("aborted", "by ben", 8)
     journal.resumed("/runs/b-000.mcap", "carl", 9)
@@ -144,7 +144,7 @@ def test_whatever_is_in_the_file_is_read_up_to_what_makes_no_sense(
         b'{"kind": "plan", "plan": {}, "recording": ""}\n',
     ],
 )  # fmt: skip
-def test_what_was_never_a_journal_tells_nothing(content):
+def test_what_was_never_a_journal_gives_nothing(content):
     assert read(content).log is None
 
 
@@ -169,7 +169,7 @@ def test_a_journal_of_another_format_is_none():
     assert read(line + b"}\n").log is None
 
 
-def test_a_full_disk_is_told_and_what_fits_again_is_kept(journal, monkeypatch):
+def test_a_full_disk_is_reported_and_what_fits_again_is_kept(journal, monkeypatch):
     fill(journal, [point(0)])
     journal.settle()
 
@@ -215,7 +215,7 @@ def test_a_plan_whose_beginning_cannot_be_kept_adds_nothing_to_another_ones(jour
     assert journal._disk.path.read_bytes() == before
 
 
-def test_a_journal_that_cannot_be_read_is_told(tmp_path):
+def test_a_journal_that_cannot_be_read_is_reported(tmp_path):
     journal = Journal(tmp_path)
     journal.load()
     assert journal.log is None

@@ -13,7 +13,7 @@ HOLDERS = st.sampled_from(["anna", "ben", "cli"])
 
 
 class LeaseModel(RuleBasedStateMachine):
-    """What the lease should do, told as simply as possible."""
+    """What the lease should do, modelled as simply as possible."""
 
     tokens = Bundle("tokens")
 
@@ -185,7 +185,7 @@ def test_a_lease_that_was_given_back_is_free_and_its_token_worth_nothing():
     )
 
 
-def test_tokens_are_secrets_of_128_bits_unless_told_how_to_make_them():
+def test_tokens_are_secrets_of_128_bits_unless_a_factory_is_given():
     tokens = {CommandLease(1.0).acquire("anna", 0).token for _ in range(50)}
     assert len(tokens) == 50
     assert {len(bytes.fromhex(token)) for token in tokens} == {16}

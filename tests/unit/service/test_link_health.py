@@ -64,7 +64,7 @@ def test_errors_and_ticks_without_news_are_counted(ticks):
     assert view.bus_off
 
 
-def test_a_bench_tells_its_ages_and_none_without_a_loop():
+def test_a_bench_reports_its_ages_and_none_without_a_loop():
     service = VirtualService()
     found = ages_s(service.bench, service.now_ns)
     assert found.keys() == {"tick", "encoder", "torque", "inverter", "heartbeat"}

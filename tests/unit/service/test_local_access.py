@@ -100,10 +100,10 @@ def test_nothing_is_captured_and_nothing_forged(tmp_path, mode, first):
         if not first or mode == "client":
             intruder = Intruder(stack, where, mode)
         client = stack.enter_context(connect(None, live.listen))
-        heard, ticks = [], threading.Event()
+        received, ticks = [], threading.Event()
         observer = stack.enter_context(zenoh.open(client_config(live.listen)))
         observer.declare_subscriber(
-            "**", lambda s: heard.append((str(s.key_expr), bytes(s.payload)))
+            "**", lambda s: received.append((str(s.key_expr), bytes(s.payload)))
         )
         observer.declare_subscriber(f"{ROOT}/ticks", lambda sample: ticks.set())
         intruder.settle()
@@ -121,14 +121,14 @@ def test_nothing_is_captured_and_nothing_forged(tmp_path, mode, first):
         alive = list(observer.liveliness().get("**", timeout=WAIT_S))
         assert [str(token.ok.key_expr) for token in alive] == [f"{ROOT}/alive"]
         assert ticks.wait(WAIT_S)
-        assert not [key for key, payload in heard if payload in (FORGED, b"")]
+        assert not [key for key, payload in received if payload in (FORGED, b"")]
         assert intruder.captured == []
 
 
-def test_a_subscriber_of_requests_hears_none(tmp_path):
+def test_a_subscriber_of_requests_receives_none(tmp_path):
     with live_service(tmp_path) as live, zenoh.open(client_config(live.listen)) as spy:
-        heard = []
-        spy.declare_subscriber(f"{ROOT}/rpc/**", lambda s: heard.append(str(s.key_expr)))
+        received = []
+        spy.declare_subscriber(f"{ROOT}/rpc/**", lambda s: received.append(str(s.key_expr)))
         with connect(None, live.listen) as client, client.lease("anna"):
             client.rpc("stop")
-        assert heard == []
+        assert received == []

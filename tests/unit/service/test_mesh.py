@@ -130,7 +130,8 @@ def test_a_plan_fills_its_mesh():
     view = MeshView.model_validate_json(service.bench.plans.mesh.to_json())
     assert states(view) == ["done"] * 3
     assert view.run_id == service.bench.plans.view.run_id
-    assert [(p.torque_Nm, p.speed_Hz) for p in view.points] == [(1.0, 0.8), (1.0, 1.0), (1.0, 1.0)]
+    places = [(p.torque_Nm, p.speed_Hz) for p in view.points]
+    assert places == [(1.0, 0.8), (-1.0, -1.0), (1.0, 1.0)]
     assert [bool(p.induced) for p in view.points] == [False, False, True]
     assert all(1.0 < p.rms_error_percent < 20.0 for p in view.points)  # nothing is compensated
     recorded = [point["rms_error_percent"] for point in service.sink.points]

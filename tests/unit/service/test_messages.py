@@ -116,7 +116,7 @@ def test_set_takes_finite_numbers_only(field, value):
 
 
 @pytest.mark.parametrize(
-    ("name", "body", "words"),
+    ("name", "body", "expected"),
     [
         ("set", {"token": "t"}, "nothing to set"),
         ("set", {"token": "t", "speed_Hz": 1, "brake": 0.5}, "give one of them"),
@@ -135,8 +135,8 @@ def test_set_takes_finite_numbers_only(field, value):
         ("calibration/install", {"token": "t", "calibration": {}, "path": "/x"}, "either"),
     ],
 )
-def test_refusals_say_what_is_wrong(name, body, words):
-    assert words in refusal_of(name, json.dumps(body).encode())
+def test_refusals_say_what_is_wrong(name, body, expected):
+    assert expected in refusal_of(name, json.dumps(body).encode())
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ def manager(tmp_path: Path):
         yield listening
 
 
-def heard(manager: socket.socket) -> list[str]:
+def received(manager: socket.socket) -> list[str]:
     messages = []
     while True:
         try:
@@ -29,41 +29,41 @@ def notifier(manager: socket.socket, **others: str) -> Notifier:
     return Notifier.of_environment({"NOTIFY_SOCKET": manager.getsockname(), **others})
 
 
-def test_ready_and_stopping_are_told(manager: socket.socket) -> None:
-    told = notifier(manager)
-    told.ready("up")
-    told.stopping("SIGTERM")
-    assert heard(manager) == ["READY=1\nSTATUS=up", "STOPPING=1\nSTATUS=SIGTERM"]
-    told.close()
+def test_ready_and_stopping_are_sent(manager: socket.socket) -> None:
+    notify = notifier(manager)
+    notify.ready("up")
+    notify.stopping("SIGTERM")
+    assert received(manager) == ["READY=1\nSTATUS=up", "STOPPING=1\nSTATUS=SIGTERM"]
+    notify.close()
 
 
 def test_the_watchdog_is_fed_by_new_ticks_alone(manager: socket.socket) -> None:
-    told = notifier(manager, WATCHDOG_USEC="4000000", WATCHDOG_PID=str(os.getpid()))
-    told.progress(10, 10 * SECOND_NS)
-    assert heard(manager) == ["WATCHDOG=1"]
-    told.progress(20, 10 * SECOND_NS + SECOND_NS // 2)
-    assert heard(manager) == []  # not yet due
-    told.progress(20, 11 * SECOND_NS)
-    assert heard(manager) == ["WATCHDOG=1"]
+    notify = notifier(manager, WATCHDOG_USEC="4000000", WATCHDOG_PID=str(os.getpid()))
+    notify.progress(10, 10 * SECOND_NS)
+    assert received(manager) == ["WATCHDOG=1"]
+    notify.progress(20, 10 * SECOND_NS + SECOND_NS // 2)
+    assert received(manager) == []  # not yet due
+    notify.progress(20, 11 * SECOND_NS)
+    assert received(manager) == ["WATCHDOG=1"]
     for second in range(12, 30):
-        told.progress(20, second * SECOND_NS)
-    assert heard(manager) == []  # due, but nothing has come from the loop
-    told.progress(21, 30 * SECOND_NS)
-    assert heard(manager) == ["WATCHDOG=1"]
-    told.close()
+        notify.progress(20, second * SECOND_NS)
+    assert received(manager) == []  # due, but nothing has come from the loop
+    notify.progress(21, 30 * SECOND_NS)
+    assert received(manager) == ["WATCHDOG=1"]
+    notify.close()
 
 
 def test_a_watchdog_of_another_process_is_not_fed(manager: socket.socket) -> None:
-    told = notifier(manager, WATCHDOG_USEC="4000000", WATCHDOG_PID="1")
-    told.progress(10, 10 * SECOND_NS)
-    assert heard(manager) == []
-    told.close()
+    notify = notifier(manager, WATCHDOG_USEC="4000000", WATCHDOG_PID="1")
+    notify.progress(10, 10 * SECOND_NS)
+    assert received(manager) == []
+    notify.close()
 
 
 def test_without_a_manager_nothing_happens(tmp_path: Path) -> None:
-    for told in (Notifier.of_environment({}), Notifier(str(tmp_path / "nobody"), 1.0)):
-        told.ready("up")
-        told.progress(1, SECOND_NS)
-        told.stopping("")
-        told.close()
-        told.close()
+    for notify in (Notifier.of_environment({}), Notifier(str(tmp_path / "nobody"), 1.0)):
+        notify.ready("up")
+        notify.progress(1, SECOND_NS)
+        notify.stopping("")
+        notify.close()
+        notify.close()

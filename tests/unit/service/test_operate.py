@@ -1,4 +1,4 @@
-"""Operation by hand over the real kernel and rig in virtual time."""
+"""Manual operation over the real kernel and rig in virtual time."""
 
 import numpy as np
 import pytest
@@ -84,7 +84,7 @@ def test_torque_alone_keeps_the_speed_servo_and_brake_alone_ends_it(service):
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("asked", "expected"),
     [
         ({"torque_Nm": 6.1}, "torque_Nm = 6"),
         ({"torque_Nm": -7}, "torque_Nm = 6"),
@@ -96,10 +96,10 @@ def test_torque_alone_keeps_the_speed_servo_and_brake_alone_ends_it(service):
         ({"compensate": "on"}, "no calibration"),
     ],
 )
-def test_set_is_checked_against_the_limits(service, asked, words):
+def test_set_is_checked_against_the_limits(service, asked, expected):
     token = service.enabled()
     before = service.bench.setpoint.view()
-    assert words in refused(service, "refused", "set", token=token, **asked)
+    assert expected in refused(service, "refused", "set", token=token, **asked)
     assert service.bench.setpoint.view() == before
 
 
@@ -138,7 +138,7 @@ def test_a_bench_in_trouble_is_not_enabled_for_a_torque(service):
     assert service.bench.state is State.OFF
 
 
-def test_set_enables_first_and_tells_where_the_torque_is_going(service):
+def test_set_enables_first_and_says_where_the_torque_is_going(service):
     token = service.acquire()
     answer = service.ask("set", token=token, enable=True, torque_Nm=3.0, speed_Hz=0.7)
     assert answer["state"] == "ENABLED"
@@ -289,7 +289,7 @@ def test_losing_the_lease_while_enabling_does_not_leave_it_enabled(service):
     assert service.bench.state is not State.ENABLED
 
 
-def test_a_trip_is_told_with_cause_and_value_and_reset_leaves_it(service):
+def test_a_trip_is_reported_with_cause_and_value_and_reset_leaves_it(service):
     token = service.enabled()
     trip(service)
     said = next(m for m in service.messages() if m.startswith("trip"))
@@ -299,8 +299,8 @@ def test_a_trip_is_told_with_cause_and_value_and_reset_leaves_it(service):
     assert (report.first, report.causes) == (["OVER_SPEED"], ["OVER_SPEED"])
     assert report.values["speed, rad/s"].limit == 25.0
     refusal = refused(service, "tripped", "enable", token=token)
-    for words in ("OVER_SPEED", "limit 25", "brake answers", "`motord reset`"):
-        assert words in refusal
+    for part in ("OVER_SPEED", "limit 25", "brake answers", "`motord reset`"):
+        assert part in refusal
     assert "OVER_SPEED" in refused(service, "tripped", "set", token=token, torque_Nm=1)
     assert service.ask("reset", token=token) == {"state": "READY"}
     assert service.bench.monitor.trip is None
@@ -355,7 +355,7 @@ def test_a_dead_loop_is_a_fault_until_reset_starts_it_again(service):
     assert service.bench.state is State.OFF
 
 
-def test_a_loop_that_is_starting_is_told_from_one_that_failed(service):
+def test_a_loop_that_is_starting_is_distinguished_from_one_that_failed(service):
     token = service.enabled()
     service.bench.loop_starts()
     said = refused(service, "refused", "set", token=token, torque_Nm=1)
@@ -406,7 +406,7 @@ def test_requests_reach_the_loop_one_at_a_time(service):
     assert service.bench.state is State.ENABLED
 
 
-def test_lost_ticks_are_told(service):
+def test_lost_ticks_are_reported(service):
     service.step(lost=7)
     assert service.bench.monitor.lost == 7
     assert "ring_loss" in service.kinds()

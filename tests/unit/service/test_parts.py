@@ -65,18 +65,18 @@ def test_without_the_right_it_is_nice_and_without_that_it_is_normal(monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("policy", "nice", "words"),
+    ("policy", "nice", "expected"),
     [
         (os.SCHED_RR | os.SCHED_RESET_ON_FORK, 0, "SCHED_RR 7"),
         (os.SCHED_OTHER, -10, "nice -10"),
         (os.SCHED_OTHER, 0, "normal priority"),
     ],
 )
-def test_priority_in_words(monkeypatch, policy, nice, words):
+def test_priority_texts(monkeypatch, policy, nice, expected):
     monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy)
     monkeypatch.setattr(os, "sched_getparam", lambda pid: os.sched_param(7))
     monkeypatch.setattr(os, "getpriority", lambda which, who: nice)
-    assert scheduling.current() == words
+    assert scheduling.current() == expected
 
 
 def test_the_log_goes_to_stderr_and_is_put_back(monkeypatch):
@@ -131,13 +131,13 @@ def test_a_stuck_terminal_holds_up_nobody(monkeypatch, for_good):
 
 
 def test_only_the_newest_events_are_kept_but_all_are_passed_on():
-    log, heard = EventLog(lambda: 42), []
-    log.listeners.append(heard.append)
+    log, received = EventLog(lambda: 42), []
+    log.listeners.append(received.append)
     for number in range(KEPT + 3):
         log.emit("k", str(number))
-    assert len(heard) == KEPT + 3
+    assert len(received) == KEPT + 3
     assert [e.message for e in log.recent()] == [str(n) for n in range(3, KEPT + 3)]
-    assert heard[0].t_ns == 42
+    assert received[0].t_ns == 42
 
 
 def test_calls_are_refused_when_too_many_wait():

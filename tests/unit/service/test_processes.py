@@ -1,4 +1,4 @@
-"""Child processes: restart policies, back-off, ends in words; with fakes and with real ones."""
+"""Child processes: restart policies, back-off, texts of exits; with fakes and with real ones."""
 
 import signal
 import subprocess
@@ -140,14 +140,14 @@ def test_views_and_signals(children, started):
 
 
 @pytest.mark.parametrize(
-    ("code", "words"),
+    ("code", "expected"),
     [(0, "exit code 0"), (3, "exit code 3"), (-15, "killed by SIGTERM"), (-99, "signal 99")],
 )
-def test_ends_in_words(code, words):
-    assert words in exit_text(code)
+def test_exit_texts(code, expected):
+    assert expected in exit_text(code)
 
 
-def test_real_processes_end_when_they_are_told():
+def test_real_processes_end_when_they_are_stopped():
     command = (sys.executable, "-c", "import time; time.sleep(60)")
     children = children_of(process("recorder", "always", spawn, command))
     children.start("recorder", 0)

@@ -215,19 +215,19 @@ def test_with_another_calibration_it_does_not_go_on(days):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "expected"),
     [
         ({"name": "dance"}, "no plan 'dance'"),
         ({"points_digest": "x"}, "other points"),
         ({"settings": {"dance": 1}}, "setting dance"),
     ],
 )
-def test_a_plan_that_this_version_makes_otherwise_does_not_go_on(days, change, words):
+def test_a_plan_that_this_version_makes_otherwise_does_not_go_on(days, change, expected):
     interrupted(days)
     service = days.daemon()
     log = service.journal.log
     service.journal.log = replace(log, plan=log.plan.model_copy(update=change))
-    assert words in refused(service, "plan/resume", token=service.acquire())
+    assert expected in refused(service, "plan/resume", token=service.acquire())
 
 
 def test_a_bench_that_is_not_free_is_not_given_to_it(days):
@@ -275,7 +275,7 @@ def test_recordings_are_never_read_in_the_supervisors_loop(days):
     assert caught.value.code == "busy"
 
 
-def test_a_journal_that_cannot_be_written_is_told_once_and_the_plan_goes_on(days, tmp_path):
+def test_a_journal_that_cannot_be_written_is_reported_once_and_the_plan_goes_on(days, tmp_path):
     (tmp_path / "file").write_text("")
     days.path = tmp_path / "file" / "sim.jsonl"
     service = days.daemon()
@@ -283,12 +283,12 @@ def test_a_journal_that_cannot_be_written_is_told_once_and_the_plan_goes_on(days
     start(service, token)
     service.journal.settle()
     service.run_s(1.0, token)
-    told = [m for m in service.messages() if m.startswith("journal: cannot write")]
-    assert len(told) == 1
+    reported = [m for m in service.messages() if m.startswith("journal: cannot write")]
+    assert len(reported) == 1
     assert service.bench.plans.view.state == "running"
 
 
-def test_a_journal_that_cannot_be_read_is_told(days):
+def test_a_journal_that_cannot_be_read_is_reported(days):
     days.path.mkdir()
     assert any("journal: cannot read" in m for m in days.daemon().messages())
 
@@ -302,7 +302,7 @@ def test_every_plan_is_made_again_from_its_own_settings(name):
     assert again.settings == plan.settings
 
 
-def test_the_parts_of_a_bench_are_told_apart():
+def test_the_parts_of_a_bench_are_distinguished():
     bench = load()
     parts = bench_parts(bench)
     warmer = bench.limits.model_copy(update={"trip_temperature_C": 91.0})

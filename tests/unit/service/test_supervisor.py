@@ -50,7 +50,7 @@ class Played:
 
 
 class PlayedLoop(Played):
-    """Publishes ticks when told to."""
+    """Publishes ticks on command."""
 
     def __init__(self, run_dir, bench_config):
         super().__init__()
@@ -81,7 +81,7 @@ class PlayedLoop(Played):
 
 
 class PlayedRecorder(Played):
-    """Its pipes: what it was told is in `told`."""
+    """A recorder behind pipes; `received` returns its commands."""
 
     def __init__(self, pid):
         super().__init__()
@@ -93,7 +93,7 @@ class PlayedRecorder(Played):
         os.set_blocking(commands, False)
         self._rest = b""
 
-    def told(self, do=None):
+    def received(self, do=None):
         return [c for c in self._whole_lines() if do in (None, c["do"])]
 
     def _whole_lines(self):
@@ -150,9 +150,9 @@ class PlayedDaemon:
         self.step()
 
     def record(self):
-        """Be enabled, so that it is recorded; return what the recorder was told for it."""
+        """Be enabled, so that it is recorded; return the recorder's command to start."""
         self.step(2, State.ENABLED)
-        [start] = self.recorders[-1].told("start")
+        [start] = self.recorders[-1].received("start")
         self.recorders[-1].report(file=f"{start['out']}-000.mcap")
         return start
 
@@ -203,7 +203,7 @@ def test_a_bench_that_is_not_powered_is_not_recorded(played):
     assert played.supervisor.recording.settled
     played.step(300)
     played.step(50, State.READY)
-    assert played.recorders[0].told("start") == []
+    assert played.recorders[0].received("start") == []
     assert not played.state()["recording"]["recording"]
 
 
@@ -212,7 +212,7 @@ def test_a_bench_is_recorded_from_before_it_was_enabled_until_after_it_no_longer
     played.step(300)
     enabled_at = played.loops[0].number
     played.step(1, State.ENABLED)
-    [start] = played.recorders[0].told("start")
+    [start] = played.recorders[0].received("start")
     assert start["first_tick"] == enabled_at - 2 * played.config.loop.rate_Hz
     assert start["resume"] is False
     assert Path(start["out"]).parent == played.folder / "runs"
@@ -228,27 +228,27 @@ def test_a_bench_is_recorded_from_before_it_was_enabled_until_after_it_no_longer
     assert (view.path, view.final_path) == (f"{name}.part", name)
     assert view.detail == {"ticks": 3}
     played.step(195, State.TRIPPED)  # a trip is no end of interest
-    assert played.recorders[0].told("stop") == []
+    assert played.recorders[0].received("stop") == []
     played.step(1, State.ENABLED)
     played.step(195, State.OFF)
-    assert played.recorders[0].told("stop") == []
+    assert played.recorders[0].received("stop") == []
     played.step(10, State.OFF)
-    assert len(played.recorders[0].told("stop")) == 1
-    assert played.recorders[0].told("start") == []
+    assert len(played.recorders[0].received("stop")) == 1
+    assert played.recorders[0].received("start") == []
 
 
 def test_a_note_goes_into_the_file_that_is_being_recorded(played):
     played.up()
     assert played.ask("note", text="before")["recording"] == ""
     played.step(2, State.ENABLED)
-    [start] = played.recorders[0].told("start")
+    [start] = played.recorders[0].received("start")
     name = f"{start['out']}-000.mcap"
     assert played.ask("note", text="first")["recording"] == name
     later = f"{start['out']}-001.mcap"
     played.recorders[0].report(file=later)
     played.step(1, State.ENABLED)
     assert played.ask("note", text="second")["recording"] == later
-    notes = [e["content"] for e in played.recorders[0].told("event")]
+    notes = [e["content"] for e in played.recorders[0].received("event")]
     assert [n["message"] for n in notes if n["kind"] == "note"] == ["first", "second"]
     played.recorders[0].report(recording=False, error="the disk is full")
     played.step(1, State.ENABLED)
@@ -260,25 +260,25 @@ def test_the_state_by_name_goes_into_every_file_from_its_beginning(played):
     played.step(300)
     played.step(2, State.ENABLED)
     recorder = played.recorders[0]
-    told = recorder.told()
-    [start] = [c for c in told if c["do"] == "start"]
-    states = [(c["t_ns"], c["content"]["state"]) for c in told if c["do"] == "state"]
+    commands = recorder.received()
+    [start] = [c for c in commands if c["do"] == "start"]
+    states = [(c["t_ns"], c["content"]["state"]) for c in commands if c["do"] == "state"]
     assert [name for _, name in states] == ["OFF", "ENABLED"]
     seconds = (states[1][0] - states[0][0]) / 1e9
     assert 0.0 < seconds < 10.0  # the played loop has no clock
     token = played.ask("lease/acquire", holder="anna")["token"]
-    assert recorder.told("state")[-1]["content"]["holder"] == "anna"
+    assert recorder.received("state")[-1]["content"]["holder"] == "anna"
     played.step(2, State.ENABLED)
-    assert recorder.told("state")
+    assert recorder.received("state")
     recorder.report(file=f"{start['out']}-000.mcap")
     played.step(5, State.ENABLED)
-    assert recorder.told("state") == []
+    assert recorder.received("state") == []
     recorder.report(file=f"{start['out']}-001.mcap")
     played.step(2, State.ENABLED)
-    [again] = recorder.told("state")
+    [again] = recorder.received("state")
     assert (again["content"]["state"], again["content"]["holder"]) == ("ENABLED", "anna")
     played.ask("lease/release", token=token)
-    assert recorder.told("state")[-1]["content"]["holder"] == ""
+    assert recorder.received("state")[-1]["content"]["holder"] == ""
 
 
 def test_a_bench_that_an_external_drive_turns_is_recorded(played):
@@ -286,16 +286,16 @@ def test_a_bench_that_an_external_drive_turns_is_recorded(played):
     played.step(5, State.READY)
     played.supervisor.bench.setpoint.drive_Hz = 1.0
     played.step(1, State.READY)
-    assert len(played.recorders[0].told("start")) == 1
+    assert len(played.recorders[0].received("start")) == 1
     played.supervisor.bench.setpoint.drive_Hz = 0.0
     played.step(210, State.READY)
-    assert len(played.recorders[0].told("stop")) == 1
+    assert len(played.recorders[0].received("stop")) == 1
 
 
 def test_everything_is_recorded_always_if_the_bench_file_says_so(tmp_path, monkeypatch):
     played = PlayedDaemon(tmp_path, monkeypatch, recording={"auto": "always"})
     played.up()
-    [start] = played.recorders[0].told("start")
+    [start] = played.recorders[0].received("start")
     assert start["first_tick"] == 0
     played.step(300)
     token = played.ask("lease/acquire", holder="anna")["token"]
@@ -303,8 +303,8 @@ def test_everything_is_recorded_always_if_the_bench_file_says_so(tmp_path, monke
     played.step(2)
     played.ask("stop")
     played.step(300)
-    told = [c for c in played.recorders[0].told() if c["do"] in ("start", "stop")]
-    assert ["calibrate" in c.get("out", "no stop is meant") for c in told] == [True, False]
+    commands = [c for c in played.recorders[0].received() if c["do"] in ("start", "stop")]
+    assert ["calibrate" in c.get("out", "no stop is meant") for c in commands] == [True, False]
     played.close()
 
 
@@ -313,20 +313,20 @@ def test_without_auto_only_plans_are_recorded(tmp_path, monkeypatch):
     played.up()
     played.step(5, State.ENABLED)
     played.step(5, State.OFF)
-    assert played.recorders[0].told("start") == []
+    assert played.recorders[0].received("start") == []
     assert played.supervisor.recording.settled
     token = played.ask("lease/acquire", holder="anna")["token"]
     answer = played.ask("plan/start", token=token, name="calibrate", notes="by night")
-    told = played.recorders[0].told()
-    start = next(c for c in told if c["do"] == "start")
+    commands = played.recorders[0].received()
+    start = next(c for c in commands if c["do"] == "start")
     assert answer["recording"] == f"{start['out']}-000.mcap"
     assert start["metadata"]["plan"]["started_by"] == "anna"
     assert start["metadata"]["notes"].endswith("by night")
-    assert "lease" in {c["content"]["kind"] for c in told if c["do"] == "event"}
-    assert next(c["content"]["state"] for c in told if c["do"] == "plan") == "running"
+    assert "lease" in {c["content"]["kind"] for c in commands if c["do"] == "event"}
+    assert next(c["content"]["state"] for c in commands if c["do"] == "plan") == "running"
     played.ask("stop")
     assert "stopped" in next(
-        c["content"]["message"] for c in played.recorders[0].told("plan")
+        c["content"]["message"] for c in played.recorders[0].received("plan")
     )  # fmt: skip
     played.close()
 
@@ -342,11 +342,11 @@ def test_a_plan_has_a_recording_of_its_own_between_two_others_while_it_is_powere
     played.step(2, State.ENABLED)  # the loop has not seen it yet
     played.step(2)
     call.wait(0)
-    told = played.recorders[0].told()
-    stems = [Path(c["out"]).name for c in told if c["do"] == "start"]
+    commands = played.recorders[0].received()
+    stems = [Path(c["out"]).name for c in commands if c["do"] == "start"]
     assert [("calibrate" in stem) for stem in stems] == [True, False]
     assert len({*stems, Path(first["out"]).name}) == 3
-    assert [c for c in told if c["do"] == "stop"] == []
+    assert [c for c in commands if c["do"] == "stop"] == []
 
 
 def test_the_recording_of_a_plan_ends_with_it(played):
@@ -355,8 +355,8 @@ def test_the_recording_of_a_plan_ends_with_it(played):
     played.ask("plan/start", token=token, name="calibrate")
     played.step(5)
     played.ask("stop")
-    told = [c["do"] for c in played.recorders[0].told() if c["do"] in ("start", "stop")]
-    assert told == ["start", "stop"]
+    commands = [c["do"] for c in played.recorders[0].received() if c["do"] in ("start", "stop")]
+    assert commands == ["start", "stop"]
 
 
 @pytest.mark.parametrize(
@@ -408,7 +408,7 @@ def test_a_plan_of_which_the_recording_dies_ramps_down_while_the_ring_has_it(pla
     played.up()
     token = played.ask("lease/acquire", holder="anna")["token"]
     played.ask("plan/start", token=token, name="calibrate", detach=True)
-    [start] = played.recorders[0].told("start")
+    [start] = played.recorders[0].received("start")
     for _ in range(5):  # the recorder ends and comes back, again and again
         played.recorders[0].report(file=f"{start['out']}-000.mcap")
         played.step(1, State.ENABLED)
@@ -433,7 +433,7 @@ def test_a_recorder_that_ends_is_started_again_where_it_left_off(played):
     played.step(1, State.ENABLED)
     assert any("recorder ended: killed by SIGKILL" in m for m in played.messages())
     played.step(30, State.ENABLED)
-    [again] = played.recorders[1].told("start")
+    [again] = played.recorders[1].received("start")
     assert (again["out"], again["resume"]) == (first["out"], True)
     assert again["first_tick"] == first["first_tick"]
     assert played.state()["processes"]["recorder"]["restarts"] == 1
@@ -457,19 +457,19 @@ def test_a_loop_that_ends_is_a_fault_and_reset_brings_it_back_off(played):
     state = played.state()
     assert state["state"] == "OFF"
     assert state["fault"] == "the loop ended: killed by SIGKILL"
-    assert played.recorders[0].told("stop")
+    assert played.recorders[0].received("stop")
     token = played.ask("lease/acquire", holder="anna")["token"]
     resetting = played.bring("reset", token=token)
     played.step(2)
     assert len(played.loops) == 2
     with pytest.raises(RpcError):
         resetting.wait(0)
-    assert played.recorders[0].told("start") == []
+    assert played.recorders[0].received("start") == []
     played.loops[1].ready()
     played.step(3)
     assert resetting.wait(0).content() == {"state": "OFF"}
     played.step(1, State.ENABLED)
-    assert played.recorders[0].told("start")
+    assert played.recorders[0].received("start")
     played.step(12)
     assert played.state()["fault"] == ""
 
@@ -529,7 +529,7 @@ def test_an_installed_calibration_is_in_force_from_the_start(tmp_path, monkeypat
     played.close()
 
 
-def test_an_installed_calibration_that_is_broken_is_told_and_left_out(tmp_path, monkeypatch):
+def test_an_installed_calibration_that_is_broken_is_reported_and_left_out(tmp_path, monkeypatch):
     folder = tmp_path / "calibrations" / "played"
     folder.mkdir(parents=True)
     (folder / "installed").write_text("gone.json\n")

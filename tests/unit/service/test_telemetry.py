@@ -13,17 +13,17 @@ CODEC = BlockCodec(TICK)
 
 
 class Network:
-    """Keeps what is put; `gate` holds a put up."""
+    """Keeps what is put; `may_put` holds a put up."""
 
     def __init__(self):
         self.puts = []
-        self.gate = threading.Event()
-        self.gate.set()
+        self.may_put = threading.Event()
+        self.may_put.set()
         self.entered = threading.Event()
 
     def put(self, name, payload):
         self.entered.set()
-        assert self.gate.wait(30)
+        assert self.may_put.wait(30)
         self.puts.append((name, payload))
 
     def of(self, name):
@@ -57,7 +57,7 @@ def test_every_tick_goes_out_once_in_blocks_and_every_tenth_alone():
 
 def test_a_network_that_stands_still_holds_up_nobody_and_the_loss_is_counted():
     network = Network()
-    network.gate.clear()
+    network.may_put.clear()
     out = Telemetry(network.put, rate_Hz=1000, tick_rate_Hz=100, block_s=0.05)
     out.start()
     out.json("first", b"")
@@ -65,7 +65,7 @@ def test_a_network_that_stands_still_holds_up_nobody_and_the_loss_is_counted():
     for number in range(telemetry.CAPACITY + 10):
         out.json("event", str(number).encode())
     assert out.dropped == 10
-    network.gate.set()
+    network.may_put.set()
     out.stop()
     numbers = [int(payload) for payload in network.of("event")]
     assert numbers == list(range(10, telemetry.CAPACITY + 10))

@@ -1,4 +1,4 @@
-"""What a recording is told of the loop's punctuality, through the pipe to its recorder."""
+"""What a recording receives of the loop's punctuality, through the pipe to its recorder."""
 
 import json
 import os
@@ -40,7 +40,7 @@ class Recorder:
     def say(self, **report):
         self.reports.write(json.dumps(report).encode() + b"\n")
 
-    def heard(self):
+    def received(self):
         """The commands since the last call: what to do and, of events, their kind."""
         lines = (self.commands.read() or b"").splitlines()
         commands = [json.loads(line) for line in lines]
@@ -72,7 +72,7 @@ class Children:
 
 
 class Bench:
-    """A recording with a loop that counts, a recorder that hears, and a clock."""
+    """A recording with a loop that counts, a recorder that receives, and a clock."""
 
     def __init__(self, folder):
         self.now_ns = START_NS
@@ -124,16 +124,16 @@ def test_a_recording_gets_what_was_counted_while_it_was_made(bench):
     count_time(live.wake_late.cells, 70)
     live.record["missed"] = 3
     bench.recording.end("over")
-    heard = recorder.heard()
-    assert [command["kind"] for command in heard] == ["start", "timing", "stop"]
-    [part] = timings(heard)
+    commands = recorder.received()
+    assert [command["kind"] for command in commands] == ["start", "timing", "stop"]
+    [part] = timings(commands)
     assert (part.missed, part.work.samples, part.wake_late.samples) == (3, 1, 1)
     assert 5.0 <= part.work.max_us < 5.2
-    assert heard[1]["content"]["data"]["t_start_ns"] == START_NS
-    assert "3 missed of 4" in heard[1]["content"]["message"]
+    assert commands[1]["content"]["data"]["t_start_ns"] == START_NS
+    assert "3 missed of 4" in commands[1]["content"]["message"]
 
 
-def test_it_is_told_every_minute_and_the_parts_add_up(bench):
+def test_it_is_reported_every_minute_and_the_parts_add_up(bench):
     recorder, live = bench.next_recorder(), bench.loop()
     bench.power_on()
     for minute in range(3):
@@ -144,7 +144,7 @@ def test_it_is_told_every_minute_and_the_parts_add_up(bench):
         bench.recording.step(0)
     count_time(live.work.cells, 9_000)
     bench.recording.end("the loop ended")
-    parts = timings(recorder.heard())
+    parts = timings(recorder.received())
     assert [(part.missed, part.work.samples) for part in parts] == [(1, 1)] * 3 + [(0, 1)]
     whole = total(parts)
     assert (whole.missed, whole.work.samples) == (3, 4)
@@ -160,9 +160,9 @@ def test_the_next_recording_begins_to_count_where_the_one_before_ended(bench):
     count_time(live.work.cells, 2_000)
     count_time(live.work.cells, 2_000)
     bench.recording.end("over")
-    heard = recorder.heard()
-    assert [c["kind"] for c in heard] == ["start", "timing", "stop"] * 2
-    assert [part.work.samples for part in timings(heard)] == [1, 2]
+    commands = recorder.received()
+    assert [c["kind"] for c in commands] == ["start", "timing", "stop"] * 2
+    assert [part.work.samples for part in timings(commands)] == [1, 2]
 
 
 def test_nothing_is_lost_while_there_is_no_recorder(bench):
@@ -175,17 +175,17 @@ def test_nothing_is_lost_while_there_is_no_recorder(bench):
     count_time(live.work.cells, 2_000)
     second = bench.next_recorder()
     bench.recording.end("over")
-    assert timings(recorder.heard()) == []
-    heard = second.heard()
-    assert (heard[0]["do"], heard[0]["resume"]) == ("start", True)
-    assert sum(part.work.samples for part in timings(heard)) == 2
+    assert timings(recorder.received()) == []
+    commands = second.received()
+    assert (commands[0]["do"], commands[0]["resume"]) == ("start", True)
+    assert sum(part.work.samples for part in timings(commands)) == 2
 
 
 def test_without_a_loop_that_counts_there_is_no_such_event(bench):
     recorder = bench.next_recorder()
     bench.power_on()
     bench.recording.end("over")
-    assert [command["kind"] for command in recorder.heard()] == ["start", "stop"]
+    assert [command["kind"] for command in recorder.received()] == ["start", "stop"]
 
 
 def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
@@ -196,8 +196,8 @@ def test_at_the_end_the_recorder_gets_the_time_to_write_it(bench):
     bench.recording.step(0)
     recorder.say(recording=False, file="run-000.mcap", error="")
     bench.recording.stop()
-    heard = [command["kind"] for command in recorder.heard()]
-    assert heard == ["start", "timing", "stop"]
+    commands = [command["kind"] for command in recorder.received()]
+    assert commands == ["start", "timing", "stop"]
     assert bench.children.stopped == 1
     assert not bench.recording.view().recording
 
@@ -212,7 +212,7 @@ def test_a_recorder_that_has_died_is_not_waited_for(bench):
     assert bench.children.stopped == 1
 
 
-def test_record_info_adds_up_what_a_file_was_told(tmp_path):
+def test_record_info_adds_up_what_a_file_recorded(tmp_path):
     path, live = tmp_path / "run.mcap", Timing()
     with RunWriter(path, {"bench": "sim"}) as writer:
         for missed in (1, 2):
@@ -225,8 +225,8 @@ def test_record_info_adds_up_what_a_file_was_told(tmp_path):
             data = summary.model_dump(mode="json")
             writer.event(START_NS + missed, "timing", summary.line(), data)
         writer.event(START_NS + 3, "state", "OFF -> READY", {})
-    told = CliRunner().invoke(app, ["info", str(path)])
-    assert f"timing:           {live.summary().line()}" in told.output
-    told = CliRunner().invoke(app, ["info", str(path), "--json"])
-    timing = json.loads(told.output)["timing"]
+    result = CliRunner().invoke(app, ["info", str(path)])
+    assert f"timing:           {live.summary().line()}" in result.output
+    result = CliRunner().invoke(app, ["info", str(path), "--json"])
+    timing = json.loads(result.output)["timing"]
     assert (timing["missed"], timing["work"]["samples"]) == (3, 2)

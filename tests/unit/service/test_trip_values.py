@@ -34,10 +34,10 @@ def watched(ticks):
 
 def test_every_trip_has_a_value_a_limit_a_meaning_and_an_action():
     seen = window(np.zeros(3, TICK_DTYPE))
-    told = {trip: trip_values(int(trip), seen) for trip in Trip}
-    assert all(len(values) == 1 for values in told.values())
+    values_by_trip = {trip: trip_values(int(trip), seen) for trip in Trip}
+    assert all(len(values) == 1 for values in values_by_trip.values())
     assert len(trip_values(sum(Trip), seen)) == len(Trip)
-    for values in told.values():
+    for values in values_by_trip.values():
         for value in values.values():
             assert np.isfinite([value["value"], value["limit"]]).all()
     assert all(TRIP_ACTION[trip] and TRIP_MEANING[trip] for trip in Trip)
@@ -125,9 +125,9 @@ def test_values_that_are_read_off_several_ticks(trip, fields, value, limit):
     ticks["tick"] = [7, 8, 9, 10]
     for name, given in fields.items():
         ticks[name] = given
-    [told] = trip_values(int(trip), window(ticks)).values()
-    assert told["value"] == pytest.approx(value)
-    assert told["limit"] == limit
+    [reported] = trip_values(int(trip), window(ticks)).values()
+    assert reported["value"] == pytest.approx(value)
+    assert reported["limit"] == limit
 
 
 def test_the_torque_expected_goes_through_the_high_pass():

@@ -53,7 +53,7 @@ def test_a_bench_file_may_ask_for_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("zenoh", "words"),
+    ("zenoh", "expected"),
     [
         ('listen = ["unixsock-stream/bench.sock"]', "on a Unix socket, such as"),
         ('listen = ["unixsock-stream//run/a b"]', "on a Unix socket"),
@@ -63,8 +63,8 @@ def test_a_bench_file_may_ask_for_it(tmp_path):
         ('socket_group = "motord"', "socket_group = 'motord' without an endpoint"),
     ],
 )
-def test_what_is_no_socket_is_refused(tmp_path, zenoh, words):
-    with pytest.raises(ConfigError, match=words):
+def test_what_is_no_socket_is_refused(tmp_path, zenoh, expected):
+    with pytest.raises(ConfigError, match=expected):
         load(tmp_path, zenoh)
 
 
@@ -148,7 +148,7 @@ def test_only_members_of_the_group_get_in(tmp_path, folder, where, monkeypatch):
         service.api.close()
 
 
-def test_who_may_not_connect_is_told_who_may(folder, where, monkeypatch):
+def test_the_refusal_names_who_may_connect(folder, where, monkeypatch):
     assert why_no_socket("tcp/127.0.0.1:1") == why_no_socket(where) == ""
     (folder / "bench.sock").touch()
     monkeypatch.setattr(os, "access", lambda path, mode: mode == os.X_OK)

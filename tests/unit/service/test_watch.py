@@ -29,7 +29,7 @@ def block(count=4, **fields):
     return ticks
 
 
-def told(events, kind):
+def of_kind(events, kind):
     return [event for event in events.recent() if event.kind == kind]
 
 
@@ -40,16 +40,16 @@ def test_before_the_first_tick_nothing_is_known(watch):
     assert watch.torque_set_Nm == 0.0
 
 
-def test_changes_inside_a_block_are_all_told_with_their_time(watch, events):
+def test_changes_inside_a_block_are_all_reported_with_their_time(watch, events):
     ticks = block(4, state=[0, 1, 2, 1], t_ns=[10, 20, 30, 40])
     watch.update(ticks, 0, 0)
-    assert [(e.message, e.t_ns) for e in told(events, "state")] == [
+    assert [(e.message, e.t_ns) for e in of_kind(events, "state")] == [
         ("OFF -> READY", 20), ("READY -> ENABLED", 30), ("ENABLED -> READY", 40),
     ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("trip", "fields", "words"),
+    ("trip", "fields", "expected"),
     [
         (Trip.OVER_CURRENT, {"i_b_A": -41.0}, "largest phase current, A 41, limit 40"),
         (Trip.OVER_SPEED, {"speed_rad_s": -26.0}, "speed, rad/s 26, limit 25"),
@@ -57,51 +57,51 @@ def test_changes_inside_a_block_are_all_told_with_their_time(watch, events):
         (Trip.TEMPERATURE, {"temperature_C": 91.0}, "degC 91, limit 90"),
     ],
 )
-def test_a_trip_is_told_with_the_value_and_the_limit(watch, events, trip, fields, words):
+def test_a_trip_is_reported_with_the_value_and_the_limit(watch, events, trip, fields, expected):
     watch.update(block(1, state=State.ENABLED), 0, 0)
     watch.update(block(1, state=State.TRIPPED, trip_bits=trip, first_trip=trip, **fields), 0, 0)
-    [event] = told(events, "trip")
-    assert words in event.message
+    [event] = of_kind(events, "trip")
+    assert expected in event.message
     assert event.data["first"] == [trip.name]
     [view], first = watch.trips()
     assert (view.name, first) == (trip.name, trip.name)
 
 
-def test_further_causes_are_told_once(watch, events):
+def test_further_causes_are_reported_once(watch, events):
     first, both = Trip.BUS_VOLTAGE, Trip.BUS_VOLTAGE | Trip.I2T
     watch.update(block(1, state=State.TRIPPED, trip_bits=first, first_trip=first), 0, 0)
     watch.update(block(3, state=State.TRIPPED, trip_bits=both, first_trip=first), 0, 0)
-    assert [e.data["causes"] for e in told(events, "trip")] == [["BUS_VOLTAGE"], ["I2T"]]
+    assert [e.data["causes"] for e in of_kind(events, "trip")] == [["BUS_VOLTAGE"], ["I2T"]]
 
 
 def test_what_stands_against_enabling_is_no_trip(watch, events):
     watch.update(block(2, state=State.OFF, trip_bits=Trip.BUS_VOLTAGE), 0, 0)
-    assert told(events, "trip") == []
+    assert of_kind(events, "trip") == []
     assert [view.name for view in watch.trips()[0]] == ["BUS_VOLTAGE"]
 
 
-def test_missed_ticks_are_told_in_sum_after_growing_pauses(watch, events):
+def test_missed_ticks_are_reported_in_sum_after_growing_pauses(watch, events):
     def miss(total, second):
         watch.update(block(1, missed=total), 0, round(second * SECOND_NS))
 
     for tenth in range(1, 101):
         miss(tenth, 300 + tenth / 10)
-    assert [e.data["total"] for e in told(events, "missed")] == [1, 11, 31, 71]
-    assert [e.data["new"] for e in told(events, "missed")] == [1, 10, 20, 40]
+    assert [e.data["total"] for e in of_kind(events, "missed")] == [1, 11, 31, 71]
+    assert [e.data["new"] for e in of_kind(events, "missed")] == [1, 10, 20, 40]
     for number in range(101, 2000):
         miss(number, 310 + number)
-    pauses = np.diff([e.data["total"] for e in told(events, "missed")][-5:])
+    pauses = np.diff([e.data["total"] for e in of_kind(events, "missed")][-5:])
     assert pauses.tolist() == [64, 64, 64, 64]
     miss(2000, 5000)
     miss(2001, 5001)
-    assert [e.data["total"] for e in told(events, "missed")][-2:] == [2000, 2001]
+    assert [e.data["total"] for e in of_kind(events, "missed")][-2:] == [2000, 2001]
 
 
-def test_lost_ticks_are_told_and_counted(watch, events):
+def test_lost_ticks_are_reported_and_counted(watch, events):
     watch.update(block(0), 5, 0)
     watch.update(block(1), 2, 0)
     assert watch.lost == 7
-    assert [e.data["lost"] for e in told(events, "ring_loss")] == [5, 2]
+    assert [e.data["lost"] for e in of_kind(events, "ring_loss")] == [5, 2]
 
 
 def test_lateness_is_that_of_the_last_second(watch):

@@ -24,7 +24,7 @@ START_NS = 1_000_000_000_000
 
 
 class RecordedSink:
-    """A sink that keeps what it hears."""
+    """A sink that keeps what it receives."""
 
     def __init__(self):
         self.started, self.points, self.progress, self.over = [], [], [], []
@@ -201,5 +201,5 @@ class VirtualService:
         return [event.kind for event in self.events.recent()]
 
     def messages(self):
-        """Return all events in words."""
+        """Return the messages of all events."""
         return [f"{event.kind}: {event.message}" for event in self.events.recent()]

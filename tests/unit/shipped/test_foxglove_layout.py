@@ -20,7 +20,7 @@ LIVE_ONLY = {"/tick_extremes", "/bench"}
 
 
 def shown(node: Any) -> Iterator[str]:
-    """Yield the panels of a layout: a name, or two parts beside or above each other."""
+    """Yield the panels of a layout: a name, or two parts next to or above each other."""
     if isinstance(node, str):
         yield node
         for tab in PANELS.get(node, {}).get("tabs", ()):

@@ -79,7 +79,7 @@ def test_folder_of_another_user_or_kind_is_refused(
         RunDir("real", tmp_path).create()
 
 
-def test_second_daemon_is_told_who_runs(tmp_path: Path) -> None:
+def test_the_refusal_of_a_second_daemon_names_the_one_that_runs(tmp_path: Path) -> None:
     with holder(tmp_path, "first") as process:
         with (
             pytest.raises(RunDirError, match=f"daemon process {process.pid} holds .*stop it"),

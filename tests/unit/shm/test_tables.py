@@ -40,7 +40,7 @@ def reader(tmp_path: Path, writer: TablesWriter) -> TablesReader:
     return TablesReader(tmp_path / "tables")
 
 
-def test_poll_tells_of_each_new_set_once(writer: TablesWriter, reader: TablesReader) -> None:
+def test_poll_reports_each_new_set_once(writer: TablesWriter, reader: TablesReader) -> None:
     assert reader.counts == COUNTS
     assert not reader.poll()
     for version, value in enumerate((1.0, 2.0, 3.0), start=1):

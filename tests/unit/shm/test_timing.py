@@ -80,7 +80,7 @@ def test_part_of_a_run_that_ends_with_its_loop(tmp_path: Path) -> None:
 
 @given(st.lists(TIMES, max_size=4))
 def test_the_parts_of_a_run_add_up_to_all_of_it(parts_ns: list[list[int]]) -> None:
-    whole, told = Timing(), []
+    whole, summaries = Timing(), []
     for times_ns in parts_ns:
         part = Timing()
         part.record["missed"] = len(times_ns)
@@ -89,8 +89,8 @@ def test_the_parts_of_a_run_add_up_to_all_of_it(parts_ns: list[list[int]]) -> No
             for timing in (whole, part):
                 count_time(timing.wake_late.cells, time_ns)
                 count_time(timing.work.cells, time_ns // 2)
-        told.append(part.summary())
-    assert total(told) == whole.summary()
+        summaries.append(part.summary())
+    assert total(summaries) == whole.summary()
 
 
 def test_parts_are_taken_one_after_the_other(tmp_path: Path) -> None:

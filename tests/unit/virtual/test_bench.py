@@ -24,7 +24,7 @@ def setpoint(**fields: Any) -> np.ndarray:
     return wanted
 
 
-def told(**sections: Any) -> config.Config:
+def configured(**sections: Any) -> config.Config:
     data = config.load().model_dump()
     for name, values in sections.items():
         data[name] = {**data[name], **values}
@@ -93,7 +93,7 @@ def test_star_motor_runs_smoothly_and_its_currents_sum_to_zero() -> None:
     data["motor"]["connection"] = "star"
     truth = RigTruth.model_validate(data)
     bench = VirtualBench(
-        told(motor={"connection": "star"}), truth=truth, calibration=true_calibration(truth)
+        configured(motor={"connection": "star"}), truth=truth, calibration=true_calibration(truth)
     )
     _, truths = at_point(bench, 3)
     total_A = truths["i_a_A"].astype(float) + truths["i_b_A"] + truths["i_c_A"]
@@ -104,7 +104,7 @@ def test_star_motor_runs_smoothly_and_its_currents_sum_to_zero() -> None:
 
 @pytest.mark.kernel
 def test_ticks_and_truth_are_the_same_instants_without_gaps() -> None:
-    bench = VirtualBench(told(loop={"rate_Hz": 3000}))
+    bench = VirtualBench(configured(loop={"rate_Hz": 3000}))
     wanted = setpoint(brake=0.4, drive_rad_s=1.0)
     assert bench.t_ns == EPOCH_NS
     ticks, truths = bench.run(wanted, 7)
@@ -157,7 +157,7 @@ def test_same_seed_same_bits_however_a_run_is_cut() -> None:
 
 def test_seed_comes_from_the_bench_and_makes_another_run() -> None:
     torque_Nm = [
-        VirtualBench(told(bench={"seed": 3})).run(setpoint(), 50)[0]["torque_Nm"],
+        VirtualBench(configured(bench={"seed": 3})).run(setpoint(), 50)[0]["torque_Nm"],
         VirtualBench(config.load(), seed=3).run(setpoint(), 50)[0]["torque_Nm"],
         VirtualBench(config.load()).run(setpoint(), 50)[0]["torque_Nm"],
     ]
@@ -187,7 +187,7 @@ def test_saturated_torque_converter_shows_in_the_bridge_status() -> None:
 
 @pytest.mark.parametrize(("rate_Hz", "substep_s"), [(1000, 1e-4), (3000, 1 / 12000), (20000, 5e-5)])
 def test_substep_fits_the_period(rate_Hz: int, substep_s: float) -> None:
-    bench = VirtualBench(told(loop={"rate_Hz": rate_Hz}))
+    bench = VirtualBench(configured(loop={"rate_Hz": rate_Hz}))
     assert bench._rig[0][0].substep_s == pytest.approx(substep_s)
     bench.run(setpoint(), 20)
     assert bench._rig[1][0].step == round(20 / rate_Hz / substep_s)
@@ -196,4 +196,4 @@ def test_substep_fits_the_period(rate_Hz: int, substep_s: float) -> None:
 
 def test_a_rig_with_another_encoder_is_refused() -> None:
     with pytest.raises(config.ConfigError, match=r"4096 counts, .motor. counts says 2048"):
-        VirtualBench(told(motor={"counts": 2048}))
+        VirtualBench(configured(motor={"counts": 2048}))

@@ -148,7 +148,7 @@ def test_the_axes_of_the_rig_file_are_true() -> None:
     ids=["says d and q", "says phases"],
 )
 def test_a_drive_that_pushes_the_other_way_is_found_out(bench: Config, trip: Trip) -> None:
-    """Told a direction that is not the drive's: its own d and q look right, the torque does not."""
+    """A wrong direction in the bench file: the drive's own d and q look right, the torque not."""
     truth = VirtualBench(bench).truth
     own = bench.inverter.dq.model_copy(update={"direction": -1})
     wrong = truth.model_copy(update={"inverter": truth.inverter.model_copy(update={"dq": own})})
@@ -190,7 +190,7 @@ def enabled(virtual: VirtualBench, torque_Nm: float) -> tuple[State, float]:
     "bench", [bench_file(OWN_AXES), bench_file(LATCHED)], ids=["own", "latched"]
 )
 def test_currents_flow_as_the_kernel_commands_them(bench: Config) -> None:
-    """Through the told axes to the drive and back: small steps, told and true rig agreeing."""
+    """Through the configured axes to the drive and back: small steps, both rigs agreeing."""
     virtual = VirtualBench(bench)
     virtual.run(np.zeros(1, SETPOINT), 5)
     ticks, truth = virtual.run(setpoint(1.0), 60)

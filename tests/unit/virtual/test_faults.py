@@ -78,13 +78,13 @@ def test_late_feedback_of_a_turning_rotor_trips_only_if_it_is_wrong(
         assert tripped.argmax() < 215  # ms: as early as with fresh feedback, and 15 later
 
 
-def test_what_is_wrong_is_told() -> None:
+def test_what_is_wrong_is_reported() -> None:
     """The checks of the matrix can fail: another row's outcome does not pass."""
     rows = {row.fault.kind: row for row in TABLE}
     found = outcome(Fault(kind="inverter_hot"), "torque")
     assert campaign.wrong(rows["bus_voltage"], "torque", found) == ["first cause TEMPERATURE"]
-    [told] = campaign.wrong(rows["brake_silent"], "torque", found)
-    assert told == "tripped: TEMPERATURE"
+    [problem] = campaign.wrong(rows["brake_silent"], "torque", found)
+    assert problem == "tripped: TEMPERATURE"
     quiet = outcome(Fault(kind="brake_silent", for_s=0.01), "idle")
     assert "not detected" in campaign.wrong(rows["inverter_hot"], "idle", quiet)
 
@@ -100,7 +100,7 @@ def test_without_faults_a_timeline_changes_nothing() -> None:
             np.testing.assert_array_equal(plain[name], with_timeline[name])
 
 
-def test_the_recording_counts_the_faults_and_the_bench_tells_them() -> None:
+def test_the_recording_counts_the_faults_and_the_bench_reports_them() -> None:
     faults = Timeline(
         fault=(
             Fault(kind="host_stall", at_s=0.2, for_s=0.03),
@@ -134,7 +134,7 @@ def test_a_repeated_run_gives_the_same_bits() -> None:
 @pytest.mark.kernel
 @pytest.mark.parametrize("silent", [False, True])
 def test_a_board_that_starts_anew_holds_the_line_open_until_asked_to(silent: bool) -> None:
-    """Heartbeats of a host that has not noticed do not close it; nor does it tell of their loss."""
+    """Heartbeats of a host that has not noticed do not close it; nor does it report their loss."""
     link, command, rig_input = (
         new_link(1, 0.1, 0.005, 1000),
         np.zeros(1, COMMAND),

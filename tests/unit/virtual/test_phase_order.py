@@ -1,4 +1,4 @@
-"""Encoders that count backwards from anywhere, and exchanged phases: told so, nothing is amiss."""
+"""Encoders that count backwards from anywhere, and exchanged phases: right where configured."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def misaligned(offset_rad: float, direction: int, order: str) -> RigTruth:
     return RigTruth.model_validate(truth)
 
 
-def told(offset_rad: float, direction: int, order: str) -> Config:
+def configured(offset_rad: float, direction: int, order: str) -> Config:
     config = load().model_dump()
     config["motor"] |= {
         "encoder_offset_rad": offset_rad, "encoder_direction": direction, "phase_order": order,
@@ -43,20 +43,20 @@ def torque_Nm(config: Config, truth: RigTruth) -> np.ndarray:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_told_rightly_makes_the_torque_asked_for(case: tuple) -> None:
-    made_Nm = torque_Nm(told(*case), misaligned(*case))
+def test_the_right_configuration_makes_the_requested_torque(case: tuple) -> None:
+    made_Nm = torque_Nm(configured(*case), misaligned(*case))
     assert np.abs(made_Nm - 1.5).max() < 0.05
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_not_told_does_not(case: tuple) -> None:
+def test_a_wrong_configuration_does_not(case: tuple) -> None:
     made_Nm = torque_Nm(load(), misaligned(*case))
     assert np.abs(made_Nm - 1.5).mean() > 0.3
 
 
 @pytest.mark.parametrize("order", ["abc", "acb"])
-def test_the_rig_of_a_bench_without_one_has_the_phase_order_told(order: str) -> None:
-    config = told(0.3, -1, order)
+def test_the_rig_of_a_bench_without_one_has_the_configured_phase_order(order: str) -> None:
+    config = configured(0.3, -1, order)
     config = config.model_copy(update={"bench": config.bench.model_copy(update={"rig": None})})
     aligned, truth = nominal_rig(config)
     assert truth.inverter.phase_order == aligned.motor.phase_order == order

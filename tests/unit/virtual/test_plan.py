@@ -1,4 +1,4 @@
-"""A plan in virtual time on the packaged rig: points taken, ticks marked, failures told."""
+"""A plan in virtual time on the packaged rig: points taken, ticks marked, failures reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Plans tried out before they are run: what would fail is told, with the reason."""
+"""Plans tried out before they are run: what would fail is reported, with the reason."""
 
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -43,7 +43,7 @@ def forecast(config, torques_Nm=(2.0,), speeds_Hz=(1.0,), limit_s=1e6, **setting
     return list(forecasts(config, plan, None, Here(), limit_s))
 
 
-@pytest.mark.parametrize("bench", [None, REAL], ids=["with a rig file", "as told"])
+@pytest.mark.parametrize("bench", [None, REAL], ids=["with a rig file", "as configured"])
 def test_what_can_be_done_is_fine(bench):
     found = forecast(load(bench), speeds_Hz=(0.8, 1.0))
     assert [each.point.index for each in found] == [0, 1]
@@ -74,7 +74,7 @@ def test_a_speed_that_is_not_reached_in_time_is_found():
     assert each.trouble.startswith("2 Nm, 1 Hz: the speed was still")
 
 
-def test_a_point_that_stays_poor_is_told():
+def test_a_point_that_stays_poor_is_reported():
     [each] = forecast(load(), temperature_C=[80.0, 90.0])
     assert (each.trouble, each.fine) == ("", False)
     assert "outside 80 to 90" in each.quality
@@ -89,23 +89,23 @@ def test_without_time_nothing_is_simulated(monkeypatch):
     assert next(now_s) < 20
 
 
-def test_a_rig_file_that_is_gone_is_told(tmp_path):
+def test_a_rig_file_that_is_gone_is_reported(tmp_path):
     config = changed(load(), bench={"rig": tmp_path / "gone.toml"})
     with pytest.raises(ConfigError, match=r"gone\.toml"):
         forecast(config)
 
 
 def test_the_rig_is_what_the_bench_file_says():
-    told, truth = nominal_rig(load(REAL))
-    assert truth.encoder.counts == told.motor.counts
-    assert truth.motor.pole_pairs == told.motor.pole_pairs
-    assert truth.motor.back_emf == told.motor.back_emf
-    assert truth.brake.torque_max_Nm == told.brake.torque_max_Nm
-    assert told.limits.bus_V_min < truth.inverter.bus_V < told.limits.bus_V_max
-    assert (told.motor.encoder_offset_rad, told.motor.encoder_direction) == (0.0, 1)
-    assert told.bench.faults is None
+    nominal, truth = nominal_rig(load(REAL))
+    assert truth.encoder.counts == nominal.motor.counts
+    assert truth.motor.pole_pairs == nominal.motor.pole_pairs
+    assert truth.motor.back_emf == nominal.motor.back_emf
+    assert truth.brake.torque_max_Nm == nominal.brake.torque_max_Nm
+    assert nominal.limits.bus_V_min < truth.inverter.bus_V < nominal.limits.bus_V_max
+    assert (nominal.motor.encoder_offset_rad, nominal.motor.encoder_direction) == (0.0, 1)
+    assert nominal.bench.faults is None
     delay_s = truth.inverter.dead_time_s + 1 / (2 * np.pi * truth.inverter.bandwidth_Hz)
-    assert delay_s == pytest.approx(told.inverter.actuation_delay_s, abs=1e-4)
+    assert delay_s == pytest.approx(nominal.inverter.actuation_delay_s, abs=1e-4)
 
 
 def test_a_measured_back_emf_becomes_harmonics():

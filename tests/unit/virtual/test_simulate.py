@@ -18,20 +18,20 @@ def run(*arguments: object) -> tuple[int, str, str]:
 
 
 SETTINGS = ("torques_Nm=2", "speeds_Hz=1", "turns=3", "gain_steps=[]")
-SMALL = tuple(word for setting in SETTINGS for word in ("--set", setting))
+SMALL = tuple(argument for setting in SETTINGS for argument in ("--set", setting))
 
 
 def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     code, out, _ = run("calibrate", *SMALL, "-o", path, "--seed", 4, "--json")
     assert code == 0
-    told = json.loads(out)
-    assert (told["points"], told["seed"], told["run"]) == (1, 4, str(path))
+    result = json.loads(out)
+    assert (result["points"], result["seed"], result["run"]) == (1, 4, str(path))
     recorded = open_run(path)
     assert recorded.metadata["plan"]["name"] == "calibrate"
     assert recorded.metadata["plan"]["settings"]["turns"] == 3
     assert len(recorded.operating_points()) == 1
-    assert recorded.ticks(["tick"]).size == round(told["bench_s"] * 1000)
+    assert recorded.ticks(["tick"]).size == round(result["bench_s"] * 1000)
     assert recorded.truth(["t_ns"]).size == recorded.ticks(["tick"]).size
     code, _, err = run("calibrate", *SMALL, "-o", path)
     assert code == 1
@@ -39,7 +39,7 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "expected"),
     [
         (("nothing",), "no plan 'nothing'; there are: align, calibrate"),
         (("verify",), "no calibration is named"),
@@ -50,11 +50,11 @@ def test_a_plan_becomes_a_recording(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_simulated_is_said_in_a_line(
-    arguments: tuple[str, ...], words: str, tmp_path: Path
+    arguments: tuple[str, ...], expected: str, tmp_path: Path
 ) -> None:
     code, _, err = run(*arguments, "-o", tmp_path / "run.mcap")
     assert code == 1
-    assert words in err
+    assert expected in err
     assert len(err.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
 

@@ -113,7 +113,7 @@ def test_extended_identifier(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("names", "words"),
+    ("names", "expected"),
     [
         ({"command_enable": "Comand.Control"}, ["no message Comand", "did you mean Command?"]),
         ({"command_enable": "Command.Contrl"}, ["no signal Contrl", "did you mean Control?"]),
@@ -129,11 +129,13 @@ def test_extended_identifier(tmp_path: Path) -> None:
         ({"feedback_crc": ("Other.Count",)}, ["not in Currents and State"]),
     ],
 )
-def test_what_the_dbc_lacks_is_named(drive: Path, names: dict[str, Any], words: list[str]) -> None:
+def test_what_the_dbc_lacks_is_named(
+    drive: Path, names: dict[str, Any], expected: list[str]
+) -> None:
     message = error_of(drive, **names)
     assert f"[inverter.can.signals] {next(iter(names))}:" in message
-    for word in words:
-        assert word in message
+    for part in expected:
+        assert part in message
 
 
 def test_files_that_are_no_dbc(tmp_path: Path) -> None:

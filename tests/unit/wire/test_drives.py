@@ -65,8 +65,8 @@ def test_odrive_takes_a_float() -> None:
     assert codec.encode_command((0.0, 2.5), True, 0) == struct.pack("<f", 2.5)
     by_name = {m.name: m for m in codec.feedback}
     assert by_name["GetIq"].decode(struct.pack("<ff", 1.0, -3.5)) == (-3.5,)
-    word = by_name["Heartbeat"].decode(struct.pack("<IB3x", 0, 8))
-    assert word == (8.0,)
+    values = by_name["Heartbeat"].decode(struct.pack("<IB3x", 0, 8))
+    assert values == (8.0,)
     assert codec.decode_status(8) == InverterStatus.READY
     assert codec.decode_status(1) == InverterStatus(0)
 

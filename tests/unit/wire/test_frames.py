@@ -153,7 +153,7 @@ def test_a_field_too_wide_is_an_error_of_the_sender() -> None:
         frames.encode(frames.Sample(2**32, 0, 0, 0), 0)
 
 
-def test_hello_in_words() -> None:
+def test_hello_text() -> None:
     hello = frames.Hello(1, frames.firmware(2, 10, 3), b"board-a", 5, 1000, 4096, 0)
     received = frames.decode(frames.encode(hello, 0)[:-1])
     assert received is not None

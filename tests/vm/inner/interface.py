@@ -7,9 +7,9 @@ from tests.contract.peers import SOCKETCAN
 FD_MTU, CLASSIC_MTU = 72, 16
 
 
-def ip(*words: object) -> None:
+def ip(*arguments: object) -> None:
     """Run `ip` of busybox, which the machine has anyway."""
-    subprocess.run(["busybox", "ip", *map(str, words)], check=True)
+    subprocess.run(["busybox", "ip", *map(str, arguments)], check=True)
 
 
 def down() -> None:

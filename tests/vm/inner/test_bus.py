@@ -59,10 +59,13 @@ def test_frames_of_every_length_both_ways(bus: SocketCan, other: can.BusABC, key
     for length in LENGTHS:
         data = bytes(range(length))
         bus.send(key, data)
-        heard = other.recv(10.0)
-        assert heard is not None
-        assert (heard.arbitration_id | EXTENDED * heard.is_extended_id, heard.data) == (key, data)
-        assert (heard.is_fd, heard.bitrate_switch) == (True, True)
+        received = other.recv(10.0)
+        assert received is not None
+        assert (received.arbitration_id | EXTENDED * received.is_extended_id, received.data) == (
+            key,
+            data,
+        )
+        assert (received.is_fd, received.bitrate_switch) == (True, True)
         for fd in (True, False) if length <= 8 else (True,):
             other.send(message(key, data, is_fd=fd))
             assert [frame[:2] for frame in bus.receive(10.0)] == [(key, data)]
@@ -72,9 +75,9 @@ def test_frames_of_every_length_both_ways(bus: SocketCan, other: can.BusABC, key
 def test_classical_frames(other: can.BusABC) -> None:
     bus = open_socketcan(SOCKETCAN, fd=False)
     bus.send(0x123, b"1234567")
-    heard = other.recv(10.0)
-    assert heard is not None
-    assert (heard.is_fd, heard.data) == (False, b"1234567")
+    received = other.recv(10.0)
+    assert received is not None
+    assert (received.is_fd, received.data) == (False, b"1234567")
     other.send(message(0x124, b"12345678", is_fd=True))
     other.send(message(0x125, b"123"))
     assert [frame[:2] for frame in bus.receive(10.0)] == [(0x125, b"123")]
@@ -92,7 +95,7 @@ def test_frames_not_asked_for_stay_in_the_kernel(bus: SocketCan, other: can.BusA
     assert [frame[:2] for frame in bus.receive(10.0)] == [(0x181 | EXTENDED, b"1"), (0x180, b"2")]
 
 
-def test_our_own_frames_are_not_heard_but_by_others_on_this_computer(
+def test_our_own_frames_are_not_received_but_by_others_on_this_computer(
     bus: SocketCan, other: can.BusABC
 ) -> None:
     neighbour = open_socketcan(SOCKETCAN, fd=True)
@@ -102,7 +105,7 @@ def test_our_own_frames_are_not_heard_but_by_others_on_this_computer(
     neighbour.close()
 
 
-def test_error_frames_tell_of_the_controller(bus: SocketCan, raw: socket.socket) -> None:
+def test_error_frames_report_the_controllers_state(bus: SocketCan, raw: socket.socket) -> None:
     bus.listen({0x180})
 
     def report(classes: int, data: bytes = bytes(8)) -> tuple[bool, bool, int]:

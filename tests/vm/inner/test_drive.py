@@ -20,7 +20,7 @@ BUS_OFF = InverterStatus.BUS_OFF
 
 @pytest.fixture
 def pair() -> Iterator[tuple[CanInverter, Drive]]:
-    """A driver that is open, and its drive, which from now on does what it is told."""
+    """A driver that is open, and its drive, which from now on does what the test calls."""
     bench = can_socketcan()
     bench.driver.open()
     (drive,) = bench.peers
@@ -63,7 +63,7 @@ def test_without_its_bus_the_driver_says_so_and_goes_on_with_it(
     bring_back = take()
     without = ticks(driver, REFUSED_MAX + 1)
     assert without.inverter_status & BUS_OFF
-    # one error for the socket that was told, one for each frame that was refused
+    # one error for the socket that was notified, one for each frame that was refused
     assert without.link_errors == before.link_errors + 1 + REFUSED_MAX
     assert without.t_inverter_ns >= before.t_inverter_ns
     still = ticks(driver, 100)
@@ -76,7 +76,7 @@ def test_without_its_bus_the_driver_says_so_and_goes_on_with_it(
         drive.speak()
 
         def tick() -> np.ndarray:
-            drive.hear()  # a frame that nobody took counts against what its sender may send
+            drive.receive()  # a frame that nobody took counts against what its sender may send
             return ticks(driver, 1)
 
         again = until(lambda: (f := tick()).t_inverter_ns > before.t_inverter_ns and f)
@@ -85,7 +85,7 @@ def test_without_its_bus_the_driver_says_so_and_goes_on_with_it(
         for number in range(5):
             drive.speak()
             driver.write(new_command((float(number), 0.0, 0.0), 1))
-            until(lambda number=number: drive.hear() or drive.i_A[0] == number)
+            until(lambda number=number: drive.receive() or drive.i_A[0] == number)
             assert read(driver).link_errors == errors
 
 

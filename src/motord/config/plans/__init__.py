@@ -53,8 +53,7 @@ class CalibrateConfig(MeshConfig):
     gain_torques_Nm: Annotated[tuple[Positive, ...], Field(max_length=MAX_VALUES)] = ()
     """Torques of these points; empty: the mesh's middle torque."""
     directions: Literal["forwards", "both"] = "both"
-    """"both": every other point is taken backwards, which separates friction ripple from cogging
-    and cross-talk of the torque sensor from gains; "forwards": if the load must not turn back."""
+    """"both": every other point backwards, to separate friction; "forwards": never turn back."""
 
     @field_validator("gain_steps")
     @classmethod

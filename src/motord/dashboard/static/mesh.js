@@ -6,7 +6,7 @@ import { niceStep, number, significant } from "./format.js";
 /** Cividis, which people see alike with and without colour vision: dark is small. */
 const STOPS = [[0, 34, 78], [53, 69, 109], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
 
-/** @typedef {{torque_Nm: number, speed_Hz: number, state: string, rms_error_percent: number | null, quality: string, takes: number}} Point */
+/** @typedef {{torque_Nm: number, speed_Hz: number, state: string, rms_error_percent: number | null, quality: string, takes: number, induced?: Record<string, unknown>}} Point */
 
 /** The colour of a share of the scale, and whether its text is to be light. Pure. @param {number} share 0 to 1 */
 export function shade(share) {
@@ -18,20 +18,29 @@ export function shade(share) {
   return { rgb: `rgb(${rgb.join(", ")})`, light: luminance < 0.179 };
 }
 
-/** Rows and columns of points. Pure. @param {Point[]} points */
+/** Rows and columns of points; of a mesh in both directions by magnitude, if that makes no two points one, errors
+ * induced on purpose aside: those show only where nothing else is. Pure. @param {Point[]} points */
 export function grid(points) {
+  const plain = points.filter((point) => !induced(point));
+  const places = (/** @type {(value: number) => number} */ of) => new Set(plain.map((point) => `${of(point.torque_Nm)} ${of(point.speed_Hz)}`)).size;
+  const of = places(Math.abs) === places((value) => value) ? Math.abs : (/** @type {number} */ value) => value;
   const sorted = (/** @type {number[]} */ values) => [...new Set(values)].sort((a, b) => a - b);
-  const speeds = sorted(points.map((point) => point.speed_Hz));
-  const torques = sorted(points.map((point) => point.torque_Nm)).reverse();
+  const speeds = sorted(points.map((point) => of(point.speed_Hz)));
+  const torques = sorted(points.map((point) => of(point.torque_Nm))).reverse();
   /** @type {Map<string, Point>} */
   const at = new Map();
   for (const point of points) {
-    const key = `${point.torque_Nm} ${point.speed_Hz}`;
+    const key = `${of(point.torque_Nm)} ${of(point.speed_Hz)}`;
     const there = at.get(key);
-    if (there === undefined || there.rms_error_percent === null || point.rms_error_percent !== null) at.set(key, point);
+    if (induced(point) && there !== undefined && !induced(there)) continue;
+    const first = there === undefined || (induced(there) && !induced(point));
+    if (first || there.rms_error_percent === null || point.rms_error_percent !== null) at.set(key, point);
   }
   return { speeds, torques, at: (/** @type {number} */ torque, /** @type {number} */ speed) => at.get(`${torque} ${speed}`) };
 }
+
+/** Whether errors are induced at a point on purpose. @param {Point} point */
+const induced = (point) => Object.keys(point.induced ?? {}).length > 0;
 
 export class Mesh {
   /** @param {import("./state.js").Bench} bench */

@@ -51,7 +51,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     if config.inverter.driver == "can-dq":
         raise PlanError(
             f"{NAME}: a drive that takes currents along d and q has an angle of its own, by which "
-            "the current vector would turn: align it by its own tool, and tell [inverter.dq]"
+            "the current vector would turn: align it by its own tool, and fill in [inverter.dq]"
         )
     if isinstance(config.motor.back_emf, BackEmfTable):
         raise PlanError(

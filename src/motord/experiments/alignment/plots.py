@@ -37,7 +37,7 @@ def rests(result: Alignment) -> Figure:
     with drawing():
         picture = figure(3.2)
         left, right = picture.subplots(1, 2)
-        for axes, values, words in (
+        for axes, values, label in (
             (left, points * result.apart_rad, "from the vector"),
             (right, points * result.left_rad, "not explained"),
         ):
@@ -47,7 +47,7 @@ def rests(result: Alignment) -> Figure:
                 xlim=(0, 360),
                 xticks=range(0, 361, 60),
                 xlabel="rotor's electrical angle (degrees)",
-                ylabel=f"{words} (encoder points)",
+                ylabel=f"{label} (encoder points)",
             )
         picture.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=4)
         return picture

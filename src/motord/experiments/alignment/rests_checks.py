@@ -1,4 +1,4 @@
-"""What the stops of a current vector tell besides the zero: pole pairs, sensors, torque's sign."""
+"""What the stops of a current vector show besides the zero: pole pairs, sensors, torque's sign."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,18 +31,18 @@ and twice as much as it would with the opposite sign."""
 
 def check_rests(rests: Rests) -> None:
     """Raise IdentifyError if there are too few stops, or the rotor does not rest at them."""
-    for way, word in ((1, "forwards"), (-1, "backwards")):
+    for way, direction in ((1, "forwards"), (-1, "backwards")):
         of_way = rests.way == way
         stops, still = int(of_way.sum()), int((of_way & rests.still).sum())
         if stops < STOPS_MIN:
             raise IdentifyError(
-                f"{stops} stops of a current vector {word}, at least {STOPS_MIN} are "
+                f"{stops} stops of a current vector {direction}, at least {STOPS_MIN} are "
                 "needed: is this a whole recording of the plan align?"
             )
         if still < STOPS_MIN:
             raise IdentifyError(
-                f"the rotor came to rest at {still} of {stops} stops {word}: set a longer hold_s, "
-                "or more brake, which takes its swing away"
+                f"the rotor came to rest at {still} of {stops} stops {direction}: set a longer "
+                "hold_s, or more brake, which takes its swing away"
             )
 
 

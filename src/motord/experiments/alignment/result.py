@@ -182,7 +182,7 @@ class Alignment:
             yield Finding(
                 "zero-not-known-well", doubt, POORLY_POINTS, "encoder points", "warning",
                 "the zero is not known well",
-                "take more stops (rests, turns), or two currents, which tell cogging from the rest",
+                "take more stops (rests, turns), or two currents, which separate cogging torque",
             )  # fmt: skip
         if self.left_out > self.rests.size // 4:
             yield Finding(

@@ -18,7 +18,7 @@ DELAY_MAX_S = 2e-3
 """Age of the voltages, beyond the recorded one, that filters and buses explain."""
 
 SPEED_RATIO = 1.3
-"""Ratio of the fastest to the slowest speed that tells the age of the voltages from the angle."""
+"""Ratio of the fastest to the slowest speed that separates the voltages' age from the angle."""
 
 
 def findings(found: MeasuredBackEmf, driven: Sequence[Driven]) -> tuple[Finding, ...]:

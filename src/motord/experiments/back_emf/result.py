@@ -37,7 +37,7 @@ class MeasuredBackEmf:
     order (n,): per turn, rising; line (n, 3); stderr (n, 3): of amplitude, and of the phase times
     the amplitude; kept (n,): part of the table, the others are noise. offset_V (3,); delay_s: by
     how much the voltages are older than the recording says, and its standard error, None where
-    the speeds are too much alike to tell. noise_V (3,). speeds_Hz, turns: of each segment.
+    the speeds are too much alike to identify it. noise_V (3,). speeds_Hz, turns: of each segment.
     left_out: what of the points was not used; findings: what is questionable.
     """
 

@@ -21,7 +21,7 @@ NEGLIGIBLE = 1e-3
 
 
 def report(found: CalibratedRuns, recordings: Recordings) -> Page:
-    """Return the page of a calibration, beside that of the other estimator and a reference.
+    """Return the page of a calibration, next to that of the other estimator and a reference.
 
     The reference is the calibration that was named to compare with, else the truth, if the
     recordings hold it. Raises CalibrationError, IdentifyError.

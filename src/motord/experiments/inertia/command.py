@@ -73,7 +73,7 @@ def oscillation(
     if settings.stator and cogging_Nm is None:
         raise AnalysisError(
             "the stator was in place: its cogging torque pulls as the springs do, and a frequency "
-            "cannot tell the two apart; give a calibration that knows it, or take the stator off"
+            "cannot separate the two; give a calibration that knows it, or take the stator off"
         )
     waves = waves_of(cogging_Nm) if settings.stator and cogging_Nm is not None else None
     releases: list[Release] = []

@@ -25,7 +25,7 @@ def estimate(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The calibration that was applied: tells how much of the ripple currents explain.",
+            help="The calibration that was applied: shows how much of the ripple currents explain.",
         ),
     ] = None,
 ) -> MeshRipple:

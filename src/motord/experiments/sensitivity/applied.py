@@ -19,7 +19,7 @@ from motord.identification.resample import fill_gaps
 from motord.schema import Flag
 
 NEEDED = ("angle_predicted_rad", "torque_set_Nm", "cogging_comp_Nm", "flags", *COMMANDS)
-"""Columns of the tick that tell of the compensation."""
+"""Columns of the tick that describe the compensation."""
 
 BOTH = Flag.CURRENTS_COMPENSATED | Flag.COGGING_COMPENSATED
 SPOILT = Flag.CURRENT_LIMITED | Flag.TORQUE_LIMITED | Flag.LEARNED_COMPENSATED
@@ -51,7 +51,7 @@ class Applied:
 
 
 class AppliedCompensation:
-    """Takes ticks point by point; then tells what was applied."""
+    """Takes ticks point by point; then returns what was applied."""
 
     def __init__(self, motor: MotorConfig) -> None:
         self._per_Nm = currents_per_Nm(motor)

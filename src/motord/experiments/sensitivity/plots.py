@@ -27,7 +27,7 @@ TITLE = {
 
 
 def traces(items: Sequence[Series]) -> Figure:
-    """Return one picture for each kind of error, two beside each other."""
+    """Return one picture for each kind of error, two next to each other."""
     rows = (len(items) + 1) // 2
     with drawing():
         picture = figure(0.4 + 2.7 * rows)

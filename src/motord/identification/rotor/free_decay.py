@@ -178,7 +178,7 @@ def _scale(start: np.ndarray) -> np.ndarray:
 
 
 def _standard_errors(jacobian: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """Return standard errors (p,); infinite where the data cannot tell parameters apart."""
+    """Return standard errors (p,); infinite where the data cannot separate parameters."""
     _, s, vt = np.linalg.svd(jacobian, full_matrices=False)
     if s[-1] < 1e-10 * s[0]:
         return np.full(jacobian.shape[1], np.inf)

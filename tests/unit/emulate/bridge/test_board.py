@@ -171,7 +171,7 @@ def test_its_clock_has_an_offset_drifts_and_wraps():
     assert ours.clock_us(wraps_ns) < 1_000_000
 
 
-def test_status_tells_the_newest_heartbeat():
+def test_status_has_the_newest_heartbeat():
     ours = board()
     ours.receive(3 * MS, frames.Numbered(41, frames.Heartbeat(1)))
     ours.receive(4 * MS, frames.Numbered(42, frames.Heartbeat(1)))

@@ -41,7 +41,7 @@ def say(host, frame, number, size, identifier=0x110):
         )
 
 
-def heard(host):
+def received(host):
     decoder, found = PieceDecoder(), []
     while (message := host.recv(0)) is not None:
         assert message.arbitration_id == 0x190
@@ -53,7 +53,7 @@ def test_frames_go_out_in_pieces(ends):
     link, host, _ = ends
     sent = [frames.Sample(n, n, -n, 0) for n in range(40)]
     assert all(link.send(sample) for sample in sent)
-    assert heard(host) == ([frames.Numbered(n, sample) for n, sample in enumerate(sent)], 0)
+    assert received(host) == ([frames.Numbered(n, sample) for n, sample in enumerate(sent)], 0)
     assert link.pty_name == ""
 
 
@@ -78,16 +78,16 @@ def test_faults_on_the_wire(ends):
     link.faults.active, link.faults.drop = True, 1.0
     say(host, frames.Heartbeat(1), 0, size)
     assert list(link.receive(1)) == []
-    assert heard(host) == ([], 0)
+    assert received(host) == ([], 0)
     link.play(20)
-    assert [numbered.frame.t_us for numbered in heard(host)[0]] == [1]
+    assert [numbered.frame.t_us for numbered in received(host)[0]] == [1]
 
 
 def test_greeting_numbers_frames_anew(ends):
     link, host, _ = ends
     link.send(frames.Sample(1, 1, 1, 0))
     link.greet(Board(config.load(EMULATED), 0))
-    first, hello = heard(host)[0]
+    first, hello = received(host)[0]
     assert (first.sequence, hello.sequence) == (0, 0)
     assert hello.frame.board_name == "motord-emulate"
 

@@ -6,32 +6,32 @@ from motord.emulate.bridge.feed import FeedDecoder, FirmwareReport, input_frame
 CLOCKS = st.integers(0, 2**32 - 1)
 
 
-def told_frame(told):
+def report_frame(report):
     """Write what the firmware writes (feed_write in feed.c), in another way."""
-    bits = f"{0:02b}{told.line_closed:b}{told.t_us:032b}"
+    bits = f"{0:02b}{report.line_closed:b}{report.t_us:032b}"
     sevens = [int(bits[place : place + 7], 2) for place in range(0, 35, 7)]
     sevens[0] |= 0x80
     return bytes((*sevens, (sum(sevens) + 0x35) % 128))
 
 
 @given(st.lists(st.builds(FirmwareReport, st.booleans(), CLOCKS)), st.integers(1, 9))
-def test_what_the_firmware_tells_is_read_however_it_is_cut(told, chunk):
-    data = b"".join(map(told_frame, told))
+def test_firmware_reports_are_read_however_they_are_cut(reports, chunk):
+    data = b"".join(map(report_frame, reports))
     decoder, got = FeedDecoder(), []
     for place in range(0, len(data), chunk):
         got += decoder.feed(data[place : place + chunk])
-    assert got == told
+    assert got == reports
 
 
 @given(st.binary(), st.builds(FirmwareReport, st.booleans(), CLOCKS))
-def test_it_is_in_step_again_after_any_noise(noise, told):
+def test_it_is_in_step_again_after_any_noise(noise, report):
     decoder = FeedDecoder()
     decoder.feed(noise)
-    assert decoder.feed(told_frame(told))[-1:] == [told]
+    assert decoder.feed(report_frame(report))[-1:] == [report]
 
 
 def test_corrupt_and_cut_frames_are_left_out():
-    good = told_frame(FirmwareReport(True, 123_456))
+    good = report_frame(FirmwareReport(True, 123_456))
     bad = bytes((*good[:-1], good[-1] ^ 1))
     assert FeedDecoder().feed(bad + good[:3] + good) == [FirmwareReport(True, 123_456)]
     assert FeedDecoder().feed(good[1:]) == []

@@ -25,7 +25,7 @@ from motord.emulate.bridge.qemu import Qemu, receive, send
 from motord.wire.bridge import frames
 from motord.wire.bridge.stream import StreamDecoder
 from tests.unit.emulate.benches import EMULATED
-from tests.unit.emulate.bridge.test_feed import FirmwareReport, told_frame
+from tests.unit.emulate.bridge.test_feed import FirmwareReport, report_frame
 
 
 class Machine:
@@ -91,7 +91,7 @@ def test_bytes_pass_both_ways(ends, machine):
 def test_the_enable_line_comes_from_the_firmware(ends, machine, board):
     link, _ = ends
     for closed in (True, False):
-        machine.firmware_feed.send(told_frame(FirmwareReport(closed, 5)))
+        machine.firmware_feed.send(report_frame(FirmwareReport(closed, 5)))
         list(link.receive(1))
         assert board.line_closed is closed
 

@@ -32,8 +32,8 @@ direction = -1
 SHORT = ("--set", "turns=1", "--set", "rests=17")
 
 
-def motord(*words: object):
-    return CliRunner().invoke(app, [*map(str, words)])
+def motord(*arguments: object):
+    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -106,16 +106,18 @@ def _calibrated(config: Config):
 
 
 @pytest.mark.parametrize(
-    ("off_points", "words"), [(0.0, "right, its zero within 0.00"), (4.0, "zero is +4.0")]
+    ("off_points", "expected"), [(0.0, "right, its zero within 0.00"), (4.0, "zero is +4.0")]
 )
-def test_a_bench_file_that_is_right_or_nearly(bench: Path, off_points: float, words: str) -> None:
+def test_a_bench_file_that_is_right_or_nearly(
+    bench: Path, off_points: float, expected: str
+) -> None:
     run = open_run(bench / "run.mcap")
     found = found_alignment([run], Subject.of_runs([run]))
     motor = load(bench / "bench.toml").motor.model_dump() | found.fields
     offset_rad = found.offset_rad + off_points * 2 * np.pi / 4096
     motor["encoder_offset_rad"] = offset_rad
     again = replace(found, motor=MotorConfig.model_validate(motor))
-    assert words in again.agreement
+    assert expected in again.agreement
     assert [one.name for one in again.findings] == ["bench-file-differs"] * (off_points > 0)
 
 
@@ -134,11 +136,11 @@ def test_findings_of_a_mute_torque_sensor_odd_scales_and_swings(bench: Path) -> 
         offset_stderr_rad=0.002,
         left_out=found.rests.size // 2,
     )
-    words = " ".join(one.in_words() for one in odd.findings)
-    assert "does not show the rotor's swings" in words
-    assert "phase b: sensed current is 1.30 times the commanded one" in words
-    assert "stops are left out" in words
-    assert "the zero is not known well" in words
+    text = " ".join(one.in_words() for one in odd.findings)
+    assert "does not show the rotor's swings" in text
+    assert "phase b: sensed current is 1.30 times the commanded one" in text
+    assert "stops are left out" in text
+    assert "the zero is not known well" in text
 
 
 def test_other_recordings_are_refused_in_one_line(bench: Path, tmp_path: Path) -> None:

@@ -45,15 +45,15 @@ def test_whatever_is_true_is_found(case: Case) -> None:
     assert found.gains == pytest.approx((1, 1, 1), abs=0.01)
 
 
-def told(**motor: object) -> Config:
+def configured(**motor: object) -> Config:
     content = load().model_dump()
     content["motor"] |= motor
     return Config.model_validate(content)
 
 
-def test_it_is_found_from_a_bench_that_was_told_otherwise() -> None:
+def test_it_is_found_from_a_bench_configured_otherwise() -> None:
     case = random_case(3)
-    config = told(encoder_direction=-1, phase_order="acb", encoder_offset_rad=2.0)
+    config = configured(encoder_direction=-1, phase_order="acb", encoder_offset_rad=2.0)
     found = align(sweeps_of(config, case.truth(), 3, **SHORT), config.motor)
     assert (found.phase_order, found.direction) == (case.phase_order, case.direction)
     assert abs(case.error_points(found, config)) < 1.0
@@ -73,7 +73,7 @@ def test_it_is_found_from_a_bench_that_was_told_otherwise() -> None:
     ],
 )  # fmt: skip
 def test_other_motors(motor: dict, truth: dict) -> None:
-    case, config = random_case(2), told(**motor)
+    case, config = random_case(2), configured(**motor)
     found = align(sweeps_of(config, case.truth(motor=truth), 2, **SHORT), config.motor)
     assert (found.phase_order, found.direction) == (case.phase_order, case.direction)
     friction = found.friction_rad / POINT_RAD
@@ -87,9 +87,11 @@ def sweeps() -> list[np.ndarray]:
 
 @pytest.mark.parametrize("pole_pairs", [4, 7, 9, 16])
 def test_pole_pairs_that_do_not_fit_are_refused(sweeps: list, pole_pairs: int) -> None:
-    words = rf"turned 1/8.00 of a turn .* is 8 pole pairs, and \[motor\] pole_pairs = {pole_pairs}"
-    with pytest.raises(IdentifyError, match=words):
-        align(sweeps, told(pole_pairs=pole_pairs, slots=6 * pole_pairs).motor)
+    expected = (
+        rf"turned 1/8.00 of a turn .* is 8 pole pairs, and \[motor\] pole_pairs = {pole_pairs}"
+    )
+    with pytest.raises(IdentifyError, match=expected):
+        align(sweeps, configured(pole_pairs=pole_pairs, slots=6 * pole_pairs).motor)
 
 
 def test_an_encoder_of_another_resolution_is_refused(sweeps: list) -> None:
@@ -108,8 +110,8 @@ def _with(ticks: np.ndarray, **columns: np.ndarray) -> np.ndarray:
 
 def test_current_sensors_in_another_order_are_named(sweeps: list) -> None:
     swapped = [_with(t, i_b_A=t["i_c_A"], i_c_A=t["i_b_A"]) for t in sweeps]
-    words = "sensed as phase b is that commanded in phase c: exchange .* feedback_i_A"
-    with pytest.raises(IdentifyError, match=words):
+    expected = "sensed as phase b is that commanded in phase c: exchange .* feedback_i_A"
+    with pytest.raises(IdentifyError, match=expected):
         align(swapped, CONFIG.motor)
 
 
@@ -159,10 +161,10 @@ def test_a_rotor_that_slips_is_refused(sweeps: list) -> None:
 
 
 def test_no_zero_without_a_fundamental_nor_for_a_table(sweeps: list) -> None:
-    third = told(back_emf=[{"order": 3, "amplitude_V_s_per_rad": 0.1}])
+    third = configured(back_emf=[{"order": 3, "amplitude_V_s_per_rad": 0.1}])
     with pytest.raises(IdentifyError, match="no order 1"):
         align(sweeps, third.motor)
-    table = told(back_emf={"k_V_s_per_rad": CONFIG.motor.back_emf_table().tolist()})
+    table = configured(back_emf={"k_V_s_per_rad": CONFIG.motor.back_emf_table().tolist()})
     with pytest.raises(IdentifyError, match="measured table"):
         align(sweeps, table.motor)
 

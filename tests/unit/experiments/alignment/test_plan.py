@@ -74,7 +74,7 @@ def test_the_usual_currents_are_parts_of_the_rated_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "expected"),
     [
         ({"currents_A": [31.0]}, r"31 A is above \[limits\] current_A = 30"),
         ({"currents_A": [3.0, 23.0]}, r"23 A is above \[limits\] i2t_current_A = 22"),
@@ -82,8 +82,8 @@ def test_the_usual_currents_are_parts_of_the_rated_one() -> None:
         ({"current_A": 4}, "setting current_A.*settings are: currents_A, turns"),
     ],
 )
-def test_refused(settings: dict[str, object], words: str) -> None:
-    with pytest.raises(PlanError, match=words):
+def test_refused(settings: dict[str, object], expected: str) -> None:
+    with pytest.raises(PlanError, match=expected):
         build("align", load(), settings)
 
 
@@ -100,10 +100,10 @@ def test_a_drive_with_an_angle_of_its_own_aligns_itself() -> None:
         build("align", config.model_copy(update={"inverter": inverter}))
 
 
-def fails(words: str, config: Config, current_A: float, **truth: dict[str, object]) -> None:
+def fails(expected: str, config: Config, current_A: float, **truth: dict[str, object]) -> None:
     bench = VirtualBench(config, random_case(0).truth(**truth), seed=0)
     plan = build("align", config, {**SHORT, "currents_A": [current_A]})
-    with pytest.raises(PlanFailed, match=words):
+    with pytest.raises(PlanFailed, match=expected):
         run_plan(bench, plan, lambda *_: None)
 
 

@@ -41,7 +41,7 @@ def points() -> list[PointData]:
     return ticks_of("back-emf", REPORT, 3, rate_Hz=4000, speeds_Hz=(0.6, 1.2), turns=8)[2]
 
 
-def test_an_age_that_the_recording_does_not_tell_is_found(points: list[PointData]) -> None:
+def test_an_age_that_the_recording_does_not_state_is_found(points: list[PointData]) -> None:
     motor = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)[0].motor
     late = []
     for point in points:
@@ -90,7 +90,7 @@ def test_an_order_that_is_no_multiple_of_the_pole_pairs_is_kept(points: list[Poi
     assert abs(found.line[place, 0]) < 0.001
 
 
-def test_what_cannot_be_told_is_refused(points: list[PointData]) -> None:
+def test_what_cannot_be_identified_is_refused(points: list[PointData]) -> None:
     config, _, _ = ticks_of("back-emf", REPORT, 3, speeds_Hz=(1.2,), turns=2)
     motor, point = config.motor, points[1]
     with pytest.raises(IdentifyError, match="no good operating point"):

@@ -1,4 +1,4 @@
-"""Nothing assumes one motor: the simulated bench with others, calibrated, beside the truth."""
+"""Nothing assumes one motor: the simulated bench with others, calibrated, against the truth."""
 
 from dataclasses import dataclass
 from math import lcm
@@ -66,13 +66,13 @@ MOTORS = (
 
 
 def bench(motor: Motor) -> tuple[Config, RigTruth]:
-    """Return the packaged bench with another motor: what the controller is told, what is true."""
-    told, truth = load(), load_truth()
+    """Return the packaged bench with another motor: what is configured, what is true."""
+    configured, truth = load(), load_truth()
     back_emf = tuple(
         BackEmfHarmonic(order=h, amplitude_V_s_per_rad=a, phase_rad=p) for h, a, p in motor.back_emf
     )
     changes = {"pole_pairs": motor.poles // 2, "connection": motor.connection, "back_emf": back_emf}
-    told_motor = told.motor.model_copy(
+    configured_motor = configured.motor.model_copy(
         update={
             **changes,
             "slots": motor.slots,
@@ -84,10 +84,10 @@ def bench(motor: Motor) -> tuple[Config, RigTruth]:
         update={"counts": motor.counts, "direction": motor.direction}
     )
     true_motor = truth.motor.model_copy(update={**changes, "cogging": motor.cogging})
-    loop = told.loop.model_copy(update={"rate_Hz": motor.rate_Hz})
+    loop = configured.loop.model_copy(update={"rate_Hz": motor.rate_Hz})
     return (
         Config.model_validate(
-            told.model_copy(update={"motor": told_motor, "loop": loop}).model_dump()
+            configured.model_copy(update={"motor": configured_motor, "loop": loop}).model_dump()
         ),
         RigTruth.model_validate(
             truth.model_copy(update={"motor": true_motor, "encoder": encoder}).model_dump()
@@ -119,7 +119,7 @@ def test_gains_and_offsets(found: tuple[Motor, RigTruth, CalibrationResult]) -> 
         alpha = alpha / np.cbrt(alpha.prod())
     assert result.alpha == pytest.approx(alpha, rel=5e-3)
     beta_A = np.array(truth.inverter.beta_A)
-    if not any("offset of the currents: measured" in words for words in result.observable):
+    if not any("offset of the currents: measured" in text for text in result.observable):
         beta_A = beta_A - beta_A.mean()
     assert result.beta_A == pytest.approx(beta_A, abs=0.06)
     errors = np.concatenate(

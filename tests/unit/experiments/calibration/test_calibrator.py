@@ -44,9 +44,9 @@ def test_truth_is_found(connection: str, third: float) -> None:
     bench = Bench(motor=motor(connection=connection, third=third))
     result = calibrate(bench.mesh(turns=10), bench.motor, bench.sensor)
     check(bench, result, 0.003, 0.025)
-    words = " ".join(result.observable)
-    assert ("offset of the currents: measured" in words) == (third > 0 or connection == "star")
-    assert ("Kirchhoff" in words) == (connection == "star")
+    text = " ".join(result.observable)
+    assert ("offset of the currents: measured" in text) == (third > 0 or connection == "star")
+    assert ("Kirchhoff" in text) == (connection == "star")
     assert 1 < result.condition_number < 200
 
 
@@ -217,7 +217,7 @@ def test_orders_beyond_the_sampling_are_left_out_and_named() -> None:
     bench = Bench(rate_Hz=250, fine_Hz=2000)
     result = calibrate(bench.mesh(turns=10), bench.motor, bench.sensor)
     assert max(h.order for h in result.harmonics) == 96
-    assert any("144, 192 are too high" in words for words in result.observable)
+    assert any("144, 192 are too high" in text for text in result.observable)
 
 
 class TestNoZeroSequence:
@@ -257,8 +257,8 @@ class TestRefusals:
         rate_Hz=500, fine_Hz=2000, sensor=TorqueSensorConfig(highpass_time_constant_s=2.0)
     )
 
-    def refused(self, mesh: list, words: str) -> None:
-        with pytest.raises(IdentifyError, match=words) as caught:
+    def refused(self, mesh: list, expected: str) -> None:
+        with pytest.raises(IdentifyError, match=expected) as caught:
             calibrate(mesh, self.bench.motor, self.bench.sensor)
         assert "\n" not in str(caught.value)
 
@@ -319,12 +319,12 @@ def test_compensation_inverts_the_model(
     bench = Bench(motor=motor(connection=connection, third=0.05), truth=truth)
     table = truth.cogging_Nm(2 * np.pi * np.arange(4096) / 4096)
 
-    class Told:
+    class TrueModel:
         delta_epsilon = 1.0
         tau_cog_Nm = tuple(table)
 
-    Told.alpha, Told.beta_A = alpha, beta_A  # type: ignore[attr-defined]
-    assert bench.true_rms_percent(torque_Nm, Told) < 0.01
+    TrueModel.alpha, TrueModel.beta_A = alpha, beta_A  # type: ignore[attr-defined]
+    assert bench.true_rms_percent(torque_Nm, TrueModel) < 0.01
 
 
 def test_runs_with_and_without_compensation_together_measure_the_common_gain() -> None:

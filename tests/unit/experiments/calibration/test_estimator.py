@@ -28,7 +28,7 @@ def test_the_residual_estimator_is_biased_where_the_joint_one_is_not(trials: lis
     assert np.abs(np.mean([t.residual_alpha for t in trials], axis=0)).max() > 0.02
 
 
-def test_a_campaign_tells_what_was_not_kept(trials: list[Trial]) -> None:
+def test_a_campaign_reports_what_was_not_kept(trials: list[Trial]) -> None:
     sure = [Trial(t.names, t.error, t.half_width * 1e-3, t.alpha + 0.01, t.alpha) for t in trials]
     failures = judge(sure).failures
     assert sum("in its interval" in failure for failure in failures) > 10

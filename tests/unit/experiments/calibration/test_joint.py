@@ -11,7 +11,7 @@ OPEN = Identifiability(COMMON, offset_seen=False)
 
 
 def test_equations_without_an_answer_are_refused() -> None:
-    with pytest.raises(IdentifyError, match="do not tell alpha, beta and cogging apart"):
+    with pytest.raises(IdentifyError, match="do not separate alpha, beta and cogging"):
         solve(np.zeros((9, 9)), np.zeros(9), OPEN)
 
 
@@ -39,7 +39,7 @@ def test_a_solution_keeps_what_is_fixed(identifiable: Identifiability) -> None:
     assert found.vector.size == 10
 
 
-def test_absurd_samples_are_refused_in_words() -> None:
+def test_absurd_samples_are_refused_with_a_message() -> None:
     with pytest.raises(IdentifyError, match="no motor has"):
         solve(np.full((9, 9), np.nan), np.ones(9), Identifiability(COMMON, offset_seen=False))
 

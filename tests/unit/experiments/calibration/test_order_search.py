@@ -81,7 +81,7 @@ def test_an_order_enters_if_it_is_the_same_at_all_torques(power: int, enters: bo
     assert [trial.order for trial in found(given).added] == ([6] if enters else [])
 
 
-def test_offsets_that_imitate_an_order_are_told_by_their_other_orders() -> None:
+def test_offsets_that_imitate_an_order_are_recognised_by_their_other_orders() -> None:
     given = problem(np.random.default_rng(7), imitator=0.3)
     # cogging of order 8 has been taken for offsets, which are then wrong at order 40
     given.rest[:, 39] -= 0.3 * 30

@@ -28,15 +28,15 @@ def test_steps_go_from_phase_to_phase_at_the_torques_that_were_asked_for() -> No
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "expected"),
     [
         ({"gain_steps": [1.01]}, "differ from 1 by 0.05"),
         ({"gain_steps": [2.0]}, "gain_steps"),
         ({"gain_torques_Nm": [9.0]}, "limits. torque_Nm"),
     ],
 )
-def test_what_shows_nothing_or_cannot_be_held_is_refused(settings: dict, words: str) -> None:
-    with pytest.raises(PlanError, match=words):
+def test_what_shows_nothing_or_cannot_be_held_is_refused(settings: dict, expected: str) -> None:
+    with pytest.raises(PlanError, match=expected):
         build("calibrate", load(), settings)
 
 

@@ -88,7 +88,7 @@ def test_a_rotor_that_turns_backward_has_the_same_cogging_torque() -> None:
     assert np.abs(there.line_Nm - back.line_Nm).max() < 1e-4
 
 
-def test_an_order_that_nothing_explains_is_told_and_not_part_of_the_torque() -> None:
+def test_an_order_that_nothing_explains_is_reported_and_not_part_of_the_torque() -> None:
     cogging = {48: (0.1, 0.2), 7: (0.05, 0.4)}
     bench = synthetic.Bench(truth=no_current(cogging=cogging), torque_noise_Nm=0.02)
     found = measure(driven(bench, 0.5, 0.8), bench.motor, bench.sensor)
@@ -116,7 +116,7 @@ def test_a_single_turn_is_better_than_nothing() -> None:
     assert found.order[np.argmax(found.amplitude_Nm)] in (16, 48)
 
 
-def test_what_cannot_be_told_is_refused() -> None:
+def test_what_cannot_be_identified_is_refused() -> None:
     bench = synthetic.Bench(truth=no_current())
     motor, sensor = bench.motor, bench.sensor
     point = driven(bench, 0.7)[0]
@@ -150,7 +150,7 @@ def test_currents_that_only_have_an_offset_do_not_flow() -> None:
     assert measure([point], bench.motor, bench.sensor).speeds[0].turns >= 4
 
 
-def test_beside_a_calibration() -> None:
+def test_comparison_with_a_calibration() -> None:
     bench = synthetic.Bench(truth=no_current(cogging={48: (0.1, 0.2), 16: (0.05, 1.0)}))
     found = measure(driven(bench, 0.5, 0.8), bench.motor, bench.sensor)
     motor: MotorConfig = bench.motor
@@ -159,8 +159,8 @@ def test_beside_a_calibration() -> None:
     tau_Nm = 1.01 * 0.1 * np.sin(48 * angle_rad + 0.2)
     tau_Nm = tau_Nm + 0.05 * np.sin(16 * (angle_rad + late_rad) + 1.0)
     calibration = make(motor=CalibratedMotor.of(motor), tau_cog_Nm=tuple(tau_Nm))
-    beside = compare(found, calibration)
-    assert beside.order.tolist() == [16, 48]
-    assert beside.magnitude_percent == pytest.approx([0.0, 1.0], abs=3.0)
-    assert beside.phase_points[0] == pytest.approx(0.3, abs=2.0)
-    assert 0.2 < beside.worst_percent < 3.0
+    comparison = compare(found, calibration)
+    assert comparison.order.tolist() == [16, 48]
+    assert comparison.magnitude_percent == pytest.approx([0.0, 1.0], abs=3.0)
+    assert comparison.phase_points[0] == pytest.approx(0.3, abs=2.0)
+    assert 0.2 < comparison.worst_percent < 3.0

@@ -1,6 +1,6 @@
 """An experiment of another package, found by its entry point alone; and one that is broken.
 
-The package `spin_down` beside this file is the worked example of docs/how-to/add-an-experiment.md.
+The package `spin_down` next to this file is the worked example of docs/how-to/add-an-experiment.md.
 """
 
 import json

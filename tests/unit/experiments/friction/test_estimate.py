@@ -35,7 +35,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(name: str, seeds: int) ->
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("longest_step", [1, 4])
-def test_cogging_and_friction_are_told_apart(direction: int, longest_step: int) -> None:
+def test_cogging_and_friction_are_separated(direction: int, longest_step: int) -> None:
     rotor = Rotor()
     rng = np.random.default_rng(5)
     coasts = coast_downs(rng, rotor, 8, direction=direction, longest_step=longest_step)

@@ -117,9 +117,9 @@ def test_a_run_without_points_is_refused(first: tuple[Path, Calibration], tmp_pa
 def test_timing_of_the_currents_is_read_from_the_bench_file(
     first: tuple[Path, Calibration],
 ) -> None:
-    told = recorded_hold(open_run(first[0]))
-    assert told is not None
-    assert (told.dead_s, told.lag_s) == pytest.approx((0.2e-3, 0.2e-3))
+    hold = recorded_hold(open_run(first[0]))
+    assert hold is not None
+    assert (hold.dead_s, hold.lag_s) == pytest.approx((0.2e-3, 0.2e-3))
     late = zero_order_hold(
         InverterConfig(actuation_delay_s=0.5e-3, lag_s=0.1e-3), sample_age_s=0.3e-3
     )
@@ -138,10 +138,10 @@ def test_the_command_writes_the_next_calibration_and_a_page(
     assert load(tmp_path / "n.json").learned is not None
     assert "Learning what the calibration leaves" in (tmp_path / "r.html").read_text()
     code, out, _ = invoke(app, "learn", path, *options[:2], "--finish", "--json")
-    told = json.loads(out)
-    assert told["schema"] == "motord.learn/1"
-    assert told["finished"]
-    assert told["points"][0]["correction_mNm"] == 0.0
+    result = json.loads(out)
+    assert result["schema"] == "motord.learn/1"
+    assert result["finished"]
+    assert result["points"][0]["correction_mNm"] == 0.0
     code, _, error = invoke(app, "learn", path, "--calibration", tmp_path / "n.json")
     assert code == 1
     assert "name the calibration that was in force" in " ".join(error.split())
@@ -154,6 +154,6 @@ def test_a_page_shows_the_errors_without_compensation_where_they_are_known(
 
     done = learned_from(*first)
     rms = RmsErrors.of((RmsPoint(torque_Nm=3.0, speed_Hz=0.8, before=7.0),))
-    told = LearnPass(done.calibration.with_rms_error(rms), done.left)
-    page(told).write(tmp_path / "r.html")
+    learned = LearnPass(done.calibration.with_rms_error(rms), done.left)
+    page(learned).write(tmp_path / "r.html")
     assert "Without compensation (%)" in (tmp_path / "r.html").read_text()

@@ -28,7 +28,7 @@ def test_noise_is_rarely_taken_for_an_order() -> None:
     assert sum(bool(shown([ripple({}, seed)])) for seed in range(200)) <= 3  # 0.4 expected
 
 
-def test_what_the_torque_shows_is_learned_beside_multiples_of_the_pole_pairs() -> None:
+def test_what_the_torque_shows_is_learned_in_addition_to_multiples_of_the_pole_pairs() -> None:
     points = [ripple({6: 0.03, 15: 0.01}, 1), ripple({6: 0.03, 15: 0.01}, 2)]
     assert shown(points) == (6, 15)
     assert to_learn(points, 40) == (6, 15, 40, 80)
@@ -58,9 +58,9 @@ def test_orders_out_of_reach_are_named_with_the_reason() -> None:
 
 def test_the_reach_names_what_limits_it() -> None:
     sensor = TorqueSensorConfig(highpass_time_constant_s=0.1, resonance_Hz=120.0)
-    words = reach_in_words(ripple({}), sensor)
-    assert "corrected up to order 100, seen up to 120 (the mount resonates at 120 Hz)" in words
-    assert "noise is larger up to order 2 (the sensor's high-pass)" in words
+    text = reach_in_words(ripple({}), sensor)
+    assert "corrected up to order 100, seen up to 120 (the mount resonates at 120 Hz)" in text
+    assert "noise is larger up to order 2 (the sensor's high-pass)" in text
     stiff = TorqueSensorConfig(highpass_time_constant_s=0.0, resonance_Hz=0.0)
     assert reach_in_words(ripple({}), stiff).startswith(
         "0.7 /s: corrected up to order 100, seen up to 120; noise"

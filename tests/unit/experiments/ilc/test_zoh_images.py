@@ -64,13 +64,13 @@ def test_sensor_shows_the_torque_and_its_folded_images(resonance_Hz: float) -> N
         turns=((0, count.size),),
     )
     order = np.array([30])
-    told = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
+    predicted = aliased_ripple(samples, np.ones(3), MOTOR, sensor, HOLD, order)
     turn = np.exp(-1j * np.outer(order, angle_rad))
     shown = 2 / count.size * (turn @ seen_Nm) / response(sensor, order * SPEED_HZ)
-    assert np.abs(told).min() > 0.005
+    assert np.abs(predicted).min() > 0.005
     # the torque itself: the commands' as they are held, delayed and lagged
     real = np.array([base(o) for o in order])
-    np.testing.assert_allclose(shown - told, real, atol=0.02 * np.abs(told).max() + 5e-4)
+    np.testing.assert_allclose(shown - predicted, real, atol=0.02 * np.abs(predicted).max() + 5e-4)
 
 
 def base(order: int) -> complex:

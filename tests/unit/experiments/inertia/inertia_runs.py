@@ -24,7 +24,7 @@ def swing_truth() -> RigTruth:
     return load_truth(packaged("inertia.rig.toml"))
 
 
-def told() -> SpringSetup:
+def nominal_setup() -> SpringSetup:
     return SpringSetup.of(swing_bench().plans.inertia_oscillation)
 
 
@@ -49,7 +49,9 @@ def releases(seed: int, repeats: int) -> tuple[Release, ...]:
 
 
 def read(number: int, ticks: np.ndarray, cogging_Nm: np.ndarray | None = None) -> Release:
-    return read_release(number, ticks["t_ns"], ticks["encoder_count"], 4096, told(), cogging_Nm)
+    return read_release(
+        number, ticks["t_ns"], ticks["encoder_count"], 4096, nominal_setup(), cogging_Nm
+    )
 
 
 @cache

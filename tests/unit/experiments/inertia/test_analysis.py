@@ -27,8 +27,8 @@ TRUTH_KG_M2 = 0.0105
 def record(bench_file: str, name: str, path: Path, **settings: object) -> Path:
     config = load(packaged(bench_file))
     plan = build(name, config, settings)
-    told = {"name": plan.name, "settings": plan.settings}
-    metadata = describe(config, packaged(bench_file).read_text(), plan=told)
+    plan_metadata = {"name": plan.name, "settings": plan.settings}
+    metadata = describe(config, packaged(bench_file).read_text(), plan=plan_metadata)
     with RunWriter(path, metadata) as writer:
         for point in run_plan(
             VirtualBench(config, seed=7),
@@ -70,8 +70,8 @@ def test_oscillation_from_a_recording(swings: Path, tmp_path: Path) -> None:
     assert len(result["releases"]) == 3
     assert result["budget"][0]["source"] == "spring constants"
     page = (tmp_path / "j.html").read_text()
-    for words in ("Figures 2.6 to 2.9", "Figure 2.4", "Figure 2.2"):
-        assert words in page
+    for text in ("Figures 2.6 to 2.9", "Figure 2.4", "Figure 2.2"):
+        assert text in page
     assert "CAD" not in page  # what Poels 2008 measured is for the page of `motord reproduce` alone
     assert page.count("<svg") == 4
 
@@ -136,7 +136,7 @@ def test_a_swing_with_the_stator_needs_to_know_its_cogging_torque(
     )  # fmt: skip
     code, output = invoke(swings, "-c", bench)
     assert code == 1
-    assert "a frequency cannot tell the two apart" in " ".join(output.split())
+    assert "a frequency cannot separate the two" in " ".join(output.split())
     calibrated(tmp_path / "cal.json")
     code, output = invoke(swings, "-c", bench, "--calibration", tmp_path / "cal.json", "--json")
     assert code == 0, output

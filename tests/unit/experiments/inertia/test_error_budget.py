@@ -14,13 +14,13 @@ from motord.reproduce.cad_difference import (
     explanations,
     reports_setup,
 )
-from tests.unit.experiments.inertia.inertia_runs import told
+from tests.unit.experiments.inertia.inertia_runs import nominal_setup
 
 FREQUENCY_RAD_S = 47.0
 
 
 def test_monte_carlo_confirms_the_first_order() -> None:
-    found = budget(told(), FREQUENCY_RAD_S, 0.01)
+    found = budget(nominal_setup(), FREQUENCY_RAD_S, 0.01)
     assert found.std_kg_m2 == pytest.approx(found.uncertainty_kg_m2, rel=0.01)
     assert found.mean_kg_m2 == pytest.approx(found.inertia_kg_m2, rel=1e-3)
     low, high = found.interval_kg_m2
@@ -30,11 +30,11 @@ def test_monte_carlo_confirms_the_first_order() -> None:
     assert found.shares[0].source == "spring constants"
     assert {s.source: s.inputs for s in found.shares}["levers"] == 3
     assert found.draws >= 100_000
-    assert budget(told(), FREQUENCY_RAD_S, 0.01) == found  # seeded
+    assert budget(nominal_setup(), FREQUENCY_RAD_S, 0.01) == found  # seeded
 
 
 def test_errors_in_common_do_not_average_out() -> None:
-    base = told()
+    base = nominal_setup()
     own = budget(base, FREQUENCY_RAD_S, 0.0, draws=20_000)
     tolerances = replace(base.tolerances, stiffness_shared=1.0, lever_shared=1.0)
     common = budget(replace(base, tolerances=tolerances), FREQUENCY_RAD_S, 0.0, draws=20_000)
@@ -47,8 +47,10 @@ def test_errors_in_common_do_not_average_out() -> None:
 
 
 def test_without_tolerances_nothing_but_the_frequency_is_uncertain() -> None:
-    found = budget(replace(told(), tolerances=Tolerances()), FREQUENCY_RAD_S, 0.047, draws=20_000)
-    whole = told().stiffness_Nm / FREQUENCY_RAD_S**2
+    found = budget(
+        replace(nominal_setup(), tolerances=Tolerances()), FREQUENCY_RAD_S, 0.047, draws=20_000
+    )
+    whole = nominal_setup().stiffness_Nm / FREQUENCY_RAD_S**2
     assert found.uncertainty_kg_m2 == pytest.approx(2e-3 * whole, rel=0.02)
     assert [s.uncertainty for s in found.shares[1:]] == [0.0] * 5
 
@@ -82,7 +84,7 @@ def test_the_reports_difference_lies_within_its_tolerances_if_errors_are_common(
 
 
 def test_what_the_proposed_changes_bring() -> None:
-    found = improvements(told(), 0.0105, 1e-4, 0.048, 0.002)
+    found = improvements(nominal_setup(), 0.0105, 1e-4, 0.048, 0.002)
     by_label = {i.label: i.uncertainty for i in found}
     assert by_label["one spring a side"] < by_label["as it is"]
     assert by_label["bar half as long"] < 0.8 * by_label["as it is"]
@@ -93,7 +95,7 @@ def test_what_the_proposed_changes_bring() -> None:
 
 
 def test_one_spring_a_side_is_as_stiff_and_measured_to_as_many_newtons() -> None:
-    base = told()
+    base = nominal_setup()
     changed = one_spring_a_side(base)
     assert changed.stiffness_Nm == pytest.approx(base.stiffness_Nm)
     before = base.tolerances.stiffness * base.stiffness_N_per_m.mean()

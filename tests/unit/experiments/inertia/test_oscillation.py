@@ -8,19 +8,19 @@ from motord.experiments.inertia.releases import read_release, waves_of
 from motord.identification import IdentifyError
 from tests.campaigns.inertia import covered, with_stator
 from tests.unit.experiments.inertia.inertia_runs import (
+    nominal_setup,
     read,
     releases,
     swing_bench,
     swing_truth,
     taken,
-    told,
 )
 
 TRUTH_KG_M2 = swing_truth().rotor.inertia_kg_m2
 
 
 def test_within_a_fifth_of_a_percent_of_the_truth() -> None:
-    found = combine(releases(1, 6), told())
+    found = combine(releases(1, 6), nominal_setup())
     assert found.inertia_kg_m2 == pytest.approx(TRUTH_KG_M2, rel=2e-3)
     low, high = found.budget.interval_kg_m2
     assert low < TRUTH_KG_M2 < high
@@ -29,7 +29,7 @@ def test_within_a_fifth_of_a_percent_of_the_truth() -> None:
 
 
 def test_the_reports_reading_is_high_by_amplitude_and_effective_mass() -> None:
-    readings = {r.label: r for r in combine(releases(1, 6), told()).readings}
+    readings = {r.label: r for r in combine(releases(1, 6), nominal_setup()).readings}
     assert readings[POELS2008_METHOD].inertia_kg_m2 / TRUTH_KG_M2 - 1 == pytest.approx(
         0.016, abs=0.003
     )
@@ -43,7 +43,7 @@ def test_the_reports_reading_is_high_by_amplitude_and_effective_mass() -> None:
         assert 0 < reading.std_kg_m2 < 2e-3 * TRUTH_KG_M2
 
 
-def test_the_stated_interval_covers_the_truth_of_wrongly_told_set_ups() -> None:
+def test_the_stated_interval_covers_the_truth_of_misstated_set_ups() -> None:
     share = covered(releases(1, 6), draws=60, seed=3)
     assert 0.88 <= share <= 1.0
 
@@ -53,17 +53,17 @@ def test_a_release_that_was_disturbed_is_left_out() -> None:
     late = ticks[1].copy()
     late["t_ns"][late.size // 2 :] += 4_000_000  # the clock, or the bar, stood still meanwhile
     read_all = [read(n, block) for n, block in enumerate((ticks[0], late, ticks[2]))]
-    found = combine(read_all, told())
+    found = combine(read_all, nominal_setup())
     assert [release.index for release in found.disturbed] == [1]
     assert [release.index for release in found.releases] == [0, 2]
     assert found.inertia_kg_m2 == pytest.approx(TRUTH_KG_M2, rel=2e-3)
-    assert not combine(releases(1, 6), told()).disturbed
+    assert not combine(releases(1, 6), nominal_setup()).disturbed
 
 
 def test_no_release_and_too_heavy_a_bar_are_refused() -> None:
     with pytest.raises(IdentifyError, match="no good release"):
-        combine([], told())
-    heavy = told()
+        combine([], nominal_setup())
+    heavy = nominal_setup()
     object.__setattr__(heavy, "bar_inertia_kg_m2", 0.05)
     with pytest.raises(IdentifyError, match="bar and springs alone have more inertia"):
         combine(releases(1, 6)[:1], heavy)
@@ -72,7 +72,7 @@ def test_no_release_and_too_heavy_a_bar_are_refused() -> None:
 def test_a_release_that_cannot_be_read_is_named() -> None:
     t_ns = np.arange(500) * 1_000_000
     with pytest.raises(IdentifyError, match="release 4: a release hardly moves"):
-        read_release(3, t_ns, np.full(500, 7), 4096, told())
+        read_release(3, t_ns, np.full(500, 7), 4096, nominal_setup())
 
 
 def test_a_cogging_table_as_waves() -> None:
@@ -89,5 +89,5 @@ def test_with_the_stator_in_place_and_its_cogging_torque_known() -> None:
     assert found.stator
     assert found.inertia_kg_m2 == pytest.approx(TRUTH_KG_M2, rel=2e-3)
     known = {s.source: s.uncertainty for s in found.budget.shares}["frequency"]
-    free = {s.source: s.uncertainty for s in combine(releases(1, 6), told()).budget.shares}
+    free = {s.source: s.uncertainty for s in combine(releases(1, 6), nominal_setup()).budget.shares}
     assert known > free["frequency"]

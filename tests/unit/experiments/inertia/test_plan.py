@@ -70,7 +70,7 @@ def test_a_bar_that_is_pulled_to_and_fro_and_never_let_go_is_waited_for() -> Non
     assert "nothing let go within 20 s" in executor.message
 
 
-def test_too_small_a_deflection_is_told_and_waited_for() -> None:
+def test_too_small_a_deflection_is_reported_and_waited_for() -> None:
     bar = Bar(lambda t_s: released(t_s, deflection_rad=0.06))
     executor = watch(bar, 2.6, deflection_min_rad=0.08)
     assert not executor.points
@@ -181,7 +181,7 @@ def test_steps_beyond_the_limits_are_refused(settings: dict, message: str) -> No
         build("inertia-acceleration", load(), settings)
 
 
-def test_a_rotor_that_does_not_move_is_told() -> None:
+def test_a_rotor_that_does_not_move_is_reported() -> None:
     config = load()
     plan = build(
         "inertia-acceleration", config, {"torque_Nm": 0.05, "timeout_s": 1.5, "rest_s": 0.5}
@@ -196,7 +196,7 @@ def test_a_rotor_that_does_not_move_is_told() -> None:
     assert "1 Hz not reached; is the rotor free" in executor.message
 
 
-def test_a_rotor_that_does_not_stop_is_told() -> None:
+def test_a_rotor_that_does_not_stop_is_reported() -> None:
     plan = build("inertia-acceleration", load(), {"timeout_s": 1.0, "rest_s": 0.5})
     executor, watcher = Executor(plan), TickWatcher()
     bar = Bar(lambda t_s: 5 * t_s, State.ENABLED)
@@ -236,9 +236,9 @@ def test_a_band_of_temperature_holds_for_a_release() -> None:
 
 
 @pytest.mark.parametrize(
-    ("creeps_rad_per_s", "words"), [(0.001, "ok"), (0.05, "not settled: moved by 0.0")]
+    ("creeps_rad_per_s", "expected"), [(0.001, "ok"), (0.05, "not settled: moved by 0.0")]
 )
-def test_a_rotor_that_creeps_before_a_step_makes_it_poor(creeps_rad_per_s, words) -> None:
+def test_a_rotor_that_creeps_before_a_step_makes_it_poor(creeps_rad_per_s, expected) -> None:
     plan = build("inertia-acceleration", load(), {"repeats": 1, "rest_s": 0.6})
     executor, watcher = Executor(plan), TickWatcher()
     bar = Bar(lambda t_s: creeps_rad_per_s * t_s, State.ENABLED)
@@ -250,4 +250,4 @@ def test_a_rotor_that_creeps_before_a_step_makes_it_poor(creeps_rad_per_s, words
         demand = executor.advance(watcher.take(block))
         point, torque_Nm = demand.plan_point, demand.torque_Nm
         assert bar.tick < 20_000
-    assert executor.points[0]["quality"].startswith(words)
+    assert executor.points[0]["quality"].startswith(expected)

@@ -10,7 +10,7 @@ from motord.experiments.inertia.springs import HEAVY, UNLOADED, SpringSetup, mas
 from motord.identification import IdentifyError
 from motord.rig.free_decay import inertia_with_springs
 from motord.rig.truth.swing import SpringTruth
-from tests.unit.experiments.inertia.inertia_runs import swing_truth, told
+from tests.unit.experiments.inertia.inertia_runs import nominal_setup, swing_truth
 
 
 @given(
@@ -56,8 +56,8 @@ def test_the_limits_of_the_effective_mass() -> None:
         mass_factors("wave", k, m, 1.1 * w)
 
 
-def test_the_packaged_bench_is_told_what_is_true() -> None:
-    setup, swing = told(), swing_truth().swing
+def test_the_packaged_bench_is_configured_with_the_truth() -> None:
+    setup, swing = nominal_setup(), swing_truth().swing
     assert swing is not None
     np.testing.assert_array_equal(
         setup.stiffness_N_per_m, [s.stiffness_N_per_m for s in swing.springs]

@@ -111,7 +111,7 @@ def test_a_wrong_gain_one_way_and_steps_that_differ_are_findings() -> None:
     assert "steps-scatter" in {one.name for one in found.findings}
 
 
-def test_what_tells_no_inertia_is_refused() -> None:
+def test_what_does_not_determine_the_inertia_is_refused() -> None:
     good = made_up(PIEZO)
     with pytest.raises(IdentifyError, match="no good step"):
         accelerate([], 4096, PIEZO, AccelerationConfig())

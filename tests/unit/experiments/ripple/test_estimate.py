@@ -26,13 +26,13 @@ def test_the_currents_explain_the_ripple_without_compensation(recorded: Recorded
         assert 0.2e-3 < point.current_age_s < 0.4e-3  # of a period of 1 ms
 
 
-def test_what_is_left_is_told_apart_with_compensation(recorded: Recorded) -> None:
+def test_what_is_left_is_separated_with_compensation(recorded: Recorded) -> None:
     for point in explained(recorded, recorded.on):
         assert point.reconstructed.rms_percent == pytest.approx(point.measured.rms_percent, rel=0.2)
         assert point.rest_percent < 0.7 * point.measured.rms_percent
 
 
-def test_verify_with_the_calibration_tells_the_shares(recorded: Recorded, tmp_path: Path) -> None:
+def test_verify_with_the_calibration_reports_the_shares(recorded: Recorded, tmp_path: Path) -> None:
     report, output = tmp_path / "v.html", tmp_path / "v.json"
     files = ("-o", output, "--report", report)
     chosen = ("--calibration", recorded.calibration)

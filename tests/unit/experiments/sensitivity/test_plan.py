@@ -46,7 +46,7 @@ def test_all_is_compensated_as_far_as_it_is_known() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("settings", "expected"),
     [
         ({"delta_epsilon": [0.3, 1.4]}, "limits. torque_Nm"),
         ({"speed_Hz": 0.01}, "brake holds"),
@@ -61,6 +61,6 @@ def test_all_is_compensated_as_far_as_it_is_known() -> None:
         ),
     ],
 )  # fmt: skip
-def test_what_cannot_be_done_is_refused(settings: dict, words: str) -> None:
-    with pytest.raises(PlanError, match=words):
+def test_what_cannot_be_done_is_refused(settings: dict, expected: str) -> None:
+    with pytest.raises(PlanError, match=expected):
         build("sensitivity", load(), settings)

@@ -17,7 +17,7 @@ def measured(floor: float, *, shift: float = 0.0, noise: float = 0.0) -> object:
     return series("alpha_a", 1.0, *(column[mixed] for column in columns))
 
 
-def test_branches_have_the_slopes_of_the_theory_beside_them() -> None:
+def test_branches_have_the_slopes_of_the_theory() -> None:
     found = measured(0.1)
     below, above = found.branches
     assert list(found.value) == sorted(found.value)

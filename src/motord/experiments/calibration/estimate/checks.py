@@ -17,7 +17,7 @@ MIN_ALL_TURNS = 8
 """Whole turns over all operating points that a standard error needs."""
 
 MIN_TORQUE_RATIO = 1.2
-"""Ratio of the largest to the smallest torque that tells alpha from cogging."""
+"""Ratio of the largest to the smallest torque that separates alpha from cogging."""
 
 DEAD_SHARE = 0.05
 """Current of a phase, in parts of the others', below which it counts as dead."""
@@ -34,7 +34,7 @@ COMMON_GAIN_RANGE = (0.5, 2.0)
 
 
 def check_points(points: Sequence[TurnProducts]) -> None:
-    """Raise IdentifyError if the points cannot tell alpha, beta and cogging apart."""
+    """Raise IdentifyError if the points cannot separate alpha, beta and cogging."""
     if not points:
         raise IdentifyError("there is no good operating point in the recording")
     for point in points:

@@ -93,7 +93,7 @@ def assess(
     largest = np.linalg.eigvalsh(_after_elimination(torque_information, ALPHA))[-1]
     gain = _visibility(values[0], largest, COMMON_GAIN_SHARE, COMMON_GAIN_STDERR)
     direction = vectors[:, 0] * np.sign(vectors[:, 0].sum() or 1.0)
-    if gain < 1:  # it is fixed, so that an offset is not to be told from it
+    if gain < 1:  # it is fixed, so that an offset is not separable from it
         fixed = _embed(direction, ALPHA, len(information))
         information = information + np.outer(fixed, fixed) * np.trace(information)
     beta = _after_elimination(information, BETA)

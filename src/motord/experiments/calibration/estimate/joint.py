@@ -92,7 +92,7 @@ class JointFit:
 def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> JointFit:
     """Fit all turns. rated_A: peak of the rated current; use_law: use Kirchhoff's law, if it holds.
 
-    Raises IdentifyError where the turns cannot tell the parameters apart.
+    Raises IdentifyError where the turns cannot separate the parameters.
     """
     turns = regression.sums(np.ones(3))
     weight, kirchhoff_weight = 1 / turns.mean_by_point(turns.yy), 0.0
@@ -155,7 +155,7 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
         found = subspace @ np.linalg.solve(subspace.T @ normal @ subspace, sides)
     except np.linalg.LinAlgError:
         raise IdentifyError(
-            "these operating points do not tell alpha, beta and cogging apart; "
+            "these operating points do not separate alpha, beta and cogging; "
             "take more torques and more turns"
         ) from None
     if not np.isfinite(found).all():

@@ -31,7 +31,7 @@ MAX_ORDERS = 16
 """Orders of cogging torque that are kept at most, where they are tried."""
 
 EXPLAINS_AS_WELL = 0.9
-"""Part of the most that is gained from which on an effect cannot be told from the best."""
+"""Part of the most that is gained from which on an effect cannot be separated from the best."""
 
 MINOR_SHARE = 0.15
 """Part of the largest line of the first departure: what leaves less counts as its second order."""

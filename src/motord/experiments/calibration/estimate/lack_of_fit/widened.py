@@ -64,13 +64,13 @@ def with_lack_of_fit(
         harmonics=tuple(
             _widened(one, fit, FIRST_COGGING + 2 * n) for n, one in enumerate(result.harmonics)
         ),
-        observable=(*result.observable, _in_words(fit)),
+        observable=(*result.observable, _dispersion_text(fit)),
         findings=found,
         dispersion=dispersion,
     )
 
 
-def _in_words(fit: LackOfFit) -> str:
+def _dispersion_text(fit: LackOfFit) -> str:
     moved = "".join(f", and how far {one.name} moves each estimate" for one in fit.causes)
     return f"intervals hold noise times {fit.dispersion:.2f} (dispersion of the residual){moved}"
 

@@ -17,6 +17,9 @@ from motord.intervals import t_quantile
 HINT = 0.01
 """Probability by chance below which an order that did not enter still counts for the offsets."""
 
+MANY = 1e9
+"""Degrees of freedom where they are not known: so many that it makes no difference."""
+
 FALSE_CONFIRMATION = 0.0027
 """Probability that noise confirms an order in the fit to all samples, that of 3 sigma."""
 
@@ -78,7 +81,7 @@ def significant(harmonics: Sequence[Harmonic]) -> tuple[int, ...]:
         h.order
         for h in harmonics
         if (h.amplitude_Nm / max(h.stderr_Nm or 0.0, 1e-300)) ** 2
-        > 2 * stats.f.isf(share, 2, h.degrees_of_freedom or np.inf)
+        > 2 * stats.f.isf(share, 2, h.degrees_of_freedom or MANY)
     )
 
 
@@ -100,7 +103,7 @@ def _confirmed_Nm(harmonic: Harmonic) -> float:
 
 
 def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]:
-    """Yield a finding for each order that the data cannot tell from others or from offsets."""
+    """Yield a finding for each order that the data cannot separate from others or from offsets."""
     for order in found.inseparable:
         yield Finding(
             name=f"offsets-or-cogging-order-{order}",
@@ -108,7 +111,7 @@ def _findings(found: Search, harmonics: Sequence[Harmonic]) -> Iterator[Finding]
             limit=0.0,
             unit="per turn",
             severity="serious",
-            meaning=f"cogging torque of order {order} is there, but these points do not tell "
+            meaning=f"cogging torque of order {order} is there, but these points do not separate "
             "it from offsets of the currents: it was taken for these, which are wrong",
             action=MEASURE_APART,
         )
@@ -144,7 +147,7 @@ def _common_offset(harmonics: Sequence[Harmonic], pole_pairs: int) -> Iterator[F
 
 
 def _notes(found: Search) -> Iterator[str]:
-    """Yield which orders were added and why, and which could not be told from offsets."""
+    """Yield which orders were added and why, and which could not be separated from offsets."""
     if found.added:
         names = in_a_row(trial.order for trial in found.added)
         yield (

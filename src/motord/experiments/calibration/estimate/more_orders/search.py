@@ -51,7 +51,7 @@ class Search:
 
 
 def search(problem: Weighted, known: Sequence[int], pole_pairs: int) -> Search:
-    """Return the orders that enter beside those that are `known`, by forward selection."""
+    """Return the orders that enter in addition to those that are `known`, by forward selection."""
     added: list[OrderTrial] = []
     rivals: list[tuple[int, int]] = []
     candidates = [o for o in range(FIRST_ORDER, problem.rest.shape[1] + 1) if o not in known]

@@ -1,4 +1,4 @@
-"""The gate in this process, before a daemon's own pieces: who comes, goes, may do what."""
+"""The gateway in this process, before a daemon's own pieces: who comes, goes, may do what."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def who(folder, name):
 
 
 class Collected:
-    """What the gate reports, in the place of a pipe."""
+    """What the gateway reports, in the place of a pipe."""
 
     dropped = 0
 
@@ -55,7 +55,7 @@ class Collected:
 
 
 class Opened:
-    """A gate that is kept open in a thread until the block ends."""
+    """A gateway that is kept open in a thread until the block ends."""
 
     def __init__(self, config, monkeypatch):
         self.out = Collected()
@@ -84,11 +84,11 @@ class Opened:
         self.end.set()
         self.thread.join()
 
-    def comes_to_say(self, *words):
-        """Wait for a report with all of `words` in it: it comes from threads of Zenoh."""
+    def comes_to_say(self, *parts):
+        """Wait for a report with all of `parts` in it: it comes from threads of Zenoh."""
         end_s = time.monotonic() + WAIT_S
-        while not any(all(word in said for word in words) for said in self.said()):
-            assert time.monotonic() < end_s, f"{words} are not in {self.said()}"
+        while not any(all(part in said for part in parts) for said in self.said()):
+            assert time.monotonic() < end_s, f"{parts} are not in {self.said()}"
             time.sleep(0.01)
 
     def said(self):
@@ -97,7 +97,7 @@ class Opened:
 
 @pytest.fixture(params=["tcp", "socket"])
 def gated(request, tmp_path, folder, monkeypatch):
-    """A gate before a daemon on a TCP port or on nothing but a Unix socket."""
+    """A gateway before a daemon on a TCP port or on nothing but a Unix socket."""
     local, remote = endpoint(), f"tls/127.0.0.1:{free_port()}"
     if request.param == "socket":
         private = tmp_path / "private"
@@ -112,7 +112,7 @@ def gated(request, tmp_path, folder, monkeypatch):
 
 
 @pytest.mark.parametrize("where", ["by TLS, an operator", "on the daemon's machine"])
-def test_nobody_speaks_for_the_bench_to_either_side_of_the_gate(gated, folder, where):
+def test_nobody_speaks_for_the_bench_to_either_side_of_the_gateway(gated, folder, where):
     """Who may command may not answer, publish or be there in the name of the bench."""
     captured, here = [], gated.config.zenoh.local[0]
     own = client_config(gated.remote, who(folder, "anna"))
@@ -162,12 +162,12 @@ def test_an_operator_commands_and_a_viewer_does_not(gated, folder):
     gated.opened.comes_to_say("anna (operator) has come, from 127.0.0.1:")
 
 
-def test_who_is_not_let_in_is_told_why(gated, folder, tmp_path):
+def test_who_is_not_let_in_gets_the_reason(gated, folder, tmp_path):
     with pytest.raises(ClientError, match="asks for a certificate"):
         connect("live", gated.remote)
     with pytest.raises(ClientError, match="an identity is a folder"):
         connect("live", gated.remote, tmp_path)
-    authority.add(folder, "carl", Role.VIEWER)  # the gate does not know yet
+    authority.add(folder, "carl", Role.VIEWER)  # the gateway does not know yet
     with pytest.raises(ClientError, match="shows nothing to carl"):
         connect("live", gated.remote, who(folder, "carl"))
     gated.opened.comes_to_say("carl has come", "may do nothing")
@@ -196,7 +196,7 @@ def test_a_change_is_noticed(gated, folder):
         process.check(gated.config.zenoh.tls)
 
 
-def test_the_gate_goes_by_what_zenoh_itself_checks(gated):
+def test_the_gateway_goes_by_what_zenoh_itself_checks(gated):
     config = gateway_config(gated.config, {"anna": Role.OPERATOR})
     tls = json.loads(config.get_json("transport/link/tls"))
     assert (tls["enable_mtls"], tls["close_link_on_expiration"]) == (True, True)
@@ -212,7 +212,7 @@ def in_its_place(script):
 
 
 def spoken(script):
-    """Return the events that a process in the gate's place causes."""
+    """Return the events that a process in the gateway's place causes."""
     children, events = in_its_place(script), EventLog(lambda: 0)
     link = GatewayLink(children, events)
     link.step(0)
@@ -225,7 +225,7 @@ def spoken(script):
     return [event.message for event in events.recent()]
 
 
-def test_what_the_gate_says_becomes_an_event_whatever_it_is():
+def test_what_the_gateway_says_becomes_an_event_whatever_it_is():
     good = json.dumps({"message": "hello", "data": {"who": "anna"}})
     bad = ["not JSON", "[1]", json.dumps({"message": "x", "data": {"kind": "an argument of emit"}})]
     hello, fault = spoken(f"print({chr(10).join([good, *bad])!r})")
@@ -241,7 +241,7 @@ FLOODS = {
 
 
 @pytest.mark.parametrize("flood", FLOODS)
-def test_a_gate_that_floods_is_ended_and_started_again(flood):
+def test_a_gateway_that_floods_is_ended_and_started_again(flood):
     script = f"import random, sys; r = random.Random(5); o = sys.stdout.buffer\n{FLOODS[flood]}"
     children, events = in_its_place(script), EventLog(lambda: 0)
     link = GatewayLink(children, events)
@@ -257,13 +257,13 @@ def test_a_gate_that_floods_is_ended_and_started_again(flood):
     link.stop(10**9)
     first.wait(WAIT_S)
     assert [end.how for end in ends] == ["killed by SIGKILL"]
-    told = [e for e in events.recent() if e.kind == "process"]
-    assert 1 <= len(told) <= 3
-    assert any("more than can be meant" in e.message for e in told)
+    reported = [e for e in events.recent() if e.kind == "process"]
+    assert 1 <= len(reported) <= 3
+    assert any("more than can be meant" in e.message for e in reported)
     assert len(events.recent()) <= 110  # or it would drown all others
 
 
-def test_a_gate_that_cannot_open_says_why(tmp_path):
+def test_a_gateway_that_cannot_open_says_why(tmp_path):
     command = gateway_command(tmp_path / "none.toml", RunDir("none"))
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert done.returncode == 1
@@ -281,7 +281,7 @@ def test_zenohs_log_is_taken_over_from_stdout():
     assert done.stdout == "outer inner\n"
 
 
-def test_the_gate_ends_with_its_daemon(monkeypatch, folder):
+def test_the_gateway_ends_with_its_daemon(monkeypatch, folder):
     files = {"ca": "ca.pem", "certificate": "server.pem", "key": "server.key"}
     tls = SimpleNamespace(**{k: folder / n for k, n in files.items()}, roles=folder / "roles.toml")
     before = process.signature(tls)

@@ -1,4 +1,4 @@
-"""What Zenoh's log says of refusals, in words: lines as Zenoh 1.10 writes them."""
+"""What Zenoh's log says of refusals, as messages: lines as Zenoh 1.10 writes them."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +21,7 @@ def log():
     return AuditLog({"ben": "viewer", "anna": "operator"})
 
 
-def test_a_denied_query_is_told():
+def test_a_denied_query_is_reported():
     refused = log().read(line(BEN + "unauthorized to Query (ingress) on motord/b/rpc/stop"))
     assert refused.message == "refused: ben (viewer) may not ask for motord/b/rpc/stop"
     assert refused.data["who"] == "ben"
@@ -45,7 +45,7 @@ def test_what_zenoh_works_out_in_advance_is_no_attempt():
     assert reads.read(line(attempted)).data["action"] == "Put"
 
 
-def test_a_cached_denial_is_told_with_the_name_known_before():
+def test_a_cached_denial_is_reported_with_the_name_known_before():
     reads = log()
     cached = f"Using cached result: {ZID} is unauthorized to Query (ingress) on k"
     assert "somebody (no role)" in reads.read(line(cached)).message
@@ -53,16 +53,16 @@ def test_a_cached_denial_is_told_with_the_name_known_before():
     assert reads.read(line(cached)).message == "refused: ben (viewer) may not ask for k"
 
 
-def test_failed_handshakes_are_told_with_their_reason():
-    for text, words in (
+def test_failed_handshakes_are_reported_with_their_reason():
+    for text, reason in (
         ("peer sent no certificates", "it showed no certificate"),
         ("invalid peer certificate: UnknownIssuer", "its certificate is from another authority"),
         ("invalid peer certificate: certificate expired: x", "its certificate has expired"),
         ("received corrupt message of type X", "it does not speak TLS"),
         ("something new", "something new"),
     ):
-        told = line(f"{text}. Hint: increase the limit.", "WARN", "zenoh_link_tls::unicast")
-        assert log().read(told).message == f"refused a connection: {words}"
+        entry = line(f"{text}. Hint: increase the limit.", "WARN", "zenoh_link_tls::unicast")
+        assert log().read(entry).message == f"refused a connection: {reason}"
 
 
 @given(st.lists(st.text()))
@@ -81,7 +81,7 @@ def test_the_same_is_said_once_in_a_while_and_counted():
     assert throttle.pass_on("a", 2 * Throttle.AGAIN_NS) == "a"
 
 
-def test_no_flood_of_different_words():
+def test_no_flood_of_different_messages():
     throttle = Throttle()
     passed = [throttle.pass_on(str(n), 0) for n in range(1000)]
     assert sum(p is not None for p in passed) == Throttle.MOST
