@@ -71,7 +71,7 @@ def test_a_plan_runs_to_its_end(service):
     assert (view.state, view.points, view.points_done) == ("done", 2, 2)
     assert [p["index"] for p in service.sink.points] == [0, 1]
     assert all(p["quality"] == "ok" for p in service.sink.points)
-    assert [p["speed_mean_Hz"] for p in service.sink.points] == pytest.approx([0.8, 1.0], rel=0.04)
+    assert [p["speed_mean_Hz"] for p in service.sink.points] == pytest.approx([0.8, -1.0], rel=0.04)
     assert service.bench.state is State.READY
     assert service.sink.over == [view]
     fractions = [v.fraction for v in service.sink.progress]
