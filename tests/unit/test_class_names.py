@@ -27,9 +27,6 @@ STANDARD = {
 KEPT = {"beside": "the option --beside of `motord analyse calibrate`"}
 """Names that stay, and why."""
 
-NOT_YET = ("tests/unit/cli/", "tests/unit/client/")
-"""Folders whose names are still to be changed."""
-
 _EVERYDAY = re.compile(rf"(?<![A-Za-z])({'|'.join(STANDARD)})(?![A-Za-z])", re.IGNORECASE)
 
 
@@ -56,7 +53,6 @@ def test_names_are_standard_terms():
         f"{path.relative_to(ROOT)}: {name}"
         for folder in ("src", "tests", "tools")
         for path in (ROOT / folder).rglob("*.py")
-        if not str(path.relative_to(ROOT)).startswith(NOT_YET)
         for name in everyday(path.read_text())
     }
     assert not found, f"{sorted(found)}; rather: {STANDARD}"

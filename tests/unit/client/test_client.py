@@ -85,7 +85,7 @@ def test_who_is_cut_off_while_it_looks_for_the_bench_finds_nobody(live, monkeypa
         connect("live", live.listen)
 
 
-def test_a_wrong_name_is_told_which_there_are(live):
+def test_a_wrong_name_is_answered_with_those_there_are(live):
     with pytest.raises(ClientError, match="bench 'other'; there is one for: live"):
         connect("other", live.listen)
 
@@ -470,7 +470,7 @@ def test_a_stop_does_not_wait_for_the_way(opening, monkeypatch):
 
 
 @pytest.mark.parametrize(("reply_s", "code"), [(0.0, "unreachable"), (1e6, "busy")])
-def test_no_reply_at_once_and_none_in_time_are_told_apart(tmp_path, monkeypatch, reply_s, code):
+def test_no_reply_at_once_differs_from_none_in_time(tmp_path, monkeypatch, reply_s, code):
     """Zenoh's end of a query that timed out does not always say so."""
     monkeypatch.setattr(connection, "REPLY_S", reply_s)
     monkeypatch.setattr(Client, "_query", lambda *query: [])

@@ -31,7 +31,7 @@ def block(ticks, missed=0):
         ([block([5]), block([]), block([7])], (1, 0, 0)),
     ],
 )
-def test_a_gap_is_told_from_a_missed_period_and_a_restart(session, blocks, losses):
+def test_a_gap_differs_from_a_missed_period_and_a_restart(session, blocks, losses):
     ticks = subscription(session)
     for each in blocks:
         ticks._queue(each)

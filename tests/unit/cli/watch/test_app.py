@@ -272,7 +272,7 @@ async def test_who_has_the_lease_is_said_and_it_is_taken_over_only_if_confirmed(
 
 
 @scenario
-async def test_a_lease_that_is_lost_is_told(client):
+async def test_a_lost_lease_is_shown(client):
     async with watching(client, lease=NOBODY) as watched:
         await watched.press("l")
         await watched.sees("lease: held here")
@@ -282,7 +282,7 @@ async def test_a_lease_that_is_lost_is_told(client):
 
 
 @scenario
-async def test_a_viewer_is_told_why_nothing_is_done(client):
+async def test_a_viewer_sees_why_nothing_is_done(client):
     client.identity = SimpleNamespace(name="vera", role="viewer")
     async with watching(client, plan=PLAN) as watched:
         for key in ("s", "p", "n", "t", "e"):
@@ -299,7 +299,7 @@ async def test_a_viewer_is_told_why_nothing_is_done(client):
 
 
 @scenario
-async def test_a_silent_daemon_is_told_and_its_events_are_fetched_when_it_is_back(client):
+async def test_a_silent_daemon_is_shown_and_its_events_are_fetched_when_it_is_back(client):
     async with watching(client) as watched:
         watched.clock.now_s = 3.0
         await watched.sees("NO DATA for 3 s")

@@ -65,7 +65,7 @@ def test_all_of_it_fits_into_80_by_24():
     )
 
 
-def test_a_trip_is_told_with_value_limit_and_what_to_do_and_nothing_else_is_lost():
+def test_a_trip_is_shown_with_value_limit_and_what_to_do_and_nothing_else_is_lost():
     lines = shown(snapshot(state(plan=PLAN, **TRIP)))
     has(lines, "✕ TRIPPED", "speed, rad/s: 25.7, limit 25", "black box    /runs/blackbox.mcap")
     causes = [line for line in lines if "OVER_" in line]
