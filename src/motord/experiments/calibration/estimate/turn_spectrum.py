@@ -78,7 +78,7 @@ class TurnSpectrum:
             torque_set_Nm=samples.torque_set_Nm,
             velocity_Hz=samples.velocity_Hz,
             visits=visits,
-            sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1],
+            sums=np.fft.rfft(binned[:, :, :-1], axis=1)[:, : highest + 1].copy(),
             command_A=command_A[np.arange(bins) * counts // bins],
             velocity_rad_s=velocity_rad_s[np.arange(bins) * counts // bins],
             highpass=turned / (1 + turned) if tau else np.ones(highest, complex),
