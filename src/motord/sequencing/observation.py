@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.schema import State
 from motord.sequencing.demand import Demand
+from motord.sequencing.precision import Precision
 
 WINDOW_TURNS = 1.0
 """The speed that counts is the mean over the last whole turn: ripple must not move the brake.
@@ -45,6 +46,7 @@ class Observation:
     point_fastest_Hz: float = 0.0
     temperature_C: float = float("nan")  # of the inverter
     demand: Demand = field(default_factory=Demand)  # in force meanwhile
+    precision: Precision | None = None  # the newest that the plan's estimator gave
 
     def since_s(self, earlier: "Observation") -> float:
         """Return the time since an earlier observation (s)."""

@@ -1,7 +1,7 @@
 """A plan: its operating points, and the motion that takes them."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from motord.sequencing.demand import OperatingPoint
@@ -13,7 +13,9 @@ class Plan:
     """An experiment: its points, what takes them or some of them, and about how long each takes.
 
     needs: the device that it cannot do without, "brake", "drive" or "" for none; ends_s: time
-    before the first point and after the last. All in it can be pickled.
+    before the first point and after the last; estimator: `module:class` of what estimates while the
+    plan runs, made of a Config and the targets, with `take(ticks)` and `captured(point) -> Precision`, "" for none;
+    targets: half-widths by which the plan ends early. All in it can be pickled.
     """
 
     name: str
@@ -23,6 +25,8 @@ class Plan:
     settings: dict[str, Any]
     needs: str = "brake"
     ends_s: float = 1.5
+    estimator: str = ""
+    targets: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:

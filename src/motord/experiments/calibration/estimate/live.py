@@ -1,0 +1,45 @@
+"""A calibration while it is taken: after each operating point, how well everything is known."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from motord.config import Config
+from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.identification import IdentifyError
+from motord.identification.operating_points import split
+from motord.sequencing.precision import Precision
+
+
+class LiveCalibration:
+    """Takes ticks as they come, and each operating point when its capture has ended.
+
+    Keeps the ticks of the capture under way only.
+    """
+
+    def __init__(self, config: Config, targets: Mapping[str, float]) -> None:
+        self._targets = targets
+        self._calibrator = Calibrator(config.motor, config.torque_sensor, None, config.accuracy)
+        self._blocks: list[np.ndarray] = []
+        self._captures = 0
+
+    def take(self, ticks: np.ndarray) -> None:
+        """Take a block of ticks, structured as TICK_DTYPE; those of no operating point go."""
+        inside = ticks["plan_point"] >= 0
+        if inside.any():
+            self._blocks.append(ticks[inside])
+
+    def captured(self, point: Mapping[str, Any]) -> Precision:
+        """Return what the captures give, with the one that `/operating_point` describes."""
+        blocks, self._blocks = self._blocks, []
+        self._captures += 1
+        try:
+            for data in split(np.concatenate(blocks), [point]) if blocks else ():
+                self._calibrator.add(data)
+            found = Precision(self._captures, self._calibrator.half_widths())
+            if found.reaches(self._targets):
+                return Precision(self._captures, *self._calibrator.full_half_widths())
+            return found
+        except IdentifyError as error:
+            return Precision(self._captures, obstacle=str(error))
