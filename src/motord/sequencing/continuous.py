@@ -6,6 +6,7 @@ sign turns the rotor the other way. The brake itself, which is slow, is never wa
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 from motord.config import BrakeConfig
@@ -23,10 +24,14 @@ from motord.sequencing.motions import (
     within,
 )
 from motord.sequencing.observation import Observation
+from motord.sequencing.precision import Precision
 from motord.sequencing.quality import quality
 
 SETTLE_S = 0.15
 """Time at a point's torque before its capture: the rotor's speed and the mount settle."""
+
+START_S = 0.2
+"""Time until the bench is enabled, about."""
 
 REACH_TIMEOUT_S = 10.0
 """Time within which the torque must be reached."""
@@ -38,14 +43,24 @@ def continuous_points(
     brake: BrakeConfig,
     compensate: int,
     band_C: tuple[float, float] | None,
+    targets: Mapping[str, float],
     points: tuple[OperatingPoint, ...],
 ) -> Motion[None]:
-    """Enable, take every operating point at the excitation of the strongest, ramp down."""
+    """Enable, take the operating points at the excitation of the strongest, ramp down.
+
+    Of the points those that are left when the targets are reached are not taken.
+    """
     excitation = constant_excitation(brake, points)
     yield from enable(compensate)
     for point in points:
+        if _reaches((yield None).precision, targets):
+            break
         yield from retaken_if_poor(_point, point, excitation, band_C)
     yield from ramp_down()
+
+
+def _reaches(precision: Precision | None, targets: Mapping[str, float]) -> bool:
+    return precision is not None and precision.reaches(targets)
 
 
 def constant_excitation(brake: BrakeConfig, points: tuple[OperatingPoint, ...]) -> float:

@@ -15,7 +15,8 @@ class Plan:
     needs: the device that it cannot do without, "brake", "drive" or "" for none; ends_s: time
     before the first point and after the last; estimator: `module:class` of what estimates while the
     plan runs, made of a Config and the targets, with `take(ticks)` and `captured(point) -> Precision`, "" for none;
-    targets: half-widths by which the plan ends early. All in it can be pickled.
+    targets: half-widths by which the plan ends early; outlook: what is to be expected of it, for its
+    dry run. All in it can be pickled.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Plan:
     ends_s: float = 1.5
     estimator: str = ""
     targets: Mapping[str, float] = field(default_factory=dict)
+    outlook: str = ""
 
     @property
     def seconds(self) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 
 from motord.config import Config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
+from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
 from motord.identification.operating_points import split
 from motord.sequencing.precision import Precision
@@ -38,8 +39,13 @@ class LiveCalibration:
             for data in split(np.concatenate(blocks), [point]) if blocks else ():
                 self._calibrator.add(data)
             found = Precision(self._captures, self._calibrator.half_widths())
-            if found.reaches(self._targets):
-                return Precision(self._captures, *self._calibrator.full_half_widths())
-            return found
+            return self._confirmed() if found.reaches(self._targets) else found
         except IdentifyError as error:
             return Precision(self._captures, obstacle=str(error))
+
+    def _confirmed(self) -> Precision:
+        """Return what the whole analysis says: intervals with what departs from the model."""
+        result = self._calibrator.joint()
+        serious = [one.name for one in result.findings if one.severity == "serious"]
+        obstacle = f"findings: {', '.join(serious)}" if serious else ""
+        return Precision(self._captures, of_result(result), obstacle)
