@@ -10,7 +10,7 @@ import numpy as np
 from motord.config import Config
 from motord.control.types import SETPOINT
 from motord.schema import Request
-from motord.sequencing import Demand, Executor, Observation, Plan, TickWatcher
+from motord.sequencing import Demand, Executor, Observation, Plan, PlanState, TickWatcher
 from motord.sequencing.precision import Precision
 from motord.virtual.bench import VirtualBench
 
@@ -47,7 +47,7 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
         if len(blocks) == LOOKS_PASSED_ON or executor.finished:
             on_block(*map(np.concatenate, zip(*blocks, strict=True)))
             blocks.clear()
-    if executor.message:
+    if executor.state is not PlanState.DONE:
         raise PlanFailed(f"{plan.name}: {executor.message}")
     return executor.points
 

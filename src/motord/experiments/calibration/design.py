@@ -45,6 +45,9 @@ NOISE = 0.004
 COGGING = 0.05
 """Cogging torque, in parts of the rated torque, that one reckons with before any is known."""
 
+SLOWER = 0.9
+"""Speed that is reckoned with, in parts of that of the configured brake."""
+
 TABLE = 1024
 """Angles of a turn at which the design looks."""
 
@@ -188,18 +191,16 @@ RIPPLE_PERCENT = 0.1
 
 @dataclass(frozen=True)
 class Visit:
-    """A candidate for some turns; transition_s: before them; half_widths: expected after it."""
+    """A candidate for some turns at a speed, backwards negative.
+
+    duration_s: with the transition before it; half_widths: expected after it.
+    """
 
     candidate: Candidate
     turns: int
     speed_Hz: float
-    transition_s: float
+    duration_s: float
     half_widths: Mapping[str, float]
-
-    @property
-    def duration_s(self) -> float:
-        """Time that it takes."""
-        return self.transition_s + self.turns / abs(self.speed_Hz)
 
 
 @dataclass(frozen=True)
@@ -252,32 +253,36 @@ def visits(
     speed_Hz: at the largest torque; at constant excitation it goes with the torque.
     """
     largest_Nm = max(one.mean_torque_Nm for one in design.candidates)
-    speeds_Hz = {c: speed_Hz * c.mean_torque_Nm / largest_Nm for c in design.candidates}
-    turn = {c: TURNS * design.information(c, speeds_Hz[c]) for c in design.candidates}
+    speeds_Hz = [speed_Hz * one.mean_torque_Nm / largest_Nm for one in design.candidates]
+    turn = TURNS * np.array(
+        [design.information(c, s) for c, s in zip(design.candidates, speeds_Hz, strict=True)]
+    )
+    turn_s = TURNS / (SLOWER * np.abs(speeds_Hz))
+    ramp_s = np.array([one.torque_Nm for one in design.candidates]) / rate_Nm_per_s
     found: list[Visit] = []
-    known, left_s, at = design.prior, limit_s - START_S, Candidate(0.0)
+    known, left_s, at = design.prior, limit_s - START_S, -1
     while True:
-        now = np.linalg.inv(known)
-        best, most = None, 0.0
-        for candidate in design.candidates:
-            transition_s = 0.0
-            if candidate != at:
-                change_Nm = abs(candidate.torque_Nm - at.torque_Nm)
-                transition_s = change_Nm / rate_Nm_per_s + SETTLE_S
-            visit_s = transition_s + TURNS / abs(speeds_Hz[candidate])
-            if visit_s + abs(candidate.torque_Nm) / rate_Nm_per_s > left_s:
-                continue
-            then = np.linalg.inv(known + turn[candidate])
-            gain = float((objective.weights * (now - then)).sum()) / visit_s
-            if gain > most:
-                most, best = gain, Visit(candidate, TURNS, speeds_Hz[candidate], transition_s, {})
-        if best is None:
+        transition_s = np.abs(ramp_s - (ramp_s[at] if at >= 0 else 0.0)) + SETTLE_S
+        if at >= 0:
+            transition_s[at] = 0.0
+        visit_s = transition_s + turn_s
+        now, then = np.linalg.inv(known), np.linalg.inv(known + turn)
+        gain = (objective.weights * (now - then)).sum(axis=(1, 2)) / visit_s
+        gain[visit_s + np.abs(ramp_s) > left_s] = 0.0
+        best = int(np.argmax(gain))
+        if gain[best] <= 0.0:
             return found
-        known = known + turn[best.candidate]
-        left_s -= best.duration_s
-        best = replace(best, half_widths=objective.half_widths(np.linalg.inv(known)))
-        if best.candidate == at:
-            best = replace(best, turns=found[-1].turns + TURNS, transition_s=found[-1].transition_s)
-            found.pop()
-        found.append(best)
-        at = best.candidate
+        known, left_s = known + turn[best], left_s - visit_s[best]
+        visit = Visit(
+            design.candidates[best],
+            TURNS,
+            speeds_Hz[best],
+            float(visit_s[best]),
+            objective.half_widths(then[best]),
+        )
+        if best == at:
+            last = found.pop()
+            longer_s = last.duration_s + visit.duration_s
+            visit = replace(visit, turns=last.turns + TURNS, duration_s=longer_s)
+        found.append(visit)
+        at = best

@@ -16,8 +16,8 @@ from motord.experiments.calibration.design import (
     visits,
 )
 from motord.sequencing import OperatingPoint, Plan, PlanError
-from motord.sequencing.brake_servo import brake_torque_Nm
-from motord.sequencing.continuous import continuous_points
+from motord.sequencing.brake_servo import brake_torque_Nm, excitation_for
+from motord.sequencing.continuous import Continuous, continuous_points
 from motord.sequencing.limits import SPEED_MARGIN, check_operating_points
 
 ESTIMATOR = "motord.experiments.calibration.estimate.live:LiveCalibration"
@@ -44,18 +44,27 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     points = tuple(_point(number, visit) for number, visit in enumerate(chosen))
     for point in points:
         check_operating_points(config, (point.torque_Nm,), (point.speed_Hz,))
+    speed_rad_s = 2 * math.pi * _nominal_Hz(chosen)
+    settings = Continuous(
+        excitation_for(config.brake, torque_Nm, speed_rad_s),
+        config.limits.torque_rate_Nm_per_s,
+        tuple(visit.duration_s for visit in chosen),
+        limit_s,
+        LEAST_VISITS,
+        band_C=mesh.temperature_C,
+        targets=mesh.targets,
+    )
     return Plan(
         name="calibrate",
         points=points,
-        motion=partial(
-            continuous_points, config.brake, 0, mesh.temperature_C, dict(mesh.targets)
-        ),
-        point_s=partial(_duration_s, tuple(visit.duration_s for visit in chosen)),
+        motion=partial(continuous_points, settings),
+        point_s=settings.duration_s,
         settings={**mesh.model_dump(mode="json"), "compensate": "off"},
         ends_s=2 * torque_Nm / config.limits.torque_rate_Nm_per_s,
         estimator=ESTIMATOR if mesh.targets else "",
         targets=mesh.targets,
         outlook=outlook(chosen, mesh.targets),
+        continuous=True,
     )
 
 
@@ -64,8 +73,9 @@ def _point(number: int, visit: Visit) -> OperatingPoint:
     return OperatingPoint(number, one.torque_Nm, visit.speed_Hz, visit.turns, one.induced)
 
 
-def _duration_s(durations_s: Sequence[float], point: OperatingPoint) -> float:
-    return durations_s[point.index]
+def _nominal_Hz(chosen: Sequence[Visit]) -> float:
+    """Return the speed of the largest torque."""
+    return max(abs(visit.speed_Hz) for visit in chosen)
 
 
 def _largest_torque_Nm(config: Config, mesh: CalibrateConfig) -> float:

@@ -9,19 +9,22 @@ from motord.config import Config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
-from motord.identification.operating_points import split
+from motord.identification.operating_points import PointData, split
 from motord.sequencing.precision import Precision
 
 
 class LiveCalibration:
     """Takes ticks as they come, and each operating point when its capture has ended.
 
-    Keeps the ticks of the capture under way only.
+    Keeps the points, which the analysis may want to read again.
     """
 
     def __init__(self, config: Config, targets: Mapping[str, float]) -> None:
         self._targets = targets
-        self._calibrator = Calibrator(config.motor, config.torque_sensor, None, config.accuracy)
+        self._points: list[PointData] = []
+        self._calibrator = Calibrator(
+            config.motor, config.torque_sensor, lambda: iter(self._points), config.accuracy
+        )
         self._blocks: list[np.ndarray] = []
         self._captures = 0
 
@@ -37,6 +40,7 @@ class LiveCalibration:
         self._captures += 1
         try:
             for data in split(np.concatenate(blocks), [point]) if blocks else ():
+                self._points.append(data)
                 self._calibrator.add(data)
             found = Precision(self._captures, self._calibrator.half_widths())
             return self._confirmed() if found.reaches(self._targets) else found
