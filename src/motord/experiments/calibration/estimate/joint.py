@@ -39,6 +39,10 @@ AGREEMENT = 1e-3
 with temperature, and currents are held from tick to tick."""
 
 
+NEARLY_SEEN = "a common gain or offset that is nearly seen"
+"""Source of errors: how far the solution that leaves it open lies away."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """What the fit gave. theta (p,): delta epsilon alpha, delta beta, age, zoh, delta cogging."""
@@ -138,7 +142,7 @@ def stated_errors(
         other = solve(normals.left, normals.right.sum(axis=0), opened)
         apart = other.vector - solution.vector
         return stated_errors(normals, point, other, opened) + VarianceComponents.known(
-            np.outer(apart, apart)
+            np.outer(apart, apart), NEARLY_SEEN
         )
     inverse = _inverse(normals.left, identifiable)
     scores = PointScores.of(normals, point, solution.theta, inverse)

@@ -37,6 +37,9 @@ SOLUTIONS = 5
 SEEN_SHARE = 1e-6
 """Part of a block's scatter below which the fit takes up all of it: the points are too few."""
 
+TURNS, POINTS, PRIORS = "noise of turns", "differences between operating points", "priors"
+"""Sources of the errors' parts."""
+
 LEAST_SHARE = 0.05
 """Part of a block's white noise that the fit leaves, at least: weak instruments may say less."""
 
@@ -228,8 +231,9 @@ def errors(
         influence @ points.noise @ influence.T,
         np.ones(points.turns.size),
         np.diag(2.0 / np.maximum(points.turns - 1, 1)),
+        (TURNS,) * points.turns.size,
     )
-    found = turns + VarianceComponents.known(influence @ prior @ influence.T)
+    found = turns + VarianceComponents.known(influence @ prior @ influence.T, PRIORS)
     if points.turns.size > 1:
         parts = list(_parts(alpha, points.scores.shape[1], identifiable))
         found += _between(points, parts, influence)
@@ -242,7 +246,8 @@ def _between(points: PointScores, parts: list[_Parts], influence: np.ndarray) ->
     for _ in range(ROUNDS):
         blocks = _Blocks.of(points, parts, variance)
         variance, doubt = _variances(points, blocks)
-    return VarianceComponents(influence @ blocks.total @ influence.T, variance, doubt)
+    caused = influence @ blocks.total @ influence.T
+    return VarianceComponents(caused, variance, doubt, (POINTS,) * len(parts))
 
 
 def _variances(points: PointScores, blocks: _Blocks) -> tuple[np.ndarray, np.ndarray]:
