@@ -121,7 +121,7 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
         condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
         apart_from_torque=normals.information - normals.torque_information + normals.prior,
-        derivative=_derivative(normals.left, solution, identifiable),
+        derivative=derivative(normals.left, solution, identifiable),
         gain_shift=_gain_shift(normals.left, solution, identifiable),
     )
 
@@ -144,9 +144,9 @@ def stated_errors(
         return stated_errors(normals, point, other, opened) + VarianceComponents.known(
             np.outer(apart, apart), NEARLY_SEEN
         )
-    inverse = _inverse(normals.left, identifiable)
+    inverse = inverse_on_seen(normals.left, identifiable)
     scores = PointScores.of(normals, point, solution.theta, inverse)
-    influence = _derivative(normals.left, solution, identifiable) @ inverse
+    influence = derivative(normals.left, solution, identifiable) @ inverse
     return errors(scores, solution.theta[ALPHA], influence, normals.prior, identifiable)
 
 
@@ -176,32 +176,30 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
     return Solution(theta, theta[ALPHA], 1.0)
 
 
-def _inverse(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
+def inverse_on_seen(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
     """Return the inverse of (p, p) on what is seen, as `solve` uses it."""
     subspace = identifiable.subspace(len(normal))
     return np.asarray(subspace @ np.linalg.solve(subspace.T @ normal @ subspace, subspace.T))
 
 
-def _derivative(
-    normal: np.ndarray, solution: Solution, identifiable: Identifiability
-) -> np.ndarray:
+def derivative(normal: np.ndarray, solution: Solution, identifiable: Identifiability) -> np.ndarray:
     """Return the derivative of the solution's vector by theta on what is seen (p + 1, p)."""
     size, slopes = len(normal), 1 / solution.theta[ALPHA]
-    derivative = np.eye(size + 1, size)
+    found = np.eye(size + 1, size)
     if identifiable.gain_direction is None:
-        derivative[-1, ALPHA] = solution.delta_epsilon * slopes / 3
-        derivative[ALPHA, ALPHA] /= solution.delta_epsilon
-        derivative[ALPHA, ALPHA] -= np.outer(solution.alpha, slopes) / 3
-        return derivative
+        found[-1, ALPHA] = solution.delta_epsilon * slopes / 3
+        found[ALPHA, ALPHA] /= solution.delta_epsilon
+        found[ALPHA, ALPHA] -= np.outer(solution.alpha, slopes) / 3
+        return found
     change = _unseen_change(normal, identifiable)
-    derivative[:-1, ALPHA] -= np.outer(change, slopes) / (slopes @ change[ALPHA])
-    return derivative
+    found[:-1, ALPHA] -= np.outer(change, slopes) / (slopes @ change[ALPHA])
+    return found
 
 
 def _unseen_change(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
     """Return how theta (p,) changes along what the data do not show of the gains."""
     fixed = identifiable.gain_vector(len(normal))
-    return np.asarray(fixed - _inverse(normal, identifiable) @ (normal @ fixed))
+    return np.asarray(fixed - inverse_on_seen(normal, identifiable) @ (normal @ fixed))
 
 
 def _gain_shift(
