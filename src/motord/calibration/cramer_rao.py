@@ -1,4 +1,4 @@
-"""How near a calibration is to the Cramer-Rao bound of its sensors' noise, and what keeps it away."""
+"""How near a calibration is to the Cramer-Rao bound of its sensors' noise, and what is between."""
 
 from motord.calibration.parts import Part
 from motord.config import NonNegative

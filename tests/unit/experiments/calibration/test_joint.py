@@ -20,7 +20,16 @@ def test_gains_that_do_not_exist_are_refused() -> None:
     errors = VarianceComponents.known(np.eye(10), "data")
     solution = Solution(theta, theta[:3], 1.0)
     fitted = JointFit(
-        solution, errors, OPEN, np.zeros(2), 1.0, 1e-4, np.eye(9), np.eye(10, 9), np.zeros(10)
+        solution,
+        errors,
+        OPEN,
+        np.zeros(2),
+        1.0,
+        1e-4,
+        np.zeros((2, 9, 9)),
+        np.eye(9),
+        np.eye(10, 9),
+        np.zeros(10),
     )
     with pytest.raises(IdentifyError, match="no gains fit this torque"):
         check_fit(fitted)
@@ -57,6 +66,7 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
         np.full(2, 0.02),
         1.0,
         1e-4,
+        np.zeros((2, 9, 9)),
         np.eye(9),
         np.eye(10, 9),
         np.zeros(10),

@@ -26,7 +26,6 @@ from motord.experiments.calibration.estimate.joint import (
     Kirchhoff,
     derivative,
     inverse_on_seen,
-    solve,
 )
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, LackOfFit
 from motord.experiments.calibration.estimate.normal_equations import (
@@ -72,7 +71,8 @@ def cramer_rao(
 ) -> CramerRao:
     """Return bound and efficiency; result: its harmonics as the fit's parameters follow."""
     regression = residual.regression
-    noise, bound = _noise_and_bound(fitted, residual, sensor)
+    noise = WhiteNoise.of(residual, fitted, sensor)
+    bound = _bound(fitted, noise)
     torques_Nm = [point.torque_set_Nm for point in regression.points]
     orders = regression.basis.orders[: regression.orders]
     form = ripple_form(fitted.solution, orders, motor, torques_Nm)
@@ -93,34 +93,27 @@ def cramer_rao(
     )
 
 
-def _noise_and_bound(
-    fitted: JointFit, residual: FitResidual, sensor: TorqueSensorConfig
-) -> tuple[WhiteNoise, Bound]:
-    theta, identifiable = fitted.solution.theta, fitted.identifiable.opened()
-    turns = residual.regression.sums(theta[ALPHA])
-    noise = WhiteNoise.of(residual, turns, theta, sensor)
-    weight = 1 / fitted.noise_Nm[turns.point] ** 2
-    law_weight = turns.kirchhoff_weight(theta)
-    normals = turns.normals(weight, law_weight, theta)
-    white = np.maximum(weight * noise.torque_Nm[turns.point] ** 2, LEAST)
-    law_white = max(law_weight * noise.law_A**2, LEAST)
-    information = _symmetric(np.einsum("b,bij->ij", 1 / white, normals.torque))
-    information += _symmetric(normals.law.sum(axis=0)) / law_white
-    scores = _symmetric(np.einsum("b,bij->ij", white, normals.torque))
-    scores += _symmetric(normals.law.sum(axis=0)) * law_white
-    solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
-    by_theta = derivative(normals.left, solution, identifiable)
-    best = by_theta @ inverse_on_seen(information + normals.prior, identifiable)
-    used = by_theta @ inverse_on_seen(normals.left, identifiable)
-    return noise, Bound(
+def _bound(fitted: JointFit, noise: WhiteNoise) -> Bound:
+    identifiable, prior = fitted.identifiable.opened(), fitted.prior
+    torque, law = fitted.torque_information, fitted.law_information
+    white = np.maximum((noise.torque_Nm / fitted.noise_Nm) ** 2, LEAST)
+    information = _sum(1 / white, torque) + law / noise.law_share
+    scores = _sum(white, torque) + law * noise.law_share
+    left = torque.sum(axis=0) + law + prior
+    by_theta = derivative(left, fitted.solution, identifiable)
+    best = by_theta @ inverse_on_seen(information + prior, identifiable)
+    used = by_theta @ inverse_on_seen(left, identifiable)
+    return Bound(
         white=best @ information @ best.T,
-        prior=best @ normals.prior @ best.T,
+        prior=best @ prior @ best.T,
         weighted=used @ scores @ used.T,
     )
 
 
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
-    return np.asarray((matrix + matrix.T) / 2)
+def _sum(factors: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Return the sum of matrices (n, p, p) times factors (n,), symmetric: instruments are not."""
+    total = np.tensordot(factors, matrices, 1)
+    return np.asarray((total + total.T) / 2)
 
 
 def _of_findings(

@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.normal_equations import (
     NormalEquations,
     Regression,
     TurnSums,
+    prior_information,
 )
 from motord.experiments.calibration.estimate.scatter import PointScores, errors
 from motord.identification import IdentifyError
@@ -63,10 +64,11 @@ class JointFit:
 
     errors: of solution.vector (p + 1,); noise_Nm (points,): standard deviation that is
     left in each operating point; condition_number of what was solved, columns scaled alike;
-    delay_unit_s: unit of the age of the currents; apart_from_torque (p, p): information on theta of
-    Kirchhoff's law and of the priors. derivative (p + 1, p): of solution.vector by theta on what is
-    seen; gain_shift (p + 1,): the same by the common gain, for each part by which it is not the 1
-    that is assumed; 0 where it is seen.
+    delay_unit_s: unit of the age of the currents; torque_information (points, p, p),
+    law_information (p, p): on theta, by that noise, of the torque and of Kirchhoff's law.
+    derivative (p + 1, p): of solution.vector by theta on what is seen; gain_shift (p + 1,): the
+    same by the common gain, for each part by which it is not the 1 that is assumed; 0 where it is
+    seen.
     """
 
     solution: Solution
@@ -75,9 +77,15 @@ class JointFit:
     noise_Nm: np.ndarray
     condition_number: float
     delay_unit_s: float
-    apart_from_torque: np.ndarray
+    torque_information: np.ndarray
+    law_information: np.ndarray
     derivative: np.ndarray
     gain_shift: np.ndarray
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Information on theta before any data (p, p)."""
+        return prior_information(self.solution.theta.size)
 
     @property
     def current_delay_s(self) -> tuple[float, float, float]:
@@ -113,14 +121,16 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
         normals = turns.normals(weight, kirchhoff_weight, theta)
         identifiable = assess(normals.information, normals.torque_information, rated_A)
     solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
+    first_turns = np.unique(turns.point, return_index=True)[1]
     return JointFit(
         solution=solution,
         errors=stated_errors(normals, turns.point, solution, identifiable),
         identifiable=identifiable,
-        noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
+        noise_Nm=np.sqrt(variance[first_turns]),
         condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
-        apart_from_torque=normals.information - normals.torque_information + normals.prior,
+        torque_information=np.add.reduceat(normals.torque, first_turns),
+        law_information=normals.information - normals.torque_information,
         derivative=derivative(normals.left, solution, identifiable),
         gain_shift=_gain_shift(normals.left, solution, identifiable),
     )

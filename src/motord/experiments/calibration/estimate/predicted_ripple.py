@@ -68,30 +68,32 @@ def ripple_form(
 
     The mean over the set-points.
     """
-    still, per_Nm = _left(solution, orders, motor)
-    mean_Nm, mean_square_Nm2 = np.mean(torques_Nm), np.mean(np.square(torques_Nm))
-    cross = mean_Nm * still.T @ per_Nm
-    squares = still.T @ still + cross + cross.T + mean_square_Nm2 * per_Nm.T @ per_Nm
-    return np.asarray(squares * (100 / motor.rated_torque_Nm) ** 2 / len(still))
+    left = _left(solution, orders, motor)
+    products = (left @ left.T).reshape(2, len(left) // 2, 2, -1)
+    still, per_Nm, cross = products[0, :, 0], products[1, :, 1], products[0, :, 1]
+    squares = still + np.mean(torques_Nm) * (cross + cross.T)
+    squares = squares + np.mean(np.square(torques_Nm)) * per_Nm
+    return np.asarray(squares * (100 / motor.rated_torque_Nm) ** 2 / left.shape[1])
 
 
-def _left(
-    solution: Solution, orders: Sequence[int], motor: MotorConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what unit errors leave over the turn (counts, p + 1): at no torque, and per Nm."""
-    k, w = motor.back_emf_table(), currents_per_Nm(motor)
+def _left(solution: Solution, orders: Sequence[int], motor: MotorConfig) -> np.ndarray:
+    """Return what unit errors leave over the turn: at no torque, then per Nm (2 (p + 1), counts).
+
+    Without means.
+    """
+    k, w = motor.back_emf_table().T, currents_per_Nm(motor).T
     if motor.connection == "star":
-        k = k - (k @ solution.alpha / solution.alpha.sum())[:, None]
-    turned_rad = np.outer(2 * np.pi * np.arange(len(k)) / len(k), orders)
-    waves = np.stack([np.cos(turned_rad), np.sin(turned_rad)], axis=2).reshape(len(k), -1)
-    cogging_Nm = waves @ solution.theta[FIRST_COGGING:]
-    still, per_Nm = np.zeros((2, len(k), solution.vector.size))
-    still[:, ALPHA] = k * (cogging_Nm[:, None] * w + solution.theta[BETA])
-    per_Nm[:, ALPHA] = -k * w
-    still[:, BETA] = -k
-    still[:, FIRST_COGGING:-1] = -waves
-    for part in (still, per_Nm):
-        part[:, -1] = part[:, ALPHA].sum(axis=1) / solution.delta_epsilon
-        part[:, ALPHA] /= solution.alpha
-        part -= part.mean(axis=0)
-    return still, per_Nm
+        k = k - solution.alpha @ k / solution.alpha.sum()
+    turned_rad = np.outer(orders, 2 * np.pi * np.arange(motor.counts) / motor.counts)
+    waves = np.stack([np.cos(turned_rad), np.sin(turned_rad)], axis=1).reshape(-1, motor.counts)
+    cogging_Nm = solution.theta[FIRST_COGGING:] @ waves
+    left = np.zeros((2, solution.vector.size, motor.counts))
+    still, per_Nm = left
+    still[ALPHA] = k * (cogging_Nm * w + solution.theta[BETA, None])
+    per_Nm[ALPHA] = -k * w
+    still[BETA] = -k
+    still[FIRST_COGGING:-1] = -waves
+    left[:, -1] = left[:, ALPHA].sum(axis=1) / solution.delta_epsilon
+    left[:, ALPHA] /= solution.alpha[:, None]
+    left -= left.mean(axis=2, keepdims=True)
+    return left.reshape(-1, motor.counts)

@@ -10,7 +10,8 @@ response of the mount, of which the torque has been freed, is put back.
 What rounding of the encoder and noise of the currents make of the model's columns is white as well,
 and in it. How much that is: delta T' / sqrt(12) for rounding to delta, with T' the change of the
 model's torque with the angle at given currents; theta' (X'X - X'Z (Z'Z)^-1 Z'X) theta of what the
-instruments do not explain of the currents.
+instruments do not explain of the currents. Kirchhoff's law has what the commands of a turn do not
+explain of the sum of its currents.
 """
 
 from dataclasses import dataclass
@@ -19,8 +20,9 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from motord.config import TorqueSensorConfig
+from motord.experiments.calibration.estimate.joint import JointFit
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
-from motord.experiments.calibration.estimate.normal_equations import TurnSums
+from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, Regression
 from motord.experiments.calibration.estimate.turn_spectrum import TurnSpectrum
 from motord.identification.torque_sensor import response
 
@@ -34,27 +36,27 @@ LEAST = 1e-9
 @dataclass(frozen=True)
 class WhiteNoise:
     """Standard deviations per sample: torque_Nm (points,), of it encoder_Nm and current_Nm (RMS
-    over the points); law_A: of the sum of the currents that Kirchhoff's law is for, 0 for none."""
+    over the points). law_share: part that is noise of the squares that Kirchhoff's law leaves."""
 
     torque_Nm: np.ndarray
     encoder_Nm: float
     current_Nm: float
-    law_A: float
+    law_share: float
 
     @classmethod
     def of(
-        cls, residual: FitResidual, turns: TurnSums, theta: np.ndarray, sensor: TorqueSensorConfig
+        cls, residual: FitResidual, fitted: JointFit, sensor: TorqueSensorConfig
     ) -> "WhiteNoise":
-        """Return the noise; turns: sums with the gains of parameters theta (p,)."""
+        """Return the noise of the points that were fitted."""
         groups = zip(residual.evidence.rows.groups_Nm, residual.regression.points, strict=True)
         floors_Nm = [floor_Nm(lines, point.spectrum, sensor) for lines, point in groups]
         cell_rad = 2 * np.pi / len(residual.regression.basis.back_emf)
-        slopes = [np.mean(model.change_Nm_per_rad**2) for model in residual.models]
+        slopes = [np.square(model.change_Nm_per_rad).mean() for model in residual.models]
         return cls(
             torque_Nm=np.array(floors_Nm),
             encoder_Nm=float(cell_rad * np.sqrt(np.mean(slopes) / 12)),
-            current_Nm=_current_noise_Nm(turns, theta),
-            law_A=_law_noise_A(turns, theta),
+            current_Nm=_current_noise_Nm(residual.regression, fitted),
+            law_share=_law_share(residual.regression, fitted.solution.theta),
         )
 
 
@@ -69,17 +71,26 @@ def floor_Nm(groups_Nm: np.ndarray, spectrum: TurnSpectrum, sensor: TorqueSensor
     return float(np.sqrt(np.median(high) / median_of_gamma / per_sample))
 
 
-def _current_noise_Nm(turns: TurnSums, theta: np.ndarray) -> float:
-    ones = np.ones(turns.samples.size)
-    explained = turns.normals(ones, 0.0, theta).torque.sum(axis=0)
-    squares = theta @ (turns.xx.sum(axis=0) - explained) @ theta
-    return float(np.sqrt(max(squares / turns.samples.sum(), 0.0)))
+def _current_noise_Nm(regression: Regression, fitted: JointFit) -> float:
+    theta, samples, squares = fitted.solution.theta, 0, 0.0
+    coefficients = regression.coefficients(theta)
+    own = slice(0, coefficients.size)
+    explained = fitted.torque_information @ theta @ theta * fitted.noise_Nm**2
+    for point, of_instruments in zip(regression.points, explained, strict=True):
+        samples += int(point.samples.sum())
+        squares += coefficients @ point.torque[:, own, own].sum(axis=0) @ coefficients
+        squares -= float(of_instruments)
+    return float(np.sqrt(max(squares / samples, 0.0)))
 
 
-def _law_noise_A(turns: TurnSums, theta: np.ndarray) -> float:
-    """Return what the commands of each turn by itself do not explain of the sum of currents."""
-    inverse = np.linalg.pinv(turns.kirchhoff_zz, rcond=1e-9, hermitian=True)
-    seen = turns.kirchhoff_zx @ theta
-    squares = np.einsum("i,bij,j->b", theta, turns.kirchhoff_xx, theta)
-    squares -= np.einsum("bi,bij,bj->b", seen, inverse, seen)
-    return float(np.sqrt(max(squares.sum() / turns.samples.sum(), 0.0)))
+def _law_share(regression: Regression, theta: np.ndarray) -> float:
+    """Return the part that the commands of each turn by itself do not explain of the squares."""
+    if not regression.kirchhoff:
+        return 1.0
+    weights = np.append(theta[ALPHA], theta[BETA].sum())
+    products = np.concatenate([point.currents for point in regression.points])
+    inverse = np.linalg.pinv(products[:, 3:, 3:], rcond=1e-9, hermitian=True)
+    seen = products[:, 3:, :4] @ weights
+    squares = float((products[:, :4, :4] @ weights @ weights).sum())
+    explained = float(np.einsum("bi,bij,bj->", seen, inverse, seen))
+    return max(1 - explained / squares, LEAST)
