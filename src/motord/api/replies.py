@@ -265,7 +265,7 @@ class CalibrationDetails(CalibrationEntry):
     budget: list[dict[str, Any]] = []
     """What each source contributes to the standard uncertainty, Type A and Type B."""
     cramer_rao: dict[str, Any] | None = None
-    """Cramer-Rao bound, efficiency, and the ripple that the errors leave; none in files from before."""
+    """Cramer-Rao bound, efficiency, and ripple that the errors leave; none in files from before."""
     learned: bool
     """It holds what was learned on top."""
     rms_error_percent: dict[str, Any]

@@ -70,3 +70,15 @@ class CramerRao(Part):
             f"torque, below {self.ripple_upper_percent:.2g} % (95 %)",
             f"efficiency {self.efficiency:.2f} of the Cramer-Rao bound (ripple){most}",
         ]
+
+    @property
+    def noise_in_words(self) -> str:
+        """What the bound is of."""
+        white, encoder, currents = (
+            f"{1e3 * each:.2g} mNm"
+            for each in (self.white_noise_Nm, self.encoder_noise_Nm, self.current_noise_Nm)
+        )
+        return (
+            f"the bound is that of the torque's white noise, {white} per sample; rounding of the "
+            f"encoder makes {encoder} of it, noise of the currents {currents}"
+        )

@@ -79,13 +79,7 @@ def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
 
 def _cramer_rao(page: Page, found: CramerRao) -> None:
     page.heading("Cram\u00e9r-Rao bound")
-    noise = (found.white_noise_Nm, found.encoder_noise_Nm, found.current_noise_Nm)
-    white, encoder, currents = (f"{1e3 * each:.2g} mNm" for each in noise)
-    of_noise = (
-        f"the bound is that of the white noise of the measured torque, {white} per sample; rounding "
-        f"of the encoder makes {encoder} of it, noise of the currents {currents}"
-    )
-    page.points([*found.in_words(), of_noise])
+    page.points([*found.in_words(), found.noise_in_words])
     rows = [
         [" ".join([one.quantity, f"({one.unit})" * bool(one.unit)]), f"{one.bound:.2g}",
          f"{one.efficiency:.2f}"]
