@@ -81,10 +81,9 @@ def _cramer_rao(page: Page, found: CramerRao) -> None:
     page.heading("Cram\u00e9r-Rao bound")
     page.points([*found.in_words(), found.noise_in_words])
     rows = [
-        [" ".join([one.quantity, f"({one.unit})" * bool(one.unit)]), f"{one.bound:.2g}",
-         f"{one.efficiency:.2f}"]
+        [f"{one.quantity} ({one.unit or 1})", f"{one.bound:.2g}", f"{one.efficiency:.2f}"]
         for one in found.quantities
-    ]  # fmt: skip
+    ]
     page.table(["", "standard error at the bound", "efficiency"], rows, numbers=True)
     shares = [[one.source, f"{100 * one.share:.0f}"] for one in found.shares]
     page.table(["variance of the predicted ripple", "share (%)"], shares, numbers=True)
