@@ -5,12 +5,15 @@ from pathlib import Path
 import pytest
 
 from motord.calibration import (
+    BoundedQuantity,
     CalibratedMotor,
     Calibration,
     CalibrationError,
+    CramerRao,
     Harmonic,
     RmsErrors,
     RmsPoint,
+    VarianceShare,
     in_words,
     load,
 )
@@ -46,6 +49,29 @@ def make(**changes: object) -> Calibration:
         "condition_number": 12.0,
     }
     return Calibration(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_a_bound_is_kept_and_files_from_before_have_none(tmp_path: Path) -> None:
+    bound = CramerRao(
+        white_noise_Nm=0.02,
+        encoder_noise_Nm=0.005,
+        current_noise_Nm=0.008,
+        ripple_percent=0.03,
+        ripple_upper_percent=0.05,
+        quantities=(BoundedQuantity(quantity="ripple", unit="%", bound=0.02, efficiency=0.44),),
+        shares=(
+            VarianceShare(source="white noise", share=0.6),
+            VarianceShare(source="findings", share=0.4),
+        ),
+    )
+    made = make(cramer_rao=bound)
+    made.save(tmp_path / "c.json")
+    assert load(tmp_path / "c.json").cramer_rao == bound
+    assert bound.in_words()[1].endswith("(ripple); most of the rest: findings")
+    alone = bound.model_copy(update={"shares": bound.shares[:1]})
+    assert alone.in_words()[1].endswith("(ripple)")
+    assert "cramer_rao" not in make().to_json()
+    assert make().id != made.id
 
 
 def test_survives_the_file(tmp_path: Path) -> None:

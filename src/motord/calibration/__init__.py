@@ -1,5 +1,8 @@
 """The calibration file: gains and offsets of a motor's currents, and its cogging torque."""
 
+from motord.calibration.cramer_rao import BoundedQuantity as BoundedQuantity
+from motord.calibration.cramer_rao import CramerRao as CramerRao
+from motord.calibration.cramer_rao import VarianceShare as VarianceShare
 from motord.calibration.file import Calibration as Calibration
 from motord.calibration.file import CalibrationError as CalibrationError
 from motord.calibration.file import from_json as from_json

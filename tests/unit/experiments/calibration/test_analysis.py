@@ -79,6 +79,7 @@ def test_from_runs_to_a_page(recorded: Recorded) -> None:
     seen = (
         "off.mcap, on.mcap", made.id, "48 slots, 16 poles", f"calibration {other.id}",
         "residual estimator", "Torque at 4 Nm, 0.8 turns/s",
+        "standard error at the bound", "variance of the predicted ripple",
     )  # fmt: skip
     for part in seen:
         assert part in text

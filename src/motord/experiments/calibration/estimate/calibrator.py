@@ -11,6 +11,7 @@ from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
+from motord.experiments.calibration.estimate.efficiency import cramer_rao
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.joint_result import (
     cogging_harmonics,
@@ -165,6 +166,9 @@ class Calibrator:
             result,
             harmonics=tuple(sorted(result.harmonics, key=attrgetter("order"))),
             budget=budget(result, fitted, left.sensitivities, self._bench),
+            cramer_rao=cramer_rao(
+                result, fitted, residual, left, agreement, self._motor, self._sensor
+            ),
         )
 
     def half_widths(self) -> dict[str, float]:

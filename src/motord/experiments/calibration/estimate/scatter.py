@@ -40,6 +40,9 @@ SEEN_SHARE = 1e-6
 POOLED_FREEDOM = 8.0
 """Degrees of freedom that the noise of all points together counts for at each of them."""
 
+TURNS, POINTS, PRIORS = "noise of turns", "differences between operating points", "priors"
+"""Sources of the errors' parts."""
+
 LEAST_SHARE = 0.05
 """Part of a block's white noise that the fit leaves, at least: weak instruments may say less."""
 
@@ -261,8 +264,9 @@ def errors(
         influence @ points.noise @ influence.T,
         np.ones(len(points.doubt)),
         points.doubt,
+        (TURNS,) * len(points.doubt),
     )
-    found = turns + VarianceComponents.known(influence @ prior @ influence.T)
+    found = turns + VarianceComponents.known(influence @ prior @ influence.T, PRIORS)
     if len(points.doubt) > 1:
         parts = list(_parts(alpha, points.scores.shape[1], identifiable))
         found += _between(points, parts, influence)
@@ -275,7 +279,8 @@ def _between(points: PointScores, parts: list[_Parts], influence: np.ndarray) ->
     for _ in range(ROUNDS):
         blocks = _Blocks.of(points, parts, variance)
         variance, doubt = _variances(points, blocks)
-    return VarianceComponents(influence @ blocks.total @ influence.T, variance, doubt)
+    caused = influence @ blocks.total @ influence.T
+    return VarianceComponents(caused, variance, doubt, (POINTS,) * len(parts))
 
 
 def _variances(points: PointScores, blocks: _Blocks) -> tuple[np.ndarray, np.ndarray]:
