@@ -1,7 +1,10 @@
 """What a calibration says of a bench that departs from its model; all rows in the campaign."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from motord.experiments.calibration.estimate.lack_of_fit import analysis as lack_of_fit
 from motord.experiments.calibration.estimate.lack_of_fit import departures
@@ -100,11 +103,11 @@ def test_an_order_that_stands_out_is_found_with_its_growth() -> None:
     assert [(one.order, one.power) for one in found] == [(10, 0), (20, 1), (30, 2)]
 
 
-def _rows(groups_Nm: np.ndarray) -> ResidualRows:
-    """Return rows of points with lines (points, groups, orders), to a model of one column."""
-    points, _, orders = groups_Nm.shape
+def _rows(groups_Nm: Sequence[np.ndarray]) -> ResidualRows:
+    """Return rows of points with lines (groups, orders) each, to a model of one column."""
+    points, orders = len(groups_Nm), groups_Nm[0].shape[1]
     return ResidualRows(
-        rest_Nm=groups_Nm.mean(axis=1),
+        rest_Nm=np.array([lines.mean(axis=0) for lines in groups_Nm]),
         noise_Nm=np.ones((points, orders)),
         groups_Nm=list(groups_Nm),
         columns=np.ones((points, 1, orders), complex),
@@ -140,3 +143,35 @@ def test_robust_errors_are_those_of_white_noise_where_noise_is_white() -> None:
     t, freedom = weighed.robust_t(rows, column @ gain.size)
     assert t == pytest.approx(np.sqrt(gain.chi_square), rel=0.25)
     assert freedom > 60
+
+
+@pytest.mark.parametrize("groups", [(4, 4, 4), (4, 4, 1), (2, 3, 4, 1, 1), (4, 1, 1, 1, 1)])
+@pytest.mark.parametrize("common", [0.0, 3.0])
+def test_noise_is_as_rarely_a_departure_with_points_of_one_group(
+    groups: tuple[int, ...], common: float
+) -> None:
+    """Of white noise, and of noise with an error that all orders of a turn have in common.
+
+    The mean over a point's groups has the same noise, however many there are.
+    """
+    rng = np.random.default_rng(7)
+    meshes, orders, level = 600, 12, 0.05
+    found = 0
+    for _ in range(meshes):
+        effect = rng.normal(size=(len(groups), 1, orders)) + 0j
+        lines = [
+            np.sqrt(count)
+            * (rng.normal(size=(count, orders)) + common * rng.normal(size=(count, 1)) * one)
+            for count, one in zip(groups, effect, strict=True)
+        ]
+        weighed = (rows := _rows(lines)).weighed(np.ones(orders))
+        t, freedom = weighed.robust_t(rows, weighed.effect(effect, np.zeros((0, 1)))[:, 0])
+        found += bool(2 * stats.t.sf(abs(t), freedom) < level)
+    assert 0.6 * level < found / meshes < 1.4 * level
+
+
+def test_a_mesh_of_single_groups_says_nothing_of_its_scatter() -> None:
+    rows = _rows([np.ones((1, 5), complex)] * 3)
+    weighed = rows.weighed(np.ones(5))
+    column = weighed.effect(np.arange(15.0).reshape(3, 1, 5) + 0j, np.zeros((0, 1)))[:, 0]
+    assert weighed.robust_t(rows, column) == (0.0, 1.0)
