@@ -14,6 +14,7 @@ from motord.calibration import (
     RmsErrors,
     RmsPoint,
     VarianceShare,
+    by_magnitude,
     in_words,
     load,
 )
@@ -203,3 +204,15 @@ def test_age_text(seconds: float, expected: str) -> None:
 
 def test_age_now() -> None:
     assert make(created=datetime.now(UTC)).age().endswith(("second", "seconds"))
+
+
+def test_a_mesh_in_both_directions_is_shown_by_magnitude_if_no_two_points_become_one() -> None:
+    chessboard = {(1.0, 0.5): 1.0, (-3.0, -0.5): 2.0, (-1.0, -0.7): 3.0, (3.0, 0.7): 4.0}
+    assert by_magnitude(chessboard) == {
+        (1.0, 0.5): 1.0,
+        (3.0, 0.5): 2.0,
+        (1.0, 0.7): 3.0,
+        (3.0, 0.7): 4.0,
+    }
+    full = {(1.0, 0.5): 1.0, (-1.0, -0.5): 2.0}
+    assert by_magnitude(full) == full

@@ -33,7 +33,7 @@ def estimate(
 ) -> CalibratedRuns:
     """Return the calibration. Raises AnalysisError, CalibrationError, IdentifyError."""
     other = load(beside) if beside else None
-    calibrator = Calibrator.of_runs(recordings.runs, recordings.subject)
+    calibrator = Calibrator.of_runs(recordings.runs, recordings.subject, recordings.progress)
     result = calibrator.result(method)
     made = result.to_calibration(recordings.subject.motor, datetime.now(UTC), recordings.names)
     return CalibratedRuns(calibrator, result, made, other)

@@ -85,6 +85,13 @@ def test_from_runs_to_a_page(recorded: Recorded) -> None:
         assert part in text
 
 
+def test_the_progress_is_that_of_all_recordings_together(recorded: Recorded) -> None:
+    seen: list[tuple[str, float]] = []
+    recordings = Recordings.open([recorded.off, recorded.on])
+    Calibrator.of_runs(recordings.runs, recordings.subject, lambda *step: seen.append(step))
+    assert seen == [("reading", number / 8) for number in range(1, 9)]
+
+
 def test_a_page_without_points(recorded: Recorded) -> None:
     text = ripple.report(MeshRipple(()), Recordings.open([recorded.off])).html()
     assert "Torque at" not in text
