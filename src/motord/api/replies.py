@@ -118,6 +118,8 @@ class PlanOutline(RpcReply):
     """Path of its recording once it is whole."""
     run_id: Text = ""
     """Of its progress; "" in a dry run."""
+    outlook: Text = ""
+    """What is to be expected of a plan that ends when it is good enough; "" of others."""
 
 
 class SettingField(RpcReply):

@@ -11,6 +11,7 @@ from motord.api.requests import (
     CALIBRATION_SHOW,
     PLAN_LIST,
     PLAN_RESUME,
+    PLAN_START,
     max_request_bytes,
 )
 from motord.calibration import Calibration, CalibrationError
@@ -146,6 +147,7 @@ def build_rpc(
         CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
         CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
         PLAN_LIST.name: Offloaded(available.prepare),
+        PLAN_START.name: Offloaded(plans.make),
         PLAN_RESUME.name: Offloaded(plans.read_remaining),
     }
 

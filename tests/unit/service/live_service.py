@@ -11,6 +11,7 @@ from motord.api.requests import (
     CALIBRATION_SHOW,
     PLAN_LIST,
     PLAN_RESUME,
+    PLAN_START,
     max_request_bytes,
 )
 from motord.service.bench.calibrations import CalibrationStore
@@ -62,6 +63,7 @@ class LiveService(VirtualService):
             CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
             CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
             PLAN_LIST.name: Offloaded(self.available.prepare),
+            PLAN_START.name: Offloaded(self.plans.make),
             PLAN_RESUME.name: Offloaded(self.plans.read_remaining),
         }
         self.api = Api(

@@ -162,6 +162,8 @@ class VirtualService:
         payload, prepared = json.dumps(arguments).encode(), None
         if name == "plan/resume":  # a thread of the intake reads the recordings
             _, prepared = self.plans.read_remaining(payload)
+        if name == "plan/start":
+            _, prepared = self.plans.make(payload)
         if name == "plan/list":
             _, prepared = self.available.prepare(payload)
         call = Call(name, parse(RPCS[name], payload), prepared)

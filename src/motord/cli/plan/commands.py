@@ -112,7 +112,7 @@ def _outline_lines(outline: dict[str, Any], forecasts: dict[int, str]) -> list[s
     ]
     minutes = outline["estimate_s"] / 60
     lines.append(f"{len(points)} points, about {minutes:.1f} min; all within the bench's limits")
-    return lines
+    return [*lines, outline["outlook"]] if outline["outlook"] else lines
 
 
 def _aim(point: dict[str, Any]) -> str:

@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from motord.config import Config
+from motord.identification.least_loss import currents_per_Nm
 from motord.identification.orders import allowed_orders
 from motord.sequencing.continuous import SETTLE_S, START_S
 from motord.sequencing.demand import NOTHING_INDUCED, Induced
@@ -91,7 +92,7 @@ class Parameters:
     @property
     def calibrated(self) -> int:
         """Number of those that a calibration holds, which come first, the age among them."""
-        return self.cogging.stop
+        return 7 + 2 * len(self.orders)
 
     @property
     def all(self) -> int:
@@ -109,11 +110,7 @@ class Design:
         step = max(motor.counts // TABLE, 1)
         self._angle_rad = 2 * np.pi * np.arange(0, motor.counts, step) / motor.counts
         self._k = motor.back_emf_table()[::step]
-        wanted = self._k
-        if motor.connection == "star":
-            wanted = wanted - wanted.mean(axis=1, keepdims=True)
-        power = (self._k * wanted).sum(axis=1, keepdims=True)
-        self._per_Nm = np.divide(wanted, power, out=np.zeros_like(wanted), where=power > 1e-12)
+        self._per_Nm = currents_per_Nm(motor)[::step]
         highest = min(4 * max(motor.slots, 2 * motor.pole_pairs), self._angle_rad.size // 4)
         orders = allowed_orders(motor.slots, 2 * motor.pole_pairs, highest)
         self.parameters = Parameters(orders)
@@ -153,7 +150,7 @@ class Design:
                 falls * torque_Nm,
             ]
         )
-        return columns - columns.mean(axis=0)
+        return np.asarray(columns - columns.mean(axis=0))
 
     def information(self, candidate: Candidate, speed_Hz: float) -> np.ndarray:
         """Return the information (parameters, parameters) of a turn."""

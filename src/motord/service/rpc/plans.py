@@ -33,7 +33,8 @@ class PlanControl:
     @handles(rpc.PLAN_START)
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
-        bench, plan = self._bench, self._build(request)
+        bench, plan = self._bench, context.prepared
+        plan_devices(bench, plan)
         outline = _outline(plan)
         if request.dry_run:
             return outline
@@ -48,13 +49,16 @@ class PlanControl:
         view = bench.plans.start(plan, holder, request.notes, detached=request.detach)
         return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
-    def _build(self, request: rpc.PlanStart) -> Plan:
+    def make(self, payload: bytes) -> tuple[rpc.RpcRequest, Plan]:
+        """Return a request to start with its plan, which may take a while; for any thread.
+
+        Raises RpcError.
+        """
+        request = rpc.parse(rpc.PLAN_START, payload)
         try:
-            plan = build_plan(request.name, self._bench.config, request.settings)
+            return request, build_plan(request.name, self._bench.config, request.settings)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
-        plan_devices(self._bench, plan)
-        return plan
 
     def _check_startable(self) -> None:
         bench = self._bench
@@ -147,4 +151,5 @@ def _outline(plan: Plan) -> PlanOutline:
         points=[{name: getattr(point, name) for name in _POINT_FIELDS} for point in plan.points],
         estimate_s=round(plan.seconds, 1),
         settings=plan.settings,
+        outlook=plan.outlook,
     )

@@ -1,6 +1,6 @@
 """From operating points to a calibration, one point at a time, by either estimator."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -181,14 +181,15 @@ class Calibrator:
             ),
         )
 
-    def half_widths(self) -> dict[str, float]:
+    def half_widths(self, torques_Nm: Sequence[float]) -> dict[str, float]:
         """Return the half-widths that the points give so far. Raises IdentifyError.
 
-        Fast, for a calibration that is under way: departures of the bench are not looked for.
+        torques_Nm: set-points whose ripple counts. Fast, for a calibration that is under way:
+        departures of the bench are not looked for.
         """
         check_points(self._points)
         fitted = self._fitted(self._points, self._basis, len(self._sampled_orders()))
-        return half_widths.of_fit(*fitted)
+        return half_widths.of_fit(*fitted, self._motor, torques_Nm)
 
     def _with_added(
         self, fitted: JointFit, regression: Regression, found: Search

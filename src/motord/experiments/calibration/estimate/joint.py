@@ -83,6 +83,14 @@ class JointFit:
     gain_shift: np.ndarray
 
     @property
+    def by_white_noise(self) -> np.ndarray:
+        """Covariance of solution.vector (p + 1, p + 1), were what is left in each point white."""
+        left = self.torque_information.sum(axis=0) + self.law_information + self.prior
+        inverse = inverse_on_seen((left + left.T) / 2, self.identifiable)
+        by_theta = derivative(left, self.solution, self.identifiable)
+        return np.asarray(by_theta @ inverse @ by_theta.T)
+
+    @property
     def prior(self) -> np.ndarray:
         """Information on theta before any data (p, p)."""
         return prior_information(self.solution.theta.size)

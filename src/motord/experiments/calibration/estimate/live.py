@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from motord.config import Config
+from motord.config.plans import CalibrateConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
@@ -21,6 +22,7 @@ class LiveCalibration:
 
     def __init__(self, config: Config, targets: Mapping[str, float]) -> None:
         self._targets = targets
+        self._torques_Nm = config.plans.of("calibrate", CalibrateConfig).torques_Nm
         self._points: list[PointData] = []
         self._calibrator = Calibrator(
             config.motor, config.torque_sensor, lambda: iter(self._points), config.accuracy
@@ -42,14 +44,16 @@ class LiveCalibration:
             for data in split(np.concatenate(blocks), [point]) if blocks else ():
                 self._points.append(data)
                 self._calibrator.add(data)
-            found = Precision(self._captures, self._calibrator.half_widths())
-            return self._confirmed() if found.reaches(self._targets) else found
+            found = self._calibrator.half_widths(self._torques_Nm)
+            reached = Precision(self._captures, found).reaches(self._targets)
+            return self._confirmed(found) if reached else Precision(self._captures, found)
         except IdentifyError as error:
             return Precision(self._captures, obstacle=str(error))
 
-    def _confirmed(self) -> Precision:
-        """Return what the whole analysis says: intervals with what departs from the model."""
+    def _confirmed(self, found: Mapping[str, float]) -> Precision:
+        """Return the wider of what was found and what the whole analysis says of departures."""
         result = self._calibrator.joint()
+        widths = {name: max(half, found[name]) for name, half in of_result(result).items()}
         serious = [one.name for one in result.findings if one.severity == "serious"]
         obstacle = f"findings: {', '.join(serious)}" if serious else ""
-        return Precision(self._captures, of_result(result), obstacle)
+        return Precision(self._captures, widths, obstacle)
