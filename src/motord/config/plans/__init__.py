@@ -55,9 +55,7 @@ class CalibrateConfig(MeshConfig):
     directions: Literal["forwards", "both"] = "both"
     """"both": every other point backwards, to separate friction; "forwards": never turn back."""
     time_limit_s: Annotated[Positive, Field(ge=5, le=3600)] | None = None
-    """Bench time that may be used. With it, or with a target, motord chooses the points itself, up
-    to the mesh's largest torque and without waits between them; `speeds_Hz`, `turns` and
-    `gain_steps` do not count then. None: the mesh; with a target alone, 120 s."""
+    """Bench time to use, with points by what they tell in it; none: mesh, or 120 s with a target."""
     ripple_percent: Positive | None = None
     """Target: ripple that errors of the calibration leave on the mesh, of the rated torque."""
     alpha_percent: Positive | None = None

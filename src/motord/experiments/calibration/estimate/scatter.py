@@ -87,8 +87,9 @@ def _pooled(
 
     What a point of few turns does not tell of its noise the others do: its colour, the covariance
     of scores whitened by the point's own left-hand side, is taken as alike, worth POOLED_FREEDOM
-    degrees of freedom. That in turn is shrunk towards white noise, so that a few turns that happen
-    to be alike do not make errors small. Variances of variances are unbiased: 2 v^2 / (freedom + 2).
+    degrees of freedom. That in turn is shrunk towards its mean over all parameters, so that a few
+    turns that happen to be alike do not make errors small. Variances of variances are unbiased:
+    2 v^2 / (freedom + 2).
     """
     freedom = np.maximum(turns - 1, 0)
     values, vectors = np.linalg.eigh((left + np.swapaxes(left, 1, 2)) / 2)
@@ -98,12 +99,13 @@ def _pooled(
     root = vectors * scale[:, None, :] @ np.swapaxes(vectors, 1, 2)
     whitening = vectors * inverse[:, None, :] @ np.swapaxes(vectors, 1, 2)
     per_turn = whitening @ noise @ whitening
-    white = (vectors * seen[:, None, :] @ np.swapaxes(vectors, 1, 2)) * POOLED_FREEDOM
-    every = freedom.sum() + POOLED_FREEDOM
     colour = np.tensordot(freedom, per_turn, 1)
+    level = np.trace(colour) / max(freedom @ seen.sum(axis=1), 1)
+    alike = POOLED_FREEDOM * level * (vectors * seen[:, None, :] @ np.swapaxes(vectors, 1, 2))
+    every = freedom.sum() + POOLED_FREEDOM
     own = freedom / (freedom + POOLED_FREEDOM)
     shrunk = own[:, None, None] * noise + (1 - own)[:, None, None] * (
-        root @ (colour + white) @ root / every
+        root @ (colour + alike) @ root / every
     )
     common = np.outer(1 - own, 1 - own) * freedom.sum() / every**2
     return shrunk, 2 * (np.diag(own**2 / (freedom + 2)) + common)
