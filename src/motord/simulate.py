@@ -33,6 +33,14 @@ class PlanSource:
         return cls(load(path), (path or packaged("sim.toml")).read_text(encoding="utf-8"))
 
 
+@dataclass(frozen=True)
+class Recorded:
+    """Time on the bench (s), and how many operating points were taken."""
+
+    bench_s: float
+    points: int
+
+
 def record_plan(
     source: PlanSource,
     plan: Plan,
@@ -41,10 +49,11 @@ def record_plan(
     calibration: Calibration | None = None,
     pool: ProcessPoolExecutor | None = None,
     progress: Progress = lambda fraction: None,
-) -> float:
-    """Run `plan` and write ticks, truth, points and metadata to `path`; return bench seconds.
+) -> Recorded:
+    """Run `plan` and write ticks, truth, points and metadata to `path`.
 
-    Each operating point is taken on a rig of its own, on all processors if there is a `pool`.
+    Each operating point is taken on a rig of its own, on all processors if there is a `pool`; but
+    those of a continuous plan.
     Raises PlanFailed, ConfigError where rig or faults do not fit the bench, RecordError, OSError.
     """
     config = source.config
@@ -55,14 +64,15 @@ def record_plan(
         calibration_id=calibration.id if calibration else "",
     )
     rig_and_faults(config)  # what is wrong is found before a file is begun
-    ticks = 0
+    ticks = number = 0
     progress(0.0)
     with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:
         for number, piece in enumerate(run_points(config, plan, seed, calibration, pool), start=1):
             _write(writer, piece, config.loop.rate_Hz)
             ticks += piece.ticks.size
             progress(number / len(plan.points))
-    return ticks / config.loop.rate_Hz
+    progress(1.0)
+    return Recorded(ticks / config.loop.rate_Hz, number)
 
 
 def _write(writer: RunWriter, piece: MeshPiece, rate_Hz: int) -> None:

@@ -104,14 +104,14 @@ def _record(
     columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
     with progress_bar(*columns, silent=silent) as bars, processors() as pool:
         task = bars.add_task(plan.name, total=1.0)
-        bench_s = record_plan(
+        recorded = record_plan(
             source, plan, path, seed, calibration, pool, lambda f: bars.update(task, completed=f)
         )
     return {
         "plan": plan.name,
         "run": str(path),
-        "points": len(plan.points),
+        "points": recorded.points,
         "seed": seed,
-        "bench_s": round(bench_s, 1),
+        "bench_s": round(recorded.bench_s, 1),
         "wall_s": round(time.monotonic() - began_s, 2),
     }

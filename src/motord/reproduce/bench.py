@@ -68,9 +68,10 @@ class SimulatedBench:
         Raises PlanError, PlanFailed, RecordError, OSError.
         """
         plan = build(name, self.source.config, {**AS_IN_THE_REPORT.get(name, {}), **settings})
-        self.bench_s += record_plan(
+        recorded = record_plan(
             self.source, plan, path, self.seed(), calibration, self._pool, progress
         )
+        self.bench_s += recorded.bench_s
         self.runs.append(path)
         return Recordings.open([path])
 

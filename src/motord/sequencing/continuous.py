@@ -60,9 +60,7 @@ class Continuous:
         return self.durations_s[point.index]
 
 
-def continuous_points(
-    settings: Continuous, points: tuple[OperatingPoint, ...]
-) -> Motion[str]:
+def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) -> Motion[str]:
     """Enable, take the operating points, ramp down; return why it ended.
 
     Those are not taken that are left when the targets are reached, or for which the time is short.

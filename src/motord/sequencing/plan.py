@@ -14,10 +14,10 @@ class Plan:
 
     needs: the device that it cannot do without, "brake", "drive" or "" for none; ends_s: time
     before the first point and after the last; estimator: `module:class` of what estimates while the
-    plan runs, made of a Config and the targets, with `take(ticks)` and `captured(point) -> Precision`, "" for none;
-    targets: half-widths by which the plan ends early; outlook: what is to be expected of it, for its
-    dry run; continuous: one point begins where the one before ended, not from standstill. All in it
-    can be pickled.
+    plan runs, made of a Config and the targets, with `take(ticks)` and `captured(point)`, which
+    returns a Precision, "" for none; targets: half-widths by which the plan ends early; outlook:
+    what is to be expected of it, for its dry run; continuous: one point begins where the one before
+    ended, not from standstill. All in it can be pickled.
     """
 
     name: str

@@ -2,7 +2,8 @@
 
 Every point starts from standstill with random numbers of its own, drawn from the seed and the
 point's number; the pieces are put one after the other in time. So the result does not depend on
-how many processes computed it: one gives the same bits as many.
+how many processes computed it: one gives the same bits as many. Only the points of a continuous
+plan are taken on one bench, in one process.
 
 A process passes its rows on in files, written block by block while the processor's cache has them
 and mapped by the process that asked for them: pickling would take longer than computing.
@@ -57,14 +58,31 @@ def run_points(
 ) -> Iterator[MeshPiece]:
     """Yield the pieces of `plan` in order, times and tick numbers running on.
 
-    Without a `pool` all is computed here. Raises PlanFailed at the first point that fails.
+    Without a `pool` all is computed here. The points of a continuous plan are all taken on one rig,
+    as many as it takes. Raises PlanFailed at the first point that fails.
     """
+    if plan.continuous:
+        yield from _in_one(config, plan, seed, calibration)
+        return
     tasks = [_Task(config, plan, n, seed, calibration) for n in range(len(plan.points))]
     pieces = map(_take, tasks) if pool is None else _shared_out(pool, tasks)
     first_tick = 0
     for piece in pieces:
         yield _shifted(piece, first_tick, config.loop.rate_Hz)
         first_tick += piece.ticks.size
+
+
+def _in_one(
+    config: Config, plan: Plan, seed: int, calibration: Calibration | None
+) -> Iterator[MeshPiece]:
+    """Run a whole plan; yield it cut at the ends of its points, what follows with the last."""
+    blocks: list[tuple[np.ndarray, np.ndarray]] = []
+    bench = VirtualBench(config, seed=seed, calibration=calibration)
+    taken = run_plan(bench, plan, lambda *block: blocks.append(block))
+    ticks, truth = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    ends = np.searchsorted(ticks["tick"], [point["tick_end"] for point in taken], side="right")
+    for point, first, end in zip(taken, [0, *ends[:-1]], [*ends[:-1], ticks.size], strict=True):
+        yield MeshPiece(ticks[first:end], truth[first:end], point)
 
 
 def _shared_out(pool: ProcessPoolExecutor, tasks: list[_Task]) -> Iterator[MeshPiece]:

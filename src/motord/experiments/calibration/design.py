@@ -204,7 +204,7 @@ class Visit:
 class Objective:
     """What half-widths mean in terms of the design's parameters.
 
-    forms: by quantity, the form M with (half-width / COVERAGE)^2 = tr(M V); targets: of half-widths.
+    forms: by quantity, M with (half-width / COVERAGE)^2 = tr(M V); targets: of half-widths.
     """
 
     forms: Mapping[str, np.ndarray]

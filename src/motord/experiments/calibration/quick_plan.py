@@ -118,9 +118,7 @@ def _speed_Hz(config: Config, torque_Nm: float, ticks_per_cycle: int) -> float:
     return speed_Hz
 
 
-def _check_reachable(
-    chosen: Sequence[Visit], targets: dict[str, float], limit_s: float
-) -> None:
+def _check_reachable(chosen: Sequence[Visit], targets: dict[str, float], limit_s: float) -> None:
     """Refuse targets far below what is to be expected. Raises PlanError."""
     for name, target in targets.items():
         expected = chosen[-1].half_widths[name]
