@@ -18,7 +18,7 @@ from motord.experiments.calibration.design import (
 from motord.sequencing import OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import brake_torque_Nm, excitation_for
 from motord.sequencing.continuous import Continuous, continuous_points
-from motord.sequencing.limits import SPEED_MARGIN, check_operating_points
+from motord.sequencing.limits import SPEED_MARGIN, check_speed, check_torque
 
 ESTIMATOR = "motord.experiments.calibration.estimate.live:LiveCalibration"
 
@@ -43,7 +43,8 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     _check_reachable(chosen, mesh.targets, limit_s)
     points = tuple(_point(number, visit) for number, visit in enumerate(chosen))
     for point in points:
-        check_operating_points(config, (point.torque_Nm,), (point.speed_Hz,))
+        check_torque(config, point.torque_Nm)
+        check_speed(config, point.speed_Hz)
     speed_rad_s = 2 * math.pi * _nominal_Hz(chosen)
     settings = Continuous(
         excitation_for(config.brake, torque_Nm, speed_rad_s),
