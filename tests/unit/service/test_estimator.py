@@ -537,10 +537,14 @@ def test_when_the_supervisor_dies_the_process_ends(run_dir, ring):
 
 
 @pytest.mark.system
-def test_without_a_ring_it_is_one_line_and_exit_1(tmp_path, capfd):
+def test_without_a_ring_it_is_one_line_and_exit_1(tmp_path):
     lonely = RunDir("lonely", tmp_path)
-    assert process.main(lonely.command("x", CONFIG)[3:]) == 1
-    assert capfd.readouterr().err.startswith("motord estimator: ")
+    done = subprocess.run(
+        lonely.command(process.__name__, CONFIG), check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("motord estimator: ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_it_leaves_the_loop_its_processor(monkeypatch):
