@@ -6,10 +6,9 @@ sign turns the rotor the other way. The brake itself, which is slow, is never wa
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
-from motord.config import BrakeConfig
-from motord.sequencing.brake_servo import excitation_for
 from motord.sequencing.capture import account, capture, retaken_if_poor
 from motord.sequencing.demand import OperatingPoint
 from motord.sequencing.motions import (
@@ -28,44 +27,77 @@ from motord.sequencing.quality import quality
 SETTLE_S = 0.15
 """Time at a point's torque before its capture: the rotor's speed and the mount settle."""
 
+START_S = 0.2
+"""Time until the bench is enabled, about."""
+
 REACH_TIMEOUT_S = 10.0
 """Time within which the torque must be reached."""
 
 TORQUE_REACHED_Nm = 1e-3
 
 
+@dataclass(frozen=True)
+class Continuous:
+    """How points are taken without a wait.
+
+    excitation: of the brake, 0 to 1; band_C: of the inverter's temperature, None for any;
+    durations_s: of each point by its number, the transition before it included; least_points: taken
+    whatever the time; targets: half-widths at which it ends.
+    """
+
+    excitation: float
+    rate_Nm_per_s: float
+    durations_s: tuple[float, ...]
+    limit_s: float = math.inf
+    least_points: int = 0
+    compensate: int = 0
+    band_C: tuple[float, float] | None = None
+    targets: Mapping[str, float] = field(default_factory=dict)
+
+    def duration_s(self, point: OperatingPoint) -> float:
+        """Return how long a point should take."""
+        return self.durations_s[point.index]
+
+
 def continuous_points(
-    brake: BrakeConfig,
-    compensate: int,
-    band_C: tuple[float, float] | None,
-    points: tuple[OperatingPoint, ...],
-) -> Motion[None]:
-    """Enable, take every operating point at the excitation of the strongest, ramp down."""
-    excitation = constant_excitation(brake, points)
-    yield from enable(compensate)
-    for point in points:
-        yield from retaken_if_poor(_point, point, excitation, band_C)
+    settings: Continuous, points: tuple[OperatingPoint, ...]
+) -> Motion[str]:
+    """Enable, take the operating points, ramp down; return why it ended.
+
+    Those are not taken that are left when the targets are reached, or for which the time is short.
+    """
+    began = yield None
+    yield from enable(settings.compensate)
+    planned_s, why = 0.0, ""
+    for number, point in enumerate(points):
+        seen = yield None
+        if seen.precision is not None and seen.precision.reaches(settings.targets):
+            why = f"targets reached: {seen.precision.in_words(settings.targets)}"
+            break
+        passed_s = seen.since_s(began)
+        slower = max(passed_s / planned_s, 1.0) if number else 1.0
+        planned_s += settings.duration_s(point)
+        ramp_s = abs(point.torque_Nm) / settings.rate_Nm_per_s
+        if (
+            number >= settings.least_points
+            and passed_s + slower * settings.duration_s(point) + ramp_s > settings.limit_s
+        ):
+            why = f"time limit of {settings.limit_s:g} s: {number} of {len(points)} points taken"
+            break
+        yield from retaken_if_poor(_point, point, settings)
     yield from ramp_down()
-
-
-def constant_excitation(brake: BrakeConfig, points: tuple[OperatingPoint, ...]) -> float:
-    """Return the excitation (0 to 1) that holds the point of the largest torque at its speed."""
-    strongest = max(points, key=lambda point: abs(point.torque_Nm))
-    speed_rad_s = 2 * math.pi * strongest.speed_Hz
-    return excitation_for(brake, strongest.torque_Nm, speed_rad_s)
+    return why
 
 
 @restartable
-def _point(
-    point: OperatingPoint, excitation: float, band_C: tuple[float, float] | None
-) -> Motion[Capture]:
+def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
     """Ramp to the point's torque, let the speed follow, capture whole turns from where it is."""
     demand = replace(
         (yield None).demand,
         enabled=True,
         torque_Nm=point.torque_Nm,
         speed_Hz=point.speed_Hz,
-        brake=excitation,
+        brake=settings.excitation,
         plan_point=-1,
         induced=point.induced,
         label=f"{point.torque_Nm:g} Nm, about {point.speed_Hz:.2g} Hz",
@@ -77,7 +109,7 @@ def _point(
     )
     yield from wait(demand.labelled("settling"), SETTLE_S)
     seen = yield from capture(point, demand.labelled("capturing"))
-    return account(point, seen, quality(seen, band_C), turns_from_start=True)
+    return account(point, seen, quality(seen, settings.band_C), turns_from_start=True)
 
 
 def _reached(seen: Observation, torque_Nm: float) -> bool:

@@ -37,7 +37,7 @@ class Executor:
         self.message = ""
         self.points: list[Capture] = []
         self.points_done = 0
-        self._motion: Motion[None] = plan.motion(plan.points)
+        self._motion: Motion[Any] = plan.motion(plan.points)
         self._begun = False
         self._restart = False
         self._demand = Demand()
@@ -123,8 +123,8 @@ class Executor:
                     self._note(asked)
                 asked = self._motion.send(seen)
             return asked
-        except StopIteration:
-            return self._stop_here(self._end, self.message)
+        except StopIteration as end:
+            return self._stop_here(self._end, self.message or end.value or "")
         except MotionFailed as failed:
             if self.state is PlanState.ENDING:
                 return self._stop_here(PlanState.FAILED, str(failed))

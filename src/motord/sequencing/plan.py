@@ -15,18 +15,22 @@ class Plan:
     needs: the device that it cannot do without, "brake", "drive" or "" for none; ends_s: time
     before the first point and after the last; estimator: `module:class` of what estimates while the
     plan runs, made of a Config and the targets, with `take(ticks)` and `captured(point) -> Precision`, "" for none;
-    targets: half-widths by which the plan ends early. All in it can be pickled.
+    targets: half-widths by which the plan ends early; outlook: what is to be expected of it, for its
+    dry run; continuous: one point begins where the one before ended, not from standstill. All in it
+    can be pickled.
     """
 
     name: str
     points: tuple[OperatingPoint, ...]
-    motion: Callable[[tuple[OperatingPoint, ...]], Motion[None]]
+    motion: Callable[[tuple[OperatingPoint, ...]], Motion[Any]]
     point_s: Callable[[OperatingPoint], float]
     settings: dict[str, Any]
     needs: str = "brake"
     ends_s: float = 1.5
     estimator: str = ""
     targets: Mapping[str, float] = field(default_factory=dict)
+    outlook: str = ""
+    continuous: bool = False
 
     @property
     def seconds(self) -> float:

@@ -1,13 +1,17 @@
 """A plan carried out on a virtual bench: the executor of the real bench, in virtual time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
+from motord.config import Config
 from motord.control.types import SETPOINT
 from motord.schema import Request
-from motord.sequencing import Demand, Executor, Plan, TickWatcher
+from motord.sequencing import Demand, Executor, Observation, Plan, PlanState, TickWatcher
+from motord.sequencing.precision import Precision
 from motord.virtual.bench import VirtualBench
 
 LOOK_S = 0.05
@@ -29,6 +33,7 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
     Raises PlanFailed if the bench trips or the plan fails.
     """
     executor, watcher = Executor(plan), TickWatcher()
+    estimation = InlineEstimation(plan, bench.config)
     setpoint = np.zeros(1, SETPOINT)
     setpoint["plan_point"] = -1
     demand = Demand()
@@ -36,15 +41,38 @@ def run_plan(bench: VirtualBench, plan: Plan, on_block: BlockSink) -> list[dict[
     blocks: list[tuple[np.ndarray, np.ndarray]] = []
     while not executor.finished:
         blocks.append(bench.run(setpoint, look))
-        seen = watcher.take(blocks[-1][0])
+        seen = estimation.seen(watcher.take(blocks[-1][0]), blocks[-1][0], executor.points)
         before, demand = demand, executor.advance(seen)
         _put(setpoint, before, demand)
         if len(blocks) == LOOKS_PASSED_ON or executor.finished:
             on_block(*map(np.concatenate, zip(*blocks, strict=True)))
             blocks.clear()
-    if executor.message:
+    if executor.state is not PlanState.DONE:
         raise PlanFailed(f"{plan.name}: {executor.message}")
     return executor.points
+
+
+class InlineEstimation:
+    """The estimator of a plan, if it names one, with each look of the executor."""
+
+    def __init__(self, plan: Plan, config: Config) -> None:
+        self._estimator: Any = None
+        if plan.estimator:
+            self._estimator = resolve_name(plan.estimator)(config, plan.targets)
+        self._taken = 0
+        self._newest: Precision | None = None
+
+    def seen(
+        self, seen: Observation, ticks: np.ndarray, points: Sequence[Mapping[str, Any]]
+    ) -> Observation:
+        """Return the observation of `ticks` with the newest precision; points: taken so far."""
+        if self._estimator is None:
+            return seen
+        for point in points[self._taken :]:
+            self._newest = self._estimator.captured(point)
+        self._taken = len(points)
+        self._estimator.take(ticks)
+        return replace(seen, precision=self._newest)
 
 
 def _put(setpoint: np.ndarray, before: Demand, demand: Demand) -> None:

@@ -54,6 +54,29 @@ class CalibrateConfig(MeshConfig):
     """Torques of these points; empty: the mesh's middle torque."""
     directions: Literal["forwards", "both"] = "both"
     """"both": every other point backwards, to separate friction; "forwards": never turn back."""
+    time_limit_s: Annotated[Positive, Field(ge=5, le=3600)] | None = None
+    """Bench time that may be used. With it, or with a target, motord chooses the points itself, up
+    to the mesh's largest torque and without waits between them; `speeds_Hz`, `turns` and
+    `gain_steps` do not count then. None: the mesh; with a target alone, 120 s."""
+    ripple_percent: Positive | None = None
+    """Target: ripple that errors of the calibration leave on the mesh, of the rated torque."""
+    alpha_percent: Positive | None = None
+    """Target: half-width of each gain's 95 % interval."""
+    beta_A: Positive | None = None
+    """Target: half-width of each offset's."""
+    cogging_percent: Positive | None = None
+    """Target: largest half-width of a cogging order, of the cogging torque's amplitude."""
+
+    @property
+    def targets(self) -> dict[str, float]:
+        """The targets that are set, by name: with one, the plan ends when all are reached."""
+        named = ("ripple_percent", "alpha_percent", "beta_A", "cogging_percent")
+        return {name: value for name in named if (value := getattr(self, name)) is not None}
+
+    @property
+    def quick(self) -> bool:
+        """Whether the points are chosen by what they tell in a second, instead of the mesh."""
+        return self.time_limit_s is not None or bool(self.targets)
 
     @field_validator("gain_steps")
     @classmethod

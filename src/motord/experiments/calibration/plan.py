@@ -5,13 +5,26 @@ from typing import Any
 
 from motord.config import Config
 from motord.config.plans import CalibrateConfig
+from motord.experiments.calibration.quick_plan import quick_plan
 from motord.sequencing import Induced, OperatingPoint, Plan
 from motord.sequencing.mesh import Places, mesh_plan, serpentine
+from motord.sequencing.settings import chosen
 
 
 def make(config: Config, settings: Mapping[str, Any]) -> Plan:
-    """Return the plan over the mesh of `[plans.calibrate]` with `settings`. Raises PlanError."""
+    """Return the plan over the mesh of `[plans.calibrate]` with `settings`, or the quick one.
+
+    Raises PlanError.
+    """
+    if settings.get("compensate", "off") == "off":
+        mesh = chosen(config, "calibrate", CalibrateConfig, _without(settings), "compensate")
+        if mesh.quick:
+            return quick_plan(config, mesh)
     return mesh_plan("calibrate", CalibrateConfig, config, settings, "off", _gain_points, _places)
+
+
+def _without(settings: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in settings.items() if name != "compensate"}
 
 
 def _places(mesh: CalibrateConfig) -> Places:

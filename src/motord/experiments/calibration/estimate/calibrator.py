@@ -8,6 +8,7 @@ import numpy as np
 
 from motord.calibration import Calibration
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
@@ -165,6 +166,15 @@ class Calibrator:
             harmonics=tuple(sorted(result.harmonics, key=attrgetter("order"))),
             budget=budget(result, fitted, left.sensitivities, self._bench),
         )
+
+    def half_widths(self) -> dict[str, float]:
+        """Return the half-widths that the points give so far. Raises IdentifyError.
+
+        Fast, for a calibration that is under way: departures of the bench are not looked for.
+        """
+        check_points(self._points)
+        fitted = self._fitted(self._points, self._basis, len(self._sampled_orders()))
+        return half_widths.of_fit(*fitted)
 
     def _with_added(
         self, fitted: JointFit, regression: Regression, found: Search

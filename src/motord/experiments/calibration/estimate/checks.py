@@ -17,7 +17,7 @@ MIN_ALL_TURNS = 8
 """Whole turns over all operating points that a standard error needs."""
 
 MIN_TORQUE_RATIO = 1.2
-"""Ratio of the largest to the smallest torque that separates alpha from cogging."""
+"""Ratio of the largest to the smallest current of a phase that separates alpha from cogging."""
 
 DEAD_SHARE = 0.05
 """Current of a phase, in parts of the others', below which it counts as dead."""
@@ -49,13 +49,15 @@ def check_points(points: Sequence[TurnProducts]) -> None:
             f"{turns} whole turns in all: too few for standard errors, "
             f"at least {MIN_ALL_TURNS} are needed"
         )
-    levels = [_current_A(point) for point in points]
+    phases_A = np.array([_phase_currents_A(point) for point in points])
+    levels = np.linalg.norm(phases_A, axis=1)
     largest, smallest = points[int(np.argmax(levels))], points[int(np.argmin(levels))]
-    if max(levels) < MIN_TORQUE_RATIO * min(levels):
+    if (phases_A.max(axis=0) < MIN_TORQUE_RATIO * phases_A.min(axis=0)).all():
         raise IdentifyError(
             f"all operating points are at about the same torque ({smallest.torque_set_Nm:g} to "
             f"{largest.torque_set_Nm:g} Nm): phase gains and cogging cannot be separated; "
-            f"add a torque at least {MIN_TORQUE_RATIO:g} times as large or small"
+            f"add a torque at least {MIN_TORQUE_RATIO:g} times as large or small, or points at "
+            "which one phase's current is scaled (gain_steps)"
         )
     _check_phases(points)
 
@@ -63,10 +65,6 @@ def check_points(points: Sequence[TurnProducts]) -> None:
 def _phase_currents_A(point: TurnProducts) -> np.ndarray:
     squares = np.diagonal(point.currents, axis1=1, axis2=2)[:, :3].sum(axis=0)
     return np.asarray(np.sqrt(squares / point.samples.sum()))
-
-
-def _current_A(point: TurnProducts) -> float:
-    return float(np.linalg.norm(_phase_currents_A(point)))
 
 
 def _check_phases(points: Sequence[TurnProducts]) -> None:

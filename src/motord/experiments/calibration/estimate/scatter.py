@@ -37,22 +37,25 @@ SOLUTIONS = 5
 SEEN_SHARE = 1e-6
 """Part of a block's scatter below which the fit takes up all of it: the points are too few."""
 
+POOLED_FREEDOM = 8.0
+"""Degrees of freedom that the noise of all points together counts for at each of them."""
+
 LEAST_SHARE = 0.05
 """Part of a block's white noise that the fit leaves, at least: weak instruments may say less."""
 
 
 @dataclass(frozen=True)
 class PointScores:
-    """The points, J of them: left (J, p, p), scores (J, p), noise (J, p, p), turns (J,).
+    """The points, J of them: left (J, p, p), scores (J, p), noise (J, p, p).
 
-    noise: covariance of the scores by how turns differ; inverse (p, p): of the whole left-hand
-    side on what is seen.
+    noise: covariance of the scores by how turns differ, `doubt` (J, J) its relative covariance over
+    the points; inverse (p, p): of the whole left-hand side on what is seen.
     """
 
     left: np.ndarray
     scores: np.ndarray
     noise: np.ndarray
-    turns: np.ndarray
+    doubt: np.ndarray
     inverse: np.ndarray
 
     @classmethod
@@ -70,7 +73,32 @@ class PointScores:
             total.append(here.sum(axis=0))
             noise.append(apart.T @ apart * len(here) / max(len(here) - 1, 1))
             turns.append(len(here))
-        return cls(np.array(left), np.array(total), np.array(noise), np.array(turns), inverse)
+        pooled, doubt = _pooled(np.array(left), np.array(noise), np.array(turns))
+        return cls(np.array(left), np.array(total), pooled, doubt, inverse)
+
+
+def _pooled(
+    left: np.ndarray, noise: np.ndarray, turns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the noise of each point (J, p, p) shrunk towards that of all, and its doubt (J, J).
+
+    What a point of few turns does not tell of its noise the others do: its colour, the covariance
+    of scores whitened by the point's own left-hand side, is taken as alike, worth POOLED_FREEDOM
+    degrees of freedom. Variances of variances are unbiased: 2 v^2 / (freedom + 2).
+    """
+    freedom = np.maximum(turns - 1, 0)
+    values, vectors = np.linalg.eigh((left + np.swapaxes(left, 1, 2)) / 2)
+    seen = values > SEEN_SHARE * np.maximum(values[:, -1:], 1e-290)
+    scale = np.where(seen, np.sqrt(np.maximum(values, 0)), 0.0)
+    inverse = np.divide(1, scale, out=np.zeros_like(scale), where=seen)
+    root = vectors * scale[:, None, :] @ np.swapaxes(vectors, 1, 2)
+    whitening = vectors * inverse[:, None, :] @ np.swapaxes(vectors, 1, 2)
+    per_turn = whitening @ noise @ whitening
+    colour = np.tensordot(freedom, per_turn, 1) / max(freedom.sum(), 1)
+    own = freedom / (freedom + POOLED_FREEDOM)
+    shrunk = own[:, None, None] * noise + (1 - own)[:, None, None] * (root @ colour @ root)
+    common = np.outer(1 - own, 1 - own) / (freedom.sum() + 2)
+    return shrunk, 2 * (np.diag(own**2 / (freedom + 2)) + common)
 
 
 @dataclass(frozen=True)
@@ -226,11 +254,11 @@ def errors(
     """Return the errors of what is stated; influence (k, p) of scores on it, prior (p, p)."""
     turns = VarianceComponents(
         influence @ points.noise @ influence.T,
-        np.ones(points.turns.size),
-        np.diag(2.0 / np.maximum(points.turns - 1, 1)),
+        np.ones(len(points.doubt)),
+        points.doubt,
     )
     found = turns + VarianceComponents.known(influence @ prior @ influence.T)
-    if points.turns.size > 1:
+    if len(points.doubt) > 1:
         parts = list(_parts(alpha, points.scores.shape[1], identifiable))
         found += _between(points, parts, influence)
     return found
@@ -275,10 +303,9 @@ def _spread(
     """Return the covariance of the blocks' sums of squares less their noise (blocks, J)."""
     left = (points.left + np.swapaxes(points.left, 1, 2)) / 2  # instruments: not quite symmetric
     white = blocks.means(left).sum(axis=1)
-    white = np.maximum(white, LEAST_SHARE * points.turns.size * blocks.ranks)
+    white = np.maximum(white, LEAST_SHARE * len(points.doubt) * blocks.ranks)
     colour = np.sqrt(np.maximum(noise.sum(axis=1), 0) / white)
     sizes = np.diff(blocks.roots, append=blocks.caused.shape[2])
     caused = blocks.caused * np.repeat(variance, sizes) @ np.swapaxes(blocks.caused, 1, 2)
-    freedom = np.maximum(points.turns - 1, 1)
-    by_turns = (2 * noise**2 / freedom).sum(axis=1) / blocks.ranks
+    by_turns = np.einsum("bj,jk,bk->b", noise, points.doubt, noise) / blocks.ranks
     return np.asarray(blocks.spread(left, colour, caused) + np.diag(by_turns))

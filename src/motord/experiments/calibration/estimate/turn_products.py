@@ -82,6 +82,7 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
     band_Hz = BAND_MARGIN * max(basis.orders, default=1) * samples.speed_Hz
     mount = MountInverse.of(sensor, samples.period_s, band_Hz)
     y_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
+    y_Nm = without_decay(samples, y_Nm, sensor.highpass_time_constant_s)
     counts = basis.back_emf.shape[0]
     velocity_rad_s = velocity_over_turn(samples, counts)
     tables_A, rates = instruments_by_parity(samples, basis, velocity_rad_s)
@@ -123,6 +124,19 @@ def accumulate(samples: Samples, basis: Basis, sensor: TorqueSensorConfig) -> Tu
             samples, binned, tables_A.mean(axis=0), velocity_rad_s, basis, sensor
         ),
     )
+
+
+def without_decay(samples: Samples, y_Nm: np.ndarray, tau_s: float) -> np.ndarray:
+    """Return the torque (n,) without what the sensor's high-pass still shows of an earlier torque.
+
+    A step of the mean torque decays as exp(-t / tau); over a turn that is more than mean and slope.
+    """
+    if tau_s == 0.0:
+        return y_Nm
+    t_s = samples.t_s - samples.t_s[0]
+    columns = np.column_stack([np.exp(-t_s / tau_s), np.ones_like(t_s), t_s / tau_s])
+    found = np.linalg.lstsq(columns[samples.whole], y_Nm[samples.whole], rcond=None)[0]
+    return np.asarray(y_Nm - found[0] * columns[:, 0])
 
 
 def instruments_by_parity(

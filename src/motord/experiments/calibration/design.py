@@ -1,0 +1,288 @@
+"""Which operating points tell most about a calibration in each second of bench time.
+
+Optimal design of experiments (Fedorov 1972; Atkinson and Donev 1992), one point after the other:
+each adds its information to what is known, N = prior + sum X'X / sigma^2, and the one is taken that
+lowers tr(M N^-1) most per second, its transition from the point before counted. M weighs what the
+plan is to reach: for the ripple that is left it is the ripple's quadratic form (I-optimality).
+
+Points differ in torque, direction, and a phase whose current is halved: then gains, offsets and
+cogging torque show at one torque already, and nothing has to be waited for. What the data sheets
+leave open, such as friction that ripples, is estimated along with its limit as prior; so both
+directions and other torques are taken where they separate it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from motord.config import Config
+from motord.identification.orders import allowed_orders
+from motord.sequencing.continuous import SETTLE_S, START_S
+from motord.sequencing.demand import NOTHING_INDUCED, Induced
+
+TURNS = 2
+"""Whole turns that are added at a time: errors come from how turns differ."""
+
+LEAST_VISITS = 4
+"""Points of TURNS turns without which there are no errors: see estimate.checks."""
+
+TICKS_PER_CYCLE = (125, 80)
+"""Ticks in an electrical turn: wanted, and the fewest where the time is short. Currents are held
+from tick to tick, which counts as an age only while they change little meanwhile."""
+
+HALVED = 0.5
+"""Factor of a phase's current that tells its gain from the others'."""
+
+LOWER_TORQUE = 0.6
+"""The second torque, in parts of the first: for what grows with the current."""
+
+NOISE = 0.004
+"""Standard deviation of a torque sample, in parts of the rated torque, taken for granted."""
+
+COGGING = 0.05
+"""Cogging torque, in parts of the rated torque, that one reckons with before any is known."""
+
+SLOWER = 0.9
+"""Speed that is reckoned with, in parts of that of the configured brake."""
+
+TABLE = 1024
+"""Angles of a turn at which the design looks."""
+
+PRIOR = {"alpha": 0.2, "beta_A": 2.0, "cogging": 0.1}
+"""Standard deviations before any data; cogging: of each line, in parts of the rated torque."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A torque (Nm, its sign the direction's) with the factors of the phases' currents."""
+
+    torque_Nm: float
+    gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def mean_torque_Nm(self) -> float:
+        """Mean torque, about, of balanced phases with these factors."""
+        return self.torque_Nm * sum(self.gain) / 3
+
+    @property
+    def induced(self) -> Induced:
+        """What the loop induces for it."""
+        return Induced(self.gain) if min(self.gain) < 1.0 else NOTHING_INDUCED
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Places of the parameters in the design's vector: alpha (3), beta (3), age, cogging, others.
+
+    The others are departures that data sheets limit: friction ripple at each order, cross-talk of
+    the torque sensor at twice the pole pairs, a back-EMF that falls with the current.
+    """
+
+    orders: tuple[int, ...]
+
+    @property
+    def cogging(self) -> slice:
+        """cos and sin of each order."""
+        return slice(7, 7 + 2 * len(self.orders))
+
+    @property
+    def calibrated(self) -> int:
+        """Number of those that a calibration holds, which come first, the age among them."""
+        return self.cogging.stop
+
+    @property
+    def all(self) -> int:
+        """Number of all."""
+        return self.calibrated + 2 * len(self.orders) + 3
+
+
+class Design:
+    """Information of candidates of one motor on one bench, by its description alone."""
+
+    def __init__(self, config: Config, torque_Nm: float, directions: Sequence[int]) -> None:
+        """torque_Nm: the largest; directions: 1, -1 or both."""
+        motor = config.motor
+        self._config, self.rated_Nm = config, motor.rated_torque_Nm
+        step = max(motor.counts // TABLE, 1)
+        self._angle_rad = 2 * np.pi * np.arange(0, motor.counts, step) / motor.counts
+        self._k = motor.back_emf_table()[::step]
+        wanted = self._k
+        if motor.connection == "star":
+            wanted = wanted - wanted.mean(axis=1, keepdims=True)
+        power = (self._k * wanted).sum(axis=1, keepdims=True)
+        self._per_Nm = np.divide(wanted, power, out=np.zeros_like(wanted), where=power > 1e-12)
+        highest = min(4 * max(motor.slots, 2 * motor.pole_pairs), self._angle_rad.size // 4)
+        orders = allowed_orders(motor.slots, 2 * motor.pole_pairs, highest)
+        self.parameters = Parameters(orders)
+        angles = np.outer(self._angle_rad, orders)
+        self._waves = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(angles), -1)
+        halved = [tuple(HALVED if p == q else 1.0 for q in range(3)) for p in range(3)]
+        patterns = [(1.0, 1.0, 1.0), *halved]
+        self.candidates = tuple(
+            Candidate(sign * torque_Nm * part, (a, b, c))
+            for sign in directions
+            for part in (1.0, LOWER_TORQUE)
+            for a, b, c in patterns
+        )
+
+    def columns(self, candidate: Candidate, speed_Hz: float) -> np.ndarray:
+        """Return the torque by each parameter over a turn (angles, parameters), without means."""
+        i_A = candidate.torque_Nm * self._per_Nm * candidate.gain
+        by_gain = i_A * self._k
+        torque_Nm = by_gain.sum(axis=1)
+        rate = np.gradient(i_A, self._angle_rad, axis=0) * 2 * np.pi * speed_Hz
+        age_Nm = (rate * self._k).sum(axis=1) * 0.25 / self._config.loop.rate_Hz
+        level = abs(candidate.torque_Nm) * float(np.linalg.norm(candidate.gain)) / math.sqrt(3)
+        twice = 2 * self._config.motor.pole_pairs * self._angle_rad
+        accuracy = self._config.accuracy
+        crosstalk = accuracy.torque_crosstalk_percent / 100 / math.sqrt(3)
+        friction_Nm = accuracy.friction_ripple_percent / 100 / math.sqrt(3) * self.rated_Nm
+        falls = accuracy.saturation_percent / 100 / math.sqrt(3) * level / self.rated_Nm
+        columns = np.column_stack(
+            [
+                by_gain,
+                self._k,
+                age_Nm,
+                self._waves,
+                math.copysign(friction_Nm, candidate.torque_Nm) * self._waves,
+                crosstalk * torque_Nm * np.cos(twice),
+                crosstalk * torque_Nm * np.sin(twice),
+                falls * torque_Nm,
+            ]
+        )
+        return columns - columns.mean(axis=0)
+
+    def information(self, candidate: Candidate, speed_Hz: float) -> np.ndarray:
+        """Return the information (parameters, parameters) of a turn."""
+        columns = self.columns(candidate, speed_Hz)
+        ticks = self._config.loop.rate_Hz / abs(speed_Hz)
+        noise_Nm = NOISE * self.rated_Nm
+        return np.asarray(columns.T @ columns * (ticks / len(columns) / noise_Nm**2))
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """Information before any turn; the age and the others have 1 as their unit."""
+        size = self.parameters
+        deviation = np.ones(size.all)
+        deviation[:3], deviation[3:6] = PRIOR["alpha"], PRIOR["beta_A"]
+        deviation[size.cogging] = PRIOR["cogging"] * self.rated_Nm
+        return np.diag(deviation**-2.0)
+
+    def ripple(self, torques_Nm: Sequence[float]) -> np.ndarray:
+        """Return the form Q of the ripple that errors leave, rated torque 1: ripple^2 = t' Q t."""
+        size, form = self.parameters, np.zeros((self.parameters.all, self.parameters.all))
+        for torque_Nm in torques_Nm:
+            columns = self.columns(Candidate(torque_Nm), 1.0)[:, : size.calibrated]
+            columns[:, 6] = 0.0  # the age is no part of a calibration
+            part = columns.T @ columns / len(columns) / self.rated_Nm**2
+            form[: size.calibrated, : size.calibrated] += part / len(torques_Nm)
+        return form
+
+
+COVERAGE = 2.5
+"""Half-width in standard deviations: 95 %, with the few degrees of freedom of short captures."""
+
+RIPPLE_PERCENT = 0.1
+"""What the ripple is weighed by where nothing else is a target."""
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A candidate for some turns at a speed, backwards negative.
+
+    duration_s: with the transition before it; half_widths: expected after it.
+    """
+
+    candidate: Candidate
+    turns: int
+    speed_Hz: float
+    duration_s: float
+    half_widths: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What half-widths mean in terms of the design's parameters.
+
+    forms: by quantity, the form M with (half-width / COVERAGE)^2 = tr(M V); targets: of half-widths.
+    """
+
+    forms: Mapping[str, np.ndarray]
+    targets: Mapping[str, float]
+
+    @classmethod
+    def of(
+        cls, design: Design, targets: Mapping[str, float], torques_Nm: Sequence[float]
+    ) -> "Objective":
+        """torques_Nm: of the mesh for which the ripple counts."""
+        size = design.parameters
+        ratios = 100**2 * (np.eye(3) - 1 / 3) / 2  # alpha has the product 1
+        lines = (100 / (COGGING * design.rated_Nm)) ** 2 * np.eye(2 * len(size.orders))
+        forms = {"ripple_percent": 100.0**2 * design.ripple(torques_Nm)}
+        for name, place, form in (
+            ("alpha_percent", slice(0, 3), ratios),
+            ("beta_A", slice(3, 6), np.eye(3) / 3),
+            ("cogging_percent", size.cogging, lines),
+        ):
+            forms[name] = np.zeros((size.all, size.all))
+            forms[name][place, place] = form
+        return cls(forms, targets)
+
+    def half_widths(self, covariance: np.ndarray) -> dict[str, float]:
+        """Return what is expected of each quantity."""
+        return {
+            name: COVERAGE * math.sqrt(float((form * covariance).sum()))
+            for name, form in self.forms.items()
+        }
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """The form that is to become small: of all targets, each in parts of itself."""
+        targets = self.targets or {"ripple_percent": RIPPLE_PERCENT}
+        return np.asarray(sum(self.forms[name] / targets[name] ** 2 for name in targets))
+
+
+def visits(
+    design: Design, objective: Objective, speed_Hz: float, rate_Nm_per_s: float, limit_s: float
+) -> list[Visit]:
+    """Return the visits that tell most in `limit_s`, each chosen after those before it.
+
+    speed_Hz: at the largest torque; at constant excitation it goes with the torque.
+    """
+    largest_Nm = max(one.mean_torque_Nm for one in design.candidates)
+    speeds_Hz = [speed_Hz * one.mean_torque_Nm / largest_Nm for one in design.candidates]
+    turn = TURNS * np.array(
+        [design.information(c, s) for c, s in zip(design.candidates, speeds_Hz, strict=True)]
+    )
+    turn_s = TURNS / (SLOWER * np.abs(speeds_Hz))
+    ramp_s = np.array([one.torque_Nm for one in design.candidates]) / rate_Nm_per_s
+    found: list[Visit] = []
+    known, left_s, at = design.prior, limit_s - START_S, -1
+    while True:
+        transition_s = np.abs(ramp_s - (ramp_s[at] if at >= 0 else 0.0)) + SETTLE_S
+        if at >= 0:
+            transition_s[at] = 0.0
+        visit_s = transition_s + turn_s
+        now, then = np.linalg.inv(known), np.linalg.inv(known + turn)
+        gain = (objective.weights * (now - then)).sum(axis=(1, 2)) / visit_s
+        gain[visit_s + np.abs(ramp_s) > left_s] = 0.0
+        best = int(np.argmax(gain))
+        if gain[best] <= 0.0:
+            return found
+        known, left_s = known + turn[best], left_s - visit_s[best]
+        visit = Visit(
+            design.candidates[best],
+            TURNS,
+            speeds_Hz[best],
+            float(visit_s[best]),
+            objective.half_widths(then[best]),
+        )
+        if best == at:
+            last = found.pop()
+            longer_s = last.duration_s + visit.duration_s
+            visit = replace(visit, turns=last.turns + TURNS, duration_s=longer_s)
+        found.append(visit)
+        at = best
