@@ -152,7 +152,7 @@ def test_what_is_kept_is_bounded_and_a_pause_costs_nothing(run_dir, ring):
 
 @pytest.fixture
 def pipes():
-    ends = [*os.pipe(), *os.pipe()]
+    ends = os.pipe()
     for end in ends:
         os.set_blocking(end, False)
     yield ends
@@ -180,7 +180,7 @@ class Worked:
     """An estimation on the ring of a test."""
 
     def __init__(self, run_dir, pipes):
-        reader, writer = pipes[:2]
+        reader, writer = pipes
         self._reader = LineReader(reader)
         captures = follow(run_dir)
         self._estimation = process.Estimation(load(), captures, LineWriter(writer, 1 << 20))
@@ -236,17 +236,35 @@ def test_an_estimator_that_cannot_be_made_is_reported(worked):
 
 
 def test_it_goes_on_until_the_commands_end_and_takes_all_of_them(run_dir, ring, pipes):
-    reader, writer, commands, into = pipes
     publish(ring, 0, [0] * 5)
-    os.write(into, b"\n".join([*lines_of(start(), *[point(0, 4)] * 100), b""]))
-    os.close(into)
-    waits = []
-    estimation = process.Estimation(load(), follow(run_dir), LineWriter(writer, 1 << 20))
-    process.run(estimation, LineReader(commands), lambda: waits.append(1))
-    os.dup2(commands, into)  # for the fixture to close
-    found = LineReader(reader)
-    assert len(reports_of(found) + reports_of(found)) == 100
-    assert len(waits) < 5
+    commands = lines_of(start(), *[point(0, 4)] * 50)
+    captures = follow(run_dir)
+    estimation = process.Estimation(load(), captures, LineWriter(pipes[1], 1 << 20))
+    process.run(estimation, captures, [line + b"\n" for line in commands] + [b'{"do": "poi'])
+    assert len(reports_of(LineReader(pipes[0]))) == 50
+
+
+def test_the_ring_is_followed_while_an_estimate_takes_longer_than_it_holds(
+    run_dir, ring, pipes, monkeypatch
+):
+    monkeypatch.setattr(process, "LOOK_S", 0.001)
+    captures = follow(run_dir)
+
+    class Slow(Counting):
+        def captured(self, point):
+            for first in range(5, 205, 40):  # the ring holds 63
+                publish(ring, first, [1] * 40)
+                end_s = time.monotonic() + WAIT_S
+                while captures._newest < first + 39:
+                    assert time.monotonic() < end_s
+                    time.sleep(0.001)
+            return super().captured(point)
+
+    monkeypatch.setattr(process, "resolve_name", lambda name: Slow)
+    publish(ring, 0, [0] * 5)
+    estimation = process.Estimation(load(), captures, LineWriter(pipes[1], 1 << 20))
+    process.run(estimation, captures, [line + b"\n" for line in lines_of(start(), point(0, 4))])
+    assert len(captures.of(captured(5, 204, 1))) == 200
 
 
 def test_a_report_is_bounded(worked):

@@ -1,5 +1,6 @@
 """The ticks of captures out of the ring, kept until it is known which capture they are of."""
 
+import threading
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,11 +17,12 @@ KEPT_MAX = 1 << 20
 class CaptureTicks:
     """Follows the ring from the oldest tick that it holds; at most `kept_max` ticks are kept.
 
-    Only ticks of operating points are kept: a plan may pause for an hour.
+    Only ticks of operating points are kept: a plan may pause for an hour. For any thread.
     """
 
     def __init__(self, ring: RingReader, kept_max: int = KEPT_MAX) -> None:
         self._ring = ring
+        self._lock = threading.Lock()
         self._kept_max = kept_max
         self._blocks: list[np.ndarray] = [np.empty(0, TICK_DTYPE)]
         self._kept = 0
@@ -30,11 +32,12 @@ class CaptureTicks:
 
     def read(self) -> None:
         """Take in what the ring has."""
-        while self._ring.backlog:
-            block, lost = self._ring.read(READ_AT_ONCE)
-            self._after_loss |= lost > 0
-            if len(block):
-                self._add(block)
+        with self._lock:
+            while self._ring.backlog:
+                block, lost = self._ring.read(READ_AT_ONCE)
+                self._after_loss |= lost > 0
+                if len(block):
+                    self._add(block)
 
     def of(self, point: Mapping[str, Any]) -> np.ndarray | None:
         """Return the ticks of a capture (`/operating_point`) as far as they are of a point, (n,).
@@ -43,10 +46,11 @@ class CaptureTicks:
         """
         self.read()
         first, last = int(point["tick_start"]), int(point["tick_end"])
-        ticks = np.concatenate(self._blocks)
-        begin, end = np.searchsorted(ticks["tick"], [first, last + 1])
-        self._blocks, self._kept = [ticks[end:].copy()], len(ticks) - int(end)
-        whole = self._whole_from <= first and last <= self._newest
+        with self._lock:
+            ticks = np.concatenate(self._blocks)
+            begin, end = np.searchsorted(ticks["tick"], [first, last + 1])
+            self._blocks, self._kept = [ticks[end:].copy()], len(ticks) - int(end)
+            whole = self._whole_from <= first and last <= self._newest
         return ticks[begin:end] if whole else None
 
     def _add(self, block: np.ndarray) -> None:

@@ -4,15 +4,16 @@
 the captures come as lines of JSON on stdin, reports go as lines of JSON to stdout (`protocol`),
 ticks come out of the ring. It runs when nobody else needs the processor, and ends with stdin.
 Nobody waits for it: a capture of which ticks were overwritten meanwhile is left out and reported.
+A thread follows the ring, as an estimate may take longer than the ring holds.
 """
 
 import argparse
 import json
 import os
-import select
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Protocol
@@ -20,8 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from motord.config import Config, ConfigError, load
-from motord.recorder.launch import BACKLOG_MAX_BYTES
-from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineReader, LineWriter
+from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
 from motord.recording.json_encoding import to_line
 from motord.sequencing.precision import Precision
 from motord.service.estimator.captures import CaptureTicks
@@ -74,11 +74,6 @@ class Estimation:
             self._report(Precision(self._known.captures, obstacle=what))
             raise
 
-    def look(self) -> None:
-        """Follow the ring."""
-        self._captures.read()
-        self._reports.flush()
-
     def _point(self, estimator: Estimator, point: Mapping[str, Any]) -> None:
         ticks = self._captures.of(point)
         if ticks is None:
@@ -94,18 +89,28 @@ class Estimation:
         self._reports.write(to_line(report.model_dump()))
 
 
-def run(estimation: Estimation, commands: LineReader, wait: Callable[[], None]) -> None:
-    """Handle `commands` until they end; `wait()` returns when one has come, or after a while."""
-    while commands.pending or not commands.ended:
-        for line in commands.read():
-            estimation.handle(line)
-        estimation.look()
-        if not commands.pending:
-            wait()
+def follow(captures: CaptureTicks, ended: threading.Event) -> None:
+    """Read the ring now and then, until `ended` is set."""
+    while not ended.wait(LOOK_S):
+        captures.read()
 
 
-def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int = 1) -> int:
-    """Run the process on two descriptors, stdin and stdout; return its exit code."""
+def run(estimation: Estimation, captures: CaptureTicks, commands: Iterable[bytes]) -> None:
+    """Handle `commands` until they end, following the ring meanwhile."""
+    ended = threading.Event()
+    follower = threading.Thread(target=follow, args=(captures, ended), name="ring", daemon=True)
+    follower.start()
+    try:
+        for line in commands:
+            if line.endswith(b"\n"):  # else the supervisor died as it wrote
+                estimation.handle(line)
+    finally:
+        ended.set()
+        follower.join()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the process on stdin and stdout; return its exit code."""
     parser = argparse.ArgumentParser(description="Estimate while a plan runs.")
     parser.add_argument("--config", type=Path, required=True, help="the bench")
     parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
@@ -119,22 +124,11 @@ def main(arguments: Sequence[str] | None = None, commands: int = 0, reports: int
         sys.stderr.write(f"motord estimator: {error}\n")
         return 1
     scheduling.step_back(config.loop.cpu)
-    out = os.dup(reports)
-    os.dup2(sys.stderr.fileno(), reports)  # what an estimator prints is no report
-    for descriptor in (commands, out):
-        os.set_blocking(descriptor, False)
-    lines = LineReader(commands, BACKLOG_MAX_BYTES)
-    run(
-        Estimation(config, captures, LineWriter(out, LINE_MAX_BYTES)),
-        lines,
-        lambda: _wait(commands, lines),
-    )
+    out = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an estimator prints is no report
+    estimation = Estimation(config, captures, LineWriter(out, LINE_MAX_BYTES))
+    run(estimation, captures, sys.stdin.buffer)
     return 0
-
-
-def _wait(commands: int, lines: LineReader) -> None:
-    if not lines.ended:
-        select.select([commands], [], [], LOOK_S)
 
 
 if __name__ == "__main__":
