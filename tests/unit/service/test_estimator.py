@@ -444,6 +444,7 @@ def test_a_process_that_cannot_be_started_is_an_obstacle(linked):
         b"\xff\xfe nonsense", b"{}", b"[" * 1000, b'{"run": 1}', b"x" * 100_000,
         b'{"run":"R","captures":1,"half_widths":{"ticks":-1.0},"obstacle":""}',
         b'{"run":"R","captures":1,"half_widths":{"ticks":NaN},"obstacle":""}',
+        b'{"run":"R","captures":1,"half_widths":{"ticks":Infinity},"obstacle":""}',
         b'{"run":"R","captures":1,"half_widths":{"ticks":"0"},"obstacle":""}',
         b'{"run":"R","captures":1,"half_widths":{},"obstacle":"","more":1}',
     ],
