@@ -22,6 +22,7 @@ from motord.sequencing.motions import (
     within,
 )
 from motord.sequencing.observation import Observation
+from motord.sequencing.precision import Precision
 from motord.sequencing.quality import quality
 
 SETTLE_S = 0.15
@@ -70,11 +71,7 @@ def continuous_points(
     yield from enable(settings.compensate)
     planned_s, why = 0.0, ""
     for number, point in enumerate(points):
-        seen = yield None
-        if seen.precision is not None and seen.precision.reaches(settings.targets):
-            why = f"targets reached: {seen.precision.in_words(settings.targets)}"
-            break
-        passed_s = seen.since_s(began)
+        passed_s = (yield None).since_s(began)
         slower = max(passed_s / planned_s, 1.0) if number else 1.0
         planned_s += settings.duration_s(point)
         ramp_s = abs(point.torque_Nm) / settings.rate_Nm_per_s
@@ -84,12 +81,30 @@ def continuous_points(
         ):
             why = f"time limit of {settings.limit_s:g} s: {number} of {len(points)} points taken"
             break
-        yield from retaken_if_poor(_point, point, settings)
+        reached = yield from _unless_reached(point, settings)
+        if reached is not None:
+            why = f"targets reached: {reached.in_words(settings.targets)}"
+            break
     yield from ramp_down()
     return why
 
 
 @restartable
+def _unless_reached(point: OperatingPoint, settings: Continuous) -> Motion[Precision | None]:
+    """Take a point; give it up as soon as the targets are reached, and return by what."""
+    motion = retaken_if_poor(_point, point, settings)
+    asked = next(motion)
+    while True:
+        seen = yield asked
+        if seen.precision is not None and seen.precision.reaches(settings.targets):
+            motion.close()
+            return seen.precision
+        try:
+            asked = motion.send(seen)
+        except StopIteration:
+            return None
+
+
 def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
     """Ramp to the point's torque, let the speed follow, capture whole turns from where it is."""
     demand = replace(
