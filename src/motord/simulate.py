@@ -10,7 +10,7 @@ from motord.config import Config, load, packaged
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.sequencing import Plan
-from motord.virtual import VirtualBench
+from motord.virtual.bench import rig_and_faults
 from motord.virtual.mesh import MeshPiece, run_points
 
 CHUNK_S = 1.0
@@ -45,7 +45,7 @@ def record_plan(
     """Run `plan` and write ticks, truth, points and metadata to `path`; return bench seconds.
 
     Each operating point is taken on a rig of its own, on all processors if there is a `pool`.
-    Raises PlanFailed, ConfigError where rig and bench do not fit, RecordError and OSError.
+    Raises PlanFailed, ConfigError where rig or faults do not fit the bench, RecordError, OSError.
     """
     config = source.config
     metadata = describe(
@@ -54,7 +54,7 @@ def record_plan(
         plan={"name": plan.name, "settings": plan.settings},
         calibration_id=calibration.id if calibration else "",
     )
-    VirtualBench(config)  # a rig that is wrong is found before a file is begun
+    rig_and_faults(config)  # what is wrong is found before a file is begun
     ticks = 0
     progress(0.0)
     with RunWriter(path, metadata, chunk_s=CHUNK_S) as writer:

@@ -279,22 +279,22 @@ test("settings are checked before they are sent", () => {
 
 test("a mesh has rows of torque, the largest on top, and keeps what was measured", () => {
   const point = (torque_Nm, speed_Hz, error) => ({ torque_Nm, speed_Hz, rms_error_percent: error });
-  const made = grid([point(1, 0.5, 2), point(2, 0.6, null), point(1, 0.5, null), point(1, 0.6, 3)]);
+  const made = grid([point(1, 0.5, 2), point(2, 0.6, null), point(1, 0.5, null), point(1, 0.6, 3)], false);
   assert.deepEqual([made.torques, made.speeds], [[2, 1], [0.5, 0.6]]);
   assert.equal(made.at(1, 0.5).rms_error_percent, 2);
   assert.equal(made.at(2, 0.5), undefined);
 });
 
-test("a mesh in both directions goes by magnitude, its points with induced errors only where there is no other", () => {
+test("a mesh goes by magnitude where the daemon says so, its points with induced errors only where there is no other", () => {
   const point = (torque_Nm, speed_Hz, error, induced = {}) => ({ torque_Nm, speed_Hz, rms_error_percent: error, induced });
   const scaled = { gain: [0.8, 1, 1] };
   const points = [point(1, 0.5, 2), point(2, 0.6, 4), point(-1, -0.6, 3), point(-2, -0.5, null), point(2, 0.5, 9, scaled)];
-  const made = grid(points);
+  const made = grid(points, true);
   assert.deepEqual([made.torques, made.speeds], [[2, 1], [0.5, 0.6]]);
   assert.equal(made.at(1, 0.6).rms_error_percent, 3);
   assert.equal(made.at(2, 0.5).speed_Hz, -0.5);
-  const full = grid([point(1, 0.5, 2), point(-1, -0.5, 3)]);
-  assert.deepEqual([full.torques, full.speeds], [[1, -1], [-0.5, 0.5]]);
+  const signed = grid(points, false);
+  assert.deepEqual([signed.torques, signed.speeds], [[2, 1, -1, -2], [-0.6, -0.5, 0.5, 0.6]]);
 });
 
 test("text on the mesh has contrast", () => {

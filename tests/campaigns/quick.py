@@ -31,7 +31,7 @@ from tests.campaigns.estimator import rig
 
 RIGS = 200
 TARGETS = {"alpha_percent": 0.1, "beta_A": 0.02, "cogging_percent": 1.0}
-PARTS = {"10s": {"time_limit_s": 10.0}, "30s": {"time_limit_s": 30.0}, "targets": TARGETS}
+PARTS = {"t21": {"time_limit_s": 21.5}, "10s": {"time_limit_s": 10.0}, "30s": {"time_limit_s": 30.0}, "targets": TARGETS}
 LEFT_PERCENT = {"10s": 0.3, "30s": 0.2}
 """Torque error at the worst point of the mesh, in 95 % of the rigs."""
 
@@ -72,7 +72,7 @@ def trial(part: str, seed: int) -> Trial:
     half = result.alpha_half_width, result.beta_half_width_A
     assert half[0] is not None
     assert half[1] is not None
-    widths = (100 * float(half[0].max()), float(half[1].max()))
+    widths = (100 * float(half[0].max()), float(half[1].max()), *(ratio[:6]*np.r_[100*half[0],1e3*half[1]]))
     names = tuple(one.name for one in result.findings)
     return Trial(bench.t_s, left, ratio, names, widths)
 

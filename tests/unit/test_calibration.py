@@ -5,12 +5,16 @@ from pathlib import Path
 import pytest
 
 from motord.calibration import (
+    BoundedQuantity,
     CalibratedMotor,
     Calibration,
     CalibrationError,
+    CramerRao,
     Harmonic,
     RmsErrors,
     RmsPoint,
+    VarianceShare,
+    by_magnitude,
     in_words,
     load,
 )
@@ -46,6 +50,29 @@ def make(**changes: object) -> Calibration:
         "condition_number": 12.0,
     }
     return Calibration(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_a_bound_is_kept_and_files_from_before_have_none(tmp_path: Path) -> None:
+    bound = CramerRao(
+        white_noise_Nm=0.02,
+        encoder_noise_Nm=0.005,
+        current_noise_Nm=0.008,
+        ripple_percent=0.03,
+        ripple_upper_percent=0.05,
+        quantities=(BoundedQuantity(quantity="ripple", unit="%", bound=0.02, efficiency=0.44),),
+        shares=(
+            VarianceShare(source="white noise", share=0.6),
+            VarianceShare(source="findings", share=0.4),
+        ),
+    )
+    made = make(cramer_rao=bound)
+    made.save(tmp_path / "c.json")
+    assert load(tmp_path / "c.json").cramer_rao == bound
+    assert bound.in_words()[1].endswith("(ripple); most of the rest: findings")
+    alone = bound.model_copy(update={"shares": bound.shares[:1]})
+    assert alone.in_words()[1].endswith("(ripple)")
+    assert "cramer_rao" not in make().to_json()
+    assert make().id != made.id
 
 
 def test_survives_the_file(tmp_path: Path) -> None:
@@ -177,3 +204,15 @@ def test_age_text(seconds: float, expected: str) -> None:
 
 def test_age_now() -> None:
     assert make(created=datetime.now(UTC)).age().endswith(("second", "seconds"))
+
+
+def test_a_mesh_in_both_directions_is_shown_by_magnitude_if_no_two_points_become_one() -> None:
+    chessboard = {(1.0, 0.5): 1.0, (-3.0, -0.5): 2.0, (-1.0, -0.7): 3.0, (3.0, 0.7): 4.0}
+    assert by_magnitude(chessboard) == {
+        (1.0, 0.5): 1.0,
+        (3.0, 0.5): 2.0,
+        (1.0, 0.7): 3.0,
+        (3.0, 0.7): 4.0,
+    }
+    full = {(1.0, 0.5): 1.0, (-1.0, -0.5): 2.0}
+    assert by_magnitude(full) == full

@@ -37,7 +37,7 @@ def test_figures_have_the_digits_that_mean_something(
 
 
 def test_a_known_covariance_has_all_freedom() -> None:
-    known = VarianceComponents.known(np.diag([4.0, 9.0]))
+    known = VarianceComponents.known(np.diag([4.0, 9.0]), "data")
     assert known.stderr.tolist() == [2.0, 3.0]
     assert coverage_factor(known.freedom[0]) == pytest.approx(coverage_factor(), rel=1e-4)
 
@@ -46,10 +46,12 @@ def test_freedom_of_a_sum_is_satterthwaites() -> None:
     """Two means of 4 and 9 values: (v1 + v2)^2 / (v1^2 / 3 + v2^2 / 8)."""
     parts = np.array([[[0.5]], [[2.0]]])
     one, other = (
-        VarianceComponents(part[None], np.ones(1), np.array([[2.0 / freedom]]))
-        for part, freedom in zip(parts, (3, 8), strict=True)
+        VarianceComponents(part[None], np.ones(1), np.array([[2.0 / freedom]]), (source,))
+        for part, freedom, source in zip(parts, (3, 8), ("three", "eight"), strict=True)
     )
     both = one + other
     assert both.stderr[0] ** 2 == pytest.approx(2.5)
     assert both.freedom[0] == pytest.approx(2.5**2 / (0.5**2 / 3 + 2.0**2 / 8))
     assert both.along(np.array([3.0])) == pytest.approx((3 * both.stderr[0], both.freedom[0]))
+    assert both.trace(np.eye(1)) == pytest.approx((2.5, both.freedom[0]))
+    assert (both.of("three")[0, 0], both.of("eight")[0, 0]) == (0.5, 2.0)

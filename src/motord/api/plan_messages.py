@@ -107,5 +107,8 @@ class MeshView(PublishedMessage):
     """Of its progress."""
     points_total: int
     """Operating points, all."""
+    by_magnitude: bool = False
+    """Whether magnitudes of torque and speed separate its points, those with induced errors aside:
+    so a mesh in both directions is shown as one."""
     points: list[MeshPoint]
     """The points, in the order in which they are taken."""

@@ -264,6 +264,8 @@ class CalibrationDetails(CalibrationEntry):
     """Where its data depart from the model, with value, limit, meaning and what to do."""
     budget: list[dict[str, Any]] = []
     """What each source contributes to the standard uncertainty, Type A and Type B."""
+    cramer_rao: dict[str, Any] | None = None
+    """Cramer-Rao bound, efficiency, and ripple that the errors leave; none in files from before."""
     learned: bool
     """It holds what was learned on top."""
     rms_error_percent: dict[str, Any]

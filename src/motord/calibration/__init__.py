@@ -1,5 +1,8 @@
 """The calibration file: gains and offsets of a motor's currents, and its cogging torque."""
 
+from motord.calibration.cramer_rao import BoundedQuantity as BoundedQuantity
+from motord.calibration.cramer_rao import CramerRao as CramerRao
+from motord.calibration.cramer_rao import VarianceShare as VarianceShare
 from motord.calibration.file import Calibration as Calibration
 from motord.calibration.file import CalibrationError as CalibrationError
 from motord.calibration.file import from_json as from_json
@@ -13,3 +16,6 @@ from motord.calibration.parts import RmsErrors as RmsErrors
 from motord.calibration.parts import RmsPoint as RmsPoint
 from motord.calibration.parts import RmsSummary as RmsSummary
 from motord.calibration.parts import half_widths as half_widths
+from motord.calibration.torque_speed import TorqueSpeed as TorqueSpeed
+from motord.calibration.torque_speed import by_magnitude as by_magnitude
+from motord.calibration.torque_speed import magnitudes_differ as magnitudes_differ

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from motord.atomic_write import write_whole
+from motord.calibration.cramer_rao import CramerRao
 from motord.calibration.parts import (
     AddedOrder,
     CalibratedMotor,
@@ -49,7 +50,8 @@ class Calibration(Part):
     those of its orders that slots and poles do not allow. findings: where the data depart from the
     model; None in files of before they were looked for. degrees_of_freedom of the standard errors;
     None for many, as files from before had it. budget: what each source contributes to the
-    uncertainty; standard errors are its Type A.
+    uncertainty; standard errors are its Type A. cramer_rao: how near to the bound of the sensor's
+    noise it is; None in files of before it was looked for, and of the residual estimator.
     """
 
     schema_: Literal["motord.calibration/1"] = Field(SCHEMA, alias="schema")
@@ -73,6 +75,7 @@ class Calibration(Part):
     rms_error_percent: RmsErrors = RmsErrors()
     findings: tuple[Finding, ...] | None = None
     budget: tuple[Contribution, ...] = ()
+    cramer_rao: CramerRao | None = None
 
     learned: LearnedTorque | None = None
 
@@ -169,10 +172,10 @@ class Calibration(Part):
         """Return the content of the file.
 
         Without what files from before had no keys for, where there is none of it: what was learned,
-        findings, degrees of freedom, added orders, a budget, the error of a phase, or an encoder's
-        direction other than 1.
+        findings, degrees of freedom, added orders, a budget, a Cramer-Rao bound, the error of a
+        phase, or an encoder's direction other than 1.
         """
-        names = ("learned", "findings", "degrees_of_freedom")
+        names = ("learned", "findings", "degrees_of_freedom", "cramer_rao")
         nothing = {name for name in names if getattr(self, name) is None}
         nothing |= {name for name in ("added_orders", "budget") if not getattr(self, name)}
         content = self.model_dump(mode="json", by_alias=True, exclude=nothing)

@@ -13,7 +13,7 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.cli.common_options import ResultAsJson
-from motord.cli.console import CommandGroup, group, plain_console, print_json, single
+from motord.cli.console import CommandGroup, group, phase_bars, plain_console, print_json, single
 
 if TYPE_CHECKING:
     from motord.config.experiments import AnalysisKind
@@ -120,8 +120,9 @@ def _run(
     output, report = given["output"], given["report"]
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)  # each recording stays open
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    recordings = Recordings.open(paths, config)
-    result = analysis.estimate(recordings, **options)
+    with phase_bars(silent=given["as_json"]) as progress:
+        recordings = Recordings.open(paths, config, progress)
+        result = analysis.estimate(recordings, **options)
     if output and analysis.save:
         analysis.save(result, output)
     elif output:

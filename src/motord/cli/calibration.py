@@ -166,7 +166,7 @@ def _uncertainty_lines(budget: list[dict[str, Any]]) -> list[str]:
 
 def _lines(c: dict[str, Any], age: str) -> list[str]:
     """Return the content of a calibration file, or the daemon's answer, as text."""
-    from motord.calibration import Harmonic, half_widths
+    from motord.calibration import CramerRao, Harmonic, half_widths
     from motord.findings import Finding
     from motord.intervals import plus_minus
 
@@ -201,5 +201,7 @@ def _lines(c: dict[str, Any], age: str) -> list[str]:
             mean, worst = summary["mean"], summary["max"]
             lines.append(f"RMS {name:<8} {mean:.2f} % mean, {worst:.2f} % worst")
     lines += [f"- {text}" for text in c["observable"]]
+    if c.get("cramer_rao"):
+        lines += [f"- {text}" for text in CramerRao.model_validate(c["cramer_rao"]).in_words()]
     lines += [f"- {Finding(**one).in_words()}" for one in c.get("findings") or ()]
     return lines

@@ -10,8 +10,8 @@ import json
 import os
 import select
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
@@ -20,7 +20,9 @@ from typer.core import TyperGroup
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress, ProgressColumn, TextColumn
+    from rich.progress import Progress, ProgressColumn, TaskID, TextColumn
+
+    from motord.experiments.subject import PhaseProgress
 
 _GONE = (errno.EPIPE, errno.EIO, errno.ENXIO)
 """Errors of a write without a reader any more: a closed pipe, a closed terminal."""
@@ -145,6 +147,26 @@ def progress_bar(
     console = plain_console(stderr=stderr)
     quiet = silent or not console.is_terminal
     return Progress(*columns, console=console, transient=transient, disable=quiet)
+
+
+@contextmanager
+def phase_bars(*, silent: bool = False) -> "Iterator[PhaseProgress]":
+    """Show a bar for each phase of a computation as it begins; what is yielded moves it.
+
+    On standard error, and gone in the end.
+    """
+    from rich.progress import BarColumn, TimeRemainingColumn
+
+    columns = text_column("{task.description}"), BarColumn(), TimeRemainingColumn()
+    with progress_bar(*columns, silent=silent, stderr=True, transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def progress(phase: str, fraction: float) -> None:
+            if phase not in tasks:
+                tasks[phase] = bars.add_task(phase, total=1.0)
+            bars.update(tasks[phase], completed=fraction)
+
+        yield progress
 
 
 class _Descriptor(io.RawIOBase):

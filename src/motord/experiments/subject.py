@@ -1,7 +1,7 @@
 """What was recorded: the bench, its motor and its torque sensor."""
 
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,10 @@ from motord.identification.operating_points import good_points
 from motord.recording.reader import Run, bounds_of, open_run
 
 Settings = TypeVar("Settings", bound=Section)
+
+
+PhaseProgress = Callable[[str, float], None]
+"""Called with what an analysis is doing, and the part of it that is done."""
 
 
 class AnalysisError(Exception):
@@ -71,15 +75,24 @@ class Subject:
 
 @dataclass(frozen=True)
 class Recordings:
-    """Recordings that are analysed together, and the bench or motor file that was named, if any."""
+    """Recordings that are analysed together, and the bench or motor file that was named, if any.
+
+    progress: called by analyses that take long.
+    """
 
     runs: tuple[Run, ...]
     config: Path | None = None
+    progress: PhaseProgress = lambda phase, fraction: None
 
     @classmethod
-    def open(cls, paths: Sequence[Path], config: Path | None = None) -> "Recordings":
+    def open(
+        cls,
+        paths: Sequence[Path],
+        config: Path | None = None,
+        progress: PhaseProgress = lambda phase, fraction: None,
+    ) -> "Recordings":
         """Open the files. Raises RecordError, OSError."""
-        return cls(tuple(open_run(path) for path in paths), config)
+        return cls(tuple(open_run(path) for path in paths), config, progress)
 
     @property
     def names(self) -> list[str]:

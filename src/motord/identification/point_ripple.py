@@ -5,23 +5,19 @@ is not the same in both, so the products of their spectra have no share of it on
 sensor's frequency response is divided out order by order.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 
-from motord.calibration import RmsErrors, RmsPoint
+from motord.calibration import RmsErrors, RmsPoint, TorqueSpeed
 from motord.config import MotorConfig, TorqueSensorConfig
 from motord.identification.basis import cell_gain
 from motord.identification.harmonics import lines_at
 from motord.identification.operating_points import Samples
 from motord.identification.orders import order_limit, resolved_order
 from motord.identification.torque_sensor import order_below_resonance, response
-
-Place = tuple[float, float]
-"""(torque_Nm, speed_Hz) of an operating point."""
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,7 @@ def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
 
     Of several takes of a set-point the mean counts.
     """
-    found: dict[Place, tuple[list[float], list[float]]] = {}
+    found: dict[TorqueSpeed, tuple[list[float], list[float]]] = {}
     for ripple in ripples:
         lists = found.setdefault((ripple.torque_Nm, ripple.speed_Hz), ([], []))
         lists[ripple.compensate != 0].append(ripple.rms_percent)
@@ -93,15 +89,6 @@ def rms_errors(ripples: Sequence[PointRipple]) -> RmsErrors:
             for (torque_Nm, speed_Hz), (before, after) in sorted(found.items())
         )
     )
-
-
-def by_magnitude(points: Mapping[Place, Value]) -> Mapping[Place, Value]:
-    """Return values by the magnitudes of torque and speed, if that makes no two of them one.
-
-    Of a mesh that is taken in both directions, every other point backwards, this is the whole mesh.
-    """
-    found = {(abs(torque), abs(speed)): value for (torque, speed), value in points.items()}
-    return found if len(found) == len(points) else points
 
 
 def _mean(values: list[float]) -> float | None:

@@ -15,16 +15,20 @@ MOST_FREEDOM = 1e6
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """parts (m, k, k) of the covariance; their sizes (m,) and the covariance of these (m, m)."""
+    """parts (m, k, k) of the covariance; their sizes (m,) and the covariance of these (m, m).
+
+    sources (m,): what each part comes from.
+    """
 
     parts: np.ndarray
     sizes: np.ndarray
     size_covariance: np.ndarray
+    sources: tuple[str, ...]
 
     @classmethod
-    def known(cls, covariance: np.ndarray) -> "VarianceComponents":
+    def known(cls, covariance: np.ndarray, source: str) -> "VarianceComponents":
         """Return a covariance (k, k) that is not in doubt."""
-        return cls(covariance[None], np.ones(1), np.zeros((1, 1)))
+        return cls(covariance[None], np.ones(1), np.zeros((1, 1)), (source,))
 
     def __add__(self, other: "VarianceComponents") -> "VarianceComponents":
         """Return the sum of two covariances whose sizes are independent of each other."""
@@ -35,7 +39,13 @@ class VarianceComponents:
             np.concatenate([self.parts, other.parts]),
             np.concatenate([self.sizes, other.sizes]),
             both,
+            (*self.sources, *other.sources),
         )
+
+    def of(self, source: str) -> np.ndarray:
+        """Return the covariance (k, k) that comes from a source."""
+        here = np.array([name == source for name in self.sources])
+        return np.asarray(np.einsum("m,mij->ij", self.sizes[here], self.parts[here]))
 
     @property
     def covariance(self) -> np.ndarray:
@@ -54,9 +64,13 @@ class VarianceComponents:
 
     def along(self, contrast: np.ndarray) -> tuple[float, float]:
         """Return the standard error of contrast (k,) times the parameters, and its freedom."""
-        shares = np.einsum("i,mij,j->m", contrast, self.parts, contrast)
-        stderr = float(np.sqrt(max(self.sizes @ shares, 0.0)))
-        return stderr, float(self._freedom(shares[:, None])[0])
+        variance, freedom = self.trace(np.outer(contrast, contrast))
+        return float(np.sqrt(max(variance, 0.0))), freedom
+
+    def trace(self, form: np.ndarray) -> tuple[float, float]:
+        """Return the mean of a quadratic form (k, k) of the errors, and its freedom."""
+        shares = np.einsum("ij,mji->m", form, self.parts)
+        return float(self.sizes @ shares), float(self._freedom(shares[:, None])[0])
 
     def _freedom(self, shares: np.ndarray) -> np.ndarray:
         """Return the degrees of freedom of variances with shares (m, n) in the parts (n,)."""

@@ -76,7 +76,13 @@ class SimulatedBench:
 
     def calibrate(self, run: Recordings, progress: Callable[[float], None]) -> Calibrated:
         """Identify the bench from a run of `calibrate`. Raises IdentifyError."""
-        taken = Calibrator.of_runs(run.runs, self.subject, lambda part: progress(0.9 * part))
+        readings: dict[str, int] = {}
+
+        def read(phase: str, part: float) -> None:
+            number = readings.setdefault(phase, len(readings))
+            progress(0.9 * (number + part) / (number + 1))
+
+        taken = Calibrator.of_runs(run.runs, self.subject, read)
         joint, residual = taken.joint(), taken.residual()
         progress(1.0)
         made = joint.to_calibration(self.subject.motor, datetime.now(UTC), run.names)

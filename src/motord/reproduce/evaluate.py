@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from motord.calibration import TorqueSpeed
 from motord.config import Config
 from motord.experiments.ripple.estimate import middle_point, ripples
 from motord.experiments.subject import Subject
@@ -13,7 +14,7 @@ from motord.identification.resample import fill_gaps
 from motord.recording.captures import TrueTorque, true_torque
 from motord.recording.reader import open_run
 
-Errors = dict[tuple[float, float], float]
+Errors = dict[TorqueSpeed, float]
 """RMS error in percent of rated torque by (torque_Nm, speed_Hz)."""
 
 CELLS = 1024
@@ -38,7 +39,7 @@ def evaluate(config: Config, path: Path) -> Ripple:
     run, motor = open_run(path), config.motor
     measured = tuple(ripples([run], Subject.of_config(config)))
     true_percent: Errors = {}
-    turns: dict[tuple[float, float], np.ndarray] = {}
+    turns: dict[TorqueSpeed, np.ndarray] = {}
     for true in true_torque(run):
         key = true.torque_set_Nm, true.speed_Hz
         true_percent[key] = rms_error_percent(true.torque_Nm, motor.rated_torque_Nm, true.weights)

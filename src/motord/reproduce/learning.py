@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from motord.calibration import Calibration
+from motord.calibration import Calibration, TorqueSpeed
 from motord.config import Config
 from motord.experiments.ilc.analysis import LearnPass, finish, learn, zero_order_hold
 from motord.experiments.ilc.estimate import Learning
@@ -97,7 +97,7 @@ def _captured(piece: MeshPiece) -> list[PointData]:
     ]
 
 
-def place_of(piece: MeshPiece) -> tuple[float, float]:
+def place_of(piece: MeshPiece) -> TorqueSpeed:
     """Return the (torque_Nm, speed_Hz) of an operating point."""
     return float(piece.point["torque_Nm"]), float(piece.point["speed_Hz"])
 

@@ -35,6 +35,26 @@ EPOCH_NS = 1_767_225_600_000_000_000
 """Unix time at which virtual time starts: 2026-01-01 00:00:00 UTC."""
 
 
+def rig_and_faults(
+    config: Config, truth: RigTruth | None = None, faults: Timeline | None = None
+) -> tuple[RigTruth, Timeline | None]:
+    """Return the rig of a bench and the faults to come, if any; by default those of its files.
+
+    Raises ConfigError where the files are wrong, or do not fit the bench.
+    """
+    truth = with_drive(truth or load(config.bench.rig), config.inverter)
+    if truth.encoder.counts != config.motor.counts:
+        raise ConfigError(
+            f"{config.bench.rig or 'the simulated rig'}: its encoder has "
+            f"{truth.encoder.counts} counts, [motor] counts says {config.motor.counts}"
+        )
+    if faults is None and config.simulated and config.bench.faults is not None:
+        faults = load_timeline(config.bench.faults)
+    if faults is not None:
+        faults.check_place("virtual")
+    return truth, faults
+
+
 class VirtualBench:
     """A bench in virtual time: each `run` continues where the one before ended.
 
@@ -42,7 +62,7 @@ class VirtualBench:
     that of `[bench]`. The same config, truth, seed and calls give the same bits. The supervisor's
     heartbeat is fresh unless a fault says otherwise. `faults` is by default the timeline of
     `[bench] faults` of a simulated bench, counted from the start of virtual time. Raises
-    ConfigError where rig and configured motor cannot fit.
+    ConfigError as `rig_and_faults` does.
     """
 
     def __init__(
@@ -54,12 +74,7 @@ class VirtualBench:
         faults: Timeline | None = None,
     ) -> None:
         self.config = config
-        self.truth = with_drive(truth or load(config.bench.rig), config.inverter)
-        if self.truth.encoder.counts != config.motor.counts:
-            raise ConfigError(
-                f"{config.bench.rig or 'the simulated rig'}: its encoder has "
-                f"{self.truth.encoder.counts} counts, [motor] counts says {config.motor.counts}"
-            )
+        self.truth, faults = rig_and_faults(config, truth, faults)
         self.tick = 0
         self.missed = 0
         self._axes = dq_frame_record(config)
@@ -76,8 +91,6 @@ class VirtualBench:
             config.loop.rate_Hz,
         )
         self._ring, self._fresh = np.zeros(LATE_TICKS_MAX, FEEDBACK), np.zeros(1, FEEDBACK)
-        if faults is None and config.simulated and config.bench.faults is not None:
-            faults = load_timeline(config.bench.faults)
         self._player = None
         if faults is not None:
             self._player = Player(faults, config.loop.rate_Hz, self._link)

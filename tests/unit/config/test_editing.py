@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from motord.config import ConfigError, load, packaged
-from motord.config.text.editing import with_values
+from motord.config.text.editing import with_table, with_values
 
 TEXT = """\
 # a bench
@@ -60,6 +60,13 @@ def test_a_text_that_cannot_be_edited_is_refused(text: str, expected: str) -> No
 
 def test_the_last_table_can_be_added_to() -> None:
     assert with_values("[motor]", "motor", {"counts": 7}, "b.toml") == "[motor]\ncounts = 7\n"
+
+
+def test_a_table_that_is_missing_is_added_at_the_end() -> None:
+    added = with_table(TEXT, "accuracy")
+    assert added == f"{TEXT}\n[accuracy]\n"
+    assert with_table(added, "accuracy") == added
+    assert with_table("# [accuracy]\n", "accuracy") == "# [accuracy]\n\n[accuracy]\n"
 
 
 def test_what_comes_after_a_table_is_not_its_own() -> None:

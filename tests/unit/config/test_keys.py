@@ -44,6 +44,7 @@ BY_NAME = {
     **{
         f"accuracy.{name}": "by its name in experiments.calibration.estimate.budget"
         for name in AccuracyConfig.model_fields
+        if name != "encoder_error_rad"  # read by the alignment, too
     },
     "limits.current_error_s": "by its name in control.interlock_table",
     "limits.torque_error_s": "by its name in control.interlock_table",

@@ -2,9 +2,11 @@ import json
 from pathlib import Path
 
 import pytest
+from rich.progress import Progress
 from typer.testing import CliRunner
 
 from motord.calibration import load
+from motord.cli import console
 from motord.cli.analysis_command import app as analyse
 from motord.cli.calibration import app as calibration
 from motord.config import packaged
@@ -40,6 +42,15 @@ def test_calibrate_as_json_and_by_the_other_method(recorded: Recorded) -> None:
     content = json.loads(out)
     assert content["method"] == "residual"
     assert abs(content["alpha"][0] - 0.8) > 0.008
+
+
+def test_a_bar_shows_what_of_the_recordings_is_read(
+    recorded: Recorded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bars = Progress(disable=True)
+    monkeypatch.setattr(console, "progress_bar", lambda *_, **__: bars)
+    assert run(analyse, "calibrate", recorded.off)[0] == 0
+    assert [(task.description, task.finished) for task in bars.tasks] == [("reading", True)]
 
 
 def test_compare_with_the_last_calibration(recorded: Recorded, tmp_path: Path) -> None:

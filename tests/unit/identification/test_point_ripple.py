@@ -13,7 +13,6 @@ from motord.identification.harmonics import (
 )
 from motord.identification.operating_points import prepare
 from motord.identification.point_ripple import (
-    by_magnitude,
     highest_order,
     point_ripple,
     rms_error_percent,
@@ -147,15 +146,3 @@ def test_rms_errors_by_set_point() -> None:
     assert errors.points[0].before == pytest.approx(ripple.rms_percent + 0.5)
     assert errors.points[0].after == 0.1
     assert rms_errors([]).before is None
-
-
-def test_a_mesh_in_both_directions_is_shown_by_magnitude_if_no_two_points_become_one() -> None:
-    chessboard = {(1.0, 0.5): 1.0, (-3.0, -0.5): 2.0, (-1.0, -0.7): 3.0, (3.0, 0.7): 4.0}
-    assert by_magnitude(chessboard) == {
-        (1.0, 0.5): 1.0,
-        (3.0, 0.5): 2.0,
-        (1.0, 0.7): 3.0,
-        (3.0, 0.7): 4.0,
-    }
-    full = {(1.0, 0.5): 1.0, (-1.0, -0.5): 2.0}
-    assert by_magnitude(full) == full

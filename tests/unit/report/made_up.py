@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from motord.calibration import Harmonic
+from motord.calibration import Harmonic, TorqueSpeed
 from motord.experiments.calibration import report as calibration
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.plots import Labelled
 from motord.experiments.ripple import report as ripple
 from motord.report.html import Page
-from motord.report.plots.mesh import Point
 from motord.report.plots.torque import TorqueCurve
 
 POINTS = [(torque, speed) for torque in (1.0, 3.0, 5.0) for speed in (0.5, 1.0)]
@@ -51,8 +50,8 @@ TRUTH = ("truth", estimate(0.0, None))
 
 def page(
     *,
-    before: dict[Point, float] = BEFORE,
-    after: dict[Point, float] = AFTER,
+    before: dict[TorqueSpeed, float] = BEFORE,
+    after: dict[TorqueSpeed, float] = AFTER,
     curves: tuple[TorqueCurve | None, TorqueCurve | None] | None = (curve(1.0), curve(0.01)),
     estimates: tuple[Labelled, ...] = BOTH,
     reference: Labelled | None = TRUTH,

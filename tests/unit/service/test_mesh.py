@@ -6,7 +6,7 @@ import pytest
 from motord import config
 from motord.api.plan_messages import MESH_POINTS_MAX, MeshView
 from motord.schema import TICK_DTYPE
-from motord.sequencing import OperatingPoint, TickWatcher
+from motord.sequencing import Induced, OperatingPoint, TickWatcher
 from motord.service.plans import mesh
 from motord.service.plans.torque_error import MeasuredError, TorqueError
 from tests.unit.service.virtual_service import VirtualService
@@ -101,6 +101,28 @@ def test_points_are_planned_then_taking_then_done_or_poor():
     view = mesh.with_captures(view, [captured(1, "noisy", take) for take in (1, 2, 3)])
     assert states(mesh.with_under_way(view, None)) == ["done", "poor", "planned"]
     assert states(mesh.with_taken(view, {2})) == ["done", "poor", "done"]
+
+
+@pytest.mark.parametrize(
+    ("places", "by_magnitude"),
+    [
+        ([(1.0, 0.5), (-3.0, -0.5), (-1.0, -0.7), (3.0, 0.7)], True),
+        ([(1.0, 0.5), (1.0, 0.5)], True),
+        ([(1.0, 0.5), (-1.0, -0.5)], False),
+    ],
+)
+def test_a_mesh_says_whether_magnitudes_separate_its_points_induced_errors_aside(
+    places, by_magnitude
+):
+    points = [OperatingPoint(n, *place, 2) for n, place in enumerate(places)]
+    backwards = [(-torque_Nm, -speed_Hz) for torque_Nm, speed_Hz in places]
+    points += [
+        OperatingPoint(n, *place, 2, induced=Induced(gain=(0.8, 1.0, 1.0)))
+        for n, place in enumerate(backwards, start=len(points))
+    ]
+    view = mesh.planned("calibrate", "r", points)
+    assert view.by_magnitude is by_magnitude
+    assert MeshView.model_validate_json(view.to_json()).by_magnitude is by_magnitude
 
 
 def test_what_is_published_is_bounded_and_about_the_point_under_way():

@@ -2,12 +2,18 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from motord.cli import app
 from motord.config import packaged
+from motord.experiments import plans
 from motord.recording.reader import open_run
+from motord.rig.build import build
+from motord.rig.truth import RigTruth
+from motord.simulate import PlanSource, record_plan
+from motord.virtual import bench
 
 
 def run(*arguments: object) -> tuple[int, str, str]:
@@ -59,14 +65,38 @@ def test_what_cannot_be_simulated_is_said_in_a_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_wrong_rig_file_leaves_no_recording_behind(tmp_path: Path) -> None:
-    rig = packaged("report.rig.toml").read_text().replace("counts = 4096", "counts = 4097")
+@pytest.mark.parametrize(
+    ("counts", "fault", "expected"),
+    [(4097, "can_drop", "4097"), (4096, "bridge_clock", "bridge_clock is not possible here")],
+)
+def test_a_wrong_rig_file_or_fault_leaves_no_recording_behind(
+    counts: int, fault: str, expected: str, tmp_path: Path
+) -> None:
+    rig = packaged("report.rig.toml").read_text().replace("counts = 4096", f"counts = {counts}")
     (tmp_path / "rig.toml").write_text(rig)
-    bench = packaged("sim.toml").read_text()
-    bench = re.sub(r"^rig = .*$", 'rig = "rig.toml"', bench, flags=re.M)
-    (tmp_path / "bench.toml").write_text(bench)
+    (tmp_path / "faults.toml").write_text(f'[[fault]]\nkind = "{fault}"\n')
+    text = packaged("sim.toml").read_text()
+    files = 'rig = "rig.toml"\nfaults = "faults.toml"'
+    (tmp_path / "bench.toml").write_text(re.sub(r"^rig = .*$", files, text, flags=re.M))
     path = tmp_path / "run.mcap"
     code, _, err = run("calibrate", *SMALL, "-c", tmp_path / "bench.toml", "-o", path)
     assert code == 1
-    assert "4097" in err
+    assert expected in err
     assert not list(tmp_path.glob("run.mcap*"))
+
+
+def test_a_rig_is_built_for_each_point_and_none_to_check_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built: list[RigTruth] = []
+
+    def build_rig(truth: RigTruth, *arguments: object) -> tuple[np.ndarray, np.ndarray]:
+        built.append(truth)
+        return build(truth, *arguments)
+
+    monkeypatch.setattr(bench, "build", build_rig)
+    source = PlanSource.of()
+    settings = {"torques_Nm": [2], "speeds_Hz": [1], "turns": 2, "gain_steps": []}
+    plan = plans.build("calibrate", source.config, settings)
+    record_plan(source, plan, tmp_path / "run.mcap", seed=1)
+    assert len(built) == len(plan.points) == 1

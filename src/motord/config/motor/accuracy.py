@@ -18,7 +18,7 @@ class AccuracyConfig(Section):
     """
 
     encoder_zero_rad: Angle = 1e-3
-    """Zero of the encoder, mechanical."""
+    """Zero of the encoder, mechanical; `motord analyse align --write` states it."""
     encoder_error_rad: Angle = 5e-4
     """Error of the encoder once and twice a turn, mechanical: eccentric or tilted disc."""
     back_emf_percent: Percent = 0.5

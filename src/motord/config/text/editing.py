@@ -32,6 +32,11 @@ def toml_key(key: str) -> str:
     return key if _BARE_KEY.fullmatch(key) else toml_value(key)
 
 
+def with_table(text: str, table: str) -> str:
+    """Return a TOML `text` that has `[table]`: an empty one is added at its end if it has none."""
+    return text if table in tomllib.loads(text) else f"{text.rstrip()}\n\n[{table}]\n"
+
+
 def with_values(text: str, table: str, values: Mapping[str, Value], where: str) -> str:
     """Return a TOML `text` in which `[table]` has `values`; comments and order stay.
 

@@ -18,12 +18,10 @@ export function shade(share) {
   return { rgb: `rgb(${rgb.join(", ")})`, light: luminance < 0.179 };
 }
 
-/** Rows and columns of points; of a mesh in both directions by magnitude, if that makes no two points one, errors
- * induced on purpose aside: those show only where nothing else is. Pure. @param {Point[]} points */
-export function grid(points) {
-  const plain = points.filter((point) => !induced(point));
-  const places = (/** @type {(value: number) => number} */ of) => new Set(plain.map((point) => `${of(point.torque_Nm)} ${of(point.speed_Hz)}`)).size;
-  const of = places(Math.abs) === places((value) => value) ? Math.abs : (/** @type {number} */ value) => value;
+/** Rows and columns of points, by the magnitudes of torque and speed or as they are; points with errors induced on
+ * purpose show only where nothing else is. Pure. @param {Point[]} points @param {boolean} byMagnitude */
+export function grid(points, byMagnitude) {
+  const of = byMagnitude ? Math.abs : (/** @type {number} */ value) => value;
   const sorted = (/** @type {number[]} */ values) => [...new Set(values)].sort((a, b) => a - b);
   const speeds = sorted(points.map((point) => of(point.speed_Hz)));
   const torques = sorted(points.map((point) => of(point.torque_Nm))).reverse();
@@ -64,15 +62,15 @@ export class Mesh {
     const highest = Math.max(0.5, ...errors);
     const step = niceStep(highest / 5);
     const top = Math.ceil(highest / step) * step;
-    byId("mesh").replaceChildren(...this._rows(points, top));
+    byId("mesh").replaceChildren(...this._rows(points, mesh.by_magnitude === true, top));
     setText(byId("scale-top"), `${significant(top, 2)} %`);
     const summary = errors.length ? `mean ${number(errors.reduce((a, b) => a + b, 0) / errors.length, 2)} %, worst ${number(Math.max(...errors), 2)} %` : "nothing measured yet";
     setText(byId("mesh-summary"), `${mesh.plan}: ${errors.length} of ${points.length} points, ${summary}`);
   }
 
-  /** @param {Point[]} points @param {number} top */
-  _rows(points, top) {
-    const { speeds, torques, at } = grid(points);
+  /** @param {Point[]} points @param {boolean} byMagnitude @param {number} top */
+  _rows(points, byMagnitude, top) {
+    const { speeds, torques, at } = grid(points, byMagnitude);
     const single = torques.length === 1 && torques[0] === 0;
     const head = element("tr", {}, element("td", {}), ...speeds.map((speed) => element("th", { scope: "col" }, number(speed, decimals(speeds)))));
     const rows = torques.map((torque) => element("tr", {},

@@ -9,7 +9,7 @@ import typer
 
 from motord.atomic_write import write_whole
 from motord.config import read_toml
-from motord.config.text.editing import with_values
+from motord.config.text.editing import with_table, with_values
 from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.report import report
 from motord.experiments.alignment.rests import REQUIRED
@@ -35,21 +35,28 @@ def found_alignment(runs: Sequence[Run], subject: Subject) -> Alignment:
     if not sweeps:
         names = ", ".join(str(run.path) for run in runs)
         raise AnalysisError(f"{names}: the plan was ended before a sweep was over: start it anew")
-    return align(sweeps, subject.motor)
+    return replace(align(sweeps, subject.motor), accuracy=subject.accuracy)
 
 
 def estimate(
     recordings: Recordings,
     write: Annotated[
         Path | None,
-        typer.Option(metavar="BENCH.toml", help="Write what was found into [motor] of this file."),
+        typer.Option(
+            metavar="BENCH.toml",
+            help="Write what was found into [motor] of this file, and how well the zero is known "
+            "into [accuracy] encoder_zero_rad: the limit +-a of a rectangular distribution, "
+            "a / sqrt(3) being the combined standard uncertainty.",
+        ),
     ] = None,
 ) -> Alignment:
     """Return the alignment, written into a bench file if one is named."""
     found = found_alignment(recordings.runs, recordings.subject)
     if write:
         text, _ = read_toml(write)
-        write_whole(write, with_values(text, "motor", found.fields, str(write)))
+        text = with_values(text, "motor", found.fields, str(write))
+        text = with_table(text, "accuracy")
+        write_whole(write, with_values(text, "accuracy", found.accuracy_fields, str(write)))
     return replace(found, bench_file=write)
 
 
@@ -62,6 +69,11 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
         f"# +- {result.offset_half_width_rad:.2g} (95 %), "
         f"{result.offset_half_width_points:.2g} encoder points"
     )
+    yield "[accuracy]"
+    yield (
+        f"encoder_zero_rad = {result.accuracy_fields['encoder_zero_rad']}  # limit +-a, "
+        "a / sqrt(3) is the zero's combined standard uncertainty"
+    )
     yield f"- the rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn"
     yield (
         f"- friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest: a single stop is "
@@ -69,7 +81,7 @@ def _text(result: Alignment, _: Recordings) -> Iterator[str]:
     )
     yield f"- {result.agreement}"
     if result.bench_file:
-        yield f"wrote {result.bench_file}"
+        yield f"wrote {result.bench_file}: [motor] and [accuracy] encoder_zero_rad"
 
 
 ANALYSIS = Analysis(

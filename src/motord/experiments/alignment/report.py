@@ -26,6 +26,9 @@ def fill(page: Page, result: Alignment) -> None:
         [
             f"Zero known to \u00b1{result.offset_half_width_points:.2g} encoder points (95 %), "
             "and to a whole electrical turn.",
+            f"[accuracy] encoder_zero_rad = {result.accuracy_fields['encoder_zero_rad']}: the "
+            "limit of a rectangular distribution with the zero's combined standard uncertainty, "
+            "that of the rests and that of the encoder's own error.",
             f"The rotor turns 1/{result.pole_pairs:.3f} of a turn for each electrical turn.",
             f"Friction leaves {1e3 * result.friction_Nm:.0f} mNm at rest, RMS, which takes a "
             f"single stop {result.friction_points:.2f} encoder points off.",

@@ -1,13 +1,13 @@
-"""The result of an alignment: what belongs into `[motor]`, how well it is known, what to mind."""
+"""The result of an alignment: what belongs into the bench file, how well it is known, findings."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
-from motord.config import MotorConfig, PhaseOrder
+from motord.config import AccuracyConfig, MotorConfig, PhaseOrder
 from motord.experiments.alignment.rests import Rests
 from motord.experiments.alignment.rests_checks import TorqueAnswer
 from motord.findings import Finding
@@ -16,15 +16,19 @@ from motord.intervals import coverage_factor
 POORLY_POINTS = 2.0
 """95 % limit of the zero, in encoder points, beyond which it is worth more stops."""
 
+ENCODER_ERROR_ORDERS = (1, 2)
+"""Orders of the turn of the encoder's own error, each within `[accuracy] encoder_error_rad`."""
+
 GAIN_APART = 0.1
 """Difference of a phase's sensed from its commanded current, in parts, that is a finding."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """What was found, for `[motor]` of the bench file, and how well.
+    """What was found, for `[motor]` and `[accuracy]` of the bench file, and how well.
 
-    motor: of the bench file that it was taken with; bench_file: into which the result was written.
+    motor, accuracy: of the bench file that it was taken with; bench_file: into which the result
+    was written.
     offset_rad is known to a whole electrical turn; it is the one nearest to zero. friction_Nm: RMS
     of the torque that is left where the rotor rests; friction_rad: how far that takes a single rest
     off, part of which is in the standard error. angle_rad (n,): mechanical, of the rests used;
@@ -34,6 +38,7 @@ class Alignment:
 
     JSON: ClassVar[dict[str, str]] = {
         "fields": "fields",
+        "accuracy_fields": "accuracy_fields",
         "told": "configured",
         "encoder_offset_stderr_rad": "offset_stderr_rad",
         "encoder_offset_stderr_points": "offset_stderr_points",
@@ -65,6 +70,7 @@ class Alignment:
     apart_rad: np.ndarray
     left_rad: np.ndarray
     degrees_of_freedom: int
+    accuracy: AccuracyConfig = field(default_factory=AccuracyConfig)
     bench_file: Path | None = None
 
     @property
@@ -80,6 +86,22 @@ class Alignment:
             "encoder_direction": self.direction,
             "encoder_offset_rad": round(self.offset_rad, 6),
         }
+
+    @property
+    def accuracy_fields(self) -> dict[str, float]:
+        """What belongs into `[accuracy]`, to three digits."""
+        return {"encoder_zero_rad": float(f"{self.zero_limit_rad:.3g}")}
+
+    @property
+    def zero_limit_rad(self) -> float:
+        """Half-width a of the rectangular distribution of the zero's error.
+
+        a / sqrt(3) is its combined standard uncertainty: the standard error, and the encoder's own
+        error, as far as it does not average out over the angles of the rests.
+        """
+        means = [np.exp(1j * order * self.angle_rad).mean() for order in ENCODER_ERROR_ORDERS]
+        encoder_rad = self.accuracy.encoder_error_rad * float(np.linalg.norm(means))
+        return float(np.hypot(np.sqrt(3) * self.offset_stderr_rad, encoder_rad))
 
     @property
     def configured(self) -> dict[str, str | int | float]:

@@ -33,7 +33,7 @@ def estimate(
 ) -> CalibratedRuns:
     """Return the calibration. Raises AnalysisError, CalibrationError, IdentifyError."""
     other = load(beside) if beside else None
-    calibrator = Calibrator.of_runs(recordings.runs, recordings.subject)
+    calibrator = Calibrator.of_runs(recordings.runs, recordings.subject, recordings.progress)
     result = calibrator.result(method)
     made = result.to_calibration(recordings.subject.motor, datetime.now(UTC), recordings.names)
     return CalibratedRuns(calibrator, result, made, other)
@@ -74,7 +74,7 @@ def _text(found: CalibratedRuns, _: Recordings) -> Iterator[str | TextTable]:
     )
     if c.budget:
         yield _uncertainties(c.budget)
-    for note in c.observable:
+    for note in (*c.observable, *(c.cramer_rao.in_words() if c.cramer_rao else ())):
         yield f"- {note}"
     if (age := found.result.current_delay_s) is not None:
         age_us = plus_minus(1e6 * age[0], 1e6 * coverage_factor(age[2]) * age[1])

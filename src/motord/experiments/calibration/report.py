@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from motord.calibration import Calibration
+from motord.calibration import Calibration, CramerRao
 from motord.experiments.calibration.estimate.calibrator import CalibratedRuns
 from motord.experiments.calibration.estimate.result import Estimate
 from motord.experiments.calibration.estimate.truth import recorded_truth
@@ -36,6 +36,8 @@ def report(found: CalibratedRuns, recordings: Recordings) -> Page:
     fill(page, estimates, _reference(found.other, recordings, more))
     if c.budget:
         _budget(page, c.budget)
+    if c.cramer_rao:
+        _cramer_rao(page, c.cramer_rao)
     page.heading("About these figures")
     if c.observable:
         page.points(c.observable)
@@ -73,6 +75,18 @@ def _budget(page: Page, contributions: Sequence[Contribution]) -> None:
     rows.append(["coverage factor k", "", "", *(f"{k:.2f}" for k in factors)])
     columns = [f"{name} ({unit})" for name, unit, _ in QUANTITIES]
     page.table(["source", "type", "limit", *columns], rows, numbers=True)
+
+
+def _cramer_rao(page: Page, found: CramerRao) -> None:
+    page.heading("Cram\u00e9r-Rao bound")
+    page.points([*found.in_words(), found.noise_in_words])
+    rows = [
+        [f"{one.quantity} ({one.unit or 1})", f"{one.bound:.2g}", f"{one.efficiency:.2f}"]
+        for one in found.quantities
+    ]
+    page.table(["", "standard error at the bound", "efficiency"], rows, numbers=True)
+    shares = [[one.source, f"{100 * one.share:.0f}"] for one in found.shares]
+    page.table(["variance of the predicted ripple", "share (%)"], shares, numbers=True)
 
 
 def _reference(

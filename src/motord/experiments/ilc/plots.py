@@ -8,8 +8,8 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from motord.calibration import TorqueSpeed
 from motord.learned import LearnedPoint
-from motord.report.plots.mesh import Point
 from motord.report.style import AFTER, BEFORE, INK, OTHER, REFERENCE, SOFT, drawing, figure
 
 _TORQUES = LinearSegmentedColormap.from_list("torques", [AFTER, REFERENCE, OTHER, BEFORE])
@@ -19,7 +19,7 @@ LEAST_PERCENT = 0.02
 """Smallest error that is drawn: less cannot be separated from none."""
 
 
-def _colours(points: Sequence[Point]) -> dict[float, tuple[float, float, float, float]]:
+def _colours(points: Sequence[TorqueSpeed]) -> dict[float, tuple[float, float, float, float]]:
     torques_Nm = sorted({torque_Nm for torque_Nm, _ in points})
     places = np.linspace(0, 1, len(torques_Nm)).tolist()
     return dict(zip(torques_Nm, map(_TORQUES, places), strict=True))
@@ -31,7 +31,7 @@ def _legend(axes: Axes, colours: Mapping[float, tuple[float, float, float, float
     axes.legend(loc="upper right", ncols=min(len(colours), 5))
 
 
-def convergence(passes: Mapping[Point, Sequence[float]]) -> Figure:
+def convergence(passes: Mapping[TorqueSpeed, Sequence[float]]) -> Figure:
     """Return RMS errors (percent) over the number of the pass, one line a point."""
     colours = _colours(list(passes))
     with drawing():
@@ -60,7 +60,7 @@ def convergence(passes: Mapping[Point, Sequence[float]]) -> Figure:
         return picture
 
 
-def corrections(orders: Sequence[int], points: Mapping[Point, LearnedPoint]) -> Figure:
+def corrections(orders: Sequence[int], points: Mapping[TorqueSpeed, LearnedPoint]) -> Figure:
     """Return amplitudes over order, a dot for each point."""
     colours = _colours(list(points))
     with drawing():

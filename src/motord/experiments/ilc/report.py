@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 
+from motord.calibration import TorqueSpeed
 from motord.experiments.ilc.analysis import LearnPass
 from motord.experiments.ilc.order_list import in_lines
 from motord.experiments.ilc.plots import convergence, corrections
 from motord.report.html import Page
-from motord.report.plots.mesh import Point, rms_error
+from motord.report.plots.mesh import rms_error
 
 
 def page(done: LearnPass) -> Page:
@@ -18,7 +19,7 @@ def page(done: LearnPass) -> Page:
     return made
 
 
-def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[Point, float]] = ()) -> None:
+def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[TorqueSpeed, float]] = ()) -> None:
     """Add headings and pictures to a page.
 
     truth: RMS error of the true torque in percent in every pass, the first with the calibration
@@ -64,8 +65,8 @@ def fill(page: Page, done: LearnPass, truth: Sequence[Mapping[Point, float]] = (
 
 
 def _panels(
-    done: LearnPass, passes: Mapping[Point, Sequence[float]], *, measured: bool
-) -> list[tuple[str, dict[Point, float]]]:
+    done: LearnPass, passes: Mapping[TorqueSpeed, Sequence[float]], *, measured: bool
+) -> list[tuple[str, dict[TorqueSpeed, float]]]:
     """Return title and RMS errors of what came about one after the other, as far as it is known."""
     panels = [
         ("Calibrated", {place: errors[0] for place, errors in passes.items()}),

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from motord.calibration import RmsErrors, RmsPoint, load
+from motord.calibration import RmsErrors, RmsPoint, by_magnitude, load
 from motord.experiments.analysis import Analysis, encode
 from motord.experiments.points_left_out import points_left_out
 from motord.experiments.ripple.estimate import MeshRipple, explained, ripples
 from motord.experiments.ripple.findings import findings
 from motord.experiments.subject import AnalysisError, Recordings
-from motord.identification.point_ripple import by_magnitude
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:

@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from motord.calibration import TorqueSpeed, by_magnitude
 from motord.config import MotorConfig
 from motord.experiments.ripple.estimate import Explained, MeshRipple, middle_point
 from motord.experiments.subject import Recordings, facts
-from motord.identification.point_ripple import PointRipple, by_magnitude, rms_errors
+from motord.identification.point_ripple import PointRipple, rms_errors
 from motord.report.html import Page
-from motord.report.plots.mesh import Point, in_percent, rms_error
+from motord.report.plots.mesh import in_percent, rms_error
 from motord.report.plots.torque import TorqueCurve, over_angle_and_order
 
 CURVE_ANGLES = 2048
@@ -18,7 +19,7 @@ CURVE_ANGLES = 2048
 MEASURED = "measured torque, freed of noise and of the sensor's response"
 """Which torque the RMS errors of a report are of, unless it says otherwise."""
 
-Errors = Mapping[Point, float]
+Errors = Mapping[TorqueSpeed, float]
 """RMS error in percent of rated torque by (torque_Nm, speed_Hz); empty if not measured."""
 
 

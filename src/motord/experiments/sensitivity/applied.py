@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.sensitivity.curves import currents_per_Nm
 from motord.identification import IdentifyError
+from motord.identification.least_loss import currents_per_Nm
 from motord.identification.operating_points import COMMANDS, CURRENTS
 from motord.identification.resample import fill_gaps
 from motord.schema import Flag

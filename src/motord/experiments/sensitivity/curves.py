@@ -16,16 +16,7 @@ from numpy.typing import ArrayLike
 
 from motord.config import MotorConfig
 from motord.identification import IdentifyError
-
-TINY_V2_S2 = 1e-12
-
-
-def currents_per_Nm(motor: MotorConfig) -> np.ndarray:
-    """Return w = n / sum_q k_q n_q at the encoder's points (counts, 3), A/Nm."""
-    k = motor.back_emf_table()
-    wanted = k - k.mean(axis=1, keepdims=True) if motor.connection == "star" else k
-    power = (k * wanted).sum(axis=1, keepdims=True)
-    return np.asarray(np.divide(wanted, power, out=np.zeros_like(k), where=power > TINY_V2_S2))
+from motord.identification.least_loss import currents_per_Nm
 
 
 def gains_of(alpha_a: ArrayLike) -> np.ndarray:

@@ -8,10 +8,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
+from motord.calibration import TorqueSpeed
 from motord.report.style import INK, PAPER, drawing, figure
-
-Point = tuple[float, float]
-"""(torque_Nm, speed_Hz)."""
 
 _MAP = LinearSegmentedColormap.from_list(
     "ripple", ["#0d4f7c", "#3f8fbe", "#a9cfe3", "#f3e6c8", "#ec9a62", "#b23a1e", "#6d1410"]
@@ -21,7 +19,7 @@ _MAP = LinearSegmentedColormap.from_list(
 RANGE_PERCENT = (0.03, 30.0)
 
 
-def rms_error(panels: Sequence[tuple[str, Mapping[Point, float]]]) -> Figure:
+def rms_error(panels: Sequence[tuple[str, Mapping[TorqueSpeed, float]]]) -> Figure:
     """Return heat maps of RMS errors in percent of rated torque, one a panel, all of one scale."""
     with drawing():
         torques_Nm = sorted({point[0] for _, values in panels for point in values})
@@ -40,7 +38,7 @@ def rms_error(panels: Sequence[tuple[str, Mapping[Point, float]]]) -> Figure:
         return picture
 
 
-def _heat_map(axes: Axes, values: Mapping[Point, float], norm: LogNorm) -> QuadMesh:
+def _heat_map(axes: Axes, values: Mapping[TorqueSpeed, float], norm: LogNorm) -> QuadMesh:
     torques_Nm = sorted({torque_Nm for torque_Nm, _ in values})
     speeds_Hz = sorted({speed_Hz for _, speed_Hz in values})
     grid = np.full((len(torques_Nm), len(speeds_Hz)), np.nan)

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from motord.api.plan_messages import MESH_POINTS_MAX, MeshPoint, MeshView
+from motord.calibration import magnitudes_differ
 from motord.sequencing import NOTHING_INDUCED, Executor, OperatingPoint
 from motord.sequencing.capture import final
 from motord.sequencing.quality import GOOD
@@ -19,6 +20,11 @@ def planned(name: str, run_id: str, points: Sequence[OperatingPoint]) -> MeshVie
         plan=name,
         run_id=run_id,
         points_total=len(points),
+        by_magnitude=magnitudes_differ(
+            (point.torque_Nm, point.speed_Hz)
+            for point in points
+            if point.induced == NOTHING_INDUCED
+        ),
         points=[
             MeshPoint(
                 point=point.index,

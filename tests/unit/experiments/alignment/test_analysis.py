@@ -70,12 +70,35 @@ def test_what_is_found_is_written_into_the_bench_file(bench: Path, tmp_path: Pat
     assert result["torque_sensor"]["shows_direction"] is True
     written = tomllib.loads(path.read_text())["motor"]
     assert {name: written[name] for name in result["fields"]} == result["fields"]
+    assert result["accuracy_fields"] == tomllib.loads(path.read_text())["accuracy"]
+    limit_rad = result["accuracy_fields"]["encoder_zero_rad"]
+    assert f"[accuracy]\nencoder_zero_rad = {limit_rad}  # limit +-a" in done.output
+    assert f"wrote {path}: [motor] and [accuracy] encoder_zero_rad" in done.output
+    assert load(path).accuracy.model_fields_set == {"encoder_zero_rad"}
     turn_rad = np.pi / 4
     off_rad = (written["encoder_offset_rad"] - 4.4 + turn_rad / 2) % turn_rad - turn_rad / 2
     assert abs(off_rad) < 3 * result["encoder_offset_stderr_rad"] < 0.003
     page = (tmp_path / "r.html").read_text()
     assert page.count("<figure>") == 3
     assert "<td>acb</td><td>abc</td>" in page
+    assert f"encoder_zero_rad = {limit_rad}" in page
+
+
+def test_a_limit_of_the_zero_that_was_stated_is_replaced_and_comments_stay(
+    bench: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "bench.toml"
+    stated = "[accuracy]  # data sheets\nencoder_zero_rad = 0.01  # by eye\n"
+    path.write_text(f"{(bench / 'bench.toml').read_text()}\n{stated}back_emf_percent = 0.1\n")
+    assert motord("analyse", "align", bench / "run.mcap", "--write", path).exit_code == 0
+    written = load(path).accuracy
+    assert (written.encoder_zero_rad < 0.005, written.back_emf_percent) == (True, 0.1)
+    lines = path.read_text().splitlines()
+    assert lines[-3:] == [
+        "[accuracy]  # data sheets",
+        f"encoder_zero_rad = {written.encoder_zero_rad}  # by eye",
+        "back_emf_percent = 0.1",
+    ]
 
 
 def test_the_bench_calibrates_then_as_if_it_had_been_right(bench: Path, tmp_path: Path) -> None:

@@ -1,11 +1,13 @@
 """Phase order, direction and zero on simulated rigs where they are anything; and refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from motord.config import Config, load
+from motord.config import AccuracyConfig, Config, load
 from motord.experiments.alignment import estimate as alignment
 from motord.experiments.alignment.estimate import align
 from motord.experiments.alignment.rests import rests_of, unwrapped_rad
@@ -43,6 +45,29 @@ def test_whatever_is_true_is_found(case: Case) -> None:
     assert 0.2 < found.offset_stderr_rad / POINT_RAD < 0.7
     assert found.pole_pairs == pytest.approx(8, abs=0.03)
     assert found.gains == pytest.approx((1, 1, 1), abs=0.01)
+
+
+@pytest.mark.parametrize("phase_rad", [0.0, 1.5, 3.0])
+def test_the_limit_of_the_zero_holds_the_encoders_own_error(phase_rad: float) -> None:
+    error = {"order": 1, "amplitude_rad": 5e-3, "phase_rad": phase_rad}
+    case = random_case(3)
+    encoder = {"offset_rad": case.offset_rad, "direction": case.direction, "errors": [error]}
+    sweeps = sweeps_of(CONFIG, case.truth(encoder=encoder), 3, **SHORT)
+    found = replace(align(sweeps, CONFIG.motor), accuracy=AccuracyConfig(encoder_error_rad=5e-3))
+    off_rad = abs(case.error_points(found, CONFIG)) * POINT_RAD
+    assert off_rad < found.zero_limit_rad < 10e-3
+
+
+def test_the_limit_of_the_zero_has_the_combined_standard_uncertainty(sweeps: list) -> None:
+    found = align(sweeps, CONFIG.motor)
+    exact = replace(found, accuracy=AccuracyConfig(encoder_error_rad=0))
+    assert exact.zero_limit_rad / np.sqrt(3) == pytest.approx(found.offset_stderr_rad)
+    stated = AccuracyConfig(encoder_error_rad=0.01)
+    at_one_angle = replace(found, accuracy=stated, angle_rad=np.array([1.0]), offset_stderr_rad=0)
+    assert at_one_angle.zero_limit_rad == pytest.approx(0.01 * np.sqrt(2))
+    over_a_turn = np.linspace(0, 2 * np.pi, 50, endpoint=False)
+    averaged = replace(exact, accuracy=stated, angle_rad=over_a_turn)
+    assert averaged.zero_limit_rad == pytest.approx(exact.zero_limit_rad)
 
 
 def configured(**motor: object) -> Config:

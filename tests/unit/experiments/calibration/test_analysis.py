@@ -79,9 +79,17 @@ def test_from_runs_to_a_page(recorded: Recorded) -> None:
     seen = (
         "off.mcap, on.mcap", made.id, "48 slots, 16 poles", f"calibration {other.id}",
         "residual estimator", "Torque at 4 Nm, 0.8 turns/s",
+        "standard error at the bound", "variance of the predicted ripple",
     )  # fmt: skip
     for part in seen:
         assert part in text
+
+
+def test_the_progress_is_that_of_all_recordings_together(recorded: Recorded) -> None:
+    seen: list[tuple[str, float]] = []
+    recordings = Recordings.open([recorded.off, recorded.on])
+    Calibrator.of_runs(recordings.runs, recordings.subject, lambda *step: seen.append(step))
+    assert seen == [("reading", number / 8) for number in range(1, 9)]
 
 
 def test_a_page_without_points(recorded: Recorded) -> None:

@@ -17,10 +17,19 @@ def test_equations_without_an_answer_are_refused() -> None:
 
 def test_gains_that_do_not_exist_are_refused() -> None:
     theta = np.full(9, np.nan)
-    errors = VarianceComponents.known(np.eye(10))
+    errors = VarianceComponents.known(np.eye(10), "data")
     solution = Solution(theta, theta[:3], 1.0)
     fitted = JointFit(
-        solution, errors, OPEN, np.zeros(2), 1.0, 1e-4, np.eye(9), np.eye(10, 9), np.zeros(10)
+        solution,
+        errors,
+        OPEN,
+        np.zeros(2),
+        1.0,
+        1e-4,
+        np.zeros((2, 9, 9)),
+        np.eye(9),
+        np.eye(10, 9),
+        np.zeros(10),
     )
     with pytest.raises(IdentifyError, match="no gains fit this torque"):
         check_fit(fitted)
@@ -49,7 +58,7 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
     theta = np.concatenate([np.full(3, common), np.zeros(6)])
     identifiable = Identifiability(None, offset_seen=True)
     solution = Solution(theta, np.ones(3), common)
-    errors = VarianceComponents.known(1e-6 * np.eye(10))
+    errors = VarianceComponents.known(1e-6 * np.eye(10), "data")
     fitted = JointFit(
         solution,
         errors,
@@ -57,6 +66,7 @@ def test_a_common_gain_that_no_sensors_have_is_refused(common: float) -> None:
         np.full(2, 0.02),
         1.0,
         1e-4,
+        np.zeros((2, 9, 9)),
         np.eye(9),
         np.eye(10, 9),
         np.zeros(10),

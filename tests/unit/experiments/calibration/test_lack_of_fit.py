@@ -1,14 +1,25 @@
 """What a calibration says of a bench that departs from its model; all rows in the campaign."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from scipy import stats
 
+from motord.config import load
 from motord.experiments.calibration.estimate.lack_of_fit import analysis as lack_of_fit
 from motord.experiments.calibration.estimate.lack_of_fit import departures
-from motord.experiments.calibration.estimate.lack_of_fit.analysis import left_orders
+from motord.experiments.calibration.estimate.lack_of_fit.analysis import (
+    LackOfFit,
+    LeftOrder,
+    left_orders,
+)
+from motord.experiments.calibration.estimate.lack_of_fit.findings import findings
+from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
 from motord.experiments.calibration.estimate.lack_of_fit.score_test import ResidualRows
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, smooth_noise
-from tests.campaigns.departures import DEPARTURES, calibrated, errors_over_half_widths
+from motord.rig.truth import load as load_truth
+from tests.campaigns.departures import DEPARTURES, Departure, calibrated, errors_over_half_widths
 
 MESH = {"torques_Nm": [1.0, 3.0, 5.0], "speeds_Hz": [0.9], "turns": 6, "settle_s": 0.3}
 TWO_SPEEDS = {**MESH, "speeds_Hz": [0.5, 0.9], "torques_Nm": [1.0, 5.0]}
@@ -51,6 +62,50 @@ def test_a_departure_is_named_and_the_intervals_account_for_it(
         assert finding.unit == "deg"
         assert "eccentric" in finding.meaning
     assert np.median(errors_over_half_widths(result, truth)) < 1
+
+
+@pytest.mark.parametrize(
+    ("torques_Nm", "speeds_Hz", "few"),
+    [([2.0, 4.0], [0.8], True), ([1.0, 3.0, 5.0], [0.8], True), ([2.0, 4.0], [0.5, 0.8], False)],
+)
+def test_with_few_points_a_finding_says_that_these_do_not_separate_causes(
+    torques_Nm: list[float], speeds_Hz: list[float], few: bool
+) -> None:
+    mesh = {**MESH, "torques_Nm": torques_Nm, "speeds_Hz": speeds_Hz, "gain_steps": []}
+    result, _ = calibrated("independent", ROWS["encoder 0.5 deg once"], 1, mesh=mesh)
+    *causes, last = result.findings if few else (*result.findings, None)
+    open_ = [f"{len(torques_Nm)} operating points do not separate" in one.meaning for one in causes]
+    assert [one.name for one in causes][:1] == ["encoder-error-order-1"]
+    assert (last is not None) == few == all(open_) == any(open_)
+    if last is not None:
+        assert (last.name, last.severity) == ("few-points", "note")
+        assert f"too few operating points ({len(torques_Nm)}) to tell causes apart: take at" in (
+            last.meaning
+        )
+        assert "cogging torque of orders that slots and poles do not allow" in causes[0].meaning
+
+
+def test_cogging_of_a_forbidden_order_that_passes_for_a_harmonic_says_what_else_it_may_be() -> None:
+    known = [one.model_dump() for one in load_truth().motor.cogging]
+    more = {"order": 24, "amplitude_Nm": 0.02, "phase_rad": 0.4}
+    wrong = Departure("order 24", (), lambda _: {"motor": {"cogging": [*known, more]}})
+    mesh = {**MESH, "torques_Nm": [2.0, 4.0], "speeds_Hz": [0.8], "gain_steps": []}
+    result, _ = calibrated("independent", wrong, 2, mesh=mesh)
+    assert [one.name for one in result.findings] == ["back-emf", "few-points"]
+    assert "nor from cogging torque of orders" in result.findings[0].meaning
+
+
+def test_two_points_do_not_show_how_what_is_left_grows() -> None:
+    left = LeftOrder(order=6, rms_Nm=0.1, noise_Nm=0.01, power=1, p_value=1e-9)
+    lines = np.zeros((2, 8))
+    for points, few in ((2, True), (4, False)):
+        fit = LackOfFit(
+            np.arange(1.0, points + 1), lines, lines, lines, lines, (), (left,), 1.0, ()
+        )
+        bench = BenchFile(load().motor, load().torque_sensor)
+        one, *more = findings(fit, bench, (0.0, 1e-6), 0.0, 1e-3, None)
+        assert [other.name for other in more] == ["few-points"] * few
+        assert ("2 operating points do not show how it depends" in one.meaning) == few
 
 
 def test_without_the_search_for_departures_an_eccentric_encoder_passes_for_something_else(
@@ -100,11 +155,11 @@ def test_an_order_that_stands_out_is_found_with_its_growth() -> None:
     assert [(one.order, one.power) for one in found] == [(10, 0), (20, 1), (30, 2)]
 
 
-def _rows(groups_Nm: np.ndarray) -> ResidualRows:
-    """Return rows of points with lines (points, groups, orders), to a model of one column."""
-    points, _, orders = groups_Nm.shape
+def _rows(groups_Nm: Sequence[np.ndarray]) -> ResidualRows:
+    """Return rows of points with lines (groups, orders) each, to a model of one column."""
+    points, orders = len(groups_Nm), groups_Nm[0].shape[1]
     return ResidualRows(
-        rest_Nm=groups_Nm.mean(axis=1),
+        rest_Nm=np.array([lines.mean(axis=0) for lines in groups_Nm]),
         noise_Nm=np.ones((points, orders)),
         groups_Nm=list(groups_Nm),
         columns=np.ones((points, 1, orders), complex),
@@ -140,3 +195,35 @@ def test_robust_errors_are_those_of_white_noise_where_noise_is_white() -> None:
     t, freedom = weighed.robust_t(rows, column @ gain.size)
     assert t == pytest.approx(np.sqrt(gain.chi_square), rel=0.25)
     assert freedom > 60
+
+
+@pytest.mark.parametrize("groups", [(4, 4, 4), (4, 4, 1), (2, 3, 4, 1, 1), (4, 1, 1, 1, 1)])
+@pytest.mark.parametrize("common", [0.0, 3.0])
+def test_noise_is_as_rarely_a_departure_with_points_of_one_group(
+    groups: tuple[int, ...], common: float
+) -> None:
+    """Of white noise, and of noise with an error that all orders of a turn have in common.
+
+    The mean over a point's groups has the same noise, however many there are.
+    """
+    rng = np.random.default_rng(7)
+    meshes, orders, level = 600, 12, 0.05
+    found = 0
+    for _ in range(meshes):
+        effect = rng.normal(size=(len(groups), 1, orders)) + 0j
+        lines = [
+            np.sqrt(count)
+            * (rng.normal(size=(count, orders)) + common * rng.normal(size=(count, 1)) * one)
+            for count, one in zip(groups, effect, strict=True)
+        ]
+        weighed = (rows := _rows(lines)).weighed(np.ones(orders))
+        t, freedom = weighed.robust_t(rows, weighed.effect(effect, np.zeros((0, 1)))[:, 0])
+        found += bool(2 * stats.t.sf(abs(t), freedom) < level)
+    assert 0.6 * level < found / meshes < 1.4 * level
+
+
+def test_a_mesh_of_single_groups_says_nothing_of_its_scatter() -> None:
+    rows = _rows([np.ones((1, 5), complex)] * 3)
+    weighed = rows.weighed(np.ones(5))
+    column = weighed.effect(np.arange(15.0).reshape(3, 1, 5) + 0j, np.zeros((0, 1)))[:, 0]
+    assert weighed.robust_t(rows, column) == (0.0, 1.0)

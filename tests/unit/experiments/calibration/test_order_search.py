@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from motord.calibration import Harmonic
+from motord.config import packaged
+from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
     significant,
@@ -18,7 +20,11 @@ from motord.experiments.calibration.estimate.more_orders.search import Search, l
 from motord.experiments.calibration.estimate.more_orders.trial import tried
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.calibration.estimate.turn_spectrum import SMOOTHED_ORDERS, lines_of
-from tests.campaigns.learn_orders import SHORT, STAR, beta_errors, calibrated, stated
+from motord.experiments.plans import build
+from motord.experiments.subject import Subject
+from motord.recording.reader import open_run
+from motord.simulate import PlanSource, record_plan
+from tests.campaigns.learn_orders import SHORT, STAR, beta_errors, stated
 from tests.support.rig_files import departing
 
 TORQUES_NM = np.array([1.0, 1.0, 2.0, 2.0, 4.0, 4.0])
@@ -178,7 +184,17 @@ def test_the_levels_of_all_orders_together_are_those_of_one() -> None:
 
 def test_forbidden_orders_of_a_rig_enter_and_leave_offsets_right(tmp_path: Path) -> None:
     config = departing(tmp_path, STAR)
-    result = calibrated(config, 1, SHORT)
+    source = PlanSource(config, packaged("sim.toml").read_text())
+    record_plan(source, build("calibrate", config, SHORT), tmp_path / "run.mcap", seed=1)
+    steps: list[tuple[str, float]] = []
+    run, subject = open_run(tmp_path / "run.mcap"), Subject.of_config(config)
+    calibrator = Calibrator.of_runs([run], subject, lambda *step: steps.append(step))
+    first = len(steps)
+    result = calibrator.joint()
+    assert {phase for phase, _ in steps[:first]} == {"reading"}
+    assert {phase for phase, _ in steps[first:]} == {"reading again for orders 6, 8, 24"}
+    assert [part for _, part in steps[first:]] == [part for _, part in steps[:first]]
+    assert steps[-1][1] == 1
     assert {6, 8, 24} == {added.order for added in result.added_orders}
     assert stated(result) == (6, 8, 24, 48, 80, 144)
     assert np.abs(beta_errors(result, config)).max() < 3

@@ -1,6 +1,6 @@
 """From operating points to a calibration, one point at a time, by either estimator."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -11,6 +11,7 @@ from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import check_fit, check_points
+from motord.experiments.calibration.estimate.efficiency import cramer_rao
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.joint_result import (
     cogging_harmonics,
@@ -23,6 +24,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFi
 from motord.experiments.calibration.estimate.lack_of_fit.widened import with_lack_of_fit
 from motord.experiments.calibration.estimate.more_orders.problem import Weighted
 from motord.experiments.calibration.estimate.more_orders.result import (
+    in_a_row,
     unconfirmed,
     with_added_orders,
 )
@@ -31,11 +33,17 @@ from motord.experiments.calibration.estimate.normal_equations import Regression
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
-from motord.experiments.subject import Subject
+from motord.experiments.subject import PhaseProgress, Subject
 from motord.findings import Finding
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
-from motord.identification.operating_points import PointData, Samples, prepare, require_currents
+from motord.identification.operating_points import (
+    PointData,
+    Samples,
+    good_points,
+    prepare,
+    require_currents,
+)
 from motord.identification.orders import (
     COUNTS_PER_COGGING_ORDER,
     SAMPLES_PER_COGGING_ORDER,
@@ -52,6 +60,9 @@ MOST_ROUNDS = 12
 
 SETTLED = 1e-4
 """Change of alpha from fit to fit below which it has settled."""
+
+READING = "reading"
+"""Phase of the progress; followed by why, where the recordings are read again."""
 
 ONE_DIRECTION = (
     "friction ripple: not separated from cogging torque, as all points turn the same way; what "
@@ -75,9 +86,11 @@ class Calibrator:
         sensor: TorqueSensorConfig,
         again: Callable[[], Iterable[PointData]] | None = None,
         accuracy: AccuracyConfig | None = None,
+        progress: PhaseProgress = lambda phase, fraction: None,
     ) -> None:
         """again: gives the points once more, where the data ask for more orders than expected."""
         self._motor, self._sensor, self._again = motor, sensor, again
+        self._progress = progress
         self._bench = BenchFile(motor, sensor, accuracy or AccuracyConfig())
         self._orders = allowed_orders(
             motor.slots, 2 * motor.pole_pairs, motor.counts // COUNTS_PER_COGGING_ORDER
@@ -93,24 +106,22 @@ class Calibrator:
         cls,
         runs: Iterable[Run],
         subject: Subject,
-        progress: Callable[[float], None] = lambda fraction: None,
+        progress: PhaseProgress = lambda phase, fraction: None,
     ) -> "Calibrator":
         """Return a calibrator that has taken all good points of the runs. Raises IdentifyError.
 
-        progress: called with the part of the run's recorded points that is done.
+        progress: called while they are read, now and again for orders that the data ask for.
         """
         all_runs = list(runs)
-        calibrator = cls(
-            subject.motor,
-            subject.sensor,
-            lambda: (p for run in all_runs for p in captures(run)),
-            subject.accuracy,
-        )
-        for run in all_runs:
-            points = len(run.operating_points())
-            for number, point in enumerate(captures(run), start=1):
-                calibrator.add(point)
-                progress(number / points)
+
+        def read() -> Iterator[PointData]:
+            return (point for run in all_runs for point in captures(run))
+
+        calibrator = cls(subject.motor, subject.sensor, read, subject.accuracy, progress)
+        points = sum(len(good_points(run.operating_points())) for run in all_runs)
+        for number, point in enumerate(read(), start=1):
+            calibrator.add(point)
+            progress(READING, number / points)
         return calibrator
 
     def add(self, point: PointData) -> None:
@@ -165,6 +176,9 @@ class Calibrator:
             result,
             harmonics=tuple(sorted(result.harmonics, key=attrgetter("order"))),
             budget=budget(result, fitted, left.sensitivities, self._bench),
+            cramer_rao=cramer_rao(
+                result, fitted, residual, left, agreement, self._motor, self._sensor
+            ),
         )
 
     def half_widths(self) -> dict[str, float]:
@@ -185,8 +199,12 @@ class Calibrator:
         known = regression.basis.orders[: regression.orders]
         least_Nm = MODEL_ACCURACY * self._motor.rated_torque_Nm
         while found.added and self._again is not None:
-            basis = Basis.of(self._motor, (*known, *(trial.order for trial in found.added)))
-            points = [accumulate(self._samples(p), basis, self._sensor) for p in self._again()]
+            added = [trial.order for trial in found.added]
+            basis = Basis.of(self._motor, (*known, *added))
+            phase, points = f"{READING} again for {in_a_row(added)}", []
+            for point in self._again():
+                points.append(accumulate(self._samples(point), basis, self._sensor))
+                self._progress(phase, len(points) / len(self._points))
             more, bigger = self._fitted(points, basis, len(basis.orders))
             weak = unconfirmed(found, cogging_harmonics(more, bigger), least_Nm)
             if not weak:

@@ -22,6 +22,7 @@ from motord.experiments.calibration.estimate.normal_equations import (
     NormalEquations,
     Regression,
     TurnSums,
+    prior_information,
 )
 from motord.experiments.calibration.estimate.scatter import PointScores, errors
 from motord.identification import IdentifyError
@@ -37,6 +38,10 @@ FALSE_DISAGREEMENT = 0.002
 AGREEMENT = 1e-3
 """Difference of alpha by torque and by law up to which the model itself explains it: gains drift
 with temperature, and currents are held from tick to tick."""
+
+
+NEARLY_SEEN = "a common gain or offset that is nearly seen"
+"""Source of errors: how far the solution that leaves it open lies away."""
 
 
 @dataclass(frozen=True)
@@ -59,10 +64,11 @@ class JointFit:
 
     errors: of solution.vector (p + 1,); noise_Nm (points,): standard deviation that is
     left in each operating point; condition_number of what was solved, columns scaled alike;
-    delay_unit_s: unit of the age of the currents; apart_from_torque (p, p): information on theta of
-    Kirchhoff's law and of the priors. derivative (p + 1, p): of solution.vector by theta on what is
-    seen; gain_shift (p + 1,): the same by the common gain, for each part by which it is not the 1
-    that is assumed; 0 where it is seen.
+    delay_unit_s: unit of the age of the currents; torque_information (points, p, p),
+    law_information (p, p): on theta, by that noise, of the torque and of Kirchhoff's law.
+    derivative (p + 1, p): of solution.vector by theta on what is seen; gain_shift (p + 1,): the
+    same by the common gain, for each part by which it is not the 1 that is assumed; 0 where it is
+    seen.
     """
 
     solution: Solution
@@ -71,9 +77,15 @@ class JointFit:
     noise_Nm: np.ndarray
     condition_number: float
     delay_unit_s: float
-    apart_from_torque: np.ndarray
+    torque_information: np.ndarray
+    law_information: np.ndarray
     derivative: np.ndarray
     gain_shift: np.ndarray
+
+    @property
+    def prior(self) -> np.ndarray:
+        """Information on theta before any data (p, p)."""
+        return prior_information(self.solution.theta.size)
 
     @property
     def current_delay_s(self) -> tuple[float, float, float]:
@@ -109,15 +121,17 @@ def fit(regression: Regression, rated_A: float, *, use_law: bool = True) -> Join
         normals = turns.normals(weight, kirchhoff_weight, theta)
         identifiable = assess(normals.information, normals.torque_information, rated_A)
     solution = solve(normals.left, normals.right.sum(axis=0), identifiable)
+    first_turns = np.unique(turns.point, return_index=True)[1]
     return JointFit(
         solution=solution,
         errors=stated_errors(normals, turns.point, solution, identifiable),
         identifiable=identifiable,
-        noise_Nm=np.sqrt(variance[np.unique(turns.point, return_index=True)[1]]),
+        noise_Nm=np.sqrt(variance[first_turns]),
         condition_number=_condition_number(normals.information, identifiable),
         delay_unit_s=turns.delay_unit_s,
-        apart_from_torque=normals.information - normals.torque_information + normals.prior,
-        derivative=_derivative(normals.left, solution, identifiable),
+        torque_information=np.add.reduceat(normals.torque, first_turns),
+        law_information=normals.information - normals.torque_information,
+        derivative=derivative(normals.left, solution, identifiable),
         gain_shift=_gain_shift(normals.left, solution, identifiable),
     )
 
@@ -138,11 +152,11 @@ def stated_errors(
         other = solve(normals.left, normals.right.sum(axis=0), opened)
         apart = other.vector - solution.vector
         return stated_errors(normals, point, other, opened) + VarianceComponents.known(
-            np.outer(apart, apart)
+            np.outer(apart, apart), NEARLY_SEEN
         )
-    inverse = _inverse(normals.left, identifiable)
+    inverse = inverse_on_seen(normals.left, identifiable)
     scores = PointScores.of(normals, point, solution.theta, inverse)
-    influence = _derivative(normals.left, solution, identifiable) @ inverse
+    influence = derivative(normals.left, solution, identifiable) @ inverse
     return errors(scores, solution.theta[ALPHA], influence, normals.prior, identifiable)
 
 
@@ -172,32 +186,30 @@ def solve(normal: np.ndarray, right: np.ndarray, identifiable: Identifiability) 
     return Solution(theta, theta[ALPHA], 1.0)
 
 
-def _inverse(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
+def inverse_on_seen(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
     """Return the inverse of (p, p) on what is seen, as `solve` uses it."""
     subspace = identifiable.subspace(len(normal))
     return np.asarray(subspace @ np.linalg.solve(subspace.T @ normal @ subspace, subspace.T))
 
 
-def _derivative(
-    normal: np.ndarray, solution: Solution, identifiable: Identifiability
-) -> np.ndarray:
+def derivative(normal: np.ndarray, solution: Solution, identifiable: Identifiability) -> np.ndarray:
     """Return the derivative of the solution's vector by theta on what is seen (p + 1, p)."""
     size, slopes = len(normal), 1 / solution.theta[ALPHA]
-    derivative = np.eye(size + 1, size)
+    found = np.eye(size + 1, size)
     if identifiable.gain_direction is None:
-        derivative[-1, ALPHA] = solution.delta_epsilon * slopes / 3
-        derivative[ALPHA, ALPHA] /= solution.delta_epsilon
-        derivative[ALPHA, ALPHA] -= np.outer(solution.alpha, slopes) / 3
-        return derivative
+        found[-1, ALPHA] = solution.delta_epsilon * slopes / 3
+        found[ALPHA, ALPHA] /= solution.delta_epsilon
+        found[ALPHA, ALPHA] -= np.outer(solution.alpha, slopes) / 3
+        return found
     change = _unseen_change(normal, identifiable)
-    derivative[:-1, ALPHA] -= np.outer(change, slopes) / (slopes @ change[ALPHA])
-    return derivative
+    found[:-1, ALPHA] -= np.outer(change, slopes) / (slopes @ change[ALPHA])
+    return found
 
 
 def _unseen_change(normal: np.ndarray, identifiable: Identifiability) -> np.ndarray:
     """Return how theta (p,) changes along what the data do not show of the gains."""
     fixed = identifiable.gain_vector(len(normal))
-    return np.asarray(fixed - _inverse(normal, identifiable) @ (normal @ fixed))
+    return np.asarray(fixed - inverse_on_seen(normal, identifiable) @ (normal @ fixed))
 
 
 def _gain_shift(

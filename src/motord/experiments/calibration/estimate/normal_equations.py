@@ -191,9 +191,7 @@ class NormalEquations:
     @property
     def prior(self) -> np.ndarray:
         """Information that is there before any data (p, p)."""
-        prior = np.zeros(self.torque.shape[1:])
-        prior[DELAY, DELAY] = prior[ZOH, ZOH] = 1.0
-        return prior
+        return prior_information(self.torque.shape[1])
 
     @property
     def left(self) -> np.ndarray:
@@ -209,6 +207,13 @@ class NormalEquations:
     def information(self) -> np.ndarray:
         """Fisher information of torque and Kirchhoff's law (p, p)."""
         return _symmetric(self.left)
+
+
+def prior_information(parameters: int) -> np.ndarray:
+    """Return the information (p, p) of the priors on the age of the currents and the zoh."""
+    prior = np.zeros((parameters, parameters))
+    prior[DELAY, DELAY] = prior[ZOH, ZOH] = 1.0
+    return prior
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from motord.calibration import (
     AddedOrder,
     CalibratedMotor,
     Calibration,
+    CramerRao,
     DegreesOfFreedom,
     Harmonic,
     half_widths,
@@ -104,7 +105,8 @@ class CalibrationResult(Estimate):
     identified from; added_orders: cogging orders that only the data ask for; findings: where these
     depart from the model (joint only, both); dispersion: factor by which the standard errors are
     larger than noise alone would make them, because of what no finding explains; budget: what each
-    source contributes to the uncertainty (joint only).
+    source contributes to the uncertainty; cramer_rao: how near the errors are to their bound (joint
+    only, both).
     """
 
     method: Method
@@ -120,6 +122,7 @@ class CalibrationResult(Estimate):
     findings: tuple[Finding, ...] = ()
     dispersion: float = 1.0
     budget: tuple[Contribution, ...] = ()
+    cramer_rao: CramerRao | None = None
 
     def to_calibration(
         self, motor: MotorConfig, created: datetime, runs: Sequence[str]
@@ -146,6 +149,7 @@ class CalibrationResult(Estimate):
             rms_error_percent=rms_errors(self.ripples),
             findings=self.findings,
             budget=self.budget,
+            cramer_rao=self.cramer_rao,
         )
 
 

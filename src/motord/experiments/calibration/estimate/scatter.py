@@ -40,6 +40,9 @@ SEEN_SHARE = 1e-6
 POOLED_FREEDOM = 8.0
 """Degrees of freedom that the noise of all points together counts for at each of them."""
 
+TURNS, POINTS, PRIORS = "noise of turns", "differences between operating points", "priors"
+"""Sources of the errors' parts."""
+
 LEAST_SHARE = 0.05
 """Part of a block's white noise that the fit leaves, at least: weak instruments may say less."""
 
@@ -84,7 +87,8 @@ def _pooled(
 
     What a point of few turns does not tell of its noise the others do: its colour, the covariance
     of scores whitened by the point's own left-hand side, is taken as alike, worth POOLED_FREEDOM
-    degrees of freedom. Variances of variances are unbiased: 2 v^2 / (freedom + 2).
+    degrees of freedom. That in turn is shrunk towards white noise, so that a few turns that happen
+    to be alike do not make errors small. Variances of variances are unbiased: 2 v^2 / (freedom + 2).
     """
     freedom = np.maximum(turns - 1, 0)
     values, vectors = np.linalg.eigh((left + np.swapaxes(left, 1, 2)) / 2)
@@ -94,10 +98,14 @@ def _pooled(
     root = vectors * scale[:, None, :] @ np.swapaxes(vectors, 1, 2)
     whitening = vectors * inverse[:, None, :] @ np.swapaxes(vectors, 1, 2)
     per_turn = whitening @ noise @ whitening
-    colour = np.tensordot(freedom, per_turn, 1) / max(freedom.sum(), 1)
+    white = (vectors * seen[:, None, :] @ np.swapaxes(vectors, 1, 2)) * POOLED_FREEDOM
+    every = freedom.sum() + POOLED_FREEDOM
+    colour = np.tensordot(freedom, per_turn, 1)
     own = freedom / (freedom + POOLED_FREEDOM)
-    shrunk = own[:, None, None] * noise + (1 - own)[:, None, None] * (root @ colour @ root)
-    common = np.outer(1 - own, 1 - own) / (freedom.sum() + 2)
+    shrunk = own[:, None, None] * noise + (1 - own)[:, None, None] * (
+        root @ (colour + white) @ root / every
+    )
+    common = np.outer(1 - own, 1 - own) * freedom.sum() / every**2
     return shrunk, 2 * (np.diag(own**2 / (freedom + 2)) + common)
 
 
@@ -256,8 +264,9 @@ def errors(
         influence @ points.noise @ influence.T,
         np.ones(len(points.doubt)),
         points.doubt,
+        (TURNS,) * len(points.doubt),
     )
-    found = turns + VarianceComponents.known(influence @ prior @ influence.T)
+    found = turns + VarianceComponents.known(influence @ prior @ influence.T, PRIORS)
     if len(points.doubt) > 1:
         parts = list(_parts(alpha, points.scores.shape[1], identifiable))
         found += _between(points, parts, influence)
@@ -270,7 +279,8 @@ def _between(points: PointScores, parts: list[_Parts], influence: np.ndarray) ->
     for _ in range(ROUNDS):
         blocks = _Blocks.of(points, parts, variance)
         variance, doubt = _variances(points, blocks)
-    return VarianceComponents(influence @ blocks.total @ influence.T, variance, doubt)
+    caused = influence @ blocks.total @ influence.T
+    return VarianceComponents(caused, variance, doubt, (POINTS,) * len(parts))
 
 
 def _variances(points: PointScores, blocks: _Blocks) -> tuple[np.ndarray, np.ndarray]:

@@ -30,6 +30,9 @@ it; these widen intervals but are no finding."""
 LIMIT_SIGMAS = 3.0
 """Standard errors of a departure's size that are its limit."""
 
+FEW_POINTS = 4
+"""Operating points below which the pattern over them fits several causes."""
+
 _BY_GROWTH = (
     (
         "does not depend on the torque: cogging of orders that slots and poles do not allow (a "
@@ -67,18 +70,20 @@ def findings(
 
     current_age_s: with its standard error; explained_age_s: what is left of it with the causes.
     """
+    points = fit.torque_Nm.size
     least_Nm = MODEL_ACCURACY * bench.motor.rated_torque_Nm
     causes = [cause for cause in fit.causes if cause.rms_Nm > least_Nm]
     left = [one for one in fit.left if one.rms_Nm > least_Nm]
     return (
-        *(_of_cause(cause, bench, current_age_s[0]) for cause in causes),
-        *_of_orders(left, bench.motor),
+        *(_of_cause(cause, bench, current_age_s[0], points) for cause in causes),
+        *_of_orders(left, bench.motor, points),
+        *(_of_few_points(points) if causes or left else ()),
         *_of_age(explained_age_s, current_age_s[1], period_s),
         *([] if kirchhoff is None else _of_kirchhoff(kirchhoff)),
     )
 
 
-def _of_cause(cause: Cause, bench: BenchFile, age_s: float) -> Finding:
+def _of_cause(cause: Cause, bench: BenchFile, age_s: float, points: int) -> Finding:
     meaning = MEANINGS.get(cause.name) or MEANINGS["encoder-error"]
     size = meaning.size(cause, bench)
     text = meaning.text.format(
@@ -91,6 +96,11 @@ def _of_cause(cause: Cause, bench: BenchFile, age_s: float) -> Finding:
         text += f" (without it, currents fit as if {1e6 * age_s:.0f} us older than recorded)"
     if cause.alike:
         text += f"; {' or '.join(cause.alike)} would look nearly the same"
+    if points < FEW_POINTS:
+        text += (
+            f"; {points} operating points do not separate this from other departures, nor "
+            "from cogging torque of orders that slots and poles do not allow"
+        )
     return Finding(
         name=cause.name,
         value=size,
@@ -102,7 +112,7 @@ def _of_cause(cause: Cause, bench: BenchFile, age_s: float) -> Finding:
     )
 
 
-def _of_orders(left: Sequence[LeftOrder], motor: MotorConfig) -> Iterator[Finding]:
+def _of_orders(left: Sequence[LeftOrder], motor: MotorConfig, points: int) -> Iterator[Finding]:
     """Yield one finding for each kind of growth with the torque, and one for strange orders."""
 
     electrical = [one.power for one in left if one.order % motor.pole_pairs == 0]
@@ -119,6 +129,8 @@ def _of_orders(left: Sequence[LeftOrder], motor: MotorConfig) -> Iterator[Findin
         rms_Nm = float(np.sqrt(sum(one.rms_Nm**2 for one in orders)))
         noise_Nm = float(np.sqrt(sum(one.noise_Nm**2 for one in orders)))
         listed = ", ".join(str(one.order) for one in orders)
+        if points < FEW_POINTS:
+            meaning += f"; {points} operating points do not show how it depends on the torque"
         strong = any(one.rms_Nm > SERIOUS_NOISES * one.noise_Nm for one in orders)
         yield Finding(
             name=("torque-left", "torque-left-linear", "torque-left-growing", "torque-left-other")[
@@ -131,6 +143,21 @@ def _of_orders(left: Sequence[LeftOrder], motor: MotorConfig) -> Iterator[Findin
             meaning=f"torque at order{'s' * (len(orders) > 1)} {listed} is left, which {meaning}",
             action=action,
         )
+
+
+def _of_few_points(points: int) -> Iterator[Finding]:
+    if points >= FEW_POINTS:
+        return
+    yield Finding(
+        name="few-points",
+        value=points,
+        limit=FEW_POINTS,
+        unit="operating points",
+        severity="note",
+        meaning=f"too few operating points ({points}) to tell causes apart: take at least "
+        f"{FEW_POINTS}",
+        action="calibrate with more torques_Nm or speeds_Hz",
+    )
 
 
 def _of_age(age_s: float, stderr_s: float, period_s: float) -> Iterator[Finding]:

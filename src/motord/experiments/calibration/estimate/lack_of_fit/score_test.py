@@ -122,20 +122,24 @@ class WeighedRows:
 
         The standard error is by how groups of turns differ (cluster-robust), so noise may be of any
         kind within a turn: a few bad turns, or an error of the timing, are at all orders at once.
+        A point of one group does not show its scatter: it is taken to be as much larger than that
+        of white noise as at the points of several. Without these nothing is known: 0, and 1.
         """
         inverse, scale = self._inverse
         g = effect - self.x @ (scale * (inverse @ (scale * (self.x.T @ effect))))
         real, imaginary = g[: 2 * rows.rest_Nm.size].reshape(2, *rows.rest_Nm.shape)
         along = (real - 1j * imaginary) * self.weight
-        variances, freedoms = [], []
-        for lines, here in zip(rows.groups_Nm, along, strict=True):
-            parts = (lines * here).real.sum(axis=1)
-            variances.append(parts.var(ddof=1) / parts.size if parts.size > 1 else 0.0)
-            freedoms.append(max(parts.size - 1, 1))
-        variance = np.array(variances)
-        doubt = float((variance**2 / np.array(freedoms)).sum())
-        whole = float(variance.sum())
-        return float(g @ self.y) / max(whole, 1e-300) ** 0.5, whole**2 / max(doubt, 1e-300)
+        white = (real**2 + imaginary**2).sum(axis=1)
+        groups = np.array([len(lines) for lines in rows.groups_Nm])
+        several = np.flatnonzero(groups > 1)
+        if not white[several].any():
+            return 0.0, 1.0
+        parts = [(rows.groups_Nm[n] * along[n]).real.sum(axis=1) for n in several.tolist()]
+        variance = np.array([one.var(ddof=1) / one.size for one in parts])
+        doubt = float((variance**2 / (groups[several] - 1)).sum())
+        seen = float(variance.sum())
+        whole = seen * float(white.sum() / white[several].sum())
+        return float(g @ self.y) / max(whole, 1e-300) ** 0.5, seen**2 / max(doubt, 1e-300)
 
     def sensitivity(self, name: str, effect: np.ndarray) -> EffectSensitivity:
         """Return how an effect (n, terms) would move the parameters of the model."""

@@ -45,14 +45,15 @@ class Weighted:
         rest_Nm = fit.rest_Nm - fit.caused_Nm
         scatter = _scatter(rest_Nm / fit.noise_Nm, waves / fit.noise_Nm)
         noise_Nm = fit.noise_Nm * np.sqrt(np.maximum(scatter, 1.0))
+        apart_from_torque = fitted.law_information + fitted.prior
         return cls(
             torque_Nm=fit.torque_Nm,
             rated_A=rated_A,
             rest=rest_Nm / noise_Nm,
             columns=np.array(lines) / noise_Nm[:, :, None],
             waves=waves / noise_Nm,
-            apart=fitted.apart_from_torque,
-            pull=-fitted.apart_from_torque @ theta,
+            apart=apart_from_torque,
+            pull=-apart_from_torque @ theta,
             scatter=scatter,
             turns=sum(point.samples.size for point in points),
         )

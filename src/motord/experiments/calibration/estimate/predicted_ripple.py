@@ -1,0 +1,99 @@
+"""The ripple that the uncertainty of the parameters leaves, once the calibration is applied.
+
+With errors e of gains, offsets and cogging torque, the currents of set-point T leave, to first
+order (docs/methods.md, 8),
+
+    -sum_p (e_alpha,p / alpha_p + e_delta / delta) (i_p - beta_p) k_p - sum_p e_beta,p k_p - e_cog,
+    i_p = (T - tau_cog) w_p
+
+with the torque's mean taken out. In a star k_p - sum_q alpha_q k_q / sum_q alpha_q stands for k_p:
+what does not add up to nothing is taken up in proportion to the gains. So the mean square over the
+turn is e' Q e, and its mean trace(Q cov e). It is linear in T: any number of set-points costs no
+more than one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtri
+
+from motord.config import MotorConfig
+from motord.experiments.calibration.estimate.joint import JointFit, Solution
+from motord.experiments.calibration.estimate.normal_equations import ALPHA, BETA, FIRST_COGGING
+from motord.identification.least_loss import currents_per_Nm
+from motord.identification.variance_components import VarianceComponents
+from motord.intervals import LEVEL
+
+
+@dataclass(frozen=True)
+class PredictedRipple:
+    """RMS ripple over turn and set-points, percent of rated torque.
+
+    percent: root of the mean square that the errors' covariance leaves; upper_percent: what is
+    left is below it with a probability of 95 %.
+    """
+
+    percent: float
+    upper_percent: float
+
+    @classmethod
+    def of(cls, errors: VarianceComponents, form: np.ndarray) -> "PredictedRipple":
+        """Return the ripple of errors of Solution.vector; form (p + 1, p + 1): `ripple_form`.
+
+        e' Q e is taken for a chi-square of 2 m^2 / var degrees of freedom (Satterthwaite), over
+        an estimate of its mean m that has degrees of freedom of its own: F distributed.
+        """
+        mean, freedom = errors.trace(form)
+        if mean <= 0:
+            return cls(0.0, 0.0)
+        product = form @ errors.covariance
+        own = max(mean**2 / max(float((product * product.T).sum()), 1e-300), 1.0)
+        factor = float(fdtri(own, freedom, LEVEL))
+        return cls(float(np.sqrt(mean)), float(np.sqrt(factor * mean)))
+
+
+def predicted_ripple(
+    fitted: JointFit, orders: Sequence[int], motor: MotorConfig, torques_Nm: Sequence[float]
+) -> PredictedRipple:
+    """Return the ripple that a fit's own errors leave at set-points; orders: of its cogging."""
+    form = ripple_form(fitted.solution, orders, motor, torques_Nm)
+    return PredictedRipple.of(fitted.errors, form)
+
+
+def ripple_form(
+    solution: Solution, orders: Sequence[int], motor: MotorConfig, torques_Nm: Sequence[float]
+) -> np.ndarray:
+    """Return Q (p + 1, p + 1), percent^2: e' Q e of errors e of `solution.vector`.
+
+    The mean over the set-points.
+    """
+    left = _left(solution, orders, motor)
+    products = (left @ left.T).reshape(2, len(left) // 2, 2, -1)
+    still, per_Nm, cross = products[0, :, 0], products[1, :, 1], products[0, :, 1]
+    squares = still + np.mean(torques_Nm) * (cross + cross.T)
+    squares = squares + np.mean(np.square(torques_Nm)) * per_Nm
+    return np.asarray(squares * (100 / motor.rated_torque_Nm) ** 2 / left.shape[1])
+
+
+def _left(solution: Solution, orders: Sequence[int], motor: MotorConfig) -> np.ndarray:
+    """Return what unit errors leave over the turn: at no torque, then per Nm (2 (p + 1), counts).
+
+    Without means.
+    """
+    k, w = motor.back_emf_table().T, currents_per_Nm(motor).T
+    if motor.connection == "star":
+        k = k - solution.alpha @ k / solution.alpha.sum()
+    turned_rad = np.outer(orders, 2 * np.pi * np.arange(motor.counts) / motor.counts)
+    waves = np.stack([np.cos(turned_rad), np.sin(turned_rad)], axis=1).reshape(-1, motor.counts)
+    cogging_Nm = solution.theta[FIRST_COGGING:] @ waves
+    left = np.zeros((2, solution.vector.size, motor.counts))
+    still, per_Nm = left
+    still[ALPHA] = k * (cogging_Nm * w + solution.theta[BETA, None])
+    per_Nm[ALPHA] = -k * w
+    still[BETA] = -k
+    still[FIRST_COGGING:-1] = -waves
+    left[:, -1] = left[:, ALPHA].sum(axis=1) / solution.delta_epsilon
+    left[:, ALPHA] /= solution.alpha[:, None]
+    left -= left.mean(axis=2, keepdims=True)
+    return left.reshape(-1, motor.counts)
