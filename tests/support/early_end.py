@@ -27,20 +27,21 @@ class EarlyEndConfig(Section):
 
 
 class Estimator:
-    """x is known to 1/n after n captures, as long as each has its ticks."""
+    """x is known to 1/n after n captures, as long as each has its ticks, from first to last."""
 
     def __init__(self, config, targets):
-        self._ticks = self._captures = 0
+        self._captures = 0
+        self._taken = []
 
     def take(self, ticks):
-        self._ticks += len(ticks)
+        self._taken += ticks["tick"].tolist()
 
     def captured(self, point):
+        taken, self._taken = self._taken, []
         self._captures += 1
-        whole = self._ticks >= self._captures * TICKS
-        return Precision(
-            self._captures, {QUANTITY: 1.0 / self._captures}, "" if whole else "ticks are missing"
-        )
+        ends = [point["tick_start"], point["tick_end"]]
+        wrong = "" if [taken[0], taken[-1]] == ends else f"not the ticks of {point}: {taken}"
+        return Precision(self._captures, {QUANTITY: 1.0 / self._captures}, wrong)
 
 
 def make(config, settings):
