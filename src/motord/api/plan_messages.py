@@ -47,6 +47,14 @@ class PlanView(PublishedMessage):
     """Stays the same when it is resumed."""
     continues: str = ""
     """The recording that the present one continues."""
+    targets: dict[str, float] = Field(default_factory=dict)
+    """Half-widths of 95 % intervals, by quantity with its unit, at which it ends early; of a plan
+    that does."""
+    precision: dict[str, float] = Field(default_factory=dict)
+    """Half-widths that the captures so far give, by quantity with its unit, as far as they are
+    known."""
+    obstacle: str = ""
+    """Why it must not end early by them, "" if it may."""
     t_ns: int = 0
     """Unix time at which the document was made; 0 in recordings."""
 

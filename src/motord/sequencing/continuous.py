@@ -31,6 +31,9 @@ SETTLE_S = 0.15
 START_S = 0.2
 """Time until the bench is enabled, about."""
 
+END_S = 0.2
+"""Time in which the bench is disabled after the last ramp, about."""
+
 REACH_TIMEOUT_S = 10.0
 """Time within which the torque must be reached."""
 
@@ -72,10 +75,10 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
         passed_s = (yield None).since_s(began)
         slower = max(passed_s / planned_s, 1.0) if number else 1.0
         planned_s += settings.duration_s(point)
-        ramp_s = abs(point.torque_Nm) / settings.rate_Nm_per_s
+        end_s = abs(point.torque_Nm) / settings.rate_Nm_per_s + END_S
         if (
             number >= settings.least_points
-            and passed_s + slower * settings.duration_s(point) + ramp_s > settings.limit_s
+            and passed_s + slower * settings.duration_s(point) + end_s > settings.limit_s
         ):
             why = f"time limit of {settings.limit_s:g} s: {number} of {len(points)} points taken"
             break

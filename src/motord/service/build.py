@@ -24,6 +24,7 @@ from motord.service.bench.calibrations import CalibrationStore, announce
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LoopLink
 from motord.service.bench.slow_devices import DeviceThreads, SlowDevice
+from motord.service.estimator.link import EstimatorLink
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children
 from motord.service.host.descriptors import DescriptorReserve
@@ -98,6 +99,7 @@ def build(
     mailbox = MailboxWriter(run_dir.setpoint, clock)
     bench = Bench(config, mailbox, slow_devices(config, events), events, resumption)
     bench.monitor.on_trip = boxes.trip
+    bench.plans.estimator = estimator = EstimatorLink(children, events)
 
     tables.write(*parameters.build(config, installed_calibration(store, bench)))
     show_interrupted_plan(journal, resumption, bench)
@@ -121,7 +123,8 @@ def build(
     )
     supervisor = Supervisor(
         *(bench, dispatcher, children, loop, tables, recording, boxes),
-        *(publisher, GatewayLink(children, events) if config.zenoh.remote else None),
+        *(publisher, estimator),
+        GatewayLink(children, events) if config.zenoh.remote else None,
         *(guard, notifier),
     )
     return Daemon(supervisor, api, telemetry, DeviceThreads(list(bench.devices.values())))

@@ -2,6 +2,7 @@
 
 from motord.recorder.launch import spawn_piped
 from motord.service.bench.loop_link import LOOP
+from motord.service.estimator.link import ESTIMATOR
 from motord.service.gateway.link import GATEWAY, gateway_command
 from motord.service.host.children import Process, spawn
 from motord.service.recording.session import RECORDER
@@ -16,6 +17,13 @@ PROCESSES = (
         RECORDER, lambda path, run_dir: run_dir.command("motord.recorder.main", path), spawn_piped,
         restart="always", stop_timeout_s=10.0,
         loss="the next one goes on where its files end, as far as the ring reaches",
+    ),
+    Process(
+        ESTIMATOR,
+        lambda path, run_dir: run_dir.command("motord.service.estimator.process", path),
+        spawn_piped,
+        restart="never", stop_timeout_s=1.0,
+        loss="the plan under way goes on and does not end early",
     ),
     Process(
         LOOP, lambda path, run_dir: run_dir.command("motord.loop.main", path), spawn,

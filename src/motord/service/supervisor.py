@@ -16,6 +16,7 @@ from motord.service.bench.bench import Bench
 from motord.service.bench.blackbox import BlackBoxTrigger
 from motord.service.bench.guard import Guard
 from motord.service.bench.loop_link import LOOP, LoopLink
+from motord.service.estimator.link import EstimatorLink
 from motord.service.gateway.link import GatewayLink
 from motord.service.host.children import Children, Ended
 from motord.service.host.log import log_error
@@ -45,6 +46,7 @@ class Supervisor:
     recording: RecordingControl
     boxes: BlackBoxTrigger
     publisher: Publisher
+    estimator: EstimatorLink
     gateway: GatewayLink | None
     guard: Guard
     notifier: Notifier
@@ -67,6 +69,8 @@ class Supervisor:
                 self._process_ended(end)
         with part("requests", now_ns):
             self.dispatcher.take(now_ns)
+        with part("estimator", now_ns):
+            self.estimator.step(now_ns)
         self.bench.step(block, lost, now_ns)
         with part("answers", now_ns):
             self.dispatcher.step(now_ns)
@@ -143,6 +147,7 @@ class Supervisor:
         self.dispatcher.close("the daemon is shutting down")
         if self.gateway is not None:
             self.gateway.stop(self.clock_ns())
+        self.estimator.stop()
         self.children.stop(LOOP)
         self.publisher.step(self.loop.read()[0], self.clock_ns())
         self.recording.stop()

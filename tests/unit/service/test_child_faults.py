@@ -189,6 +189,7 @@ PERIPHERAL = {
     "loop link": "loop.follow",
     "processes": "children.poll",
     "requests": "dispatcher.take",
+    "estimator": "estimator.step",
     "answers": "dispatcher.step",
     "recording": "recording.step",
     "publisher": "publisher.step",

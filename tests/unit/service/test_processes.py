@@ -3,6 +3,7 @@
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -127,6 +128,45 @@ def test_one_that_does_not_listen_is_killed(children, started):
     assert started[0].signals == [signal.SIGTERM, signal.SIGKILL]
 
 
+def test_one_that_is_killed_is_waited_for_by_nobody_and_no_event(started):
+    def start(command):
+        started.append(FakeProcess(command))
+        return started[-1]
+
+    children = children_of(process("estimator", "never", start))
+    assert children.views() == {}
+    children.start_all(0)
+    assert started == []
+    for number in range(2):
+        children.start("estimator", 0)
+        assert children.views()["estimator"].running
+        started[number].deaf = True  # as if its end took a while
+        children.kill("estimator")
+        children.kill("estimator")
+        assert started[number].signals == [signal.SIGKILL]
+    assert children.views() == {}
+    assert children.poll(SECOND_NS) == []
+    children.start("estimator", 0)
+    started[-1].code = -9
+    [end] = children.poll(SECOND_NS)
+    assert (end.how, end.again_s) == ("killed by SIGKILL", None)
+    assert children.views()["estimator"].exit == "killed by SIGKILL"
+
+
+def test_one_that_is_killed_leaves_no_zombie():
+    command = (sys.executable, "-c", "import time; time.sleep(60)")
+    children = children_of(process("estimator", "never", spawn, command))
+    children.start("estimator", 0)
+    pid = children.process("estimator").pid
+    children.process("estimator").send_signal(signal.SIGSTOP)
+    children.kill("estimator")
+    end_s = time.monotonic() + 30
+    while Path(f"/proc/{pid}").exists():
+        assert time.monotonic() < end_s
+        assert children.poll(0) == []
+        time.sleep(0.01)
+
+
 def test_views_and_signals(children, started):
     assert children.views()["loop"].model_dump() == {
         "pid": None, "running": False, "restarts": 0, "exit": "",
@@ -165,8 +205,8 @@ def test_those_that_always_run_are_started_together(children, started):
 @pytest.mark.parametrize(
     ("listen", "names"),
     [
-        (("tcp/127.0.0.1:7447",), ["recorder", "loop"]),
-        (("tcp/127.0.0.1:7447", "tls/0.0.0.0:7448"), ["gate", "recorder", "loop"]),
+        (("tcp/127.0.0.1:7447",), ["recorder", "estimator", "loop"]),
+        (("tcp/127.0.0.1:7447", "tls/0.0.0.0:7448"), ["gate", "recorder", "estimator", "loop"]),
     ],
 )
 def test_the_table_has_what_a_bench_needs(listen, names):

@@ -26,6 +26,7 @@ from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesReader
 from motord.unix_clock import Clock
+from tests.support import early_end
 from tests.unit.service.test_installation import calibration
 
 
@@ -80,8 +81,8 @@ class PlayedLoop(Played):
             self.ring.publish()
 
 
-class PlayedRecorder(Played):
-    """A recorder behind pipes; `received` returns its commands."""
+class PlayedPipes(Played):
+    """A child behind pipes; `received` returns its commands."""
 
     def __init__(self, pid):
         super().__init__()
@@ -100,12 +101,19 @@ class PlayedRecorder(Played):
         *lines, self._rest = (self._rest + (self._commands.read() or b"")).split(b"\n")
         return [json.loads(line) for line in lines]
 
-    def report(self, **report):
-        self._reports.write(json.dumps({"recording": True, "error": "", **report}).encode() + b"\n")
+    def send(self, message):
+        self._reports.write(json.dumps(message).encode() + b"\n")
 
     def close(self):
         for pipe in (self._commands, self._reports, self.stdin, self.stdout):
             pipe.close()
+
+
+class PlayedRecorder(PlayedPipes):
+    """A recorder."""
+
+    def report(self, **report):
+        self.send({"recording": True, "error": "", **report})
 
 
 class PlayedDaemon:
@@ -120,8 +128,12 @@ class PlayedDaemon:
         self.folder = folder
         self.run_dir = RunDir("played", folder)
         self.run_dir.create()
-        self.loops, self.recorders = [], []
-        self.spawn = {"loop": self._spawn_loop, "recorder": self._spawn_recorder}
+        self.loops, self.recorders, self.estimators = [], [], []
+        self.spawn = {
+            "loop": self._spawn_loop,
+            "recorder": self._spawn_recorder,
+            "estimator": self._spawn_estimator,
+        }
         played = [
             replace(row, spawn=lambda command, name=row.name: self.spawn[name](command))
             for row in PROCESSES
@@ -141,6 +153,10 @@ class PlayedDaemon:
     def _spawn_recorder(self, command):
         self.recorders.append(PlayedRecorder(100 + len(self.recorders)))
         return self.recorders[-1]
+
+    def _spawn_estimator(self, command):
+        self.estimators.append(PlayedPipes(200 + len(self.estimators)))
+        return self.estimators[-1]
 
     def up(self):
         self.supervisor.start()
@@ -180,8 +196,8 @@ class PlayedDaemon:
         return json.loads(self.supervisor.publisher.documents["state"]())
 
     def close(self):
-        for recorder in self.recorders:
-            recorder.close()
+        for child in self.recorders + self.estimators:
+            child.close()
 
 
 @pytest.fixture
@@ -560,3 +576,49 @@ def test_a_request_between_two_steps_is_carried_out_at_once(played):
     threading.Timer(0.05, played.supervisor.dispatcher.calls.put, (call,)).start()
     played.supervisor._take_requests_until(step_ns)
     assert call.wait(0).content()["config"]
+
+
+def test_the_estimator_of_a_plan_lasts_as_long_as_the_plan(played):
+    played.up()
+    bench = played.supervisor.bench
+    assert played.estimators == []
+    bench.plans.start(early_end.make(played.config, {}), "anna", "", detached=True)
+    played.step(2)
+    [estimator] = played.estimators
+    [start] = estimator.received()
+    assert start["estimator"] == "tests.support.early_end:Estimator"
+    known = {"half_widths": {early_end.QUANTITY: 0.5}, "obstacle": "", "captures": 2}
+    estimator.send({"run": start["run"], **known})
+    played.step(20)
+    plan = played.state()["plan"]
+    assert (plan["precision"], plan["targets"]) == ({"x_percent": 0.5}, {"x_percent": 0.0})
+    assert played.state()["processes"]["estimator"]["running"]
+    bench.stop("by a test")
+    played.step(20)
+    assert estimator.signals == [signal.SIGKILL]
+    assert "estimator" not in played.state()["processes"]
+    assert not any("estimator" in said for said in played.messages())
+
+
+def test_the_loss_of_an_estimator_is_an_event_and_the_plan_goes_on(played):
+    played.up()
+    bench = played.supervisor.bench
+    bench.plans.start(early_end.make(played.config, {}), "anna", "", detached=True)
+    played.step(2)
+    played.estimators[0].code = -signal.SIGKILL
+    played.step(20)
+    assert (
+        "estimator ended: killed by SIGKILL: the plan under way goes on and does not end early"
+        in played.messages()
+    )
+    assert "has ended" in played.state()["plan"]["obstacle"]
+    assert bench.plans.active
+    assert len(played.estimators) == 1
+
+
+def test_the_estimator_ends_with_the_daemon(played):
+    played.up()
+    played.supervisor.bench.plans.start(early_end.make(played.config, {}), "a", "", detached=True)
+    played.step(2)
+    played.supervisor.take_down()
+    assert played.estimators[0].signals == [signal.SIGKILL]

@@ -33,12 +33,12 @@ def test_little_is_exposed() -> None:
 
 
 def test_what_the_loop_asks_for_is_let_through() -> None:
-    """Each right of `motord.loop.rt_rights` that a closed unit could take away again."""
+    """Rights of `loop.rt_rights` and `service.host.scheduling` that a closed unit could take."""
     unit = UNIT.read_text()
     rules = UNIT.with_name("60-motord.rules").read_text()
     assert "DeviceAllow=/dev/cpu_dma_latency rw" in unit
     assert 'KERNEL=="cpu_dma_latency"' in rules
-    for call in ("mlockall", "sched_setscheduler", "sched_setaffinity"):
+    for call in ("mlockall", "sched_setscheduler", "sched_setaffinity", "setpriority"):
         assert re.search(rf"^SystemCallFilter=(?!~).*\b{call}\b", unit, re.MULTILINE), call
     for right in ("LimitRTPRIO=98", "LimitMEMLOCK=infinity", "RestrictRealtime=no"):
         assert right in unit

@@ -71,6 +71,13 @@ def _whole(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
+def precision(plan: "PlanView") -> str:
+    """Return how precise a plan is by now, next to its targets; "" of a plan without."""
+    from motord.sequencing.precision import Precision
+
+    return Precision(0, plan.precision, plan.obstacle).in_words(plan.targets)
+
+
 def plan_progress(plan: "PlanView") -> str:
     """Return points, time left and what the plan does now, or how it ended."""
     counted = f"{plan.points_done} of {plan.points} points"

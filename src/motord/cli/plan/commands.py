@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.bench import wording
 from motord.cli.bench.lease_session import command, in_command
 from motord.cli.common_options import AsJson, PlanSettings
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
@@ -151,10 +152,12 @@ def follow(run: "PlanRun", commander: "Commander", *, quiet: bool) -> "PlanView"
 
 
 def _step(view: "PlanView") -> str:
+    counted = f"{view.points_done}/{view.points}"
+    known = wording.precision(view) if view.targets else ""
     if view.over:
-        return f"{view.points_done}/{view.points}"
+        return "; ".join(filter(None, (counted, known)))
     eta = f"{view.eta_s / 60:.1f} min left" if view.eta_s >= 90 else f"{view.eta_s:.0f} s left"
-    return f"{eta}; {view.points_done}/{view.points}; {view.step or view.state}"
+    return "; ".join(filter(None, (eta, counted, known, view.step or view.state)))
 
 
 @app.command()

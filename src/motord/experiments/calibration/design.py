@@ -21,7 +21,7 @@ import numpy as np
 from motord.config import Config
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.orders import allowed_orders
-from motord.sequencing.continuous import SETTLE_S, START_S
+from motord.sequencing.continuous import END_S, SETTLE_S, START_S
 from motord.sequencing.demand import NOTHING_INDUCED, Induced
 
 TURNS = 2
@@ -257,7 +257,7 @@ def visits(
     turn_s = TURNS / (SLOWER * np.abs(speeds_Hz))
     ramp_s = np.array([one.torque_Nm for one in design.candidates]) / rate_Nm_per_s
     found: list[Visit] = []
-    known, left_s, at = design.prior, limit_s - START_S, -1
+    known, left_s, at = design.prior, limit_s - START_S - END_S, -1
     while True:
         transition_s = np.abs(ramp_s - (ramp_s[at] if at >= 0 else 0.0)) + SETTLE_S
         if at >= 0:

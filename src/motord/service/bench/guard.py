@@ -19,6 +19,7 @@ PARTS = {
     "loop link": "the loop is not followed",
     "processes": "children that end are not started again",
     "requests": "requests are not carried out",
+    "estimator": "how precise a plan is by now is not followed",
     "answers": "requests wait for their answer",
     "gateway": "what the gateway reports is not passed on",
     "recording": "recorder and recording are not followed",

@@ -24,14 +24,14 @@ class Process:
     """A child process, in a line of `service.processes.PROCESSES`.
 
     `command` makes its command line and `spawn` starts that. `restart`: "always" by itself, with
-    back-off; "on reset" by an operator. `while_` says which benches have it, `loss` what its end
-    means, for the event.
+    back-off; "on reset" by an operator; "never": it lasts as long as what it was started for.
+    `while_` says which benches have it, `loss` what its end means, for the event.
     """
 
     name: str
     command: Callable[[Path, RunDir], Sequence[str]]
     spawn: Callable[[Sequence[str]], "subprocess.Popen[bytes]"]
-    restart: Literal["always", "on reset"]
+    restart: Literal["always", "on reset", "never"]
     stop_timeout_s: float
     loss: str
     while_: Callable[[Config], bool] = lambda config: True
@@ -85,6 +85,7 @@ class Children:
         self._start = start
         self._reserve = reserve if reserve is not None else DescriptorReserve(0)
         self._not_started: list[Ended] = []
+        self._killed: list[Any] = []
 
     def start_all(self, now_ns: int) -> None:
         """Start those that always run, in the order of the table."""
@@ -114,6 +115,7 @@ class Children:
     def poll(self, now_ns: int) -> list[Ended]:
         """Return the children that have ended since the last call; start those that are due."""
         self._reserve.fill()
+        self._killed = [process for process in self._killed if process.poll() is None]
         for child in self._children.values():
             if child.start_at_ns is not None and now_ns >= child.start_at_ns:
                 self.start(child.row.name, now_ns)
@@ -163,8 +165,16 @@ class Children:
         child.process, child.how = None, exit_text(code)
         return child.how
 
+    def kill(self, name: str) -> None:
+        """End a child that has nothing to finish and is not wanted any more. Waits for nothing."""
+        child = self._children[name]
+        if child.process is not None:
+            child.process.send_signal(signal.SIGKILL)
+            self._killed.append(child.process)
+        child.process, child.how = None, ""
+
     def views(self) -> dict[str, ProcessView]:
-        """Return every child as clients see it."""
+        """Return every child as clients see it, but for those that nobody wants to run."""
         return {
             name: ProcessView(
                 pid=child.process.pid if child.process else None,
@@ -175,6 +185,7 @@ class Children:
                 dropped_messages=child.dropped_messages,
             )
             for name, child in self._children.items()
+            if child.process is not None or child.how or child.row.restart != "never"
         }
 
 

@@ -1,7 +1,8 @@
 """Priority of the supervisor's own thread: above other programs, below the loop.
 
 The loop takes the torque away when the heartbeat is late, so a busy computer must not hold it up.
-Threads and processes that are started later get normal priority again.
+Threads and processes that are started later get normal priority again; one that only estimates
+steps back further.
 """
 
 import os
@@ -10,6 +11,7 @@ from pathlib import Path
 
 PRIORITY = 10
 NICE = -10
+BACKGROUND_NICE = 10
 
 
 def rise(loop_priority: int) -> None:
@@ -37,6 +39,16 @@ def lift_threads() -> None:
 def fall() -> None:
     """Go back to normal priority."""
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+
+
+def step_back(loop_cpu: int | None) -> None:
+    """Let all threads of this process run when others need no processor, and not on `loop_cpu`."""
+    others = os.sched_getaffinity(0) - {loop_cpu}
+    for task in Path("/proc/self/task").iterdir():
+        with suppress(OSError):  # refused, or ended meanwhile
+            os.setpriority(os.PRIO_PROCESS, int(task.name), BACKGROUND_NICE)
+            if others:
+                os.sched_setaffinity(int(task.name), others)
 
 
 def current() -> str:

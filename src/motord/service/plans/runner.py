@@ -6,7 +6,7 @@ is in command.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Literal
 from uuid import uuid4
 
@@ -14,6 +14,7 @@ from motord.api.plan_messages import MeshView, PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
 from motord.sequencing.motions import Capture
+from motord.service.estimator.link import EstimatorLink
 from motord.service.plans import mesh
 from motord.service.plans.resume import RemainingPlan, Resumption
 from motord.service.plans.torque_error import MeasuredError
@@ -21,7 +22,10 @@ from motord.service.setpoint import RAD_PER_TURN, Setpoint
 
 
 class PlanRunner:
-    """The plan under way, or the last one; `torque_error` is that of the capture of a point."""
+    """The plan under way, or the last one; `torque_error` is that of the capture of a point.
+
+    `estimator` says while a plan runs how precise it is by now; without one no plan ends early.
+    """
 
     def __init__(
         self, setpoint: Setpoint, journal: Resumption, torque_error: Callable[[int], MeasuredError]
@@ -35,6 +39,7 @@ class PlanRunner:
         self._compensate_before = Compensate(0)
         self._points_before = 0
         self._under_way: int | None = None
+        self.estimator: EstimatorLink | None = None
         self.view: PlanView | None = None
         """Progress of the plan under way or of the last one."""
         self.mesh: MeshView | None = None
@@ -72,6 +77,7 @@ class PlanRunner:
             settings=plan.settings,
             run_id=before.log.plan.run_id if before is not None else uuid4().hex,
             continues=before.log.recordings[-1] if before is not None else "",
+            targets=dict(plan.targets),
         )
         self.mesh = (
             before.mesh
@@ -79,6 +85,8 @@ class PlanRunner:
             else mesh.planned(plan.name, self.view.run_id, plan.points)
         )
         self.active = True
+        if self.estimator is not None:
+            self.estimator.begin(plan)
         self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
         recording = self._journal.plan_started(plan, self.view, notes)
@@ -90,6 +98,8 @@ class PlanRunner:
         executor = self._executor
         if executor is None or not self.active:
             return
+        if self.estimator is not None and self.estimator.precision is not None:
+            seen = replace(seen, precision=self.estimator.precision)
         self._apply(executor.advance(seen))
         self._pass_on_points(executor)
         self._show(executor.progress())
@@ -125,6 +135,8 @@ class PlanRunner:
         new = [self._measured(point) for point in executor.points[self._points_passed_on :]]
         for point in new:
             self._journal.plan_point(point)
+            if self.estimator is not None:
+                self.estimator.captured(point)
         self._points_passed_on = len(executor.points)
         under_way = mesh.under_way(executor)
         if self.mesh is not None and (new or under_way != self._under_way):
@@ -148,9 +160,16 @@ class PlanRunner:
 
     def _show(self, progress: dict[str, Any]) -> None:
         if self.view is not None:
-            counted = self._counted(progress)
-            self.view = PlanView.model_validate({**self.view.model_dump(), **counted})
+            now = {**self._counted(progress), **self._precision()}
+            self.view = PlanView.model_validate({**self.view.model_dump(), **now})
             self._journal.plan_progress(self.view)
+
+    def _precision(self) -> dict[str, Any]:
+        """Return the newest precision as it is shown, {} for none."""
+        known = self.estimator.precision if self.estimator is not None else None
+        if known is None:
+            return {}
+        return {"precision": dict(known.half_widths), "obstacle": known.obstacle}
 
     def _counted(self, progress: dict[str, Any]) -> dict[str, Any]:
         """Return progress with the points of the whole plan."""
@@ -159,6 +178,8 @@ class PlanRunner:
 
     def _finish(self) -> None:
         self.active = False
+        if self.estimator is not None:
+            self.estimator.end()
         self._setpoint.rest()
         self._setpoint.compensate = self._compensate_before
         if self.mesh is not None:

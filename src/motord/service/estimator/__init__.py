@@ -1,0 +1,1 @@
+"""The estimator of a plan, in a process of its own while the plan runs."""

@@ -1,0 +1,135 @@
+"""The estimator process: what a plan's captures give by now, while the plan runs.
+
+`python -m motord.service.estimator.process --config FILE --dir RUNDIR`: what it is to estimate and
+the captures come as lines of JSON on stdin, reports go as lines of JSON to stdout (`protocol`),
+ticks come out of the ring. It runs when nobody else needs the processor, and ends with stdin.
+Nobody waits for it: a capture of which ticks were overwritten meanwhile is left out and reported.
+A thread follows the ring, as an estimate may take longer than the ring holds.
+"""
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any, Protocol
+
+import numpy as np
+
+from motord.config import Config, ConfigError, load
+from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
+from motord.recording.json_encoding import to_line
+from motord.sequencing.precision import Precision
+from motord.service.estimator.captures import CaptureTicks
+from motord.service.estimator.protocol import PrecisionReport
+from motord.service.host import scheduling
+from motord.shm.ring import RingReader
+from motord.shm.run_directory import RunDir
+from motord.shm.shared_records import SharedFileError
+
+LOOK_S = 0.25
+"""Time between two looks at the ring."""
+
+
+class Estimator(Protocol):
+    """What `Plan.estimator` names, made of the bench and the targets."""
+
+    def take(self, ticks: np.ndarray) -> None:
+        """Take a block of ticks, TICK_DTYPE (n,)."""
+
+    def captured(self, point: Mapping[str, Any]) -> Precision:
+        """Return what the captures give, with the one that `/operating_point` describes."""
+
+
+class Estimation:
+    """Answers the supervisor's lines with reports.
+
+    What the estimator raises goes on, after a report that says so.
+    """
+
+    def __init__(self, config: Config, captures: CaptureTicks, reports: LineWriter) -> None:
+        self._config = config
+        self._captures = captures
+        self._reports = reports
+        self._run = ""
+        self._estimator: Estimator | None = None
+        self._known = Precision(0)
+
+    def handle(self, line: bytes) -> None:
+        """Carry out a command."""
+        command = json.loads(line)
+        try:
+            if command["do"] == "start":
+                self._run = command["run"]
+                made = resolve_name(command["estimator"])
+                self._estimator = made(self._config, command["targets"])
+            elif self._estimator is not None:
+                self._point(self._estimator, command["content"])
+        except Exception as error:
+            what = f"the estimator failed: {type(error).__name__}: {error}"
+            self._report(Precision(self._known.captures, obstacle=what))
+            raise
+
+    def _point(self, estimator: Estimator, point: Mapping[str, Any]) -> None:
+        ticks = self._captures.of(point)
+        if ticks is None:
+            what = f"ticks of point {point['index']} were overwritten before they were read"
+            self._report(Precision(self._known.captures, self._known.half_widths, what))
+            return
+        estimator.take(ticks)
+        self._known = estimator.captured(point)
+        self._report(self._known)
+
+    def _report(self, precision: Precision) -> None:
+        report = PrecisionReport.of(self._run, precision)
+        self._reports.write(to_line(report.model_dump()))
+
+
+def follow(captures: CaptureTicks, ended: threading.Event) -> None:
+    """Read the ring now and then, until `ended` is set."""
+    while not ended.wait(LOOK_S):
+        captures.read()
+
+
+def run(estimation: Estimation, captures: CaptureTicks, commands: Iterable[bytes]) -> None:
+    """Handle `commands` until they end, following the ring meanwhile."""
+    ended = threading.Event()
+    follower = threading.Thread(target=follow, args=(captures, ended), name="ring", daemon=True)
+    follower.start()
+    try:
+        for line in commands:
+            if line.endswith(b"\n"):  # else the supervisor died as it wrote
+                estimation.handle(line)
+    finally:
+        ended.set()
+        follower.join()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the process on stdin and stdout; return its exit code."""
+    parser = argparse.ArgumentParser(description="Estimate while a plan runs.")
+    parser.add_argument("--config", type=Path, required=True, help="the bench")
+    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
+    options = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
+    try:
+        config = load(options.config)
+        captures = CaptureTicks(RingReader(RunDir.at(options.dir).ring, "oldest"))
+    except (ConfigError, SharedFileError) as error:
+        sys.stderr.write(f"motord estimator: {error}\n")
+        return 1
+    scheduling.step_back(config.loop.cpu)
+    out = os.dup(sys.stdout.fileno())
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an estimator prints is no report
+    estimation = Estimation(config, captures, LineWriter(out, LINE_MAX_BYTES))
+    run(estimation, captures, sys.stdin.buffer)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

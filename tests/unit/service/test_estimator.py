@@ -1,0 +1,581 @@
+"""A plan's estimator: ticks of captures out of the ring, its process, and the supervisor's end."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from motord.config import load, packaged
+from motord.recorder.launch import spawn_piped
+from motord.recorder.pipe_lines import LineReader, LineWriter
+from motord.sequencing import Plan
+from motord.sequencing.precision import Precision
+from motord.service.estimator import process
+from motord.service.estimator.captures import CaptureTicks
+from motord.service.estimator.link import ENDED, ESTIMATOR, EstimatorLink
+from motord.service.estimator.protocol import PrecisionReport
+from motord.service.host import scheduling
+from motord.service.host.children import Children
+from motord.service.host.events import EventLog
+from motord.service.processes import PROCESSES
+from motord.shm.ring import RingReader, RingWriter
+from motord.shm.run_directory import RunDir
+
+CONFIG = packaged("sim.toml")
+WAIT_S = 60.0
+[ROW] = (row for row in PROCESSES if row.name == ESTIMATOR)
+
+
+class Counting:
+    """Knows as much as it has counted: the ticks of the captures so far."""
+
+    def __init__(self, config, targets):
+        self.targets, self.ticks, self.captures = targets, 0, 0
+
+    def take(self, ticks):
+        sys.stdout.write("an estimator may print\n")
+        self.ticks += len(ticks)
+
+    def captured(self, point):
+        if point["index"] == 99:
+            raise ValueError("no such point")
+        self.captures += 1
+        known = {"ticks": self.ticks, "not yet": float("nan"), "never": float("inf")}
+        return Precision(self.captures, known)
+
+
+COUNTING = f"{__name__}:Counting"
+
+
+def plan(estimator=COUNTING):
+    return Plan("p", (), iter, float, {}, estimator=estimator, targets={"ticks": 1.0})
+
+
+def publish(ring, first, points):
+    """Publish a tick for each number of a point in `points`, from tick `first` on."""
+    for number, point in enumerate(points):
+        slot = ring.slot()[0]
+        slot["tick"], slot["plan_point"] = first + number, point
+        ring.publish()
+
+
+def captured(first, last, index=0):
+    return {"index": index, "tick_start": first, "tick_end": last}
+
+
+@pytest.fixture
+def run_dir(tmp_path):
+    made = RunDir("bench", tmp_path)
+    made.create()
+    return made
+
+
+@pytest.fixture
+def ring(run_dir):
+    return RingWriter(run_dir.ring, 64)
+
+
+def follow(run_dir, **bounds):
+    return CaptureTicks(RingReader(run_dir.ring, "oldest"), **bounds)
+
+
+# --- ticks of captures
+
+
+def test_each_capture_has_its_ticks_though_the_next_one_has_begun(run_dir, ring):
+    captures = follow(run_dir)
+    publish(ring, 0, [-1] * 3 + [0] * 5 + [-1] * 2 + [1] * 4)
+    captures.read()
+    assert captures.of(captured(3, 7))["tick"].tolist() == [3, 4, 5, 6, 7]
+    publish(ring, 14, [1] * 4)
+    assert captures.of(captured(10, 17, 1))["tick"].tolist() == list(range(10, 18))
+
+
+def test_ticks_are_not_those_of_an_attempt_before(run_dir, ring):
+    captures = follow(run_dir)
+    publish(ring, 0, [0] * 5 + [-1] * 2 + [0] * 4)
+    assert captures.of(captured(7, 10))["tick"].tolist() == [7, 8, 9, 10]
+
+
+@pytest.mark.parametrize(("first", "whole"), [(36, False), (37, True)])
+def test_a_capture_is_whole_from_the_oldest_tick_that_the_ring_has(run_dir, ring, first, whole):
+    publish(ring, 0, [0] * 100)  # the oldest that can be read is 37
+    ticks = follow(run_dir).of(captured(first, 99))
+    assert (ticks is not None) == whole
+
+
+def test_a_capture_of_which_ticks_were_overwritten_is_none(run_dir, ring):
+    captures = follow(run_dir)
+    publish(ring, 0, [0] * 10)
+    captures.read()
+    publish(ring, 10, [0] * 90)
+    assert captures.of(captured(0, 99)) is None
+    publish(ring, 100, [-1] * 2 + [1] * 5)
+    assert len(captures.of(captured(102, 106, 1))) == 5
+
+
+def test_a_loss_between_captures_costs_none(run_dir, ring):
+    captures = follow(run_dir)
+    publish(ring, 0, [0] * 10)
+    assert captures.of(captured(0, 9)) is not None
+    publish(ring, 10, [-1] * 80 + [1] * 30)
+    assert len(captures.of(captured(90, 119, 1))) == 30
+
+
+def test_a_capture_that_the_ring_does_not_have_yet_is_none(run_dir, ring):
+    captures = follow(run_dir)
+    publish(ring, 0, [0] * 10)
+    assert captures.of(captured(0, 10)) is None
+
+
+def test_what_is_kept_is_bounded_and_a_pause_costs_nothing(run_dir, ring):
+    captures = follow(run_dir, kept_max=20)
+    for first in range(0, 100, 10):
+        publish(ring, first, [0] * 10)
+        captures.read()
+    assert captures.of(captured(0, 99)) is None
+    for first in range(100, 200, 10):
+        publish(ring, first, [-1] * 10)
+        captures.read()
+    publish(ring, 200, [1] * 20)
+    assert len(captures.of(captured(200, 219, 1))) == 20
+
+
+# --- the process' work, in this one
+
+
+@pytest.fixture
+def pipes():
+    ends = os.pipe()
+    for end in ends:
+        os.set_blocking(end, False)
+    yield ends
+    for end in ends:
+        os.close(end)
+
+
+def lines_of(*commands):
+    return [json.dumps(command).encode() for command in commands]
+
+
+def start(estimator=COUNTING):
+    return {"do": "start", "run": "r", "estimator": estimator, "targets": {"ticks": 1.0}}
+
+
+def point(*about):
+    return {"do": "point", "content": captured(*about)}
+
+
+def reports_of(reader):
+    return [PrecisionReport.model_validate_json(line) for line in reader.read()]
+
+
+class Worked:
+    """An estimation on the ring of a test."""
+
+    def __init__(self, run_dir, pipes):
+        reader, writer = pipes
+        self._reader = LineReader(reader)
+        captures = follow(run_dir)
+        self._estimation = process.Estimation(load(), captures, LineWriter(writer, 1 << 20))
+
+    def handle(self, *commands):
+        """Return the reports on commands."""
+        for line in lines_of(*commands):
+            self._estimation.handle(line)
+        return self.reports()
+
+    def reports(self):
+        return reports_of(self._reader)
+
+
+@pytest.fixture
+def worked(run_dir, ring, pipes):
+    return Worked(run_dir, pipes)
+
+
+def test_each_capture_is_answered_with_what_is_known_by_then(worked, ring):
+    publish(ring, 0, [0] * 5 + [-1] * 2 + [1] * 4)
+    found = worked.handle(start(), point(0, 4), point(7, 10, 1))
+    assert [(f.run, f.captures, f.half_widths) for f in found] == [
+        ("r", 1, {"ticks": 5.0}), ("r", 2, {"ticks": 9.0}),
+    ]  # fmt: skip
+
+
+def test_ticks_that_are_gone_are_an_obstacle_and_enter_no_estimate(worked, ring):
+    publish(ring, 0, [0] * 100)
+    [lost] = worked.handle(start(), point(0, 99))
+    assert lost.obstacle == "ticks of point 0 were overwritten before they were read"
+    assert not lost.precision.reaches({"ticks": 1e9})
+    publish(ring, 100, [1] * 3)
+    [found] = worked.handle(point(100, 102, 1))
+    assert (found.half_widths, found.obstacle) == ({"ticks": 3.0}, "")
+
+
+def test_an_estimator_that_fails_is_reported_and_ends_the_process(worked, ring):
+    publish(ring, 0, [0] * 5)
+    with pytest.raises(ValueError, match="no such point"):
+        worked.handle(start(), point(0, 4), point(0, 4, 99))
+    _, failed = worked.reports()
+    assert (failed.captures, failed.obstacle) == (
+        1, "the estimator failed: ValueError: no such point",
+    )  # fmt: skip
+
+
+def test_an_estimator_that_cannot_be_made_is_reported(worked):
+    with pytest.raises(ImportError):
+        worked.handle(start("motord.no_such:Thing"))
+    [failed] = worked.reports()
+    assert "No module named 'motord.no_such'" in failed.obstacle
+
+
+def test_it_goes_on_until_the_commands_end_and_takes_all_of_them(run_dir, ring, pipes):
+    publish(ring, 0, [0] * 5)
+    commands = lines_of(start(), *[point(0, 4)] * 50)
+    captures = follow(run_dir)
+    estimation = process.Estimation(load(), captures, LineWriter(pipes[1], 1 << 20))
+    process.run(estimation, captures, [line + b"\n" for line in commands] + [b'{"do": "poi'])
+    assert len(reports_of(LineReader(pipes[0]))) == 50
+
+
+def test_the_ring_is_followed_while_an_estimate_takes_longer_than_it_holds(
+    run_dir, ring, pipes, monkeypatch
+):
+    monkeypatch.setattr(process, "LOOK_S", 0.001)
+    captures = follow(run_dir)
+
+    class Slow(Counting):
+        def captured(self, point):
+            for first in range(5, 205, 40):  # the ring holds 63
+                publish(ring, first, [1] * 40)
+                end_s = time.monotonic() + WAIT_S
+                while captures._newest < first + 39:
+                    assert time.monotonic() < end_s
+                    time.sleep(0.001)
+            return super().captured(point)
+
+    monkeypatch.setattr(process, "resolve_name", lambda name: Slow)
+    publish(ring, 0, [0] * 5)
+    estimation = process.Estimation(load(), captures, LineWriter(pipes[1], 1 << 20))
+    process.run(estimation, captures, [line + b"\n" for line in lines_of(start(), point(0, 4))])
+    assert len(captures.of(captured(5, 204, 1))) == 200
+
+
+def test_a_report_is_bounded(worked):
+    long = Precision(1, {}, "x" * 5000)
+    assert len(PrecisionReport.of("r", long).obstacle) == 1000
+
+
+# --- the supervisor's end
+
+
+class Played:
+    """An estimator process that the test plays."""
+
+    def __init__(self):
+        commands, into = os.pipe()
+        out_of, self.reports = os.pipe()
+        self.stdin, self.stdout = os.fdopen(into, "wb", 0), os.fdopen(out_of, "rb", 0)
+        os.set_blocking(commands, False)
+        self._commands = LineReader(commands)
+        self.code, self.pid, self.open = None, 4711, [commands, self.reports]
+
+    def poll(self):
+        return self.code
+
+    def send_signal(self, sig):
+        self.code = -sig
+
+    def say(self, line):
+        os.write(self.reports, line + b"\n")
+
+    def report(self, run, captures=1, **more):
+        about = {"run": run, "captures": captures, "half_widths": {}, "obstacle": "", **more}
+        self.say(json.dumps(about).encode())
+
+    def received(self):
+        return [json.loads(line) for line in self._commands.read()]
+
+    def close(self):
+        for end in self.open:
+            os.close(end)
+
+
+class Linked:
+    """A link, and the processes that it has started."""
+
+    def __init__(self):
+        self.started, self.now_ns, self.why = [], 0, None
+        self.events = EventLog(lambda: 0)
+        self.children = Children([ROW], self._start)
+        self.link = EstimatorLink(self.children, self.events)
+
+    def _start(self, row):
+        if self.why is not None:
+            raise self.why
+        self.started.append(Played())
+        return self.started[-1]
+
+    def step(self):
+        """A step of the supervisor; return how children have ended."""
+        self.now_ns += 10_000_000
+        ends = [end.how for end in self.children.poll(self.now_ns)]
+        self.link.step(self.now_ns)
+        return ends
+
+    def begin(self, *about):
+        """Begin a plan; return its process and the run that it is to report."""
+        self.link.begin(plan(*about))
+        assert self.step() == []
+        [start] = self.started[-1].received()
+        assert start["estimator"] == COUNTING
+        assert start["targets"] == {"ticks": 1.0}
+        return self.started[-1], start["run"]
+
+
+@pytest.fixture
+def linked():
+    made = Linked()
+    yield made
+    made.link.stop()
+    for each in made.started:
+        each.close()
+
+
+def test_a_plan_without_an_estimator_starts_nothing(linked):
+    linked.link.begin(plan(""))
+    assert linked.step() == []
+    assert linked.started == []
+    assert linked.children.views() == {}
+
+
+def test_captures_go_to_the_process_and_its_precision_comes_back(linked):
+    played, run = linked.begin()
+    linked.link.captured(captured(0, 4))
+    assert played.received() == [{"do": "point", "content": captured(0, 4)}]
+    assert linked.link.precision is None
+    played.report(run, 1, half_widths={"ticks": 5.0})
+    linked.step()
+    assert linked.link.precision == Precision(1, {"ticks": 5.0})
+    assert linked.children.views()[ESTIMATOR].running
+
+
+def test_the_process_ends_with_the_plan_without_a_word(linked):
+    played, run = linked.begin()
+    linked.link.end()
+    played.report(run, 7)
+    assert linked.step() == []
+    assert linked.step() == []
+    assert played.code == -signal.SIGKILL
+    assert linked.link.precision is None  # what came after the end
+    assert linked.children.views() == {}
+    assert linked.events.recent() == []
+
+
+def test_what_one_run_has_found_never_reaches_the_next(linked):
+    first, run = linked.begin()
+    first.report(run, 7, half_widths={"ticks": 0.0})
+    linked.step()
+    linked.link.end()
+    linked.link.begin(plan())  # in the same step
+    assert linked.link.precision is None
+    first.report(run, 8)
+    linked.step()
+    assert len(linked.started) == 2
+    assert linked.link.precision is None
+    second = linked.started[-1]
+    [start] = second.received()
+    second.report(run, 9)  # of the run before
+    second.report("", 9)
+    linked.step()
+    assert linked.link.precision is None
+    second.report(start["run"], 1)
+    linked.step()
+    assert linked.link.precision == Precision(1)
+
+
+def test_a_process_that_dies_is_an_obstacle_and_no_other_is_started(linked):
+    played, run = linked.begin()
+    played.report(run, 3, half_widths={"ticks": 0.1})
+    played.code = -signal.SIGKILL
+    assert linked.step() == ["killed by SIGKILL"]
+    known = linked.link.precision
+    assert (known.captures, known.half_widths, known.obstacle) == (3, {"ticks": 0.1}, ENDED)
+    assert not known.reaches({"ticks": 1.0})
+    linked.link.captured(captured(0, 4))
+    for _ in range(200):
+        assert linked.step() == []
+    assert len(linked.started) == 1
+    assert linked.children.views()[ESTIMATOR].exit == "killed by SIGKILL"
+    linked.link.end()
+    linked.step()
+    assert linked.children.views() == {}
+    linked.begin()
+
+
+def test_why_it_failed_stays_when_it_has_ended(linked):
+    played, run = linked.begin()
+    played.report(run, 0, obstacle="the estimator failed: because")
+    played.code = 1
+    linked.step()
+    assert linked.link.precision.obstacle == "the estimator failed: because"
+
+
+def test_a_process_that_cannot_be_started_is_an_obstacle(linked):
+    linked.why = OSError(12, "Cannot allocate memory")
+    linked.link.begin(plan())
+    linked.step()
+    assert linked.link.precision.obstacle == ENDED
+    assert linked.step() == ["it cannot be started: Cannot allocate memory"]
+    linked.link.captured(captured(0, 4))
+    linked.link.end()
+    assert linked.step() == []
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"\xff\xfe nonsense", b"{}", b"[" * 1000, b'{"run": 1}', b"x" * 100_000,
+        b'{"run":"R","captures":1,"half_widths":{"ticks":-1.0},"obstacle":""}',
+        b'{"run":"R","captures":1,"half_widths":{"ticks":NaN},"obstacle":""}',
+        b'{"run":"R","captures":1,"half_widths":{"ticks":Infinity},"obstacle":""}',
+        b'{"run":"R","captures":1,"half_widths":{"ticks":"0"},"obstacle":""}',
+        b'{"run":"R","captures":1,"half_widths":{},"obstacle":"","more":1}',
+    ],
+    ids=lambda line: line[:20].decode(errors="replace"),
+)  # fmt: skip
+def test_garbage_is_counted_and_changes_nothing(linked, garbage):
+    played, run = linked.begin()
+    os.set_blocking(played.reports, False)
+    left = garbage.replace(b"R", run.encode()) + b"\n"
+    while left:
+        left = left[os.write(played.reports, left) :]
+        linked.step()
+    linked.step()
+    assert linked.link.precision is None
+    assert linked.children.views()[ESTIMATOR].bad_messages == 1
+    played.report(run, 1)
+    linked.step()
+    assert linked.link.precision == Precision(1)
+
+
+def test_a_flood_ends_it(linked):
+    played, _ = linked.begin()
+    for _ in range(100):
+        played.say(b"\n" * 1000)
+        linked.step()
+        if played.code is not None:
+            break
+    assert played.code == -signal.SIGKILL
+    assert linked.step() == ["killed by SIGKILL"]
+    assert linked.link.precision.obstacle == ENDED
+
+
+def test_a_process_that_takes_nothing_is_no_reason_to_wait(linked):
+    played, _ = linked.begin()
+    long = {**captured(0, 4), "more": "x" * 10_000}
+    for _ in range(600):
+        linked.link.captured(long)
+        linked.step()
+    assert linked.children.views()[ESTIMATOR].dropped_messages > 100
+    assert played.code is None
+
+
+# --- the process
+
+
+class Running:
+    """The process on the ring of a test, as the supervisor runs it."""
+
+    def __init__(self, run_dir):
+        self.run_dir, self.pids = run_dir, []
+        self.events = EventLog(lambda: 0)
+        self.children = Children([ROW], self._start)
+        self.link = EstimatorLink(self.children, self.events)
+
+    def _start(self, row):
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, PATHS))}
+        command = row.command(CONFIG, self.run_dir)
+        made = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment
+        )
+        self.pids.append(made.pid)
+        return made
+
+    def until(self, condition, what):
+        end_s = time.monotonic() + WAIT_S
+        while not condition():
+            assert time.monotonic() < end_s, f"{what}: {self.link.precision}"
+            time.sleep(0.01)
+            self.children.poll(time.monotonic_ns())
+            self.link.step(time.monotonic_ns())
+
+
+ROOT = Path(__file__).parents[3]
+PATHS = (ROOT / "src", ROOT)
+
+
+@pytest.fixture
+def running(run_dir, ring):
+    made = Running(run_dir)
+    yield made
+    made.link.stop()
+
+
+@pytest.mark.system
+def test_the_process_reports_steps_back_and_ends_with_the_plan(running, ring):
+    running.link.begin(plan())
+    running.link.step(0)
+    publish(ring, 0, [-1] * 3 + [0] * 5)
+    running.link.captured(captured(3, 7))
+    running.until(lambda: running.link.precision, "a first report")
+    assert running.link.precision == Precision(1, {"ticks": 5.0})
+    [pid] = running.pids
+    assert os.getpriority(os.PRIO_PROCESS, pid) == scheduling.BACKGROUND_NICE
+    os.kill(pid, signal.SIGSTOP)
+    running.link.captured(captured(3, 7))
+    running.link.end()
+    running.link.step(0)  # waits for nothing
+    running.until(lambda: not Path(f"/proc/{pid}").exists(), "its end")
+    assert running.events.recent() == []
+
+
+@pytest.mark.system
+def test_when_the_supervisor_dies_the_process_ends(run_dir, ring):
+    alone = spawn_piped(run_dir.command(process.__name__, CONFIG))
+    alone.stdin.close()
+    assert select.select([alone.stdout], [], [], WAIT_S)[0]
+    assert (alone.wait(WAIT_S), alone.stdout.read()) == (0, b"")
+    alone.stdout.close()
+
+
+@pytest.mark.system
+def test_without_a_ring_it_is_one_line_and_exit_1(tmp_path):
+    lonely = RunDir("lonely", tmp_path)
+    done = subprocess.run(
+        lonely.command(process.__name__, CONFIG), check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("motord estimator: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_it_leaves_the_loop_its_processor(monkeypatch):
+    nice, cpus = {}, {}
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2})
+    monkeypatch.setattr(os, "sched_setaffinity", cpus.__setitem__)
+    monkeypatch.setattr(os, "setpriority", lambda kind, task, value: nice.update({task: value}))
+    scheduling.step_back(1)
+    assert set(nice.values()) == {scheduling.BACKGROUND_NICE}
+    assert os.getpid() in nice
+    assert all(left == {0, 2} for left in cpus.values())
+    monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {1})
+    cpus.clear()
+    scheduling.step_back(1)
+    assert cpus == {}
