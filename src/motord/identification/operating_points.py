@@ -31,7 +31,8 @@ class PointData:
     ticks: structured array with at least the columns REQUIRED; with COMMANDS and `i_age_ns`
     where the source has them. compensate: 0 without compensation (schema.Compensate). induced:
     errors that were put on the currents on purpose (sequencing.Induced), so that its ripple is not
-    the motor's; empty without.
+    the motor's; empty without. turns_from_start: whole turns count from the first sample, not from
+    the encoder's zero.
     """
 
     torque_Nm: float
@@ -39,6 +40,7 @@ class PointData:
     ticks: np.ndarray
     compensate: int = 0
     induced: Mapping[str, Any] = field(default_factory=dict)
+    turns_from_start: bool = False
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,7 @@ def split(ticks: np.ndarray, operating_points: Sequence[Mapping[str, Any]]) -> I
             ticks=chosen[chosen["plan_point"] == int(point["index"])],
             compensate=int(point.get("compensate", 0)),
             induced=point.get("induced", {}),
+            turns_from_start=bool(point.get("turns_from_start", False)),
         )
 
 
@@ -145,7 +148,7 @@ def prepare(point: PointData, counts: int) -> Samples:
     if good.all():
         good = slice(None)  # spares the copies
     count = ticks["encoder_count"][good].astype(np.int64)
-    turns = continuous_turns(count, counts, label)
+    turns = continuous_turns(count, counts, label, from_start=point.turns_from_start)
     i_A = np.ascontiguousarray(i_A[good])
     command_A = _commands(ticks, good) if sensed.any() else None
     return Samples(

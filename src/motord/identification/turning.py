@@ -78,18 +78,23 @@ def whole_turns(position_rad: np.ndarray) -> list[Turn]:
     return turns
 
 
-def continuous_turns(count: np.ndarray, counts: int, label: str) -> tuple[tuple[int, int], ...]:
+def continuous_turns(
+    count: np.ndarray, counts: int, label: str, *, from_start: bool = False
+) -> tuple[tuple[int, int], ...]:
     """Return (first, end) of each turn from zero point to zero point, one after the other.
 
-    For a capture, in which the rotor keeps its direction: a count that trembles at the zero point
-    ends no turn, where `whole_turns` sees it turn back. Raises IdentifyError if there is none.
+    from_start: from the first sample's position instead, so that short captures lose no part of a
+    turn. For a capture, in which the rotor keeps its direction: a count that trembles at the end of
+    a turn ends none, where `whole_turns` sees it turn back. Raises IdentifyError if there is none.
     """
     _check_range(count, counts, label)
     position = unwrap_counts(count, counts)
     if count.size and position[-1] < position[0]:
         position = -position
+    if from_start and count.size > 1:  # the sample that would come next may end a turn
+        position = np.append(position, 2 * position[-1] - position[-2]) - position[0]
     turn = np.maximum.accumulate(position // counts) if count.size else position
-    first, last = (turn[0] + 1, turn[-1]) if count.size else (0, 0)
+    first, last = (turn[0] + (not from_start), turn[-1]) if count.size else (0, 0)
     edges = np.searchsorted(turn, np.arange(first, last + 1))
     pairs = tuple((int(a), int(b)) for a, b in pairwise(edges) if b > a)
     if not pairs:
