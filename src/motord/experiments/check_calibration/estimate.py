@@ -69,17 +69,23 @@ def check(
     calibration.check_motor(subject.motor)
     found = parameter_shift(points, calibration, subject.motor, subject.sensor)
     stated = list(quantities(calibration, found, subject.motor))
-    seen = [one for one in stated if found.along(one.direction) is not None]
+    seen = [one for one in stated if _is_seen(one, found)]
+    unseen = [one for one in stated if not _is_seen(one, found)]
     changes = [_change(one, found, len(seen)) for one in seen]
-    names = {one.name for one in seen}
     return CalibrationCheck(
         calibration=calibration.id,
         changes=tuple(_without_consequences(seen, changes, found)),
         misfit=found.misfit,
         turns=found.turns,
         needed_percent=needed_percent,
-        unseen=tuple(one.meaning for one in stated if one.name not in names),
+        unseen=tuple(one.meaning for one in unseen),
+        ripple_unseen=any(one.ripple > 0 for one in unseen),
     )
+
+
+def _is_seen(quantity: Quantity, found: ParameterShift) -> bool:
+    measured = found.along(quantity.direction)
+    return measured is not None and measured[1] <= quantity.seen
 
 
 def _change(quantity: Quantity, found: ParameterShift, tests: int) -> Change:

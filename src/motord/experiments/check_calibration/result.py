@@ -63,7 +63,8 @@ class CalibrationCheck:
     """The test of calibration `calibration` (its id) by whole turns of several points.
 
     misfit: see `LineFit`; needed_percent: RMS ripple at rated torque (% of it) that a change must
-    not add unseen; unseen: what could not be tested, in words; more_findings: of the recording.
+    not add unseen; unseen: what could not be tested, in words; ripple_unseen: whether any of it
+    makes ripple; more_findings: of the recording.
     """
 
     calibration: str
@@ -72,6 +73,7 @@ class CalibrationCheck:
     turns: tuple[int, ...]
     needed_percent: float
     unseen: tuple[str, ...] = ()
+    ripple_unseen: bool = False
     more_findings: tuple[Finding, ...] = ()
 
     JSON = (
@@ -99,7 +101,7 @@ class CalibrationCheck:
 
     @property
     def _doubts(self) -> tuple[Finding, ...]:
-        return tuple(filter(None, (self._misfit, self._weak)))
+        return tuple(filter(None, (self._misfit, self._not_tested, self._weak)))
 
     @property
     def _misfit(self) -> Finding | None:
@@ -114,14 +116,21 @@ class CalibrationCheck:
         )  # fmt: skip
 
     @property
+    def _not_tested(self) -> Finding | None:
+        if not self.ripple_unseen:
+            return None
+        return Finding(
+            "not-tested", len(self.unseen), 0, "quantities", "warning",
+            f"these turns do not show {self.unseen[0]}"
+            + (f" and {len(self.unseen) - 1} more" if len(self.unseen) > 1 else ""),
+            "take the turns by `motord plan start check-calibration`, in both directions",
+        )  # fmt: skip
+
+    @property
     def _weak(self) -> Finding | None:
         weakest = self.weakest
         if weakest is None:
-            return Finding(
-                "nothing-tested", 0, 1, "changes", "warning",
-                "these turns show nothing of what the calibration states",
-                "take the turns by `motord plan start check-calibration`",
-            )  # fmt: skip
+            return None
         if weakest.ripple_percent <= self.needed_percent:
             return None
         return Finding(
