@@ -20,7 +20,7 @@ from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.rig.truth import RigTruth
 from motord.virtual import VirtualBench, run_plan
-from tests.campaigns.check_calibration import stated_calibration
+from tests.campaigns.check_calibration import stated_calibration, with_drift
 from tests.campaigns.estimator import rig
 from tests.unit.experiments.test_cli import run
 
