@@ -56,9 +56,14 @@ class Trial:
     bench_s: float
 
 
-def stated_calibration(seed: int, config: Config) -> Calibration:
-    """Return a calibration that differs from the truth of the rig by the errors it states."""
-    truth, delta, epsilon = rig(seed)
+def stated_calibration(
+    seed: int, config: Config, made: tuple[RigTruth, float, float] | None = None
+) -> Calibration:
+    """Return a calibration that differs from the truth of a rig by the errors it states.
+
+    made: rig, delta and epsilon; by default those of `seed`.
+    """
+    truth, delta, epsilon = made or rig(seed)
     rng = np.random.default_rng([seed, 1])
     alpha = np.array(truth.inverter.alpha) * np.exp(rng.normal(0, ALPHA_STDERR * 1.5**0.5, 3))
     common = float(np.cbrt(np.prod(truth.inverter.alpha)))

@@ -16,6 +16,7 @@ from motord.experiments.calibration.estimate.lack_of_fit.effects import model_co
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.normal_equations import ALPHA, DELAY, ZOH, Regression
 from motord.experiments.calibration.estimate.turn_products import accumulate
+from motord.experiments.check_calibration.law_shift import LawShift, law_shift
 from motord.experiments.check_calibration.line_fit import LineFit
 from motord.identification import IdentifyError
 from motord.identification.basis import Basis
@@ -44,7 +45,8 @@ class ParameterShift:
     """change (p,) of the parameters theta (p,), as in `normal_equations`, with its errors.
 
     seen (p, p): projection on what the turns show; misfit: see `LineFit`. orders: of the cogging
-    torque, in the succession of theta; turns: whole ones, of each point.
+    torque, in the succession of theta; turns: whole ones, of each point. law: what Kirchhoff's law
+    says of the gains in a star; None where it says nothing.
     """
 
     theta: np.ndarray
@@ -54,12 +56,17 @@ class ParameterShift:
     misfit: float
     orders: tuple[int, ...]
     turns: tuple[int, ...]
+    law: LawShift | None = None
 
     def along(self, direction: np.ndarray) -> tuple[float, float, float] | None:
         """Return the change along a direction (p,), its standard error and degrees of freedom.
 
-        None where the turns do not show it.
+        None where the turns do not show it. Ratios of gains are by Kirchhoff's law, if it holds.
         """
+        of_gains = direction[ALPHA] * self.theta[ALPHA]
+        common = abs(of_gains.sum()) > UNSEEN * np.abs(of_gains).max()
+        if self.law is not None and not common and not direction[ALPHA.stop :].any():
+            return self.law.along(of_gains)
         hidden = direction - self.seen @ direction
         if np.abs(hidden).max() > UNSEEN * np.abs(direction).max():
             return None
@@ -73,7 +80,9 @@ def parameter_shift(
     sensor: TorqueSensorConfig,
 ) -> ParameterShift:
     """Return by how much the calibration would have to move. Raises IdentifyError."""
-    samples = [_samples(point, calibration, motor, sensor) for point in points]
+    recorded = [prepare(point, motor.counts) for point in points]
+    has_law = motor.connection == "star" and not any(map(is_missing, recorded))
+    samples = [_samples(one, calibration, motor, sensor) for one in recorded]
     _check_turns(samples)
     highest = _highest_cogging_order(samples, motor)
     harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
@@ -83,7 +92,8 @@ def parameter_shift(
     basis = Basis.of(motor, tuple(one.order for one in harmonics))
     direct = sensor.model_copy(update={"highpass_time_constant_s": 0.0})
     products = [accumulate(one, basis, direct) for one in samples]
-    fit = _fit(Regression(products, basis, len(harmonics), kirchhoff=False), theta, motor)
+    regression = Regression(products, basis, len(harmonics), kirchhoff=has_law)
+    fit = _fit(regression, theta, motor)
     return ParameterShift(
         theta=theta,
         change=fit.change,
@@ -92,6 +102,7 @@ def parameter_shift(
         misfit=fit.misfit,
         orders=basis.orders,
         turns=tuple(len(one.turns) for one in samples),
+        law=law_shift(regression, gain) if has_law else None,
     )
 
 
@@ -111,10 +122,9 @@ def _fit(regression: Regression, theta: np.ndarray, motor: MotorConfig) -> LineF
 
 
 def _samples(
-    point: PointData, calibration: Calibration, motor: MotorConfig, sensor: TorqueSensorConfig
+    samples: Samples, calibration: Calibration, motor: MotorConfig, sensor: TorqueSensorConfig
 ) -> Samples:
-    """Return the samples of a point: torque without the high-pass, currents of all phases."""
-    samples = prepare(point, motor.counts)
+    """Return a point with its torque without the high-pass, and currents of all phases."""
     require_currents(samples)
     if motor.connection == "star" and is_missing(samples):
         samples = restored(samples, calibration.delta_epsilon * np.array(calibration.alpha))

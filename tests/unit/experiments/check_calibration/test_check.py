@@ -19,6 +19,7 @@ from motord.identification.operating_points import PointData, split
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.rig.truth import RigTruth
+from motord.rig.truth import load as load_truth
 from motord.virtual import VirtualBench, run_plan
 from tests.campaigns.check_calibration import stated_calibration, with_drift
 from tests.campaigns.estimator import rig
@@ -55,9 +56,14 @@ class Taken:
         return check(subject=Subject.of_config(self.config), **{**given, **changes})
 
 
-def take(truth: RigTruth, **settings: object) -> Taken:
-    config = load()
-    calibration, blocks = stated_calibration(SEED, config), []
+def take(
+    truth: RigTruth,
+    config: Config | None = None,
+    calibration: Calibration | None = None,
+    **settings: object,
+) -> Taken:
+    config, blocks = config or load(), []
+    calibration = calibration or stated_calibration(SEED, config)
     virtual = VirtualBench(config, truth, SEED, calibration)
     plan = build("check-calibration", config, settings)
     recorded = run_plan(virtual, plan, lambda ticks, _: blocks.append(ticks))
@@ -105,6 +111,21 @@ def test_a_drift_of_one_gain_is_found_and_its_phase_named(phase: int) -> None:
     assert found.findings[0].name == f"calibration-drifted-gain-{'abc'[phase]}"
     assert found.findings[0].value > found.findings[0].limit
     assert found.sentence.startswith(f"drifted: calibration {found.calibration}")
+
+
+def test_in_a_star_the_gains_are_tested_by_kirchhoffs_law() -> None:
+    config = load()
+    motor = config.motor.model_copy(update={"connection": "star"})
+    config = config.model_copy(update={"motor": motor})
+    truth = load_truth(packaged("star.rig.toml"))
+    calibration = stated_calibration(SEED, config, (truth, 1.0, truth.inverter.epsilon))
+    valid = take(truth, config, calibration).checked()
+    assert valid.verdict == "valid"
+    assert all(abs(one.value) < 0.08 for one in valid.changes[:3])
+    drifted = take(with_drift(truth, 1, -0.003), config, calibration).checked()
+    assert [one.name for one in drifted.drifted] == ["gain-b"]
+    step = drifted.changes[1].value - valid.changes[1].value
+    assert step == pytest.approx(-0.3, abs=0.02)
 
 
 def test_two_gains_that_drift_are_both_named() -> None:
