@@ -43,7 +43,12 @@ DELTA_EPSILON_STDERR = 1e-3
 COGGING_STDERR_Nm = 2e-4
 """Standard errors, of alpha in parts, as a calibration of the default mesh states or larger."""
 
-MESH = {"torques_Nm": [2.0, 3.5, 5.0], "speeds_Hz": [0.7, 1.0], "turns": 24, "settle_s": 0.5}
+MESH = {
+    "torques_Nm": [2.0, 3.0, 4.0, 5.0],
+    "speeds_Hz": [0.6, 0.8, 1.0],
+    "turns": 24,
+    "settle_s": 0.5,
+}
 
 
 @dataclass(frozen=True)

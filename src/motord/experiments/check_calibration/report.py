@@ -16,7 +16,8 @@ def report(found: CalibrationCheck, recordings: Recordings) -> Page:
     page.picture(
         changes(found.changes),
         "Each change in parts of its limit, with its 95 % interval. Beyond the limits (dashed) it "
-        "is no chance: noise alone passes any of them in 0.5 % of checks.",
+        "is no chance: noise alone passes any of them in 0.5 % of checks. Gains and offsets of the "
+        "phases are against the two others: where one drifts, these mirror half of it.",
     )
     page.table(
         ["95 % intervals", "change", "limit", "found in 95 %", "unit", ""],

@@ -165,12 +165,18 @@ class CalibrationCheck:
 
     @property
     def power(self) -> str:
-        """What would have been found, in words."""
-        gains = [one for one in self.changes if one.name[:5] == "gain-" and one.ripple_percent > 0]
-        if not gains:
-            return "no change of a phase's gain is found by such checks"
-        largest = max(one.detectable for one in gains)
-        return f"a change of a phase's gain by {largest:.2g} % is found in 95 % of such checks"
+        """What is found, in words: of each kind the change that has to be largest."""
+        parts = []
+        for kind, what in (
+            ("gain", "a phase's gain"),
+            ("offset", "an offset"),
+            ("cogging", "an order of the cogging torque"),
+        ):
+            found = [c for c in self.changes if c.name.startswith(kind) and c.ripple_percent > 0]
+            if found:
+                worst = max(found, key=lambda one: one.detectable)
+                parts.append(f"of {what} by {worst.detectable:.2g} {worst.unit}")
+        return f"a change {', '.join(parts)} is found in 95 % of such checks"
 
     def rows(self, sign: str) -> list[tuple[str, ...]]:
         """Return a row of text for each change; sign: plus-minus."""
