@@ -38,6 +38,12 @@ def test_forwards_takes_half_the_torque_instead_of_turning_back() -> None:
     assert (last.torque_Nm, last.speed_Hz) == pytest.approx((2.4, 0.7))
 
 
+def test_a_phase_scaled_less_leaves_the_rotor_faster() -> None:
+    _, scaled, _ = build("check-calibration", load(), {"scaled_gain": 0.8}).points
+    assert scaled.induced.gain == (0.8, 1.0, 1.0)
+    assert scaled.speed_Hz == pytest.approx(1.4 * 2.8 / 3)
+
+
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [
