@@ -16,6 +16,7 @@ from motord.experiments.plans import build
 from motord.experiments.subject import Subject
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
+from motord.intervals import t_quantile
 from motord.recording.metadata import describe
 from motord.recording.writer import RunWriter
 from motord.rig.truth import RigTruth
@@ -100,7 +101,11 @@ def test_a_calibration_that_holds_is_valid_and_the_power_is_stated(unchanged: Ta
     assert [one.name for one in gains] == ["gain-a", "gain-b", "gain-c"]
     assert all(0.15 < one.detectable < 0.3 for one in gains)
     assert all(0.5 * one.detectable < one.limit < one.detectable for one in found.changes)
-    assert "% is found in 95 % of such checks" in found.sentence
+    shared = t_quantile(1 - 0.005 / 2 / len(found.changes), gains[0].degrees_of_freedom)
+    assert gains[0].limit == pytest.approx(shared * gains[0].stderr)
+    largest = max(one.detectable for one in gains)
+    assert f"a change of a phase's gain by {largest:.2g} %, of an offset by " in found.sentence
+    assert "is found in 95 % of such checks" in found.sentence
 
 
 @pytest.mark.parametrize("phase", [0, 1, 2])
@@ -121,7 +126,9 @@ def test_in_a_star_the_gains_are_tested_by_kirchhoffs_law() -> None:
     calibration = stated_calibration(SEED, config, (truth, 1.0, truth.inverter.epsilon))
     valid = take(truth, config, calibration).checked()
     assert valid.verdict == "valid"
-    assert all(abs(one.value) < 0.08 for one in valid.changes[:3])
+    off = 100 * np.log(np.divide(truth.inverter.alpha, calibration.alpha))
+    found = [one.value for one in valid.changes[:3]]
+    assert found == pytest.approx(1.5 * (off - off.mean()), abs=0.02)
     drifted = take(with_drift(truth, 1, -0.003), config, calibration).checked()
     assert [one.name for one in drifted.drifted] == ["gain-b"]
     step = drifted.changes[1].value - valid.changes[1].value
