@@ -71,12 +71,12 @@ class CheckCalibrationConfig(Section):
     """
 
     torque_Nm: Positive | None = None
-    """Torque of the points. None: 0.8 of the rated torque, or of [limits] torque_Nm if less."""
+    """Torque of the points. None: 0.85 of the rated torque, or of [limits] torque_Nm if less."""
     speed_Hz: Positive = 1.4
     """Speed at that torque, turns a second."""
     turns: Annotated[int, Field(ge=3, le=1000)] = 3
     """Turns that are captured at each point; one less where a phase is scaled."""
-    scaled_gain: Annotated[float, Field(ge=0.3, le=0.9)] = 0.5
+    scaled_gain: Annotated[float, Field(ge=0.3, le=0.9)] = 0.6
     """Factor of phase a's current at one point, where the common gain shows."""
     directions: Literal["forwards", "both"] = "both"
     """"both": one point backwards; "forwards": at half the torque instead, which takes longer."""

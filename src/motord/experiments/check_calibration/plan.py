@@ -21,7 +21,7 @@ APPLIED = "calibration"
 """What is compensated: gains, offsets and cogging, which are tested; nothing learned, which adds
 torque that none of them makes."""
 
-TORQUE_SHARE = 0.8
+TORQUE_SHARE = 0.85
 """Torque of the points in parts of what the motor may make: compensation needs some more."""
 
 

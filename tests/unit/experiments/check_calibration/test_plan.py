@@ -26,16 +26,16 @@ def bench(faults: Timeline | None = None) -> VirtualBench:
 def test_points_are_equal_then_one_phase_scaled_then_backwards() -> None:
     plan = build("check-calibration", load())
     first, scaled, back = plan.points
-    assert first.torque_Nm == scaled.torque_Nm == -back.torque_Nm == pytest.approx(4.8)
+    assert first.torque_Nm == scaled.torque_Nm == -back.torque_Nm == pytest.approx(5.1)
     assert first.speed_Hz == -back.speed_Hz > scaled.speed_Hz
-    assert scaled.induced.gain == (0.5, 1.0, 1.0)
+    assert scaled.induced.gain == (0.6, 1.0, 1.0)
     assert [point.turns for point in plan.points] == [3, 2, 3]
     assert plan.settings["compensate"] == "calibration"
 
 
 def test_forwards_takes_half_the_torque_instead_of_turning_back() -> None:
     *_, last = build("check-calibration", load(), {"directions": "forwards"}).points
-    assert (last.torque_Nm, last.speed_Hz) == pytest.approx((2.4, 0.7))
+    assert (last.torque_Nm, last.speed_Hz) == pytest.approx((2.55, 0.7))
 
 
 def test_a_phase_scaled_less_leaves_the_rotor_faster() -> None:
