@@ -19,5 +19,5 @@ EXPERIMENT = Experiment(
             command="motord.experiments.check_calibration.command:ANALYSIS",
         ),
     ),
-    position=25,
+    position=35,
 )
