@@ -6,7 +6,7 @@ Of the phases' gains, and of their offsets, the one that changed most counts; a 
 it differs from the third.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import hypot
 
@@ -78,9 +78,16 @@ def check(
         misfit=found.misfit,
         turns=found.turns,
         needed_percent=needed_percent,
-        unseen=tuple(one.meaning for one in unseen),
+        unseen=(*(one.meaning for one in unseen), *_not_sampled(calibration, found)),
         ripple_unseen=any(one.ripple > 0 for one in unseen),
     )
+
+
+def _not_sampled(calibration: Calibration, found: ParameterShift) -> Iterator[str]:
+    """Yield the cogging orders that are too high for the sampling rate, in words."""
+    for harmonic in calibration.tau_cog_harmonics:
+        if harmonic.order not in found.orders:
+            yield f"order {harmonic.order} of the cogging torque"
 
 
 def _is_seen(quantity: Quantity, found: ParameterShift) -> bool:

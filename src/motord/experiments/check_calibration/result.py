@@ -129,9 +129,7 @@ class CalibrationCheck:
     @property
     def _weak(self) -> Finding | None:
         weakest = self.weakest
-        if weakest is None:
-            return None
-        if weakest.ripple_percent <= self.needed_percent:
+        if weakest is None or weakest.ripple_percent <= self.needed_percent:
             return None
         return Finding(
             "change-not-seen", weakest.ripple_percent, self.needed_percent, "% of rated", "warning",

@@ -194,6 +194,15 @@ def test_cogging_that_a_calibration_does_not_state_is_not_tested(unchanged: Take
     assert "gain-common" not in {one.name for one in found.changes}
 
 
+def test_an_order_that_the_ticks_do_not_resolve_is_named_as_not_tested(unchanged: Taken) -> None:
+    stated = unchanged.calibration.tau_cog_harmonics
+    fine = stated[0].model_copy(update={"order": 400, "amplitude_Nm": 0.0})
+    more = unchanged.calibration.model_copy(update={"tau_cog_harmonics": (*stated, fine)})
+    found = unchanged.checked(calibration=more)
+    assert found.unseen == ("order 400 of the cogging torque",)
+    assert found.verdict == "valid"
+
+
 def test_too_few_turns_are_refused(unchanged: Taken) -> None:
     with pytest.raises(IdentifyError, match="no good operating point"):
         unchanged.checked(points=[])
