@@ -3,6 +3,9 @@
 H(s) = s tau / (1 + s tau) * wn^2 / (s^2 + 2 zeta wn s + wn^2): the charge amplifier's high-pass
 and the motor on its mount. The high-pass is applied to the model (its inverse would integrate
 noise), the mount's resonance is taken out of the measurement (it lies above what is of interest).
+In a capture of a few seconds right after a step of the torque it is the other way round: the
+high-pass still answers to the step, which the model does not know, and its inverse integrates
+little noise.
 """
 
 from dataclasses import dataclass
@@ -47,6 +50,20 @@ def _mount_inverse(sensor: TorqueSensorConfig, frequency_Hz: np.ndarray) -> np.n
         return np.ones_like(frequency_Hz, complex)
     x = frequency_Hz / sensor.resonance_Hz
     return 1 - x**2 + 2j * sensor.damping_ratio * x
+
+
+def without_highpass(
+    t_s: np.ndarray, torque_Nm: np.ndarray, sensor: TorqueSensorConfig
+) -> np.ndarray:
+    """Return the torque (n,) with the charge amplifier's high-pass taken out, but for a constant.
+
+    y + 1/tau times the integral of y from the first sample on; an offset makes it rise steadily.
+    """
+    tau_s = sensor.highpass_time_constant_s
+    if tau_s == 0:
+        return torque_Nm
+    steps = 0.5 * (torque_Nm[1:] + torque_Nm[:-1]) * np.diff(t_s)
+    return np.asarray(torque_Nm + np.concatenate([[0.0], np.cumsum(steps)]) / tau_s)
 
 
 def passed_by_mount(columns: np.ndarray, period_s: float, sensor: TorqueSensorConfig) -> np.ndarray:

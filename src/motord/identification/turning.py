@@ -91,8 +91,8 @@ def continuous_turns(
     position = unwrap_counts(count, counts)
     if count.size and position[-1] < position[0]:
         position = -position
-    if from_start:
-        position = position - position[:1]
+    if from_start and count.size > 1:  # the sample that would come next may end a turn
+        position = np.append(position, 2 * position[-1] - position[-2]) - position[0]
     turn = np.maximum.accumulate(position // counts) if count.size else position
     first, last = (turn[0] + (not from_start), turn[-1]) if count.size else (0, 0)
     edges = np.searchsorted(turn, np.arange(first, last + 1))

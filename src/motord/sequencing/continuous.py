@@ -63,6 +63,11 @@ class Continuous:
         return self.durations_s[point.index]
 
 
+def point_s(point: OperatingPoint) -> float:
+    """Return how long a point should take from its torque on (s)."""
+    return SETTLE_S + point.turns / abs(point.speed_Hz)
+
+
 def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) -> Motion[str]:
     """Enable, take the operating points, ramp down; return why it ended.
 

@@ -24,6 +24,9 @@ NEEDED = {
 }
 """What a command needs besides a daemon."""
 
+APPLIED = ("learn", "check-calibration")
+"""What is analysed together with the calibration that was in force."""
+
 FILES = [
     "run -c {}",
     "check -c {}",
@@ -33,10 +36,10 @@ FILES = [
     "latency -c {} --seconds 0",
     "simulate calibrate -c {} -o new.mcap",
     "simulate verify --calibration {} -o new.mcap",
-    *(f"analyse {name} {{}}" for name in plan_kinds() if name != "learn"),
-    *(f"analyse {name} {{}} -c good.toml --json" for name in plan_kinds() if name != "learn"),
-    "analyse learn none.mcap --calibration {}",
-    "analyse learn {} --calibration good.json",
+    *(f"analyse {name} {{}}" for name in plan_kinds() if name not in APPLIED),
+    *(f"analyse {name} {{}} -c good.toml --json" for name in plan_kinds() if name not in APPLIED),
+    *(f"analyse {name} none.mcap --calibration {{}}" for name in APPLIED),
+    *(f"analyse {name} {{}} --calibration good.json" for name in APPLIED),
     "analyse sensitivity --calibration {}",
     "calibration show {}",
     "calibration install {}",

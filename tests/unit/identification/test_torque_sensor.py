@@ -3,7 +3,12 @@ import pytest
 from scipy import signal
 
 from motord.config import TorqueSensorConfig
-from motord.identification.torque_sensor import MountInverse, passed_by_mount, response
+from motord.identification.torque_sensor import (
+    MountInverse,
+    passed_by_mount,
+    response,
+    without_highpass,
+)
 
 SENSOR = TorqueSensorConfig(highpass_time_constant_s=1.5, resonance_Hz=700.0, damping_ratio=0.02)
 
@@ -53,3 +58,20 @@ def test_torques_pass_the_mount_in_time_as_its_response_says() -> None:
     wanted = (response(sensor, np.array([40.0]))[0] * np.exp(2j * np.pi * 40 * t_s)).real
     assert passed[1000:, 0] == pytest.approx(wanted[1000:], abs=2e-3)
     assert passed[:, 1] == pytest.approx(1.0)
+
+
+def test_the_torque_before_the_highpass_comes_back_right_after_a_step() -> None:
+    t_s = np.arange(0, 3, 1e-3)
+    torque_Nm = np.where(t_s < 0.5, -5.0, 5.0) + 0.1 * np.sin(2 * np.pi * 20 * t_s)
+    highpass = signal.cont2discrete(([1.5, 0], [1.5, 1]), 1e-3, method="bilinear")[:2]
+    sensed_Nm = signal.lfilter(np.ravel(highpass[0]), highpass[1], torque_Nm)
+    after = t_s > 0.6
+    found_Nm = without_highpass(t_s[after], sensed_Nm[after], SENSOR)
+    off_Nm = found_Nm - torque_Nm[after]
+    assert np.ptp(sensed_Nm[after] - torque_Nm[after]) > 1.0
+    assert np.ptp(off_Nm) < 1e-4
+
+
+def test_a_sensor_without_highpass_stays_as_it_is() -> None:
+    t_s = np.arange(0, 1, 1e-3)
+    assert np.array_equal(without_highpass(t_s, t_s**2, TorqueSensorConfig()), t_s**2)

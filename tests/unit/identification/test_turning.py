@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from motord.identification import IdentifyError
 from motord.identification.turning import (
+    continuous_turns,
     segments,
     steady_segments,
     unwrap_counts,
@@ -138,3 +139,14 @@ def test_counts_are_unwrapped_by_the_shorter_way(
     position = first % counts + np.concatenate([[0], np.cumsum(moved)])
     assert unwrap_counts(position % counts, counts).tolist() == position.tolist()
     assert unwrap_counts(position[:0], counts).size == 0
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) -> None:
+    count = (700 + direction * 5 * np.arange(650)) % 1000  # 5 counts a sample, 3.25 turns
+    turns = continuous_turns(count, 1000, "here", from_start=True)
+    assert turns == ((0, 200), (200, 400), (400, 600))
+    assert len(continuous_turns(count, 1000, "here")) == 2
+    # what comes next would begin the fourth turn: the third has all its samples
+    assert continuous_turns(count[:600], 1000, "here", from_start=True) == turns
+    assert len(continuous_turns(count[:599], 1000, "here", from_start=True)) == 2

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from motord.api.replies import AvailablePlan, PlanName, PlanProgress
     from motord.client import Client, Commander, PlanRun
 
+WITH_CALIBRATION = ("learn", "check-calibration")
+"""Plans whose analysis needs the calibration that was in force."""
+
 Detach = Annotated[
     bool, typer.Option("--detach", help="Return at once; the daemon goes on by itself.")
 ]
@@ -127,7 +130,7 @@ def _then(client: "Client", view: "PlanView") -> str:
     if not view.over or not view.points_done or not view.recording:
         return ""
     runs = " ".join(shlex.quote(run) for run in (view.continues, view.recording) if run)
-    force = client.state().calibration if view.plan == "learn" else None
+    force = client.state().calibration if view.plan in WITH_CALIBRATION else None
     known = f" --calibration {shlex.quote(force.path)}" if force is not None else ""
     return f"\nnext: motord analyse {view.plan} {runs}{known}"
 

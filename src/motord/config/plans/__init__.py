@@ -84,6 +84,27 @@ class CalibrateConfig(MeshConfig):
         return steps
 
 
+class CheckCalibrationConfig(Section):
+    """`[plans.check-calibration]`: three points, one after the other without a wait.
+
+    At torque_Nm with equal currents, with phase a's current times scaled_gain, and backwards. The
+    brake's excitation stays as it is, so the speed follows the torque.
+    """
+
+    torque_Nm: Positive | None = None
+    """Torque of the points. None: 0.85 of the rated torque, or of [limits] torque_Nm if less."""
+    speed_Hz: Positive = 1.4
+    """Speed at that torque, turns a second."""
+    turns: Annotated[int, Field(ge=3, le=1000)] = 3
+    """Turns that are captured at each point; one less where a phase is scaled."""
+    scaled_gain: Annotated[float, Field(ge=0.3, le=0.9)] = 0.6
+    """Factor of phase a's current at one point, where the common gain shows."""
+    directions: Literal["forwards", "both"] = "both"
+    """"both": one point backwards; "forwards": at half the torque instead, which takes longer."""
+    temperature_C: TemperatureBand | None = None
+    """Band of the inverter's temperature; outside, a point is poor and taken again. None: any."""
+
+
 class DrivenConfig(Section):
     """`[plans.cogging]`, `[plans.back-emf]`: the rotor turned from outside, power stage off.
 

@@ -250,7 +250,11 @@ def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
     The ratios follow from the currents, with no torque sensor: the direction in which the
     instrumented currents do not vary.
     """
-    law = turns.law().sum(axis=0)
+    return alpha_of_law(turns.law().sum(axis=0))
+
+
+def alpha_of_law(law: np.ndarray) -> np.ndarray:
+    """Return the same from the squares that the law leaves, as a form (p, p): `TurnSums.law`."""
     law = (law + law.T) / 2
     offset = law[ALPHA, BETA.start]
     gains = law[ALPHA, ALPHA] - np.outer(offset, offset) / law[BETA.start, BETA.start]

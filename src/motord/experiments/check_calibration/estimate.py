@@ -1,0 +1,139 @@
+"""Test of a calibration by fresh turns: what has changed beyond chance, and what would be seen.
+
+A change is tested against the uncertainty of both, check and calibration, by Student's t with the
+degrees of freedom of Welch and Satterthwaite; with m changes each at FALSE_ALARMS / m (Bonferroni).
+Of the phases' gains, and of their offsets, the one that changed most counts; a second one only if
+it differs from the third.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from math import hypot
+
+import numpy as np
+
+from motord.calibration import Calibration
+from motord.experiments.check_calibration.quantities import Quantity, quantities
+from motord.experiments.check_calibration.result import (
+    FALSE_ALARMS,
+    POWER,
+    CalibrationCheck,
+    Change,
+)
+from motord.experiments.check_calibration.shift import ParameterShift, parameter_shift
+from motord.experiments.points_left_out import points_left_out
+from motord.experiments.subject import AnalysisError, Recordings, Subject
+from motord.identification.operating_points import PointData
+from motord.intervals import t_quantile
+from motord.recording.captures import captures
+from motord.recording.reader import Run
+
+COMPARED = ("gain", "offset")
+"""Families of three phases, each against the two others."""
+
+
+def check_runs(
+    recordings: Recordings, calibration: Calibration, needed_percent: float
+) -> CalibrationCheck:
+    """Return the test of a calibration by recordings that were taken with it.
+
+    Raises AnalysisError, CalibrationError, IdentifyError.
+    """
+    for run in recordings.runs:
+        _check_applied(run, calibration)
+    subject = recordings.subject
+    points = (point for run in recordings.runs for point in captures(run))
+    found = check(points, subject, calibration, needed_percent)
+    return replace(found, more_findings=points_left_out(recordings.runs))
+
+
+def _check_applied(run: Run, calibration: Calibration) -> None:
+    applied = str(run.metadata.get("calibration", ""))
+    if applied != calibration.id:
+        raise AnalysisError(
+            f"{run.path}: was taken with calibration {applied or 'none'}, not with "
+            f"{calibration.id}; name the calibration that was in force with --calibration"
+        )
+
+
+def check(
+    points: Iterable[PointData],
+    subject: Subject,
+    calibration: Calibration,
+    needed_percent: float,
+) -> CalibrationCheck:
+    """Return the test of a calibration by operating points. Raises CalibrationError, IdentifyError.
+
+    needed_percent: RMS ripple at rated torque, in percent of it, that no change may add unseen.
+    """
+    calibration.check_motor(subject.motor)
+    found = parameter_shift(points, calibration, subject.motor, subject.sensor)
+    stated = list(quantities(calibration, found, subject.motor))
+    seen = [one for one in stated if _is_seen(one, found)]
+    unseen = [one for one in stated if not _is_seen(one, found)]
+    changes = [_change(one, found, len(seen)) for one in seen]
+    return CalibrationCheck(
+        calibration=calibration.id,
+        changes=tuple(_without_consequences(seen, changes, found)),
+        misfit=found.misfit,
+        turns=found.turns,
+        needed_percent=needed_percent,
+        unseen=(*(one.meaning for one in unseen), *_not_sampled(calibration, found)),
+        ripple_unseen=any(one.ripple > 0 for one in unseen),
+    )
+
+
+def _not_sampled(calibration: Calibration, found: ParameterShift) -> Iterator[str]:
+    """Yield the cogging orders that are too high for the sampling rate, in words."""
+    for harmonic in calibration.tau_cog_harmonics:
+        if harmonic.order not in found.orders:
+            yield f"order {harmonic.order} of the cogging torque"
+
+
+def _is_seen(quantity: Quantity, found: ParameterShift) -> bool:
+    measured = found.along(quantity.direction)
+    return measured is not None and measured[1] <= quantity.seen
+
+
+def _change(quantity: Quantity, found: ParameterShift, tests: int) -> Change:
+    measured = found.along(quantity.direction)
+    assert measured is not None
+    value, of_check, freedom = measured
+    stderr = max(hypot(of_check, quantity.stderr), 1e-300)
+    doubt = of_check**4 / freedom + quantity.stderr**4 / (quantity.degrees_of_freedom or np.inf)
+    freedom = stderr**4 / max(doubt, 1e-12 * stderr**4)
+    limit = t_quantile(1 - FALSE_ALARMS / 2 / tests, freedom) * stderr
+    detectable = limit + t_quantile(POWER, freedom) * stderr
+    return Change(
+        name=quantity.name,
+        meaning=quantity.meaning,
+        unit=quantity.unit,
+        value=value,
+        stderr=stderr,
+        degrees_of_freedom=freedom,
+        limit=limit,
+        detectable=detectable,
+        ripple_percent=quantity.ripple * detectable,
+        drifted=abs(value) > limit,
+    )
+
+
+def _without_consequences(
+    stated: Sequence[Quantity], changes: Sequence[Change], found: ParameterShift
+) -> list[Change]:
+    """Return the changes; of three phases those that only mirror another's count as none."""
+    kept = list(changes)
+    for family in COMPARED:
+        rows = [n for n, one in enumerate(stated) if one.family == family]
+        if len(rows) < 3 or sum(changes[n].drifted for n in rows) < 2:
+            continue
+        _, second, third = sorted(rows, key=lambda n: -abs(changes[n].value) / changes[n].limit)
+        pair = replace(
+            stated[second],
+            direction=(stated[second].direction - stated[third].direction) / 1.5,
+            stderr=(stated[second].stderr + stated[third].stderr) / 1.5,
+        )
+        differ = _change(pair, found, len(changes)).drifted
+        kept[second] = replace(kept[second], drifted=kept[second].drifted and differ)
+        kept[third] = replace(kept[third], drifted=False)
+    return kept

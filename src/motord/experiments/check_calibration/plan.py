@@ -1,0 +1,73 @@
+"""`check-calibration`: a few turns at one torque, with one phase's current scaled, and backwards.
+
+Gains make torque that follows the current, cogging does not: turned backwards by the opposite
+torque, the two are apart. With one phase's current scaled, the common gain shows.
+"""
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from motord.config import Config
+from motord.config.plans import CheckCalibrationConfig
+from motord.sequencing import Induced, OperatingPoint, Plan, PlanError
+from motord.sequencing.brake_servo import excitation_for
+from motord.sequencing.continuous import START_S, Continuous, continuous_points, point_s
+from motord.sequencing.limits import check_operating_points
+from motord.sequencing.settings import chosen, compensation
+
+NAME = "check-calibration"
+
+APPLIED = "calibration"
+"""What is compensated: gains, offsets and cogging, which are tested; nothing learned, which adds
+torque that none of them makes."""
+
+TORQUE_SHARE = 0.85
+"""Torque of the points in parts of what the motor may make: compensation needs some more."""
+
+
+def make(config: Config, settings: Mapping[str, Any]) -> Plan:
+    """Return the plan of `[plans.check-calibration]` with `settings`. Raises PlanError."""
+    given = dict(settings)
+    if given.pop("compensate", APPLIED) != APPLIED:
+        raise PlanError(f"{NAME}: it tests the calibration, so compensate is always {APPLIED}")
+    check = chosen(config, NAME, CheckCalibrationConfig, given, "compensate")
+    most_Nm = min(config.motor.rated_torque_Nm, config.limits.torque_Nm)
+    torque_Nm = check.torque_Nm or round(TORQUE_SHARE * most_Nm, 6)
+    check_operating_points(config, (torque_Nm,), (check.speed_Hz,))
+    points = _points(check, torque_Nm)
+    rate_Nm_per_s = config.limits.torque_rate_Nm_per_s
+    taking = Continuous(
+        excitation_for(config.brake, torque_Nm, 2 * math.pi * check.speed_Hz),
+        rate_Nm_per_s,
+        tuple(torque_Nm / rate_Nm_per_s + point_s(point) for point in points),
+        compensate=int(compensation(APPLIED)),
+        band_C=check.temperature_C,
+    )
+    return Plan(
+        name=NAME,
+        points=points,
+        motion=partial(continuous_points, taking),
+        point_s=taking.duration_s,
+        settings={
+            **check.model_dump(mode="json"),
+            "torque_Nm": torque_Nm,
+            "compensate": APPLIED,
+        },
+        ends_s=START_S + torque_Nm / config.limits.ramp_down_Nm_per_s,
+        continuous=True,
+    )
+
+
+def _points(check: CheckCalibrationConfig, torque_Nm: float) -> tuple[OperatingPoint, ...]:
+    """Return the points; at constant excitation of the brake the speed follows the torque."""
+    speed_Hz, turns = check.speed_Hz, check.turns
+    scaled = Induced(gain=(check.scaled_gain, 1.0, 1.0))
+    scaled_Hz = speed_Hz * (2 + check.scaled_gain) / 3
+    share = -1.0 if check.directions == "both" else 0.5
+    return (
+        OperatingPoint(0, torque_Nm, speed_Hz, turns),
+        OperatingPoint(1, torque_Nm, scaled_Hz, turns - 1, scaled),
+        OperatingPoint(2, share * torque_Nm, share * speed_Hz, turns),
+    )

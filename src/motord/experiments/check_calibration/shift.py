@@ -1,0 +1,161 @@
+"""By how much a calibration's parameters would have to move to fit turns that it was not made of.
+
+What the calibration's model, with the sensed currents, leaves of the torque of each operating point
+is taken to lines at the orders of the turn, and fitted by the model's columns, made of the
+commanded currents: instruments, without the noise of the sensed ones.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from motord.calibration import Calibration
+from motord.config import MotorConfig, TorqueSensorConfig
+from motord.experiments.calibration.estimate.lack_of_fit.effects import model_columns, point_models
+from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
+from motord.experiments.calibration.estimate.normal_equations import ALPHA, DELAY, ZOH, Regression
+from motord.experiments.calibration.estimate.turn_products import accumulate
+from motord.experiments.check_calibration.law_shift import LawShift, law_shift
+from motord.experiments.check_calibration.line_fit import LineFit
+from motord.identification import IdentifyError
+from motord.identification.basis import Basis
+from motord.identification.operating_points import PointData, Samples, prepare, require_currents
+from motord.identification.orders import (
+    COUNTS_PER_COGGING_ORDER,
+    SAMPLES_PER_COGGING_ORDER,
+    resolved_order,
+)
+from motord.identification.torque_sensor import without_highpass
+from motord.identification.variance_components import VarianceComponents
+from motord.identification.zero_sequence import is_missing, restored
+
+MIN_TURNS = 2
+"""Whole turns that each operating point needs."""
+
+MIN_ALL_TURNS = 8
+"""Whole turns over all points that a test needs."""
+
+UNSEEN = 1e-6
+"""Part of a direction that may lie in what the turns do not show."""
+
+
+@dataclass(frozen=True)
+class ParameterShift:
+    """change (p,) of the parameters theta (p,), as in `normal_equations`, with its errors.
+
+    seen (p, p): projection on what the turns show; misfit: see `LineFit`. orders: of the cogging
+    torque, in the succession of theta; turns: whole ones, of each point. law: what Kirchhoff's law
+    says of the gains in a star; None where it says nothing.
+    """
+
+    theta: np.ndarray
+    change: np.ndarray
+    errors: VarianceComponents
+    seen: np.ndarray
+    misfit: float
+    orders: tuple[int, ...]
+    turns: tuple[int, ...]
+    law: LawShift | None = None
+
+    def along(self, direction: np.ndarray) -> tuple[float, float, float] | None:
+        """Return the change along a direction (p,), its standard error and degrees of freedom.
+
+        None where the turns do not show it. Ratios of gains are by Kirchhoff's law, if it holds.
+        """
+        of_gains = direction[ALPHA] * self.theta[ALPHA]
+        common = abs(of_gains.sum()) > UNSEEN * np.abs(of_gains).max()
+        if self.law is not None and not common and not direction[ALPHA.stop :].any():
+            return self.law.along(of_gains)
+        hidden = direction - self.seen @ direction
+        if np.abs(hidden).max() > UNSEEN * np.abs(direction).max():
+            return None
+        return float(direction @ self.change), *self.errors.along(direction)
+
+
+def parameter_shift(
+    points: Iterable[PointData],
+    calibration: Calibration,
+    motor: MotorConfig,
+    sensor: TorqueSensorConfig,
+) -> ParameterShift:
+    """Return by how much the calibration would have to move. Raises IdentifyError."""
+    recorded = [prepare(point, motor.counts) for point in points]
+    has_law = motor.connection == "star" and not any(map(is_missing, recorded))
+    samples = [_samples(one, calibration, motor, sensor) for one in recorded]
+    _check_turns(samples)
+    highest = _highest_cogging_order(samples, motor)
+    harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
+    waves = [h.amplitude_Nm * part(h.phase_rad) for h in harmonics for part in (np.sin, np.cos)]
+    gain = calibration.delta_epsilon * np.array(calibration.alpha)
+    theta = np.concatenate([gain, calibration.beta_A, [0.0, 0.0], waves])
+    basis = Basis.of(motor, tuple(one.order for one in harmonics))
+    direct = sensor.model_copy(update={"highpass_time_constant_s": 0.0})
+    products = [accumulate(one, basis, direct) for one in samples]
+    regression = Regression(products, basis, len(harmonics), kirchhoff=has_law)
+    fit = _fit(regression, theta, motor)
+    return ParameterShift(
+        theta=theta,
+        change=fit.change,
+        errors=fit.errors,
+        seen=fit.seen,
+        misfit=fit.misfit,
+        orders=basis.orders,
+        turns=tuple(len(one.turns) for one in samples),
+        law=law_shift(regression, gain) if has_law else None,
+    )
+
+
+def _fit(regression: Regression, theta: np.ndarray, motor: MotorConfig) -> LineFit:
+    """Return the fit of what parameters theta (p,) leave."""
+    spectra = [point.spectrum for point in regression.points]
+    highest = min(spectrum.highest for spectrum in spectra)
+    coefficients = regression.coefficients(theta)
+    models = point_models(regression, theta, highest)
+    return LineFit(
+        groups_Nm=[spectrum.residual(coefficients)[:, :highest] for spectrum in spectra],
+        columns=model_columns(models, regression, theta[ALPHA]),
+        prior=np.eye(theta.size)[[DELAY, ZOH]],
+        model_Nm=MODEL_ACCURACY * motor.rated_torque_Nm / 3**0.5,
+        lowest_order=min(motor.pole_pairs, highest),
+    )
+
+
+def _samples(
+    samples: Samples, calibration: Calibration, motor: MotorConfig, sensor: TorqueSensorConfig
+) -> Samples:
+    """Return a point with its torque without the high-pass, and currents of all phases."""
+    require_currents(samples)
+    if motor.connection == "star" and is_missing(samples):
+        samples = restored(samples, calibration.delta_epsilon * np.array(calibration.alpha))
+    torque_Nm = without_highpass(samples.t_s, samples.torque_Nm, sensor)
+    return replace(samples, torque_Nm=torque_Nm)
+
+
+def _check_turns(samples: Sequence[Samples]) -> None:
+    """Raise IdentifyError where the turns are too few."""
+    if not samples:
+        raise IdentifyError("there is no good operating point in the recording; repeat the check")
+    for one in samples:
+        if len(one.turns) < MIN_TURNS:
+            raise IdentifyError(
+                f"{one.label}: {len(one.turns)} whole turn, at least {MIN_TURNS} are needed; "
+                "repeat the check with turns = 3 or more"
+            )
+    turns = sum(len(one.turns) for one in samples)
+    if turns < MIN_ALL_TURNS:
+        raise IdentifyError(
+            f"{turns} whole turns in all are too few to test a calibration, at least "
+            f"{MIN_ALL_TURNS} are needed; repeat the check with more turns"
+        )
+
+
+def _highest_cogging_order(samples: Sequence[Samples], motor: MotorConfig) -> int:
+    """Return the highest cogging order that every point samples."""
+    return resolved_order(
+        min(end - first for one in samples for first, end in one.turns),
+        motor.counts,
+        motor.counts,
+        samples_per_order=SAMPLES_PER_COGGING_ORDER,
+        counts_per_order=COUNTS_PER_COGGING_ORDER,
+    )
