@@ -34,6 +34,9 @@ START_S = 0.2
 END_S = 0.2
 """Time in which the bench is disabled after the last ramp, about."""
 
+PAUSED = 2.0
+"""A point that took so many times as long was paused meanwhile."""
+
 REACH_TIMEOUT_S = 10.0
 """Time within which the torque must be reached."""
 
@@ -73,24 +76,21 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
 
     Those are not taken that are left when the targets are reached, or for which the time is short.
     """
-    began = yield None
     yield from enable(settings.compensate)
-    planned_s, why = 0.0, ""
+    planned_s, passed_s, why = 0.0, START_S, ""
     for number, point in enumerate(points):
-        passed_s = (yield None).since_s(began)
-        slower = max(passed_s / planned_s, 1.0) if number else 1.0
-        planned_s += settings.duration_s(point)
+        begun, own_s = (yield None), settings.duration_s(point)
+        slower = max((passed_s - START_S) / planned_s, 1.0) if number else 1.0
         end_s = abs(point.torque_Nm) / settings.rate_Nm_per_s + END_S
-        if (
-            number >= settings.least_points
-            and passed_s + slower * settings.duration_s(point) + end_s > settings.limit_s
-        ):
+        if number >= settings.least_points and passed_s + slower * own_s + end_s > settings.limit_s:
             why = f"time limit of {settings.limit_s:g} s: {number} of {len(points)} points taken"
             break
         reached = yield from _unless_reached(point, settings)
         if reached is not None:
             why = f"targets reached: {reached.in_words(settings.targets)}"
             break
+        planned_s += own_s
+        passed_s += min((yield None).since_s(begun), PAUSED * own_s)  # a pause takes no bench time
     yield from ramp_down()
     return why
 
