@@ -48,11 +48,17 @@ def take_points(
     yield from ramp_down()
 
 
-def capture(point: OperatingPoint, demand: Demand) -> Motion[Observation]:
-    """Hold `demand` for the point's turns, with its number on the ticks; return the end."""
+def capture(
+    point: OperatingPoint, demand: Demand, beyond_turns: float = 0.0
+) -> Motion[Observation]:
+    """Hold `demand` for the point's turns, with its number on the ticks; return the end.
+
+    beyond_turns: what is captured more, where each of the turns has to be whole.
+    """
 
     def turned(seen: Observation) -> bool:
-        return seen.plan_point == point.index and abs(seen.point_turns) >= point.turns
+        turns = abs(seen.point_turns) - beyond_turns
+        return seen.plan_point == point.index and turns >= point.turns
 
     return (
         yield from within(

@@ -34,6 +34,9 @@ START_S = 0.2
 END_S = 0.2
 """Time in which the bench is disabled after the last ramp, about."""
 
+BEYOND_TURNS = 0.02
+"""What is captured more, so that the encoder's counts have turned as far as the angle."""
+
 PAUSED = 2.0
 """A point that took so many times as long was paused meanwhile."""
 
@@ -129,7 +132,7 @@ def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
         lambda seen: f"{demand.label}: the torque is still {seen.torque_set_Nm:.3g} Nm",
     )
     yield from wait(demand.labelled("settling"), SETTLE_S)
-    seen = yield from capture(point, demand.labelled("capturing"))
+    seen = yield from capture(point, demand.labelled("capturing"), BEYOND_TURNS)
     return account(point, seen, quality(seen, settings.band_C), turns_from_start=True)
 
 

@@ -1,5 +1,7 @@
 """Whole turns and segments of steady speed in positions of any origin."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -141,6 +143,7 @@ def test_counts_are_unwrapped_by_the_shorter_way(
     assert unwrap_counts(position[:0], counts).size == 0
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize("direction", [1, -1])
 def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) -> None:
     count = (700 + direction * 5 * np.arange(650)) % 1000  # 5 counts a sample, 3.25 turns
@@ -150,3 +153,51 @@ def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) ->
     # what comes next would begin the fourth turn: the third has all its samples
     assert continuous_turns(count[:600], 1000, "here", from_start=True) == turns
     assert len(continuous_turns(count[:599], 1000, "here", from_start=True)) == 2
+=======
+@given(
+    counts=st.integers(16, 5000),
+    start=st.floats(0, 1, exclude_max=True),
+    turns=st.integers(1, 6),
+    more=st.floats(0.05, 0.9),
+    direction=st.sampled_from([1, -1]),
+    trembling=st.booleans(),
+)
+def test_turns_from_the_start_lose_no_part_of_a_turn(
+    counts: int, start: float, turns: int, more: float, direction: int, trembling: bool
+) -> None:
+    per_turn = 3 * counts
+    steps = int((turns + more) * per_turn) + 3
+    position = start * counts + direction * np.arange(steps) / 3
+    if trembling:
+        position += 0.7 * np.sin(np.arange(steps))
+    count = np.rint(position).astype(int) % counts
+    found = continuous_turns(count, counts, "here", from_start=True)
+    assert len(found) == turns
+    assert found[0][0] == 0
+    assert all(end == first for (_, end), (first, _) in pairwise(found))
+    assert all(abs(end - first - per_turn) <= 9 for first, end in found)
+
+
+@given(
+    counts=st.integers(16, 5000),
+    start=st.floats(0.2, 0.8),
+    turns=st.integers(2, 6),
+    direction=st.sampled_from([1, -1]),
+)
+def test_turns_go_from_zero_point_to_zero_point_unless_asked_otherwise(
+    counts: int, start: float, turns: int, direction: int
+) -> None:
+    position = start * counts + direction * np.arange(3 * turns * counts + 3) / 3
+    count = np.rint(position).astype(int) % counts
+    found = continuous_turns(count, counts, "here")
+    assert len(found) == turns - 1
+    assert all(min(count[first], counts - count[first]) <= 1 for first, _ in found)
+    assert found == continuous_turns(count, counts, "here", from_start=False)
+
+
+def test_less_than_a_turn_from_the_start_is_refused() -> None:
+    with pytest.raises(IdentifyError, match="here"):
+        continuous_turns(np.arange(70, 165) % 100, 100, "here", from_start=True)
+    with pytest.raises(IdentifyError, match="here"):
+        continuous_turns(np.zeros(0, int), 100, "here", from_start=True)
+>>>>>>> qtests

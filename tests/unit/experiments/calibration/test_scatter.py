@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from motord.experiments.calibration.estimate.identifiability import COMMON, Identifiability
-from motord.experiments.calibration.estimate.joint import solve, stated_errors
+from motord.experiments.calibration.estimate.joint import inverse_on_seen, solve, stated_errors
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,
     BETA,
@@ -12,6 +12,7 @@ from motord.experiments.calibration.estimate.normal_equations import (
     FIRST_COGGING,
     NormalEquations,
 )
+from motord.experiments.calibration.estimate.scatter import PointScores
 from motord.intervals import coverage_factor
 from tests.campaigns.coverage import Case, trial
 
@@ -82,3 +83,43 @@ def test_trials_of_the_campaign(connection: str) -> None:
     rows = trial(Case(1, connection, commands=False, points=3, scatter=0.01, seed=2))
     assert {kind for kind, *_ in rows} >= {"alpha", "beta", "amplitude", "phase"}
     assert max(abs(ratio) for _, ratio, _ in rows) < 2.5
+
+
+TOLD = [0, 1, 2, 3, 4, 5, 8, 9]
+"""Places of gains, offsets and cogging torque."""
+
+TORQUES_Nm = (1.0, 3.0, 5.0, 1.0, 3.0, 5.0)
+
+
+def by_turns(one: NormalEquations, turns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return variances by how turns differ: as stated, and by each point alone."""
+    point = np.repeat(np.arange(len(TORQUES_Nm)), turns)
+    found = solve(one.left, one.right.sum(axis=0), INDEPENDENT)
+    inverse = inverse_on_seen(one.left, INDEPENDENT)
+    stated = PointScores.of(one, point, found.theta, inverse)
+    scores = (one.right - one.torque @ found.theta).reshape(len(TORQUES_Nm), turns, -1)
+    alone = turns * np.array([np.cov(here.T) for here in scores])
+    both = inverse @ np.array([stated.noise.sum(axis=0), alone.sum(axis=0)]) @ inverse.T
+    return np.diag(both[0]), np.diag(both[1])
+
+
+def test_a_few_turns_of_each_point_share_their_noise() -> None:
+    rng = np.random.default_rng(7)
+    trials = [normals(TORQUES_Nm, 2, 0.0, rng) for _ in range(200)]
+    found = np.array([by_turns(one, 2) for one in trials])[:, :, TOLD]
+    pooled, alone = np.swapaxes(found, 0, 1)
+    white = np.diag(inverse_on_seen(trials[0].left, INDEPENDENT))[TOLD]
+    assert np.sqrt(pooled.mean(axis=0) / white) == pytest.approx(1.0, abs=0.1)
+    assert (pooled.std(axis=0) < 0.75 * alone.std(axis=0)).all()
+
+
+@pytest.mark.parametrize(("turns", "most"), [(40, 0.15), (200, 0.04)])
+def test_many_turns_speak_for_their_point(turns: int, most: float) -> None:
+    rng = np.random.default_rng(8)
+    one = normals(TORQUES_Nm, turns, 0.0, rng)
+    found = solve(one.left, one.right.sum(axis=0), INDEPENDENT)
+    apart = one.right - one.torque @ found.theta
+    louder = np.repeat([1.0, 1.0, 4.0, 1.0, 1.0, 1.0], turns)[:, None]
+    loud = NormalEquations(one.torque, one.law, one.right + (louder - 1) * apart)
+    pooled, alone = by_turns(loud, turns)
+    assert np.sqrt(pooled[TOLD] / alone[TOLD]) == pytest.approx(1.0, abs=most)

@@ -1,12 +1,18 @@
 """Sums over turns, strip by strip, against the same in whole arrays."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from motord.config import TorqueSensorConfig
-from motord.experiments.calibration.estimate.turn_products import STRIP, accumulate, sum_up_turns
+from motord.experiments.calibration.estimate.turn_products import (
+    STRIP,
+    accumulate,
+    sum_up_turns,
+    without_decay,
+)
 from motord.identification.basis import Basis, fill_columns, highpass
 from motord.identification.operating_points import Samples
 from motord.identification.torque_sensor import MountInverse
@@ -103,3 +109,19 @@ def test_filter_is_a_convolution_with_edges_held() -> None:
     straight[20] = (values[19] + values[21]) / 2
     wanted = MountInverse(taps, 1e-3).apply(t_s, straight)[kept]
     assert np.allclose(MountInverse(taps, 1e-3).apply(t_s[kept], values[kept]), wanted)
+
+
+def test_what_a_step_left_in_the_high_pass_is_no_torque() -> None:
+    s, tau_s = samples(STRIP + 9, 2, 30), 0.7
+    decay_Nm = 3.0 * np.exp(-s.t_s / tau_s)
+    clean = without_decay(s, s.torque_Nm, tau_s)
+    assert np.allclose(without_decay(s, s.torque_Nm + decay_Nm, tau_s), clean)
+    assert np.ptp(clean - s.torque_Nm) < 0.5  # of noise, the fit takes hardly anything
+    straight = 0.4 + 0.2 * s.t_s
+    assert np.allclose(without_decay(s, straight, tau_s), straight)
+    assert without_decay(s, s.torque_Nm, 0.0) is s.torque_Nm
+    basis = Basis.of(motor(counts=64), (16,))
+    sensor = TorqueSensorConfig(highpass_time_constant_s=tau_s)
+    after = replace(s, torque_Nm=s.torque_Nm + decay_Nm)
+    wanted, found = (accumulate(one, basis, sensor).torque for one in (s, after))
+    assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()

@@ -1,0 +1,235 @@
+"""Operating points without waits between them: what is taken, when it ends, what it is held by."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from math import inf, pi
+
+import numpy as np
+import pytest
+
+from motord.schema import State
+from motord.sequencing import Demand, Executor, OperatingPoint, Plan, PlanState, TickWatcher
+from motord.sequencing.brake_servo import excitation_for
+from motord.sequencing.continuous import SETTLE_S, Continuous, continuous_points
+from motord.sequencing.precision import Precision
+from tests.unit.control.bench import make_config
+from tests.unit.sequencing.fakes import LOOK_TICKS, PERIOD_NS, FakeBench
+
+POINTS = tuple(OperatingPoint(n, (3.0, 2.0)[n % 2], (1.0, 0.7)[n % 2], 2) for n in range(6))
+POINT_S = 3.0
+"""About as long as each takes."""
+
+BRAKE = make_config().brake
+SETTINGS = Continuous(
+    excitation=excitation_for(BRAKE, 3.0, 2 * pi),
+    rate_Nm_per_s=10.0,
+    durations_s=(POINT_S,) * len(POINTS),
+    least_points=2,
+)
+TARGETS = {"beta_A": 0.1}
+
+
+class Ride:
+    """Points taken on a bench of first order; precision: what the plan knows after n captures."""
+
+    def __init__(
+        self,
+        settings: Continuous = SETTINGS,
+        points: tuple[OperatingPoint, ...] = POINTS,
+        precision: Callable[[int], Precision | None] = lambda captures: None,
+    ) -> None:
+        self.bench, self.watcher = FakeBench(BRAKE), TickWatcher()
+        plan = Plan("quick", points, partial(continuous_points, settings), settings.duration_s, {})
+        self.executor, self.precision = Executor(plan), precision
+        self.demand, self.demands, self.blocks = Demand(), [], []
+
+    def look(self) -> None:
+        self.blocks.append(self.bench.look(self.demand))
+        seen = self.watcher.take(self.blocks[-1])
+        seen = replace(seen, precision=self.precision(len(self.executor.points)))
+        self.demand = self.executor.advance(seen)
+        self.demands.append(self.demand)
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        for _ in range(10_000):
+            if condition():
+                return
+            self.look()
+        raise AssertionError(f"not reached: {self.executor.progress()}")
+
+    def finish(self) -> "Ride":
+        self.until(lambda: self.executor.finished)
+        assert self.bench.state is State.READY or self.executor.state is not PlanState.DONE
+        return self
+
+    @property
+    def ticks(self) -> np.ndarray:
+        return np.concatenate(self.blocks)
+
+    @property
+    def seconds(self) -> float:
+        return len(self.ticks) * PERIOD_NS * 1e-9
+
+    @property
+    def taken(self) -> list[int]:
+        return [point["index"] for point in self.executor.points]
+
+
+def test_every_point_is_taken_from_where_the_rotor_is() -> None:
+    ride = Ride().finish()
+    assert ride.executor.state is PlanState.DONE
+    assert ride.executor.message == ""
+    assert ride.taken == list(range(len(POINTS)))
+    for point in ride.executor.points:
+        assert point["turns_from_start"]
+        assert point["quality"] == "ok"
+        assert 2.0 <= point["turns"] < 2.1
+    assert ride.bench.torque_Nm == 0.0
+
+
+def test_the_excitation_stays_as_it_is_until_the_end() -> None:
+    ride = Ride().finish()
+    loaded = [one for one in ride.demands if one.torque_Nm]
+    first = ride.demands.index(loaded[0])
+    assert {one.brake for one in ride.demands[first:-1]} == {SETTINGS.excitation}
+    assert ride.demands[-1] == Demand()
+
+
+def test_a_capture_begins_when_the_ramp_is_over_and_speed_has_had_time_to_follow() -> None:
+    ride = Ride().finish()
+    settle = round(SETTLE_S / (PERIOD_NS * 1e-9))
+    for point in ride.executor.points:
+        wanted_Nm = POINTS[point["index"]].torque_Nm
+        first = int(np.argmax(ride.ticks["tick"] == point["tick_start"]))
+        before = ride.ticks["torque_set_Nm"][first - settle + LOOK_TICKS : first + 1]
+        assert before == pytest.approx(wanted_Nm, abs=1e-3)
+
+
+def test_a_torque_that_is_not_reached_fails_and_names_it() -> None:
+    ride = Ride()
+    ride.until(lambda: ride.bench.torque_Nm > 0)
+    set_torque = ride.bench.look
+
+    def stuck(demand: Demand) -> np.ndarray:
+        block = set_torque(demand)
+        ride.bench.torque_Nm = min(ride.bench.torque_Nm, 1.5)
+        block["torque_set_Nm"] = np.minimum(block["torque_set_Nm"], 1.5)
+        return block
+
+    ride.bench.look = stuck  # type: ignore[method-assign]
+    ride.finish()
+    assert ride.executor.state is PlanState.FAILED
+    assert ride.executor.message.startswith("3 Nm, about 1 Hz: the torque is still 1.5 Nm")
+    assert ride.taken == []
+
+
+def test_it_ends_as_soon_as_the_targets_are_reached_even_in_mid_capture() -> None:
+    settings = replace(SETTINGS, targets=TARGETS)
+    ride = Ride(settings)
+    ride.until(lambda: len(ride.taken) == 2)
+    ride.until(lambda: ride.demand.plan_point == 2)
+    for _ in range(20):
+        ride.look()
+    assert ride.demand.plan_point == 2
+    ride.precision = lambda captures: Precision(2, {"beta_A": 0.05})
+    ride.look()
+    assert ride.demand.torque_Nm == 0.0
+    assert ride.demand.plan_point == -1
+    ride.finish()
+    assert ride.executor.state is PlanState.DONE
+    assert ride.executor.message == "targets reached: beta_A 0.05 of 0.1"
+    assert ride.taken == [0, 1]
+
+
+@pytest.mark.parametrize(
+    "precision",
+    [
+        None,
+        Precision(3, {"beta_A": 0.11}),
+        Precision(3, {"alpha_percent": 0.01}),
+        Precision(3, {"beta_A": 0.05}, obstacle="findings: back-emf"),
+    ],
+)
+def test_it_goes_on_while_a_target_is_not_reached(precision: Precision | None) -> None:
+    ride = Ride(replace(SETTINGS, targets=TARGETS), POINTS[:3], lambda captures: precision)
+    assert ride.finish().taken == [0, 1, 2]
+    assert ride.executor.message == ""
+
+
+@pytest.mark.parametrize("short", [1.0, 0.6])
+def test_points_are_skipped_that_do_not_fit_into_the_time(short: float) -> None:
+    durations_s = (short * POINT_S,) * len(POINTS)
+    settings = replace(SETTINGS, durations_s=durations_s, limit_s=11.0)
+    ride = Ride(settings).finish()
+    taken = len(ride.taken)
+    assert 2 < taken < len(POINTS)
+    assert ride.taken == list(range(taken))
+    assert ride.executor.state is PlanState.DONE
+    assert ride.executor.message == f"time limit of 11 s: {taken} of 6 points taken"
+    assert ride.seconds <= 11.0
+
+
+@pytest.mark.parametrize(("more_s", "taken"), [(0.1, 2), (0.4, 3)])
+def test_the_ramp_down_belongs_to_the_time(more_s: float, taken: int) -> None:
+    whole = Ride().finish()
+    began_ns = int(whole.ticks["t_ns"][0])
+    ends_s = np.array([(one["t_end_ns"] - began_ns) * 1e-9 for one in whole.executor.points])
+    durations_s = tuple(np.diff(ends_s, prepend=0.0))
+    limit_s = ends_s[2] + more_s  # from 3 Nm it takes 0.3 s to 0
+    ride = Ride(replace(SETTINGS, durations_s=durations_s, limit_s=limit_s)).finish()
+    assert ride.taken == list(range(taken))
+    assert ride.seconds <= limit_s
+
+
+@pytest.mark.parametrize("least", [1, 2, 4])
+def test_the_first_points_are_taken_whatever_the_time(least: int) -> None:
+    ride = Ride(replace(SETTINGS, least_points=least, limit_s=0.5)).finish()
+    assert ride.taken == list(range(least))
+    assert ride.executor.message.startswith("time limit of 0.5 s")
+
+
+def test_a_pause_in_mid_capture_takes_the_point_again() -> None:
+    ride = Ride(replace(SETTINGS, limit_s=inf), POINTS[:3])
+    ride.until(lambda: ride.demand.plan_point == 1)
+    for _ in range(20):
+        ride.look()
+    ride.executor.pause()
+    ride.until(lambda: ride.executor.state is PlanState.PAUSED)
+    assert ride.demand.plan_point == -1
+    paused_tick = int(ride.ticks["tick"][-1])
+    ride.executor.resume()
+    ride.finish()
+    assert ride.executor.state is PlanState.DONE
+    assert ride.taken == [0, 1, 2]
+    again = ride.executor.points[1]
+    assert again["tick_start"] > paused_tick
+    assert again["turns"] >= 2.0
+    first = int(np.argmax(ride.ticks["tick"] == again["tick_start"]))
+    assert ride.ticks["torque_set_Nm"][first] == pytest.approx(2.0, abs=1e-3)
+
+
+def test_an_abort_ramps_down_and_disables() -> None:
+    ride = Ride()
+    ride.until(lambda: ride.demand.plan_point == 1)
+    ride.executor.abort()
+    ride.finish()
+    assert ride.executor.state is PlanState.ABORTED
+    assert ride.taken == [0]
+    assert ride.bench.state is State.READY
+
+
+def test_a_poor_point_is_taken_again() -> None:
+    ride = Ride(replace(SETTINGS, band_C=(20.0, 30.0)), POINTS[:1])
+    look = ride.bench.look
+
+    def warm(demand: Demand) -> np.ndarray:
+        block = look(demand)
+        block["temperature_C"] = 25.0 if ride.executor.points else 35.0
+        return block
+
+    ride.bench.look = warm  # type: ignore[method-assign]
+    ride.finish()
+    assert [(one["take"], one["quality"] == "ok") for one in ride.executor.points] == [
+        (1, False), (2, True),
+    ]  # fmt: skip
