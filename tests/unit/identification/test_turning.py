@@ -143,7 +143,6 @@ def test_counts_are_unwrapped_by_the_shorter_way(
     assert unwrap_counts(position[:0], counts).size == 0
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize("direction", [1, -1])
 def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) -> None:
     count = (700 + direction * 5 * np.arange(650)) % 1000  # 5 counts a sample, 3.25 turns
@@ -153,7 +152,8 @@ def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) ->
     # what comes next would begin the fourth turn: the third has all its samples
     assert continuous_turns(count[:600], 1000, "here", from_start=True) == turns
     assert len(continuous_turns(count[:599], 1000, "here", from_start=True)) == 2
-=======
+
+
 @given(
     counts=st.integers(16, 5000),
     start=st.floats(0, 1, exclude_max=True),
@@ -200,4 +200,3 @@ def test_less_than_a_turn_from_the_start_is_refused() -> None:
         continuous_turns(np.arange(70, 165) % 100, 100, "here", from_start=True)
     with pytest.raises(IdentifyError, match="here"):
         continuous_turns(np.zeros(0, int), 100, "here", from_start=True)
->>>>>>> qtests
