@@ -155,7 +155,7 @@ def test_turns_of_a_short_capture_count_from_its_first_sample(direction: int) ->
 
 
 @given(
-    counts=st.integers(16, 5000),
+    counts=st.integers(40, 5000),
     start=st.floats(0, 1, exclude_max=True),
     turns=st.integers(1, 6),
     more=st.floats(0.05, 0.9),

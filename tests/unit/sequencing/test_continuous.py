@@ -170,13 +170,13 @@ def test_points_are_skipped_that_do_not_fit_into_the_time(short: float) -> None:
     assert ride.seconds <= 11.0
 
 
-@pytest.mark.parametrize(("more_s", "taken"), [(0.1, 2), (0.4, 3)])
+@pytest.mark.parametrize(("more_s", "taken"), [(0.3, 2), (0.8, 3)])
 def test_the_ramp_down_belongs_to_the_time(more_s: float, taken: int) -> None:
     whole = Ride().finish()
     began_ns = int(whole.ticks["t_ns"][0])
     ends_s = np.array([(one["t_end_ns"] - began_ns) * 1e-9 for one in whole.executor.points])
     durations_s = tuple(np.diff(ends_s, prepend=0.0))
-    limit_s = ends_s[2] + more_s  # from 3 Nm it takes 0.3 s to 0
+    limit_s = ends_s[2] + more_s  # from 3 Nm it takes 0.3 s to 0, then END_S
     ride = Ride(replace(SETTINGS, durations_s=durations_s, limit_s=limit_s)).finish()
     assert ride.taken == list(range(taken))
     assert ride.seconds <= limit_s

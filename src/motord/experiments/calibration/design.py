@@ -46,7 +46,7 @@ NOISE = 0.004
 COGGING = 0.05
 """Cogging torque, in parts of the rated torque, that one reckons with before any is known."""
 
-SLOWER = 0.9
+SLOWER = 0.87
 """Speed that is reckoned with, in parts of that of the configured brake."""
 
 TABLE = 1024
@@ -183,7 +183,10 @@ COVERAGE = 2.5
 """Half-width in standard deviations: 95 %, with the few degrees of freedom of short captures."""
 
 RIPPLE_PERCENT = 0.1
-"""What the ripple is weighed by where nothing else is a target."""
+"""What the ripple is weighed by where it is no target."""
+
+MOST_TURNS = 4
+"""Turns of a point: what is known is looked at between points."""
 
 
 @dataclass(frozen=True)
@@ -237,8 +240,11 @@ class Objective:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """The form that is to become small: of all targets, each in parts of itself."""
-        targets = self.targets or {"ripple_percent": RIPPLE_PERCENT}
+        """The form that is to become small: of all targets, each in parts of itself.
+
+        The ripple's among them, so that gains, offsets and cogging torque are separated.
+        """
+        targets = {"ripple_percent": RIPPLE_PERCENT, **self.targets}
         return np.asarray(sum(self.forms[name] / targets[name] ** 2 for name in targets))
 
 
@@ -260,7 +266,7 @@ def visits(
     known, left_s, at = design.prior, limit_s - START_S - END_S, -1
     while True:
         transition_s = np.abs(ramp_s - (ramp_s[at] if at >= 0 else 0.0)) + SETTLE_S
-        if at >= 0:
+        if found and found[-1].turns < MOST_TURNS:
             transition_s[at] = 0.0
         visit_s = transition_s + turn_s
         now, then = np.linalg.inv(known), np.linalg.inv(known + turn)
@@ -277,7 +283,7 @@ def visits(
             float(visit_s[best]),
             objective.half_widths(then[best]),
         )
-        if best == at:
+        if best == at and found[-1].turns < MOST_TURNS:
             last = found.pop()
             longer_s = last.duration_s + visit.duration_s
             visit = replace(visit, turns=last.turns + TURNS, duration_s=longer_s)

@@ -17,7 +17,7 @@ from motord.experiments.calibration.design import (
 )
 from motord.sequencing import OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import brake_torque_Nm, excitation_for
-from motord.sequencing.continuous import Continuous, continuous_points
+from motord.sequencing.continuous import END_S, START_S, Continuous, continuous_points
 from motord.sequencing.limits import SPEED_MARGIN, check_speed, check_torque
 
 ESTIMATOR = "motord.experiments.calibration.estimate.live:LiveCalibration"
@@ -32,18 +32,22 @@ FAR = 3.0
 """Factor by which a target must be below what is expected to be refused: noise is not known yet."""
 
 
+ONE_DIRECTION = '; directions = "both" would separate friction from cogging torque'
+
+
 def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     """Return the plan of a mesh with a time limit or targets. Raises PlanError."""
+    for torque_Nm in mesh.torques_Nm:
+        check_torque(config, torque_Nm)
     torque_Nm = _largest_torque_Nm(config, mesh)
     directions = (1,) if mesh.directions == "forwards" else (1, -1)
     design = Design(config, torque_Nm, directions)
     objective = Objective.of(design, mesh.targets, mesh.torques_Nm)
     limit_s = mesh.time_limit_s or LIMIT_S
     chosen = _within(config, design, objective, torque_Nm, limit_s)
-    _check_reachable(chosen, mesh.targets, limit_s)
+    _check_reachable(chosen, mesh, limit_s)
     points = tuple(_point(number, visit) for number, visit in enumerate(chosen))
     for point in points:
-        check_torque(config, point.torque_Nm)
         check_speed(config, point.speed_Hz)
     speed_rad_s = 2 * math.pi * _nominal_Hz(chosen)
     settings = Continuous(
@@ -61,7 +65,7 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
         motion=partial(continuous_points, settings),
         point_s=settings.duration_s,
         settings={**mesh.model_dump(mode="json"), "compensate": "off"},
-        ends_s=2 * torque_Nm / config.limits.torque_rate_Nm_per_s,
+        ends_s=START_S + END_S + torque_Nm / config.limits.torque_rate_Nm_per_s,
         estimator=ESTIMATOR if mesh.targets else "",
         targets=mesh.targets,
         outlook=outlook(chosen, mesh.targets),
@@ -119,14 +123,16 @@ def _speed_Hz(config: Config, torque_Nm: float, ticks_per_cycle: int) -> float:
     return speed_Hz
 
 
-def _check_reachable(chosen: Sequence[Visit], targets: dict[str, float], limit_s: float) -> None:
+def _check_reachable(chosen: Sequence[Visit], mesh: CalibrateConfig, limit_s: float) -> None:
     """Refuse targets far below what is to be expected. Raises PlanError."""
-    for name, target in targets.items():
+    for name, target in mesh.targets.items():
         expected = chosen[-1].half_widths[name]
         if expected > FAR * target:
             raise PlanError(
                 f"calibrate: {name} = {target:g} cannot be reached in {limit_s:g} s: about "
-                f"{expected:.2g} is to be expected (of what this bench's description says)"
+                f"{expected:.2g} is to be expected, by what the bench file says of the bench"
+                + ONE_DIRECTION
+                * (mesh.directions == "forwards")
             )
 
 

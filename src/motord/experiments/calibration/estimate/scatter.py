@@ -88,8 +88,7 @@ def _pooled(
     What a point of few turns does not tell of its noise the others do: its colour, the covariance
     of scores whitened by the point's own left-hand side, is taken as alike, worth POOLED_FREEDOM
     degrees of freedom. That in turn is shrunk towards its mean over all parameters, so that a few
-    turns that happen to be alike do not make errors small. Variances of variances are unbiased:
-    2 v^2 / (freedom + 2).
+    turns that happen to be alike do not make errors small.
     """
     freedom = np.maximum(turns - 1, 0)
     values, vectors = np.linalg.eigh((left + np.swapaxes(left, 1, 2)) / 2)
@@ -108,7 +107,7 @@ def _pooled(
         root @ (colour + alike) @ root / every
     )
     common = np.outer(1 - own, 1 - own) * freedom.sum() / every**2
-    return shrunk, 2 * (np.diag(own**2 / (freedom + 2)) + common)
+    return shrunk, 2 * (np.diag(own**2 / np.maximum(freedom, 1)) + common)
 
 
 @dataclass(frozen=True)
