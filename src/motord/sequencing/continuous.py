@@ -2,15 +2,19 @@
 
 At constant excitation the torque of an eddy-current brake grows with the speed, so speed follows
 torque within the rotor's time constant: each torque has a speed of its own, and torque of the other
-sign turns the rotor the other way. The brake itself, which is slow, is never waited for.
+sign turns the rotor the other way. That holds well below the brake's critical speed, where its
+torque is largest, and once the excitation is there: the brake, which is slow, is waited for once,
+before the first torque.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from motord.config import BrakeConfig, Config
 from motord.sequencing.capture import account, capture, retaken_if_poor
 from motord.sequencing.demand import OperatingPoint
+from motord.sequencing.limits import SPEED_MARGIN
 from motord.sequencing.motions import (
     Capture,
     Motion,
@@ -28,17 +32,27 @@ from motord.sequencing.quality import quality
 SETTLE_S = 0.15
 """Time at a point's torque before its capture: the rotor's speed and the mount settle."""
 
+LEAD_TIME_CONSTANTS = 2.0
+"""Time constants of the excitation by which the brake leads the first torque: the brake has three
+quarters of its torque then, so even a step of torque turns the rotor a third too fast at most."""
+
+CRITICAL_SHARE = 0.5
+"""Highest speed in parts of the brake's critical speed: its torque can still rise by a quarter."""
+
 START_S = 0.2
 """Time until the bench is enabled, about."""
 
 END_S = 0.2
 """Time in which the bench is disabled after the last ramp, about."""
 
-BEYOND_TURNS = 0.02
+BEYOND_TURNS = 0.05
 """What is captured more, so that the encoder's counts have turned as far as the angle."""
 
 PAUSED = 2.0
 """A point that took so many times as long was paused meanwhile."""
+
+SPEED_TOLERANCE = 1.3
+"""Factor by which the speed may be off, as the brake's curve is never quite the configured one."""
 
 REACH_TIMEOUT_S = 10.0
 """Time within which the torque must be reached."""
@@ -50,12 +64,13 @@ TORQUE_REACHED_Nm = 1e-3
 class Continuous:
     """How points are taken without a wait.
 
-    excitation: of the brake, 0 to 1; band_C: of the inverter's temperature, None for any;
-    durations_s: of each point by its number, the transition before it included; least_points: taken
-    whatever the time; targets: half-widths at which it ends.
+    excitation: of the brake, 0 to 1; lead_s: what it needs before the first torque; band_C: of the
+    inverter's temperature, None for any; durations_s: of each point by its number, the transition
+    before it included; least_points: taken whatever the time; targets: half-widths at its end.
     """
 
     excitation: float
+    lead_s: float
     rate_Nm_per_s: float
     durations_s: tuple[float, ...]
     limit_s: float = math.inf
@@ -69,6 +84,22 @@ class Continuous:
         return self.durations_s[point.index]
 
 
+def lead_s(brake: BrakeConfig) -> float:
+    """Return how long the brake leads the first torque (s)."""
+    return LEAD_TIME_CONSTANTS * brake.excitation_time_constant_s
+
+
+def fastest_Hz(config: Config) -> float:
+    """Return the highest speed at which nothing holds the rotor but the brake's own curve.
+
+    Well below the critical speed, and below the over-speed trip even if the brake is weaker than
+    configured.
+    """
+    trip_rad_s = SPEED_MARGIN * config.limits.trip_speed_rad_s / SPEED_TOLERANCE
+    critical_rad_s = CRITICAL_SHARE * config.brake.critical_speed_rad_s
+    return min(trip_rad_s, critical_rad_s) / (2 * math.pi)
+
+
 def point_s(point: OperatingPoint) -> float:
     """Return how long a point should take from its torque on (s)."""
     return SETTLE_S + point.turns / abs(point.speed_Hz)
@@ -79,11 +110,14 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
 
     Those are not taken that are left when the targets are reached, or for which the time is short.
     """
-    yield from enable(settings.compensate)
-    planned_s, passed_s, why = 0.0, START_S, ""
+    began = yield None
+    yield from enable(settings.compensate, brake=settings.excitation)
+    yield from _brake_up(settings, began)
+    planned_s, why = 0.0, ""
+    passed_s = start_s = max(START_S, settings.lead_s)
     for number, point in enumerate(points):
         begun, own_s = (yield None), settings.duration_s(point)
-        slower = max((passed_s - START_S) / planned_s, 1.0) if number else 1.0
+        slower = max((passed_s - start_s) / planned_s, 1.0) if number else 1.0
         end_s = abs(point.torque_Nm) / settings.rate_Nm_per_s + END_S
         if number >= settings.least_points and passed_s + slower * own_s + end_s > settings.limit_s:
             why = f"time limit of {settings.limit_s:g} s: {number} of {len(points)} points taken"
@@ -96,6 +130,15 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
         passed_s += min((yield None).since_s(begun), PAUSED * own_s)  # a pause takes no bench time
     yield from ramp_down()
     return why
+
+
+@restartable
+def _brake_up(settings: Continuous, began: Observation) -> Motion[Observation]:
+    """Wait at zero torque until the excitation is there."""
+    demand = replace(
+        (yield None).demand, enabled=True, brake=settings.excitation, label="bringing the brake up"
+    )
+    return (yield from hold(demand, lambda seen: seen.since_s(began) >= settings.lead_s))
 
 
 @restartable

@@ -104,12 +104,12 @@ def near_speed(
 
 
 @restartable
-def enable(compensate: int = 0, timeout_s: float = 5.0) -> Motion[None]:
-    """Enable the bench at zero torque and wait until it is."""
+def enable(compensate: int = 0, timeout_s: float = 5.0, brake: float = 0.0) -> Motion[None]:
+    """Enable the bench at zero torque, the brake at an excitation, and wait until it is."""
     yield from within(
         timeout_s,
         hold(
-            Demand(enabled=True, compensate=compensate, label="enabling"),
+            Demand(enabled=True, brake=brake, compensate=compensate, label="enabling"),
             lambda seen: seen.state is State.ENABLED,
         ),
         lambda _: f"not enabled within {timeout_s:g} s",

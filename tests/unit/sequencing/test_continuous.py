@@ -23,6 +23,7 @@ POINT_S = 3.0
 BRAKE = make_config().brake
 SETTINGS = Continuous(
     excitation=excitation_for(BRAKE, 3.0, 2 * pi),
+    lead_s=0.4,
     rate_Nm_per_s=10.0,
     durations_s=(POINT_S,) * len(POINTS),
     least_points=2,

@@ -220,6 +220,18 @@ def test_disable_aborts_a_plan(service):
     assert run_to_end(service, token).message == "disabled by anna"
 
 
+def test_a_stop_beats_a_plan_that_was_being_prepared(service):
+    token = service.acquire()
+    request = {"token": token, "name": "calibrate", "settings": {**SHORT, **NO_STEPS}}
+    pending = service.prepare("plan/start", **request)
+    service.ask("stop")
+    with pytest.raises(RpcError, match="stopped meanwhile"):
+        service.carry_out(pending)
+    assert not service.bench.plans.active
+    service.ask("plan/start", **request)
+    assert service.bench.plans.active
+
+
 def test_stop_ends_a_plan_at_once(service):
     token = service.acquire()
     start(service, token)

@@ -21,6 +21,7 @@ from motord.service import build as service
 from motord.service.host.systemd import Notifier
 from motord.service.processes import PROCESSES
 from motord.service.rpc.dispatcher import Call
+from motord.service.rpc.plans import PlanControl
 from motord.shm.mailbox import MailboxReader
 from motord.shm.ring import RingWriter, capacity_for
 from motord.shm.run_directory import RunDir
@@ -180,7 +181,11 @@ class PlayedDaemon:
             self.supervisor.step()
 
     def bring(self, name, /, **arguments):
-        call = Call(name, parse(RPCS[name], json.dumps(arguments).encode()))
+        payload, prepared = json.dumps(arguments).encode(), None
+        if name == "plan/start":  # a thread of the intake makes the plan
+            bench = self.supervisor.bench
+            _, prepared = PlanControl(bench, bench.plans).make(payload)
+        call = Call(name, parse(RPCS[name], payload), prepared)
         self.supervisor.dispatcher.calls.put(call)
         return call
 

@@ -159,6 +159,17 @@ class VirtualService:
 
     def begin(self, name, /, **arguments):
         """Bring a request, and return it as it waits."""
+        call = self.prepare(name, **arguments)
+        self.dispatcher.handle(call, self.now_ns)
+        return Pending(call)
+
+    def carry_out(self, call):
+        """Return the answer to a call that was prepared before; raises RpcError."""
+        self.dispatcher.handle(call, self.now_ns)
+        return self._answer(Pending(call))
+
+    def prepare(self, name, /, **arguments):
+        """Return the call that threads of the intake make of a request."""
         payload, prepared = json.dumps(arguments).encode(), None
         if name == "plan/resume":  # a thread of the intake reads the recordings
             _, prepared = self.plans.read_remaining(payload)
@@ -166,13 +177,13 @@ class VirtualService:
             _, prepared = self.plans.make(payload)
         if name == "plan/list":
             _, prepared = self.available.prepare(payload)
-        call = Call(name, parse(RPCS[name], payload), prepared)
-        self.dispatcher.handle(call, self.now_ns)
-        return Pending(call)
+        return Call(name, parse(RPCS[name], payload), prepared)
 
     def ask(self, name, /, **arguments):
         """Return the answer to a request, let as much time pass as it takes; raises RpcError."""
-        pending = self.begin(name, **arguments)
+        return self._answer(self.begin(name, **arguments))
+
+    def _answer(self, pending):
         for _ in range(500):
             outcome = pending.outcome
             if outcome is not None:

@@ -21,7 +21,7 @@ import numpy as np
 from motord.config import Config
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.orders import allowed_orders
-from motord.sequencing.continuous import END_S, SETTLE_S, START_S
+from motord.sequencing.continuous import END_S, SETTLE_S
 from motord.sequencing.demand import NOTHING_INDUCED, Induced
 
 TURNS = 2
@@ -48,6 +48,9 @@ COGGING = 0.05
 
 SLOWER = 0.87
 """Speed that is reckoned with, in parts of that of the configured brake."""
+
+OFFSET_SEEN = 1e-3
+"""Sum of the back-EMFs, in parts of the largest, from which a common offset counts as seen."""
 
 TABLE = 1024
 """Angles of a turn at which the design looks."""
@@ -124,6 +127,12 @@ class Design:
             for part in (1.0, LOWER_TORQUE)
             for a, b, c in patterns
         )
+
+    @property
+    def offset_seen(self) -> bool:
+        """Whether an offset that all phases have makes torque: by triplen harmonics."""
+        common = np.abs(self._k.sum(axis=1)).max()
+        return bool(common > OFFSET_SEEN * np.abs(self._k).max())
 
     def columns(self, candidate: Candidate, speed_Hz: float) -> np.ndarray:
         """Return the torque by each parameter over a turn (angles, parameters), without means."""
@@ -220,11 +229,14 @@ class Objective:
         """torques_Nm: of the mesh for which the ripple counts."""
         size = design.parameters
         ratios = 100**2 * (np.eye(3) - 1 / 3) / 2  # alpha has the product 1
+        offsets = np.eye(3) / 3
+        if not design.offset_seen:  # sum of beta = 0 then
+            offsets = offsets - 1 / 9
         lines = (100 / (COGGING * design.rated_Nm)) ** 2 * np.eye(2 * len(size.orders))
         forms = {"ripple_percent": 100.0**2 * design.ripple(torques_Nm)}
         for name, place, form in (
             ("alpha_percent", slice(0, 3), ratios),
-            ("beta_A", slice(3, 6), np.eye(3) / 3),
+            ("beta_A", slice(3, 6), offsets),
             ("cogging_percent", size.cogging, lines),
         ):
             forms[name] = np.zeros((size.all, size.all))
@@ -263,7 +275,7 @@ def visits(
     turn_s = TURNS / (SLOWER * np.abs(speeds_Hz))
     ramp_s = np.array([one.torque_Nm for one in design.candidates]) / rate_Nm_per_s
     found: list[Visit] = []
-    known, left_s, at = design.prior, limit_s - START_S - END_S, -1
+    known, left_s, at = design.prior, limit_s - END_S, -1
     while True:
         transition_s = np.abs(ramp_s - (ramp_s[at] if at >= 0 else 0.0)) + SETTLE_S
         if found and found[-1].turns < MOST_TURNS:

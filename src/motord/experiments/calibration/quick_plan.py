@@ -17,16 +17,20 @@ from motord.experiments.calibration.design import (
 )
 from motord.sequencing import OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import brake_torque_Nm, excitation_for
-from motord.sequencing.continuous import END_S, START_S, Continuous, continuous_points
-from motord.sequencing.limits import SPEED_MARGIN, check_speed, check_torque
+from motord.sequencing.continuous import (
+    END_S,
+    START_S,
+    Continuous,
+    continuous_points,
+    fastest_Hz,
+    lead_s,
+)
+from motord.sequencing.limits import check_speed, check_torque
 
 ESTIMATOR = "motord.experiments.calibration.estimate.live:LiveCalibration"
 
 LIMIT_S = 120.0
 """Bench time of a plan with targets alone."""
-
-SPEED_TOLERANCE = 1.3
-"""Factor by which the speed may be off, as the brake's curve is never quite the configured one."""
 
 FAR = 3.0
 """Factor by which a target must be below what is expected to be refused: noise is not known yet."""
@@ -44,7 +48,8 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     design = Design(config, torque_Nm, directions)
     objective = Objective.of(design, mesh.targets, mesh.torques_Nm)
     limit_s = mesh.time_limit_s or LIMIT_S
-    chosen = _within(config, design, objective, torque_Nm, limit_s)
+    start_s = max(START_S, lead_s(config.brake))
+    chosen = _within(config, design, objective, torque_Nm, limit_s - start_s)
     _check_reachable(chosen, mesh, limit_s)
     points = tuple(_point(number, visit) for number, visit in enumerate(chosen))
     for point in points:
@@ -52,6 +57,7 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     speed_rad_s = 2 * math.pi * _nominal_Hz(chosen)
     settings = Continuous(
         excitation_for(config.brake, torque_Nm, speed_rad_s),
+        lead_s(config.brake),
         config.limits.torque_rate_Nm_per_s,
         tuple(visit.duration_s for visit in chosen),
         limit_s,
@@ -65,7 +71,7 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
         motion=partial(continuous_points, settings),
         point_s=settings.duration_s,
         settings={**mesh.model_dump(mode="json"), "compensate": "off"},
-        ends_s=START_S + END_S + torque_Nm / config.limits.torque_rate_Nm_per_s,
+        ends_s=start_s + END_S + torque_Nm / config.limits.torque_rate_Nm_per_s,
         estimator=ESTIMATOR if mesh.targets else "",
         targets=mesh.targets,
         outlook=outlook(chosen, mesh.targets),
@@ -112,8 +118,7 @@ def _within(
 def _speed_Hz(config: Config, torque_Nm: float, ticks_per_cycle: int) -> float:
     """Return the speed of the largest torque: as sampling, over-speed trip and brake allow."""
     sampled_Hz = config.loop.rate_Hz / (ticks_per_cycle * config.motor.pole_pairs)
-    safe_Hz = SPEED_MARGIN * config.limits.trip_speed_rad_s / (2 * math.pi) / SPEED_TOLERANCE
-    speed_Hz = min(sampled_Hz, safe_Hz)
+    speed_Hz = min(sampled_Hz, fastest_Hz(config))
     held_Nm = brake_torque_Nm(config.brake, 1.0, 2 * math.pi * speed_Hz)
     if torque_Nm > held_Nm:
         raise PlanError(

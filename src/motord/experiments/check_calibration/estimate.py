@@ -72,14 +72,15 @@ def check(
     seen = [one for one in stated if _is_seen(one, found)]
     unseen = [one for one in stated if not _is_seen(one, found)]
     changes = [_change(one, found, len(seen)) for one in seen]
+    not_sampled = tuple(_not_sampled(calibration, found))
     return CalibrationCheck(
         calibration=calibration.id,
         changes=tuple(_without_consequences(seen, changes, found)),
         misfit=found.misfit,
         turns=found.turns,
         needed_percent=needed_percent,
-        unseen=(*(one.meaning for one in unseen), *_not_sampled(calibration, found)),
-        ripple_unseen=any(one.ripple > 0 for one in unseen),
+        unseen=(*(one.meaning for one in unseen), *not_sampled),
+        ripple_unseen=any(one.ripple > 0 for one in unseen) or bool(not_sampled),
     )
 
 

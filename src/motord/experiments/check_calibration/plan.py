@@ -13,7 +13,14 @@ from motord.config import Config
 from motord.config.plans import CheckCalibrationConfig
 from motord.sequencing import Induced, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import excitation_for
-from motord.sequencing.continuous import START_S, Continuous, continuous_points, point_s
+from motord.sequencing.continuous import (
+    START_S,
+    Continuous,
+    continuous_points,
+    fastest_Hz,
+    lead_s,
+    point_s,
+)
 from motord.sequencing.limits import check_operating_points
 from motord.sequencing.settings import chosen, compensation
 
@@ -36,10 +43,17 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
     most_Nm = min(config.motor.rated_torque_Nm, config.limits.torque_Nm)
     torque_Nm = check.torque_Nm or round(TORQUE_SHARE * most_Nm, 6)
     check_operating_points(config, (torque_Nm,), (check.speed_Hz,))
+    if check.speed_Hz > fastest_Hz(config):
+        raise PlanError(
+            f"{NAME}: speed_Hz = {check.speed_Hz:g} is above {fastest_Hz(config):.3g}, up to which "
+            "a constant brake holds the rotor safely ([brake] critical_speed_rad_s, [limits] "
+            "trip_speed_rad_s)"
+        )
     points = _points(check, torque_Nm)
     rate_Nm_per_s = config.limits.torque_rate_Nm_per_s
     taking = Continuous(
         excitation_for(config.brake, torque_Nm, 2 * math.pi * check.speed_Hz),
+        lead_s(config.brake),
         rate_Nm_per_s,
         tuple(torque_Nm / rate_Nm_per_s + point_s(point) for point in points),
         compensate=int(compensation(APPLIED)),
@@ -55,7 +69,7 @@ def make(config: Config, settings: Mapping[str, Any]) -> Plan:
             "torque_Nm": torque_Nm,
             "compensate": APPLIED,
         },
-        ends_s=START_S + torque_Nm / config.limits.ramp_down_Nm_per_s,
+        ends_s=max(START_S, lead_s(config.brake)) + torque_Nm / config.limits.ramp_down_Nm_per_s,
         continuous=True,
     )
 

@@ -63,6 +63,8 @@ class Bench:
         self._torque_error = TorqueError(config)
         self.plans = PlanRunner(self.setpoint, journal, lambda point: self._torque_error.of(point))
         self.calibrated = False
+        self.stops = 0
+        """How often it was stopped: what was being prepared meanwhile is not carried out."""
         self.loop_fault = LOOP_STARTS
         self.loop_starting = True
         self._watcher = TickWatcher()
@@ -124,6 +126,7 @@ class Bench:
 
     def stop(self, why: str) -> None:
         """Zero current now, OFF; a plan ends."""
+        self.stops += 1
         self.setpoint.request(Request.STOP)
         self.plans.end(why, "aborted")
         self.manual.rest()

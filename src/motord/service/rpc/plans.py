@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
@@ -20,6 +21,15 @@ from motord.service.rpc.preconditions import (
 )
 
 
+@dataclass(frozen=True)
+class PreparedPlan:
+    """A plan, or what remains of one, and how often the bench had been stopped when asked for."""
+
+    plan: Plan
+    stops: int
+    remaining: RemainingPlan | None = None
+
+
 class PlanControl:
     """Starts, pauses, aborts and resumes plans; `unrecordable` says why one cannot be recorded."""
 
@@ -33,13 +43,15 @@ class PlanControl:
     @handles(rpc.PLAN_START)
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
         """Check a plan, and start it unless it is a dry run, which needs no lease."""
-        bench, plan = self._bench, context.prepared
+        bench, prepared = self._bench, context.prepared
+        plan = prepared.plan
         plan_devices(bench, plan)
         outline = _outline(plan)
         if request.dry_run:
             return outline
         holder = bench.lease.require(request.token, context.now_ns).holder
         self._check_startable()
+        self._not_stopped_since(prepared)
         if self._resumption.interrupted:
             raise RpcError("refused", f"not started: {self._resumption.summary()}")
         detached = ", detached" if request.detach else ""
@@ -49,14 +61,21 @@ class PlanControl:
         view = bench.plans.start(plan, holder, request.notes, detached=request.detach)
         return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
-    def make(self, payload: bytes) -> tuple[rpc.RpcRequest, Plan]:
+    def _not_stopped_since(self, prepared: PreparedPlan) -> None:
+        """Refuse what was asked for before the bench was stopped. Raises RpcError."""
+        if prepared.stops != self._bench.stops:
+            raise RpcError("refused", "not started: the bench was stopped meanwhile; ask again")
+
+    def make(self, payload: bytes) -> tuple[rpc.RpcRequest, PreparedPlan]:
         """Return a request to start with its plan, which may take a while; for any thread.
 
         Raises RpcError.
         """
+        stops = self._bench.stops
         request = rpc.parse(rpc.PLAN_START, payload)
         try:
-            return request, build_plan(request.name, self._bench.config, request.settings)
+            plan = build_plan(request.name, self._bench.config, request.settings)
+            return request, PreparedPlan(plan, stops)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
 
@@ -86,13 +105,17 @@ class PlanControl:
         self._bench.plans.abort(f"aborted by {context.holder}")
         return self._progress()
 
-    def read_remaining(self, payload: bytes) -> tuple[rpc.RpcRequest, RemainingPlan | None]:
+    def read_remaining(self, payload: bytes) -> tuple[rpc.RpcRequest, PreparedPlan | None]:
         """Return a request to resume and what remains of the plan; None if one is under way.
 
         For a thread that may wait, before `resume`: it reads recordings. Raises RpcError.
         """
+        stops = self._bench.stops
         request = rpc.parse(rpc.PLAN_RESUME, payload)
-        return request, None if self._bench.plans.active else self._resumption.remaining()
+        if self._bench.plans.active:
+            return request, None
+        remaining = self._resumption.remaining()
+        return request, PreparedPlan(remaining.plan, stops, remaining)
 
     @handles(rpc.PLAN_RESUME)
     def resume(self, request: rpc.PlanResume, context: RpcContext) -> PlanProgress:
@@ -102,9 +125,11 @@ class PlanControl:
             bench.events.emit("plan", f"resumed by {context.holder}")
             bench.plans.resume()
             return self._progress()
-        remaining: RemainingPlan | None = context.prepared
-        if remaining is None:  # to read its recordings here would delay the heartbeat
+        prepared: PreparedPlan | None = context.prepared
+        if prepared is None or prepared.remaining is None:  # not read here: it takes long
             raise RpcError("busy", "the plan that was under way has just ended; ask again")
+        self._not_stopped_since(prepared)
+        remaining = prepared.remaining
         if remaining.plan.points:
             self._start_remaining(remaining, context.holder, detached=request.detach)
         else:

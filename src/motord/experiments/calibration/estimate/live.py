@@ -1,28 +1,31 @@
 """A calibration while it is taken: after each operating point, how well everything is known."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import repack_fields
 
 from motord.config import Config
-from motord.config.plans import CalibrateConfig
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.half_widths import of_result
 from motord.identification import IdentifyError
 from motord.identification.operating_points import PointData, split
+from motord.recording.captures import COLUMNS
 from motord.sequencing.precision import Precision
 
 
 class LiveCalibration:
     """Takes ticks as they come, and each operating point when its capture has ended.
 
-    Keeps the points, which the analysis may want to read again.
+    Keeps the columns that are read of the points, which the analysis may want to read again. The
+    ripple is that at the largest torque: no set-point of the mesh has more.
     """
 
     def __init__(self, config: Config, targets: Mapping[str, float]) -> None:
         self._targets = targets
-        self._torques_Nm = config.plans.of("calibrate", CalibrateConfig).torques_Nm
+        self._largest_Nm = 0.0
         self._points: list[PointData] = []
         self._calibrator = Calibrator(
             config.motor, config.torque_sensor, lambda: iter(self._points), config.accuracy
@@ -42,9 +45,11 @@ class LiveCalibration:
         self._captures += 1
         try:
             for data in split(np.concatenate(blocks), [point]) if blocks else ():
-                self._points.append(data)
                 self._calibrator.add(data)
-            found = self._calibrator.half_widths(self._torques_Nm)
+                used = [name for name in COLUMNS if name in (data.ticks.dtype.names or ())]
+                self._points.append(replace(data, ticks=repack_fields(data.ticks[used])))
+                self._largest_Nm = max(self._largest_Nm, abs(data.torque_Nm))
+            found = self._calibrator.half_widths((self._largest_Nm,))
             reached = Precision(self._captures, found).reaches(self._targets)
             return self._confirmed(found) if reached else Precision(self._captures, found)
         except IdentifyError as error:

@@ -106,7 +106,8 @@ def _pooled(
     shrunk = own[:, None, None] * noise + (1 - own)[:, None, None] * (
         root @ (colour + alike) @ root / every
     )
-    common = np.outer(1 - own, 1 - own) * freedom.sum() / every**2
+    shared = np.outer(own, 1 - own) / every
+    common = np.outer(1 - own, 1 - own) * freedom.sum() / every**2 + shared + shared.T
     return shrunk, 2 * (np.diag(own**2 / np.maximum(freedom, 1)) + common)
 
 
