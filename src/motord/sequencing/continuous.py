@@ -29,7 +29,7 @@ from motord.sequencing.observation import Observation
 from motord.sequencing.precision import Precision
 from motord.sequencing.quality import quality
 
-SETTLE_S = 0.15
+SETTLE_S = 0.1
 """Time at a point's torque before its capture: the rotor's speed and the mount settle."""
 
 LEAD_TIME_CONSTANTS = 2.0
@@ -41,6 +41,9 @@ CRITICAL_SHARE = 0.5
 
 START_S = 0.2
 """Time until the bench is enabled, about."""
+
+SLOWER = 0.87
+"""Speed that is reckoned with, in parts of that of the configured brake."""
 
 END_S = 0.2
 """Time in which the bench is disabled after the last ramp, about."""
@@ -102,7 +105,7 @@ def fastest_Hz(config: Config) -> float:
 
 def point_s(point: OperatingPoint) -> float:
     """Return how long a point should take from its torque on (s)."""
-    return SETTLE_S + point.turns / abs(point.speed_Hz)
+    return SETTLE_S + (point.turns + BEYOND_TURNS) / (SLOWER * abs(point.speed_Hz))
 
 
 def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) -> Motion[str]:

@@ -76,6 +76,7 @@ class Rpc:
             "calibration/list": kept.prepare_list,
             "calibration/show": kept.prepare_show,
             "plan/list": service.available.prepare,
+            "plan/start": service.plans.make,
             "plan/resume": service.plans.read_remaining,
         }
         service.dispatcher = Dispatcher(

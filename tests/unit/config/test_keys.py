@@ -40,12 +40,18 @@ from tests.unit.sequencing.test_driven import Driven
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "src/motord/config"
+READ_ELSEWHERE = {  # by the alignment, and by the design of a quick calibration
+    "encoder_error_rad",
+    *("friction_ripple_percent", "torque_crosstalk_percent", "saturation_percent"),
+}
 BY_NAME = {
     **{
         f"accuracy.{name}": "by its name in experiments.calibration.estimate.budget"
         for name in AccuracyConfig.model_fields
-        if name != "encoder_error_rad"  # read by the alignment, too
+        if name not in READ_ELSEWHERE
     },
+    "plans.calibrate.alpha_percent": "in CalibrateConfig.targets",
+    "plans.calibrate.cogging_percent": "in CalibrateConfig.targets",
     "limits.current_error_s": "by its name in control.interlock_table",
     "limits.torque_error_s": "by its name in control.interlock_table",
     **{

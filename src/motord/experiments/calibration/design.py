@@ -21,7 +21,7 @@ import numpy as np
 from motord.config import Config
 from motord.identification.least_loss import currents_per_Nm
 from motord.identification.orders import allowed_orders
-from motord.sequencing.continuous import END_S, SETTLE_S
+from motord.sequencing.continuous import END_S, SETTLE_S, SLOWER
 from motord.sequencing.demand import NOTHING_INDUCED, Induced
 
 TURNS = 2
@@ -45,9 +45,6 @@ NOISE = 0.004
 
 COGGING = 0.05
 """Cogging torque, in parts of the rated torque, that one reckons with before any is known."""
-
-SLOWER = 0.87
-"""Speed that is reckoned with, in parts of that of the configured brake."""
 
 OFFSET_SEEN = 1e-3
 """Sum of the back-EMFs, in parts of the largest, from which a common offset counts as seen."""
@@ -278,12 +275,15 @@ def visits(
     known, left_s, at = design.prior, limit_s - END_S, -1
     while True:
         transition_s = np.abs(ramp_s - (ramp_s[at] if at >= 0 else 0.0)) + SETTLE_S
-        if found and found[-1].turns < MOST_TURNS:
+        longer = len(found) >= LEAST_VISITS and found[-1].turns < MOST_TURNS
+        if longer:
             transition_s[at] = 0.0
         visit_s = transition_s + turn_s
         now, then = np.linalg.inv(known), np.linalg.inv(known + turn)
         gain = (objective.weights * (now - then)).sum(axis=(1, 2)) / visit_s
         gain[visit_s + np.abs(ramp_s) > left_s] = 0.0
+        if 0 < len(found) < LEAST_VISITS:
+            gain[at] = 0.0
         best = int(np.argmax(gain))
         if gain[best] <= 0.0:
             return found
@@ -295,7 +295,7 @@ def visits(
             float(visit_s[best]),
             objective.half_widths(then[best]),
         )
-        if best == at and found[-1].turns < MOST_TURNS:
+        if best == at and longer:
             last = found.pop()
             longer_s = last.duration_s + visit.duration_s
             visit = replace(visit, turns=last.turns + TURNS, duration_s=longer_s)

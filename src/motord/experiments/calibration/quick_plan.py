@@ -49,7 +49,7 @@ def quick_plan(config: Config, mesh: CalibrateConfig) -> Plan:
     objective = Objective.of(design, mesh.targets, mesh.torques_Nm)
     limit_s = mesh.time_limit_s or LIMIT_S
     start_s = max(START_S, lead_s(config.brake))
-    chosen = _within(config, design, objective, torque_Nm, limit_s - start_s)
+    chosen = _within(config, design, objective, torque_Nm, limit_s, start_s)
     _check_reachable(chosen, mesh, limit_s)
     points = tuple(_point(number, visit) for number, visit in enumerate(chosen))
     for point in points:
@@ -98,20 +98,25 @@ def _largest_torque_Nm(config: Config, mesh: CalibrateConfig) -> float:
 
 
 def _within(
-    config: Config, design: Design, objective: Objective, torque_Nm: float, limit_s: float
+    config: Config,
+    design: Design,
+    objective: Objective,
+    torque_Nm: float,
+    limit_s: float,
+    start_s: float,
 ) -> list[Visit]:
     """Return the visits for a time limit, at the speed wanted or, if need be, a higher one."""
     rate_Nm_per_s = config.limits.torque_rate_Nm_per_s
     found: list[Visit] = []
     for ticks in TICKS_PER_CYCLE:
         speed_Hz = _speed_Hz(config, torque_Nm, ticks)
-        found = visits(design, objective, speed_Hz, rate_Nm_per_s, limit_s)
+        found = visits(design, objective, speed_Hz, rate_Nm_per_s, limit_s - start_s)
         if sum(visit.turns for visit in found) >= LEAST_VISITS * TURNS:
             return found
     turns_s = LEAST_VISITS * TURNS / speed_Hz
     raise PlanError(
         f"calibrate: time_limit_s = {limit_s:g} is too short: {LEAST_VISITS * TURNS} turns at "
-        f"{speed_Hz:.2g} Hz take {turns_s:.2g} s, and the torque's ramps come on top"
+        f"{speed_Hz:.2g} Hz take {turns_s:.2g} s, and the brake and the torque's ramps come on top"
     )
 
 

@@ -6,7 +6,7 @@ Of the phases' gains, and of their offsets, the one that changed most counts; a 
 it differs from the third.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from math import hypot
 
@@ -72,23 +72,20 @@ def check(
     seen = [one for one in stated if _is_seen(one, found)]
     unseen = [one for one in stated if not _is_seen(one, found)]
     changes = [_change(one, found, len(seen)) for one in seen]
-    not_sampled = tuple(_not_sampled(calibration, found))
+    not_sampled = [one for one in calibration.tau_cog_harmonics if one.order not in found.orders]
     return CalibrationCheck(
         calibration=calibration.id,
         changes=tuple(_without_consequences(seen, changes, found)),
         misfit=found.misfit,
         turns=found.turns,
         needed_percent=needed_percent,
-        unseen=(*(one.meaning for one in unseen), *not_sampled),
-        ripple_unseen=any(one.ripple > 0 for one in unseen) or bool(not_sampled),
+        unseen=(
+            *(one.meaning for one in unseen),
+            *(f"order {one.order} of the cogging torque" for one in not_sampled),
+        ),
+        ripple_unseen=any(one.ripple > 0 for one in unseen)
+        or any(one.amplitude_Nm > 0 for one in not_sampled),
     )
-
-
-def _not_sampled(calibration: Calibration, found: ParameterShift) -> Iterator[str]:
-    """Yield the cogging orders that are too high for the sampling rate, in words."""
-    for harmonic in calibration.tau_cog_harmonics:
-        if harmonic.order not in found.orders:
-            yield f"order {harmonic.order} of the cogging torque"
 
 
 def _is_seen(quantity: Quantity, found: ParameterShift) -> bool:

@@ -107,7 +107,7 @@ def test_a_brake_that_is_too_weak_is_refused_with_what_it_holds(config: Config) 
 
 def test_the_dry_run_says_what_to_expect(config: Config) -> None:
     limited = quick(30)
-    assert limited.outlook.startswith("to be expected after 28 s: ripple_percent 0.0")
+    assert limited.outlook.startswith("to be expected after 27 s: ripple_percent 0.0")
     reached = quick(30, ripple_percent=0.2)
     assert reached.outlook.startswith("the targets should be reached after about ")
     assert 5 < float(reached.outlook.split()[-2]) < 30
@@ -178,7 +178,7 @@ def loaded(plan: Plan) -> Demand:
     """Return the first demand with torque."""
     fake, watcher, demand = FakeBench(BRAKE), TickWatcher(), Demand()
     executor = Executor(plan)
-    for _ in range(20):
+    for _ in range(40):
         demand = executor.advance(watcher.take(fake.look(demand)))
         if demand.torque_Nm:
             return demand

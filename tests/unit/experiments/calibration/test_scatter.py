@@ -85,7 +85,7 @@ def test_trials_of_the_campaign(connection: str) -> None:
     assert max(abs(ratio) for _, ratio, _ in rows) < 2.5
 
 
-TOLD = [0, 1, 2, 3, 4, 5, 8, 9]
+SHOWN = [0, 1, 2, 3, 4, 5, 8, 9]
 """Places of gains, offsets and cogging torque."""
 
 TORQUES_Nm = (1.0, 3.0, 5.0, 1.0, 3.0, 5.0)
@@ -106,9 +106,9 @@ def by_turns(one: NormalEquations, turns: int) -> tuple[np.ndarray, np.ndarray]:
 def test_a_few_turns_of_each_point_share_their_noise() -> None:
     rng = np.random.default_rng(7)
     trials = [normals(TORQUES_Nm, 2, 0.0, rng) for _ in range(200)]
-    found = np.array([by_turns(one, 2) for one in trials])[:, :, TOLD]
+    found = np.array([by_turns(one, 2) for one in trials])[:, :, SHOWN]
     pooled, alone = np.swapaxes(found, 0, 1)
-    white = np.diag(inverse_on_seen(trials[0].left, INDEPENDENT))[TOLD]
+    white = np.diag(inverse_on_seen(trials[0].left, INDEPENDENT))[SHOWN]
     assert np.sqrt(pooled.mean(axis=0) / white) == pytest.approx(1.0, abs=0.1)
     assert (pooled.std(axis=0) < 0.75 * alone.std(axis=0)).all()
 
@@ -122,4 +122,4 @@ def test_many_turns_speak_for_their_point(turns: int, most: float) -> None:
     louder = np.repeat([1.0, 1.0, 4.0, 1.0, 1.0, 1.0], turns)[:, None]
     loud = NormalEquations(one.torque, one.law, one.right + (louder - 1) * apart)
     pooled, alone = by_turns(loud, turns)
-    assert np.sqrt(pooled[TOLD] / alone[TOLD]) == pytest.approx(1.0, abs=most)
+    assert np.sqrt(pooled[SHOWN] / alone[SHOWN]) == pytest.approx(1.0, abs=most)

@@ -201,6 +201,9 @@ def test_an_order_that_the_ticks_do_not_resolve_is_named_as_not_tested(unchanged
     found = unchanged.checked(calibration=more)
     assert found.unseen == ("order 400 of the cogging torque",)
     assert found.verdict == "valid"
+    applied = fine.model_copy(update={"amplitude_Nm": 0.01})
+    more = unchanged.calibration.model_copy(update={"tau_cog_harmonics": (*stated, applied)})
+    assert unchanged.checked(calibration=more).verdict == "undecided"
 
 
 def test_too_few_turns_are_refused(unchanged: Taken) -> None:
