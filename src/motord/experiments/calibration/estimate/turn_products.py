@@ -242,6 +242,8 @@ def sum_up_turns(
     bins, model = binned.shape[1], binned.shape[2] - 2
     for turn in range(-1, turns.shape[0]):  # what comes before the first settles the high-pass
         first, end = (0, turns[0, 0]) if turn < 0 else (turns[turn, 0], turns[turn, 1])
+        if first == end:  # nothing came before the first turn
+            continue
         middle_s, span_s = t_s[first:end].mean(), max(t_s[end - 1] - t_s[first], 1e-300)
         for start in range(first, end, STRIP):
             rows = min(STRIP, end - start)
