@@ -1,10 +1,11 @@
-"""Quick calibrations against the truth: `python -m tests.campaigns.quick [RIGS] [--part NAME]`.
+"""Quick calibrations against the truth: `python -m tests.campaigns.quick [RIGS]`; see `--help`.
 
 Each trial is a rig with random gains of torque sensor and currents and noise of its own, calibrated
 by the plan `calibrate` without waits: `10s` and `30s` with a time limit, `targets` until alpha is
 known to 0.1 %, beta to 0.02 A and the cogging torque to 1 %. Parts with a time limit then apply
 the calibration at each point of the mesh and take the true torque error. Prints shares and
-percentiles; exits with 1 if a bound is not kept.
+percentiles; exits with 1 if a bound is not kept. Motors other than the packaged one have random
+gains and offsets of the phases, too.
 """
 
 import argparse
@@ -17,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from motord.calibration import Calibration
-from motord.config import Config, load
+from motord.config import Config
 from motord.experiments.calibration.estimate.calibrator import Calibrator
 from motord.experiments.calibration.estimate.result import CalibrationResult
 from motord.experiments.plans import build
@@ -27,7 +28,7 @@ from motord.recording.captures import true_torque_of
 from motord.rig.truth import RigTruth
 from motord.virtual import VirtualBench, processors, run_plan
 from tests.campaigns import seeds
-from tests.campaigns.estimator import rig
+from tests.campaigns.other_motors import MOTORS, rig_of
 
 RIGS = 200
 TARGETS = {"alpha_percent": 0.1, "beta_A": 0.02, "cogging_percent": 1.0}
@@ -57,10 +58,9 @@ class Trial:
     efficiency: float
 
 
-def trial(part: str, seed: int) -> Trial:
+def trial(part: str, motor: str, seed: int) -> Trial:
     """Calibrate the rig of `seed` and compare with the truth."""
-    config = load()
-    truth, delta, epsilon = rig(seed)
+    config, truth, delta, epsilon = rig_of(motor, seed)
     plan = build("calibrate", config, PARTS[part])
     bench = VirtualBench(config, truth, seed)
     blocks: list[np.ndarray] = []
@@ -140,24 +140,29 @@ def _keep_truth(blocks: list[np.ndarray], _: np.ndarray, truth: np.ndarray) -> N
     blocks.append(truth)
 
 
-NAMES = (
-    *(f"alpha {phase}" for phase in "abc"),
-    *(f"beta {phase}" for phase in "abc"),
-    *(f"order {order}" for order in (16, 32, 48, 96)),
-    "delta epsilon",
-)
+def names_of(motor: str) -> tuple[str, ...]:
+    """Return what `ratios` are of."""
+    orders = [wave.order for wave in rig_of(motor, 0)[1].motor.cogging]
+    return (
+        *(f"alpha {phase}" for phase in "abc"),
+        *(f"beta {phase}" for phase in "abc"),
+        *(f"order {order}" for order in orders),
+        "delta epsilon",
+    )
 
 
-def judge(part: str, trials: Sequence[Trial]) -> tuple[list[str], list[str]]:
+def judge(part: str, motor: str, trials: Sequence[Trial]) -> tuple[list[str], list[str]]:
     """Return lines for a part, and what was not kept."""
+    names = names_of(motor)
     lines, failures = [], []
     bench_s = np.array([one.bench_s for one in trials])
     inside = np.mean([np.abs(one.ratio) <= 1 for one in trials], axis=0)
-    shares = ", ".join(f"{n} {100 * s:.1f}" for n, s in zip(NAMES, inside, strict=True))
+    shares = ", ".join(f"{n} {100 * s:.1f}" for n, s in zip(names, inside, strict=True))
     found = sum(bool(one.findings) for one in trials)
     alpha_percent, beta_A = np.median([one.half_widths for one in trials], axis=0)
     lines += [
-        f"{part}: {np.median(bench_s):.1f} s on the bench (median), {bench_s.max():.1f} at most",
+        f"{motor}, {part}: {np.median(bench_s):.1f} s on the bench (median), "
+        f"{bench_s.max():.1f} at most",
         f"  in their intervals (%): {shares}; pooled {100 * inside.mean():.1f}",
         f"  half-widths (median): alpha {alpha_percent:.3f} %, beta {1e3 * beta_A:.0f} mA; "
         f"findings in {found} of {len(trials)}",
@@ -165,7 +170,7 @@ def judge(part: str, trials: Sequence[Trial]) -> tuple[list[str], list[str]]:
     ]
     slack = SLACK * np.sqrt(0.95 * 0.05 / len(trials)) if len(trials) < RIGS else 0.0
     if part == "targets":
-        for name, share in zip(NAMES, inside, strict=True):
+        for name, share in zip(names, inside, strict=True):
             if not COVERED[0] - slack <= share <= COVERED[1] + slack:
                 failures.append(f"{name}: in its interval in {100 * share:.1f} %")
         if np.median(bench_s) > MESH_S / 50:
@@ -185,12 +190,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rigs", type=int, nargs="?", default=RIGS)
     parser.add_argument("--part", choices=list(PARTS), action="append")
+    parser.add_argument("--motor", choices=MOTORS, default=MOTORS[0])
     options = parser.parse_args()
     failed = False
     with processors() as pool:
         for part in options.part or PARTS:
-            run = partial(trial, part)
-            lines, failures = judge(part, list(pool.map(run, seeds.several(options.rigs))))
+            run = partial(trial, part, options.motor)
+            trials = list(pool.map(run, seeds.several(options.rigs)))
+            lines, failures = judge(part, options.motor, trials)
             for line in (*lines, *(f"NOT KEPT: {failure}" for failure in failures)):
                 print(line, flush=True)
             failed = failed or bool(failures)
