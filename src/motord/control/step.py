@@ -6,7 +6,7 @@ filled `tick`, `missed`, `wake_late_ns`, `work_ns` and the flags of lateness in 
 
 import numpy as np
 
-from motord.control import interlocks, observer, reference
+from motord.control import interlocks, observer, reference, tracks
 from motord.control.learned import learned_torque
 from motord.control.plausible import remember_command
 from motord.control.states import STATE, transition
@@ -138,6 +138,8 @@ def _decide(
     if m.state == STATE.TRIPPED and state == STATE.READY:
         m.trip_bits = 0
         m.first_trip = 0
+    if state == STATE.READY and m.state in (STATE.OFF, STATE.TRIPPED):
+        tracks.start_over(m)  # a fault that is gone is no evidence against the encoder of now
     m.arming_s = m.arming_s + elapsed_s if arming else 0.0
     m.state, m.arming, m.stopping = state, arming, stopping
     return bits

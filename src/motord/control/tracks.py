@@ -19,7 +19,7 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     """Take in a code read at `t_ns`, after the observer has; True where a track is stuck.
 
     Tracks too fine for the speed and the time between samples are left out. Once found, or after a
-    gap in the samples, the watch starts over.
+    gap in the samples, the watch starts over, and after `start_over`.
     """
     dt_s = (t_ns - m.tracks_ns) * 1e-9
     if dt_s == 0.0:
@@ -46,3 +46,9 @@ def watch_tracks(p: np.record, m: np.record, gray: int, t_ns: int) -> bool:
     for track in range(p.tracks):
         m.track_rad[track] = m.turned_rad
     return True
+
+
+@jit
+def start_over(m: np.record) -> None:
+    """Forget how far the rotor has turned since each track changed."""
+    m.tracks_ns = 0  # the next sample comes after a gap

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from motord.control.parameters import watched_tracks
-from motord.schema import Compensate, State, Trip
+from motord.schema import Compensate, Request, State, Trip
 from tests.support.properties import examples
 from tests.unit.control.bench import Bench, make_config
 
@@ -180,6 +180,37 @@ def test_a_stuck_track_whose_jumps_are_plausible(track: int, level: int) -> None
     assert first is Trip.ENCODER_IMPLAUSIBLE
     counts = number * 1e-3 * bench.speed_rad_s * 4096 / (2 * math.pi)
     assert counts < 4.0 * (2 << track)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("tripped", [False, True])
+def test_a_stuck_track_of_before_enabling_is_not_found_after_it(tripped: bool) -> None:
+    """Bit 9 mirrors what is read at 1535.5: 48 counts turned and a jump of 91, all in one pattern.
+
+    The 51 counts to the pattern's end are less than is needed to find track 5 stuck, with them not.
+    """
+    bench = Answering(limits={"encoder_jump_rad": 0.5}, loop={"rate_Hz": 250})
+    bench.angle_rad, bench.speed_rad_s = 1629 * 2 * math.pi / 4096, 0.0
+    bench.stuck = (1 << 9, 1 << 9)
+    bench.run()
+    bench.enable()
+    bench.speed_rad_s = -0.3
+    bench.ticks(61)
+    assert bench.memory["encoder_count"][0] == 1490
+    bench.speed_rad_s = 0.0
+    if tripped:
+        bench.feedback["u_bus_V"] = 0.0
+        assert until_trip(bench)[1] is Trip.BUS_VOLTAGE
+    else:
+        bench.ask(Request.STOP)
+    bench.feedback["u_bus_V"], bench.stuck = 24.0, (0, 0)
+    bench.ticks(100)
+    assert bench.memory["encoder_count"][0] == 1581
+    bench.ask(Request.RESET)
+    bench.ticks(5)
+    bench.enable()
+    bench.speed_rad_s = 0.3
+    assert until_trip(bench, 150) == (0, Trip(0))
 
 
 ACCELERATION_MAX_RAD_S2 = 500.0

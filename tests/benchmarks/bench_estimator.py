@@ -1,0 +1,97 @@
+"""What the loop feels of a plan's estimator at 5 kHz, and how much of a processor that takes.
+
+The daemon runs the simulated bench and calibrates it to targets, again and again: in every second run
+the estimator process is killed as the plan begins, and the plan goes on without. Slices are
+taken as in `bench_isolation`, while the plan captures.
+"""
+
+import os
+import signal
+import tempfile
+from pathlib import Path
+
+from motord import config
+from motord.api.messages import BenchState
+from motord.client import Client
+from motord.loop.latency.measurement import choose_cpu
+from tests.benchmarks.bench_isolation import Bench, Seen, compared, has_rights
+from tests.benchmarks.figure import Figure
+from tests.system.daemons import daemon, wait_for, write_sim
+
+RATE_Hz = 5000
+RUNS, QUICK_RUNS = 6, 1
+TARGETS = {"alpha_percent": 0.1, "beta_A": 0.02, "cogging_percent": 1.0}
+SHARE_LIMIT_PERCENT = 20.0
+MISSED_LIMIT = 0
+CLOCK_Hz = os.sysconf("SC_CLK_TCK")
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time that a process has taken, its threads included."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / CLOCK_Hz
+
+
+def estimator(state: BenchState) -> int | None:
+    """Return the number of the estimator process, if there is one."""
+    view = state.processes.get("estimator")
+    return view.pid if view else None
+
+
+class Runs:
+    """Plans with and without the estimator: their slices, ticks missed, processor time."""
+
+    def __init__(self, bench: Bench, client: Client) -> None:
+        self._bench, self._client = bench, client
+        self.seen = {True: Seen(), False: Seen()}
+        self.missed = {True: 0, False: 0}
+        self.used_s = self.lasted_s = 0.0
+
+    def run(self, *, estimated: bool) -> None:
+        """Calibrate once and keep what the loop counts meanwhile."""
+        client, used_s = self._client, 0.0
+        missed = client.state().loop.missed
+        with client.lease("benchmark") as lease:
+            lease.start_plan("calibrate", TARGETS, detach=True)
+            state = wait_for(client, estimator, "the estimator")
+            pid, begun_ns = estimator(state), state.t_ns
+            if not estimated:
+                os.kill(pid, signal.SIGKILL)
+            while True:
+                self._bench.take(self.seen[estimated])
+                plan = client.plan()
+                if plan is None or plan.over:
+                    break
+                used_s = processor_s(pid) if estimated else 0.0
+        if estimated:
+            self.used_s += used_s
+            self.lasted_s += 1e-9 * (client.state().t_ns - begun_ns)
+        self.missed[estimated] += client.state().loop.missed - missed
+
+    def figures(self) -> list[Figure]:
+        """Return p99 with to without the estimator, its share, ticks missed."""
+        rights = has_rights(self._bench)
+        share_percent = 100 * self.used_s / self.lasted_s
+        note = f"{self.used_s:.1f} s in {self.lasted_s:.0f} s of plans"
+        without = f"{self.missed[False]} without"
+        return [
+            *compared("estimator", self.seen[False], self.seen[True], rights),
+            Figure("estimator: of a processor", share_percent, "%", SHARE_LIMIT_PERCENT, note=note),
+            Figure("estimator: ticks missed", self.missed[True], note=without),
+        ]
+
+
+def figures(quick: bool) -> list[Figure]:
+    """Return what the loop feels of the estimator, and what that takes."""
+    cpu = choose_cpu(config.load().loop).cpu
+    assert cpu is not None
+    with tempfile.TemporaryDirectory() as name:
+        path = write_sim(Path(name), "estimator")
+        text = path.read_text().replace("rate_Hz = 500", f"rate_Hz = {RATE_Hz}\ncpu = {cpu}")
+        path.write_text(text.replace("overrun_ticks = 500", f"overrun_ticks = {RATE_Hz}"))
+        with daemon(Path(name), path) as running, running.connect() as client:
+            runs = Runs(Bench(running, cpu), client)
+            for _ in range(QUICK_RUNS if quick else RUNS):
+                runs.run(estimated=True)
+                runs.run(estimated=False)
+            return runs.figures()
