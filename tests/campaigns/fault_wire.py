@@ -42,12 +42,14 @@ ACTS_MS = 50.0
 class WireCell:
     """The first causes that are right in a state, and the time within which one must be found.
 
-    Not `certain`: where the rotor stands decides whether there is anything to find.
+    Not `certain`: where the rotor stands decides whether there is anything to find; so it does if
+    the rotor truly turns less than `turns` from the fault on, as where a wrong angle parks it.
     """
 
     causes: Trip = NO_TRIP
     within_ms: float = 0.0
     certain: bool = True
+    turns: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,7 @@ class WireOutcome:
     late_ms: float
     alarm_ms: float | None = None
     torque_ms: float = 0.0  # until the torque set-point was zero
+    turned: float = 0.0  # turns, true, from the fault's begin to its end
 
 
 def _row(
@@ -100,10 +103,11 @@ def _row(
     without: str = "",
     others: dict[str, WireCell] | None = None,
     alarm_ms: float = 0.0,
+    turns: float = 0.0,
     **parameters: Any,
 ) -> WireRow:
     cells = dict.fromkeys(STATES, WireCell())
-    cells |= dict.fromkeys(states, WireCell(causes, within_ms)) | (others or {})
+    cells |= dict.fromkeys(states, WireCell(causes, within_ms, turns=turns)) | (others or {})
     fault = Fault.model_validate({"kind": kind, **parameters})
     return WireRow(fault, cells, without, alarm_ms)
 
@@ -127,8 +131,9 @@ WIRE_TABLE = (
     _row("current_runaway", Trip.INVERTER_FAULT, 20, ENABLED, "nothing: no voltage is applied"),
     _row("phase_open", _ASTRAY | Trip.TORQUE_IMPLAUSIBLE, 600, RUNNING, _STANDS, for_s=1.0),
     _row("encoder_bit", _TILTED | Trip.OVER_SPEED | Trip.TORQUE_IMPLAUSIBLE, 600, RUNNING, _SLOW,
-         others=_BY_CHANCE),
-    _row("encoder_bit", _TILTED, 600, RUNNING, _SLOW, others=_BY_CHANCE, bit=5, level=1),
+         others=_BY_CHANCE, turns=2.5 * 1024 / 4096),
+    _row("encoder_bit", _TILTED, 600, RUNNING, _SLOW, others=_BY_CHANCE, turns=2.5 * 64 / 4096,
+         bit=5, level=1),
     _row("encoder_frozen", _ASTRAY | Trip.TORQUE_IMPLAUSIBLE, 600, RUNNING,
          "nothing: the rotor stands still"),
     _row("encoder_skew", _TILTED, 300, RUNNING, "nothing: the tracks read the same displaced",
@@ -327,9 +332,12 @@ def _outcome(
         alarm_ms = (alarms[0] - begun_ns) * 1e-6 if alarms else None
         under = np.flatnonzero(here["torque_set_Nm"])
         torque_ms = (int(now_ns[during[under[-1]]]) - begun_ns) * 1e-6 if under.size else 0.0
+        of_fault = (truth["t_ns"] >= begun_ns) & (truth["t_ns"] <= end_ns - 300_000_000)
+        turned = float(np.ptp(truth["angle_rad"][of_fault])) / (2 * np.pi)
         return WireOutcome(
-            row, state, reported, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms
-        )
+            row, state, reported, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms,
+            turned,
+        )  # fmt: skip
     tick = here[int(rows[0])]
     first = int(tick["trip_bits"]) & ~before
     first = int(tick["first_trip"]) if state not in ("OFF", "TRIPPED") else first & -first
@@ -349,7 +357,8 @@ def wrong(one: WireOutcome) -> list[str]:
     cell, faults, late_ms = one.row.cells[one.state], [], one.late_ms + TIMING_MS
     if not one.reported:
         faults.append("not reported in the recording")
-    if cell.causes and cell.certain and one.detected_ms is None:
+    certain = cell.certain and one.turned >= cell.turns
+    if cell.causes and certain and one.detected_ms is None:
         faults.append("not detected")
     elif one.detected_ms is not None and not cell.causes & one.first:
         faults.append(f"tripped: {one.first.name}")
