@@ -67,6 +67,14 @@ def start(
     ] = LIMIT_S,
     detach: Detach = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check/--no-check",
+            help="Check the calibration before, if the bench file asks for it "
+            "(check_before_plans).",
+        ),
+    ] = True,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
@@ -79,11 +87,13 @@ def start(
             return
         with in_command(client, force=force) as session:
             if detach:
-                outline = session.commander.start_plan(name, asked, detach=True, notes=notes)
+                outline = session.commander.start_plan(
+                    name, asked, detach=True, notes=notes, check=check
+                )
                 text = f"{name} started, about {outline.estimate_s:.0f} s"
                 print_answer(outline.content(), text, as_json)
                 return
-            run = session.commander.run_plan(name, asked, notes=notes)
+            run = session.commander.run_plan(name, asked, notes=notes, check=check)
             _follow_to_end(client, run, session.commander, as_json)
 
 
