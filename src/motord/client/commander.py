@@ -97,7 +97,7 @@ class Commander:
             settings=dict(settings or {}),
             detach=detach,
             notes=notes,
-            check=check,
+            **({} if check else {"check": False}),  # which older daemons do not know
         )
 
     def run_plan(
