@@ -137,6 +137,31 @@ def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watche
     assert float(bar.get_attribute("x2") or "") == pytest.approx(wide * 0.019 / 0.0345, rel=1e-6)
 
 
+@pytest.mark.parametrize("asked", [True, False])
+def test_the_check_before_a_plan_can_be_left_out(asked: bool, visit: Watched):
+    stand_in = StandIn()
+    stand_in.config["calibration"]["check_before_plans"] = asked
+    with Server(stand_in) as server:
+        page = visit(server.urls.operator)
+        take_command(page)
+        page.click("#plan-start-box > summary")
+        box = page.locator("#plan-before-checked")
+        if not asked:
+            expect(box).to_be_hidden()
+        page.click("#plan-check")
+        shows(page, "#plan-outline", "within the limits")
+        if asked:
+            box.uncheck()
+            expect(page.locator("#plan-start")).to_be_disabled()  # until it is tried so
+            page.click("#plan-check")
+            shows(page, "#plan-outline", "within the limits")
+        page.click("#plan-start")
+        shows(page, "#plan-state", "running")
+    sent = [given for name, given in stand_in.requests if name == "plan/start"]
+    expected = [None, False, False] if asked else [None, None]
+    assert [given.get("check") for given in sent] == expected
+
+
 def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(visit: Watched):
     with Server(StandIn(10_000.0)) as server:
         page = visit(server.urls.operator)

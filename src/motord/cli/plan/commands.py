@@ -83,7 +83,8 @@ def start(
     with connection.open() as client:
         asked = settings_of(client, name, settings or [])
         if dry_run:
-            _dry_run(client, name, asked, limit_s, as_json)
+            would = client.dry_run(name, asked, check=check).content()
+            _forecast(client, {**would, "plan": name}, asked, limit_s, as_json)
             return
         with in_command(client, force=force) as session:
             if detach:
@@ -106,11 +107,15 @@ def _follow_to_end(client: "Client", run: "PlanRun", commander: "Commander", as_
         fail(f"{view.plan} {view.state}: {view.message}")
 
 
-def _dry_run(
-    client: "Client", name: str, settings: dict[str, Any], limit_s: float, as_json: bool
+def _forecast(
+    client: "Client",
+    outline: dict[str, Any],
+    settings: dict[str, Any],
+    limit_s: float,
+    as_json: bool,
 ) -> None:
-    """Check a plan, then try it out on the simulated rig unless there is no time for that."""
-    outline = client.dry_run(name, settings).content()
+    """Try a plan out on the simulated rig, unless there is no time for that; print its outline."""
+    name = outline["plan"]
     found = predict(client, name, settings, limit_s) if limit_s else []
     outline["forecast"] = [as_dict(each) for each in found]
     forecasts = {each.point.index: forecast_text(each) for each in found}
