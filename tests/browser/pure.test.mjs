@@ -14,6 +14,7 @@ const { tokenOf } = await load("session.js");
 const { StopTracker } = await load("stop.js");
 const { fieldsOf, parse, typeOf } = await load("plan_form.js");
 const { grid, shade } = await load("mesh.js");
+const { barLength, quantities } = await load("precision.js");
 const { largest } = await load("turns.js");
 const { Marks } = await load("marks.js");
 const { traceOf } = await load("signals.js");
@@ -295,6 +296,17 @@ test("a mesh goes by magnitude where the daemon says so, its points with induced
   assert.equal(made.at(2, 0.5).speed_Hz, -0.5);
   const signed = grid(points, false);
   assert.deepEqual([signed.torques, signed.speeds], [[2, 1, -1, -2], [-0.6, -0.5, 0.5, 0.6]]);
+});
+
+test("a quantity is reached from its target on; what is not known yet fills its bar", () => {
+  const plan = { targets: { alpha_percent: 0.1, beta_A: 0.02, cogging_percent: 1 }, precision: { alpha_percent: 0.1, beta_A: 0.0201 } };
+  const shown = quantities(plan);
+  assert.deepEqual(shown.map(({ words, unit, half, reached }) => [words, unit, half, reached]),
+    [["alpha", "%", 0.1, true], ["beta", "A", 0.0201, false], ["cogging", "%", null, false]]);
+  assert.equal(barLength(shown[0]), barLength({ half: 4, target: 4 }));
+  assert.equal(barLength({ half: 2, target: 4 }), barLength(shown[0]) / 2);
+  assert.equal(barLength({ half: 1e3, target: 1 }), barLength(shown[2]));
+  assert.deepEqual(quantities({}), []);
 });
 
 test("text on the mesh has contrast", () => {

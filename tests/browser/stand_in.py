@@ -233,6 +233,12 @@ class StandIn:
             self._show_plan(state="failed", message="the bench tripped")
         self.enter(State.TRIPPED)
 
+    def show_precision(
+        self, targets: dict[str, float], known: dict[str, float], obstacle: str = ""
+    ) -> None:
+        """Publish the half-widths that the plan under way gives by now."""
+        self._show_plan(targets=targets, precision=known, obstacle=obstacle)
+
     def restart(self) -> None:
         """Begin again, as another process would."""
         self._started_s = time.monotonic()

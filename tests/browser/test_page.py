@@ -117,6 +117,51 @@ def test_a_sweep_fills_its_mesh(server, visit: Watched):
     assert sent[0]["settings"] == {"torques_Nm": [1, 2], "speeds_Hz": [0.5, 0.75], "turns": 2}
 
 
+def test_a_plan_with_targets_shows_its_precision_shrinking(server, visit: Watched):
+    page = visit(server.urls.operator)
+    take_command(page)
+    stand_in = server.stand_in
+    stand_in.points_max = 2
+    start_plan(page)
+    expect(page.locator("#plan-precision")).to_be_hidden()
+    targets = {"alpha_percent": 0.1, "beta_A": 0.02}
+    stand_in.do(lambda: stand_in.show_precision(targets, {"beta_A": 0.0345}))
+    rows, bar = page.locator("#plan-precision tbody tr"), page.locator("#plan-precision .interval")
+    expect(rows.nth(0)).to_contain_text("not known yet", timeout=PATIENCE_MS)
+    expect(rows.nth(1)).to_contain_text("0.0345")
+    expect(page.locator("#plan-time")).to_contain_text("at most")
+    wide = float(bar.get_attribute("x2") or "")
+    stand_in.do(lambda: stand_in.show_precision(targets, {"beta_A": 0.019}, "it does not fit"))
+    shows(page, "#plan-precision", "Does not end early: it does not fit")
+    expect(rows.nth(1)).to_contain_text("reached")
+    assert float(bar.get_attribute("x2") or "") == pytest.approx(wide * 0.019 / 0.0345, rel=1e-6)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_the_check_before_a_plan_can_be_left_out(asked: bool, visit: Watched):
+    stand_in = StandIn()
+    stand_in.config["calibration"]["check_before_plans"] = asked
+    with Server(stand_in) as server:
+        page = visit(server.urls.operator)
+        take_command(page)
+        page.click("#plan-start-box > summary")
+        box = page.locator("#plan-before-checked")
+        if not asked:
+            expect(box).to_be_hidden()
+        page.click("#plan-check")
+        shows(page, "#plan-outline", "within the limits")
+        if asked:
+            box.uncheck()
+            expect(page.locator("#plan-start")).to_be_disabled()  # until it is tried so
+            page.click("#plan-check")
+            shows(page, "#plan-outline", "within the limits")
+        page.click("#plan-start")
+        shows(page, "#plan-state", "running")
+    sent = [given for name, given in stand_in.requests if name == "plan/start"]
+    expected = [None, False, False] if asked else [None, None]
+    assert [given.get("check") for given in sent] == expected
+
+
 def test_a_spike_of_one_tick_at_10_kHz_shows_in_a_minute(visit: Watched):
     with Server(StandIn(10_000.0)) as server:
         page = visit(server.urls.operator)
@@ -404,8 +449,11 @@ def test_axe_has_no_serious_findings(server, visit: Watched):
     take_command(page)
     start_plan(page, torques_Nm="1, 2, 3", speeds_Hz="0.5 0.7 0.9")
     expect(page.locator("#mesh td.done").nth(5)).to_be_visible(timeout=PATIENCE_MS)
+    known = {"targets": {"alpha_percent": 0.1, "beta_A": 0.02}, "known": {"beta_A": 0.01}}
+    server.stand_in.do(lambda: server.stand_in.show_precision(**known, obstacle="it does not fit"))
     server.stand_in.do(server.stand_in.trip_over_current)
     shows(page, "#trip", "What to do")
+    shows(page, "#plan-precision", "reached")
     page.click("#plan-start-box > summary")
     page.evaluate(AXE.read_text())  # by the debugger: the page's policy lets no other script in
     for tab in ("tab-health", "tab-page", "tab-calibration"):

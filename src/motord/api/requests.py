@@ -123,6 +123,8 @@ class PlanStart(RpcRequest):
     """Check it against the limits, and move nothing."""
     notes: Annotated[str, Field(max_length=4000)] = ""
     """For the recording."""
+    check: bool = True
+    """Check the calibration before, if `[calibration] check_before_plans` asks for it."""
 
 
 class PlanResume(WithToken):

@@ -71,14 +71,20 @@ class Client(DaemonConnection):
         """Return the plans that can be started, with the settings of this bench."""
         return self.call(rpc.PLAN_LIST).plans
 
-    def dry_run(self, name: str, settings: Mapping[str, Any] | None = None) -> PlanOutline:
+    def dry_run(
+        self, name: str, settings: Mapping[str, Any] | None = None, *, check: bool = True
+    ) -> PlanOutline:
         """Check a plan against the bench's limits and return what it would do; nothing moves.
+
+        check: as of `start_plan`.
 
         >>> outline = client.dry_run("cogging", {"speeds_Hz": [0.5, 1.0], "turns": 2})
         >>> [(point["speed_Hz"], point["turns"]) for point in outline.points]
         [(0.5, 2), (1.0, 2)]
         """
-        return self.call(rpc.PLAN_START, name=name, settings=dict(settings or {}), dry_run=True)
+        more = {} if check else {"check": False}  # which older daemons do not know
+        given = dict(settings or {})
+        return self.call(rpc.PLAN_START, name=name, settings=given, dry_run=True, **more)
 
     def config(self) -> ConfigReply:
         """Return the bench file as text, and with all defaults."""

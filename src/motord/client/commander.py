@@ -82,11 +82,13 @@ class Commander:
         *,
         detach: bool = False,
         notes: str = "",
+        check: bool = True,
     ) -> PlanOutline:
         """Start a plan and return at once what it will do.
 
         settings: those that differ from the bench's own. detach: the plan goes on when the lease
-        ends. notes: for the recording.
+        ends. notes: for the recording. check: the calibration is checked before, if the bench
+        file asks for it.
         """
         return self._daemon.call(
             rpc.PLAN_START,
@@ -95,6 +97,7 @@ class Commander:
             settings=dict(settings or {}),
             detach=detach,
             notes=notes,
+            **({} if check else {"check": False}),  # which older daemons do not know
         )
 
     def run_plan(
@@ -104,9 +107,10 @@ class Commander:
         *,
         detach: bool = False,
         notes: str = "",
+        check: bool = True,
     ) -> PlanRun:
         """Start a plan as `start_plan` does, and return what to follow it by."""
-        outline = self.start_plan(name, settings, detach=detach, notes=notes)
+        outline = self.start_plan(name, settings, detach=detach, notes=notes, check=check)
         return PlanRun(self._daemon, outline.run_id)
 
     def pause_plan(self) -> PlanProgress:

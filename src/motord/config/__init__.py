@@ -50,6 +50,7 @@ from motord.config.reading import read_toml as read_toml
 from motord.config.reading import resolve as resolve
 from motord.config.reading import validate as validate
 from motord.config.sections import BenchConfig as BenchConfig
+from motord.config.sections import CalibrationConfig as CalibrationConfig
 from motord.config.sections import LimitsConfig as LimitsConfig
 from motord.config.sections import LoopConfig as LoopConfig
 from motord.config.sections import RecordingConfig as RecordingConfig

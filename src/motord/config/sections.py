@@ -153,6 +153,14 @@ class RecordingConfig(Section):
         return self.directory / "blackbox"
 
 
+class CalibrationConfig(Section):
+    """`[calibration]`: what is asked of the calibration in force."""
+
+    check_before_plans: bool = False
+    """Before a plan that compensates, run `check-calibration`, ten seconds at 0.85 of the rated
+    torque by default: the plan begins unless a drift is found."""
+
+
 class Sections(Section):
     """All tables of a bench file, and the times that follow from several of them."""
 
@@ -167,6 +175,7 @@ class Sections(Section):
     motor: MotorConfig
     limits: LimitsConfig = LimitsConfig()
     recording: RecordingConfig = RecordingConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
     zenoh: ZenohConfig = ZenohConfig()
     plans: Plans
 

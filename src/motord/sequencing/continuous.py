@@ -18,6 +18,7 @@ from motord.sequencing.limits import SPEED_MARGIN
 from motord.sequencing.motions import (
     Capture,
     Motion,
+    Restarted,
     enable,
     hold,
     ramp_down,
@@ -50,9 +51,6 @@ END_S = 0.2
 
 BEYOND_TURNS = 0.05
 """What is captured more, so that the encoder's counts have turned as far as the angle."""
-
-PAUSED = 2.0
-"""A point that took so many times as long was paused meanwhile."""
 
 SPEED_TOLERANCE = 1.3
 """Factor by which the speed may be off, as the brake's curve is never quite the configured one."""
@@ -112,25 +110,28 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
     """Enable, take the operating points, ramp down; return why it ended.
 
     Those are not taken that are left when the targets are reached, or for which the time is short.
+    Of a plan that was interrupted the points before these have had their part of the time.
     """
-    began = yield None
+    began, before = (yield None), points[0].index
     yield from enable(settings.compensate, brake=settings.excitation)
     yield from _brake_up(settings, began)
-    planned_s, why = 0.0, ""
-    passed_s = start_s = max(START_S, settings.lead_s)
-    for number, point in enumerate(points):
-        begun, own_s = (yield None), settings.duration_s(point)
-        slower = max((passed_s - start_s) / planned_s, 1.0) if number else 1.0
+    planned_s, takes_s, why = 0.0, 0.0, ""
+    passed_s = max(START_S, settings.lead_s) + sum(settings.durations_s[:before])
+    for number, point in enumerate(points, start=before):
+        own_s = settings.duration_s(point)
+        slower = max(takes_s / planned_s, 1.0) if planned_s else 1.0
         end_s = abs(point.torque_Nm) / settings.rate_Nm_per_s + END_S
         if number >= settings.least_points and passed_s + slower * own_s + end_s > settings.limit_s:
-            why = f"time limit of {settings.limit_s:g} s: {number} of {len(points)} points taken"
+            taken = f"{number} of {before + len(points)} points taken"
+            why = f"time limit of {settings.limit_s:g} s: {taken}"
             break
-        reached = yield from _unless_reached(point, settings)
-        if reached is not None:
-            why = f"targets reached: {reached.in_words(settings.targets)}"
+        visit = yield from _unless_reached(point, settings)
+        if visit.reached is not None:
+            why = f"targets reached: {visit.reached.in_words(settings.targets)}"
             break
-        planned_s += own_s
-        passed_s += min((yield None).since_s(begun), PAUSED * own_s)  # a pause takes no bench time
+        planned_s += visit.takes * own_s
+        takes_s += visit.takes_s
+        passed_s += visit.takes_s + visit.cut_short_s
     yield from ramp_down()
     return why
 
@@ -144,22 +145,46 @@ def _brake_up(settings: Continuous, began: Observation) -> Motion[Observation]:
     return (yield from hold(demand, lambda seen: seen.since_s(began) >= settings.lead_s))
 
 
-@restartable
-def _unless_reached(point: OperatingPoint, settings: Continuous) -> Motion[Precision | None]:
-    """Take a point; give it up as soon as the targets are reached, and return by what."""
-    motion = retaken_if_poor(_point, point, settings)
+@dataclass
+class _Visit:
+    """A point's captures and their time, and that of takes which a pause cut short.
+
+    reached: by what the targets are, so that it was given up. A pause itself takes no bench time.
+    """
+
+    takes: int = 0
+    takes_s: float = 0.0
+    cut_short_s: float = 0.0
+    reached: Precision | None = None
+
+
+def _unless_reached(point: OperatingPoint, settings: Continuous) -> Motion[_Visit]:
+    """Take a point; give it up as soon as the targets are reached."""
+    motion, visit = retaken_if_poor(_point, point, settings), _Visit()
+    begun = seen = yield None
     asked = next(motion)
     while True:
-        seen = yield asked
+        try:
+            seen = yield asked
+        except Restarted as restarted:
+            visit.cut_short_s += seen.since_s(begun)
+            asked = motion.throw(restarted)
+            begun = seen = yield asked
         if seen.precision is not None and seen.precision.reaches(settings.targets):
             motion.close()
-            return seen.precision
+            visit.reached = seen.precision
+            return visit
+        if isinstance(asked, dict):
+            visit.takes += 1
+            visit.takes_s += seen.since_s(begun)
+            begun = seen
         try:
             asked = motion.send(seen)
         except StopIteration:
-            return None
+            return visit
 
 
+@restartable
 def _point(point: OperatingPoint, settings: Continuous) -> Motion[Capture]:
     """Ramp to the point's torque, let the speed follow, capture whole turns from where it is."""
     demand = replace(

@@ -15,7 +15,8 @@ class Plan:
     needs: the device that it cannot do without, "brake", "drive" or "" for none; ends_s: time
     before the first point and after the last; estimator: `module:class` of what estimates while the
     plan runs, made of a Config and the targets, with `take(ticks)` and `captured(point)`, which
-    returns a Precision, "" for none; targets: half-widths by which the plan ends early; outlook:
+    returns a Precision, "" for none; estimator_options: further arguments of it, by name, as JSON
+    has them; targets: half-widths by which the plan ends early; outlook:
     what is to be expected of it, for its dry run; continuous: one point begins where the one before
     ended, not from standstill. All in it can be pickled.
     """
@@ -28,6 +29,7 @@ class Plan:
     needs: str = "brake"
     ends_s: float = 1.5
     estimator: str = ""
+    estimator_options: Mapping[str, Any] = field(default_factory=dict)
     targets: Mapping[str, float] = field(default_factory=dict)
     outlook: str = ""
     continuous: bool = False

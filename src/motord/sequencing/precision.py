@@ -10,12 +10,13 @@ class Precision:
 
     captures: how many operating points it is of; half_widths: such as {"beta_A": 0.03}, a quantity
     that these cannot give yet being left out; obstacle: why the plan must not end early by it (a
-    model that does not fit), "" if it may.
+    model that does not fit), "" if it may; remark: what else the captures show, in words.
     """
 
     captures: int
     half_widths: Mapping[str, float] = field(default_factory=dict)
     obstacle: str = ""
+    remark: str = ""
 
     def reaches(self, targets: Mapping[str, float]) -> bool:
         """Return whether every target is reached; False without targets."""

@@ -140,7 +140,7 @@ def build_rpc(
     toml: str,
 ) -> tuple[Dispatcher, dict[str, Offloaded]]:
     """Return what carries requests out, and which of them are prepared in other threads."""
-    plans = PlanControl(bench, resumption, recording.obstacle)
+    plans = PlanControl(bench, resumption, recording.obstacle, store.file)
     installation = Installation(bench, store, tables.write, toml)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
     kept, available = CalibrationFiles(store), AvailablePlans(bench)

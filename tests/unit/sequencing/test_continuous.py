@@ -234,3 +234,72 @@ def test_a_poor_point_is_taken_again() -> None:
     assert [(one["take"], one["quality"] == "ok") for one in ride.executor.points] == [
         (1, False), (2, True),
     ]  # fmt: skip
+
+
+def poor(ride: Ride) -> Ride:
+    """Let every capture be of poor quality."""
+    look = ride.bench.look
+
+    def hot(demand: Demand) -> np.ndarray:
+        block = look(demand)
+        block["temperature_C"] = 35.0
+        return block
+
+    ride.bench.look = hot  # type: ignore[method-assign]
+    return ride
+
+
+def test_a_pause_in_a_second_take_is_no_further_take() -> None:
+    ride = poor(Ride(replace(SETTINGS, band_C=(20.0, 30.0)), POINTS[:1]))
+    ride.until(lambda: len(ride.taken) == 1 and ride.demand.plan_point == 0)
+    ride.executor.pause()
+    ride.until(lambda: ride.executor.state is PlanState.PAUSED)
+    ride.executor.resume()
+    ride.finish()
+    assert [one["take"] for one in ride.executor.points] == [1, 2, 3]
+
+
+def test_every_take_of_a_poor_point_counts_in_the_time() -> None:
+    settings = replace(SETTINGS, band_C=(20.0, 30.0), least_points=1, limit_s=19.2)
+    ride = poor(Ride(settings)).finish()
+    assert ride.taken == [0, 0, 0, 1, 1, 1]
+    assert ride.executor.message == "time limit of 19.2 s: 2 of 6 points taken"
+    assert ride.seconds <= 19.2
+
+
+def test_a_pause_takes_no_time() -> None:
+    settings = replace(SETTINGS, limit_s=11.0)
+    whole = Ride(settings).finish()
+    ride = Ride(settings)
+    ride.until(lambda: ride.demand.plan_point == 1)
+    ride.executor.pause()
+    ride.until(lambda: ride.executor.state is PlanState.PAUSED)
+    for _ in range(3000):  # a minute
+        ride.look()
+    ride.executor.resume()
+    assert ride.finish().taken == whole.taken
+
+
+def test_what_a_pause_cut_short_took_time() -> None:
+    settings = replace(SETTINGS, limit_s=11.0)
+    ride, pauses = Ride(settings), 0
+    while pauses < 3:
+        ride.until(lambda: ride.demand.plan_point == 0)
+        for _ in range(90):  # 1.8 s of 2.9
+            ride.look()
+        ride.executor.pause()
+        ride.until(lambda: ride.executor.state is PlanState.PAUSED)
+        ride.executor.resume()
+        pauses += 1
+    ride.finish()
+    assert ride.taken == [0, 1]
+
+
+def test_the_rest_of_a_plan_has_what_was_left_of_the_time() -> None:
+    settings = replace(SETTINGS, limit_s=11.0)
+    whole = Ride(settings).finish()
+    assert whole.taken == [0, 1, 2]
+    rest = Ride(settings, POINTS[2:]).finish()
+    assert rest.taken == [2]
+    assert rest.executor.message == whole.executor.message
+    assert Ride(settings, POINTS[3:]).finish().taken == []

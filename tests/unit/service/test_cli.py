@@ -15,7 +15,7 @@ from motord.cli.bench import operate
 from motord.cli.bench.shared_token import folder, shared
 from motord.cli.bench.status import sensor_text
 from motord.cli.plan.settings import parse_settings
-from motord.client import Subscription, connect
+from motord.client import ClientError, Commander, Subscription, connect
 from motord.schema import State, Trip
 from tests.unit.service.live_service import endpoint, live_service
 
@@ -298,6 +298,21 @@ def test_settings_that_are_wrong_are_reported(motord):
     assert "[limits] torque_Nm" in failed(result)
     assert motord("plan", "start", "calibrate", "--set", "torques").exit_code == 2
     assert "no plan 'dance'" in failed(motord("plan", "start", "dance", "--dry-run"))
+
+
+def test_a_plan_is_asked_for_without_the_check_if_so_wanted(motord, monkeypatch):
+    asked = []
+
+    def start(self, name, settings, **rest):
+        asked.append((name, rest["detach"], rest["check"]))
+        raise ClientError("refused", "not started")
+
+    monkeypatch.setattr(Commander, "start_plan", start)
+    for more in ((), ("--no-check",), ("--detach",), ("--detach", "--no-check")):
+        failed(motord("plan", "start", "verify", *more))
+    assert asked == [
+        ("verify", detached, checked) for detached in (False, True) for checked in (True, False)
+    ]
 
 
 @pytest.mark.slow

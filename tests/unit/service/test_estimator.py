@@ -35,8 +35,8 @@ WAIT_S = 60.0
 class Counting:
     """Knows as much as it has counted: the ticks of the captures so far."""
 
-    def __init__(self, config, targets):
-        self.targets, self.ticks, self.captures = targets, 0, 0
+    def __init__(self, config, targets, remark):
+        self.targets, self.ticks, self.captures, self.remark = targets, 0, 0, remark
 
     def take(self, ticks):
         sys.stdout.write("an estimator may print\n")
@@ -47,14 +47,24 @@ class Counting:
             raise ValueError("no such point")
         self.captures += 1
         known = {"ticks": self.ticks, "not yet": float("nan"), "never": float("inf")}
-        return Precision(self.captures, known)
+        return Precision(self.captures, known, remark=self.remark)
 
 
+OPTIONS = {"remark": "counted"}
 COUNTING = f"{__name__}:Counting"
 
 
 def plan(estimator=COUNTING):
-    return Plan("p", (), iter, float, {}, estimator=estimator, targets={"ticks": 1.0})
+    return Plan(
+        "p",
+        (),
+        iter,
+        float,
+        {},
+        estimator=estimator,
+        estimator_options=OPTIONS,
+        targets={"ticks": 1.0},
+    )
 
 
 def publish(ring, first, points):
@@ -165,7 +175,8 @@ def lines_of(*commands):
 
 
 def start(estimator=COUNTING):
-    return {"do": "start", "run": "r", "estimator": estimator, "targets": {"ticks": 1.0}}
+    about = {"estimator": estimator, "targets": {"ticks": 1.0}, "options": OPTIONS}
+    return {"do": "start", "run": "r", **about}
 
 
 def point(*about):
@@ -336,6 +347,7 @@ class Linked:
         [start] = self.started[-1].received()
         assert start["estimator"] == COUNTING
         assert start["targets"] == {"ticks": 1.0}
+        assert start["options"] == OPTIONS
         return self.started[-1], start["run"]
 
 
@@ -535,7 +547,7 @@ def test_the_process_reports_steps_back_and_ends_with_the_plan(running, ring):
     publish(ring, 0, [-1] * 3 + [0] * 5)
     running.link.captured(captured(3, 7))
     running.until(lambda: running.link.precision, "a first report")
-    assert running.link.precision == Precision(1, {"ticks": 5.0})
+    assert running.link.precision == Precision(1, {"ticks": 5.0}, remark="counted")
     [pid] = running.pids
     assert os.getpriority(os.PRIO_PROCESS, pid) == scheduling.BACKGROUND_NICE
     os.kill(pid, signal.SIGSTOP)

@@ -68,8 +68,8 @@ def journal_in_memory():
 class VirtualLoop:
     """A mailbox, and the loop that reads it: `run` gives the ticks of the next 10 ms."""
 
-    def __init__(self, bench_config):
-        self.virtual = VirtualBench(bench_config)
+    def __init__(self, bench_config, virtual=None):
+        self.virtual = virtual or VirtualBench(bench_config)
         self.setpoint = np.zeros(1, SETPOINT)
         self.running = True
         self.last_torque_set_Nm = 0.0
@@ -109,16 +109,20 @@ def fail(where, error):
 class VirtualService:
     """Bench and dispatcher over a virtual loop; `devices` are slow devices on a wire.
 
+    `virtual`: a bench with a rig and a calibration of its own.
+
     Errors in the program come out, unless it is to be as `safe` as the daemon.
     """
 
-    def __init__(self, devices=None, bench_config=None, journal=None, safe=False, **changes):
+    def __init__(
+        self, devices=None, bench_config=None, journal=None, safe=False, virtual=None, **changes
+    ):
         base = (bench_config or config.load()).model_dump()
         for section, values in changes.items():
             base[section].update(values)
         self.config = config.Config.model_validate(base)
         self.now_ns = START_NS
-        self.loop = VirtualLoop(self.config)
+        self.loop = VirtualLoop(self.config, virtual)
         self.events = EventLog(lambda: self.now_ns)
         self.sink = RecordedSink()
         self.journal = journal or journal_in_memory()
@@ -133,7 +137,10 @@ class VirtualService:
         self.restarts = 0
         self.recording_file = ""
         self.operation = ManualOperation(self.bench, self._restart, lambda: self.recording_file)
-        self.plans = PlanControl(self.bench, self.resumption)
+        self.calibration_file = None
+        self.plans = PlanControl(
+            self.bench, self.resumption, calibration=lambda: self.calibration_file
+        )
         self.available = AvailablePlans(self.bench)
         self.dispatcher = Dispatcher(self.bench, self.operation, self.available, self.plans)
         self.bench.loop_up()

@@ -67,6 +67,14 @@ def start(
     ] = LIMIT_S,
     detach: Detach = False,
     notes: Annotated[str, typer.Option(help="For the recording.")] = "",
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check/--no-check",
+            help="Check the calibration before, if the bench file asks for it "
+            "(check_before_plans).",
+        ),
+    ] = True,
     connection: Connection = DEFAULT,
     force: Force = False,
     as_json: AsJson = False,
@@ -75,15 +83,18 @@ def start(
     with connection.open() as client:
         asked = settings_of(client, name, settings or [])
         if dry_run:
-            _dry_run(client, name, asked, limit_s, as_json)
+            would = client.dry_run(name, asked, check=check).content()
+            _forecast(client, {**would, "plan": name}, asked, limit_s, as_json)
             return
         with in_command(client, force=force) as session:
             if detach:
-                outline = session.commander.start_plan(name, asked, detach=True, notes=notes)
+                outline = session.commander.start_plan(
+                    name, asked, detach=True, notes=notes, check=check
+                )
                 text = f"{name} started, about {outline.estimate_s:.0f} s"
                 print_answer(outline.content(), text, as_json)
                 return
-            run = session.commander.run_plan(name, asked, notes=notes)
+            run = session.commander.run_plan(name, asked, notes=notes, check=check)
             _follow_to_end(client, run, session.commander, as_json)
 
 
@@ -96,11 +107,15 @@ def _follow_to_end(client: "Client", run: "PlanRun", commander: "Commander", as_
         fail(f"{view.plan} {view.state}: {view.message}")
 
 
-def _dry_run(
-    client: "Client", name: str, settings: dict[str, Any], limit_s: float, as_json: bool
+def _forecast(
+    client: "Client",
+    outline: dict[str, Any],
+    settings: dict[str, Any],
+    limit_s: float,
+    as_json: bool,
 ) -> None:
-    """Check a plan, then try it out on the simulated rig unless there is no time for that."""
-    outline = client.dry_run(name, settings).content()
+    """Try a plan out on the simulated rig, unless there is no time for that; print its outline."""
+    name = outline["plan"]
     found = predict(client, name, settings, limit_s) if limit_s else []
     outline["forecast"] = [as_dict(each) for each in found]
     forecasts = {each.point.index: forecast_text(each) for each in found}

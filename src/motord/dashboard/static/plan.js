@@ -2,6 +2,7 @@
 
 import { allow, byId, setAttribute, setText } from "./dom.js";
 import { duration, number } from "./format.js";
+import { PlanPrecision } from "./precision.js";
 
 const WORDS = {
   running: "\u25b6 running", pausing: "\u275a\u275a pausing", paused: "\u275a\u275a paused", ending: "ending",
@@ -13,6 +14,7 @@ export class PlanProgress {
   /** @param {import("./state.js").Bench} bench @param {import("./socket.js").Socket} socket @param {import("./messages.js").Messages} messages */
   constructor(bench, socket, messages) {
     this._bench = bench;
+    this._precision = new PlanPrecision(byId("plan-precision"));
     for (const name of ["pause", "resume", "abort", "discard"]) {
       byId(`plan-${name}`).addEventListener("click", () => socket.call(`plan/${name}`).catch(messages.failure(`plan ${name}`)));
     }
@@ -33,7 +35,9 @@ export class PlanProgress {
     setText(byId("plan-name"), plan.plan + (plan.detached ? " (detached)" : ""));
     byId("plan-bar").value = this.active || plan.state === "interrupted" ? plan.fraction : plan.state === "done" ? 1 : plan.fraction;
     setText(byId("plan-count"), `${plan.points_done} of ${plan.points} points \u00b7 ${number(100 * plan.fraction, 0)} %`);
-    setText(byId("plan-time"), `${duration(plan.elapsed_s)} elapsed${this.active ? ` \u00b7 ${duration(plan.eta_s)} to go` : ""}`);
+    const most = Object.keys(plan.targets ?? {}).length ? "at most " : "";
+    setText(byId("plan-time"), `${duration(plan.elapsed_s)} elapsed${this.active ? ` \u00b7 ${most}${duration(plan.eta_s)} to go` : ""}`);
+    this._precision.show(plan);
     setText(byId("plan-step"), plan.message || plan.step);
     setText(byId("plan-recording"), plan.recording ? plan.recording.split("/").pop() : "");
     setAttribute(byId("plan-recording"), "title", plan.recording || null);

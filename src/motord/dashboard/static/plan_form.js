@@ -100,7 +100,11 @@ export class PlanForm {
       this._check();
     });
     byId("plan-start").addEventListener("click", () => this._start());
-    bench.on("hello", () => this._list());
+    byId("plan-before-checked").addEventListener("change", () => this._changed());
+    bench.on("hello", ({ config }) => {
+      byId("plan-before").hidden = !config?.calibration?.check_before_plans;
+      this._list();
+    });
     for (const kind of /** @type {const} */ (["state", "plan", "lease", "link", "connection"])) bench.on(kind, () => this._buttons());
   }
 
@@ -144,6 +148,11 @@ export class PlanForm {
     return settings;
   }
 
+  /** What is sent only where no check is wanted: an older daemon does not know it. */
+  _withoutCheck() {
+    return byId("plan-before-checked").checked ? {} : { check: false };
+  }
+
   async _check() {
     const outline = byId("plan-outline");
     this._checked = "";
@@ -151,9 +160,9 @@ export class PlanForm {
       const settings = this._settings();
       setText(outline, "checking\u2026");
       const name = byId("plan-choice").value;
-      const reply = await this._socket.call("plan/start", { name, settings, dry_run: true });
+      const reply = await this._socket.call("plan/start", { name, settings, dry_run: true, ...this._withoutCheck() });
       this._checked = JSON.stringify([name, settings]);
-      setText(outline, `\u2714 within the limits: ${reply.points.length} points, about ${duration(reply.estimate_s)}`);
+      setText(outline, `\u2714 within the limits: ${reply.points.length} points, about ${duration(reply.estimate_s)}${reply.outlook ? `; ${reply.outlook}` : ""}`);
     } catch (error) {
       setText(outline, `\u2716 ${/** @type {Error} */ (error).message}`);
     }
@@ -162,7 +171,7 @@ export class PlanForm {
 
   _start() {
     const [name, settings] = JSON.parse(this._checked);
-    const args = { name, settings, detach: byId("plan-detach").checked, notes: byId("plan-notes").value };
+    const args = { name, settings, detach: byId("plan-detach").checked, notes: byId("plan-notes").value, ...this._withoutCheck() };
     this._checked = "";
     this._buttons();
     this._socket.call("plan/start", args).then(() => {

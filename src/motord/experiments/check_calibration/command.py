@@ -9,15 +9,12 @@ import typer
 from motord.calibration import load
 from motord.experiments.analysis import Analysis, json_of
 from motord.experiments.check_calibration.estimate import check_runs
-from motord.experiments.check_calibration.result import CalibrationCheck
+from motord.experiments.check_calibration.result import NEEDED_PERCENT, CalibrationCheck
 from motord.experiments.subject import Recordings
 from motord.report.text import TextTable
 
 if TYPE_CHECKING:
     from motord.report.html import Page
-
-NEEDED_PERCENT = 0.2
-"""RMS ripple that no change may add unseen: a fifth of what a calibrated bench is to reach."""
 
 
 def estimate(

@@ -5,13 +5,15 @@ torque, the two are apart. With one phase's current scaled, the common gain show
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from motord.config import Config
 from motord.config.plans import CheckCalibrationConfig
-from motord.sequencing import Induced, OperatingPoint, Plan, PlanError
+from motord.sequencing import Demand, Induced, OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import excitation_for
 from motord.sequencing.continuous import (
     START_S,
@@ -22,6 +24,9 @@ from motord.sequencing.continuous import (
     point_s,
 )
 from motord.sequencing.limits import check_operating_points
+from motord.sequencing.motions import Motion, MotionFailed, hold, restartable, within
+from motord.sequencing.observation import Observation
+from motord.sequencing.precision import Precision
 from motord.sequencing.settings import chosen, compensation
 
 NAME = "check-calibration"
@@ -29,6 +34,17 @@ NAME = "check-calibration"
 APPLIED = "calibration"
 """What is compensated: gains, offsets and cogging, which are tested; nothing learned, which adds
 torque that none of them makes."""
+
+ESTIMATOR = "motord.experiments.check_calibration.live:LiveCheck"
+
+EVALUATED_S = 30.0
+"""Time after the last turn in which a check before a plan must be evaluated: its process may still
+be starting on a busy computer."""
+
+ADVICE = "calibrate again, or start without the check (--no-check)"
+
+UNCHECKED = ("calibrate", "align", NAME)
+"""Plans that make a calibration or test it: none of them is to be checked before."""
 
 TORQUE_SHARE = 0.85
 """Torque of the points in parts of what the motor may make: compensation needs some more."""
@@ -85,3 +101,50 @@ def _points(check: CheckCalibrationConfig, torque_Nm: float) -> tuple[OperatingP
         OperatingPoint(1, torque_Nm, scaled_Hz, turns - 1, scaled),
         OperatingPoint(2, share * torque_Nm, share * speed_Hz, turns),
     )
+
+
+def is_checked_before(plan: Plan) -> bool:
+    """Return whether a plan rests on the calibration in force, so that it may be checked before."""
+    return plan.settings.get("compensate", "off") != "off" and plan.name not in UNCHECKED
+
+
+def check_before(config: Config, calibration: Path) -> Plan:
+    """Return the check that comes before a plan: it fails unless it finds no drift.
+
+    calibration: the file of the one in force. Raises PlanError.
+    """
+    check = make(config, {})
+    return replace(
+        check,
+        motion=partial(_without_drift, check.motion),
+        estimator=ESTIMATOR,
+        estimator_options={"calibration": str(calibration), "points": len(check.points)},
+    )
+
+
+def _without_drift(
+    take: Callable[[tuple[OperatingPoint, ...]], Motion[Any]], points: tuple[OperatingPoint, ...]
+) -> Motion[str]:
+    """Take the points, then wait at rest for what they show, and return it."""
+    yield from take(points)
+    found = yield from _evaluated(len(points))
+    if found.obstacle:
+        raise MotionFailed(f"{found.obstacle}; {ADVICE}")
+    return found.remark
+
+
+@restartable
+def _evaluated(points: int) -> Motion[Precision]:
+    """Wait until so many points are evaluated, or cannot be."""
+
+    def known(seen: Observation) -> bool:
+        found = seen.precision
+        return found is not None and (bool(found.obstacle) or found.captures >= points)
+
+    seen = yield from within(
+        EVALUATED_S,
+        hold(Demand(label="evaluating"), known),
+        lambda _: f"not evaluated within {EVALUATED_S:g} s",
+    )
+    assert seen.precision is not None
+    return seen.precision

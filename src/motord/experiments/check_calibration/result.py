@@ -12,6 +12,9 @@ FALSE_ALARMS = 0.005
 POWER = 0.95
 """Share of checks in which a change of the size `detectable` is found."""
 
+NEEDED_PERCENT = 0.2
+"""RMS ripple that no change may add unseen: a fifth of what a calibrated bench is to reach."""
+
 MISFIT_LIMIT = 2.0
 """Mean square that may be left at the model's own orders, over what is expected."""
 

@@ -76,6 +76,10 @@ class CalibrationStore:
         """Return the id of the calibration in force, "" if there is none."""
         return self.current.id if self.current is not None else ""
 
+    def file(self) -> Path | None:
+        """Return the file of the calibration in force, None while there is none."""
+        return self.path if self.current is not None and self.path.stem == self.current.id else None
+
     def accepted_findings(self) -> list[str]:
         """Return the names of the serious findings of the calibration in force."""
         return self.current.serious_names if self.current is not None else []

@@ -79,7 +79,8 @@ class EstimatorLink:
             return
         self._pipes = PipedChild(self._process, PrecisionReport)
         about = {"estimator": plan.estimator, "targets": plan.targets}
-        self._pipes.send({"do": "start", "run": self._run, **about})
+        options = dict(plan.estimator_options)
+        self._pipes.send({"do": "start", "run": self._run, **about, "options": options})
 
     def _note_end(self) -> None:
         known = self.precision or Precision(0)

@@ -36,7 +36,7 @@ LOOK_S = 0.25
 
 
 class Estimator(Protocol):
-    """What `Plan.estimator` names, made of the bench and the targets."""
+    """What `Plan.estimator` names, made of the bench, the targets and the plan's options."""
 
     def take(self, ticks: np.ndarray) -> None:
         """Take a block of ticks, TICK_DTYPE (n,)."""
@@ -66,7 +66,7 @@ class Estimation:
             if command["do"] == "start":
                 self._run = command["run"]
                 made = resolve_name(command["estimator"])
-                self._estimator = made(self._config, command["targets"])
+                self._estimator = made(self._config, command["targets"], **command["options"])
             elif self._estimator is not None:
                 self._point(self._estimator, command["content"])
         except Exception as error:

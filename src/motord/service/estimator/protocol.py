@@ -1,8 +1,8 @@
 """What passes between the supervisor and the estimator process, each a JSON object on a line.
 
-From the supervisor comes first `{"do": "start", "run", "estimator", "targets"}`, then for each
-capture `{"do": "point", "content"}` with what the topic `/operating_point` says of it; it is
-answered by a `PrecisionReport`.
+From the supervisor comes first `{"do": "start", "run", "estimator", "targets", "options"}`, then
+for each capture `{"do": "point", "content"}` with what the topic `/operating_point` says of it; it
+is answered by a `PrecisionReport`.
 """
 
 import math
@@ -15,7 +15,7 @@ from motord.sequencing.precision import Precision
 
 QUANTITIES_MAX = 64
 NAME_MAX = 100
-OBSTACLE_MAX = 1000
+TEXT_MAX = 1000
 
 Name = Annotated[str, Field(max_length=NAME_MAX)]
 HalfWidth = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -30,7 +30,8 @@ class PrecisionReport(Message):
     run: Text
     captures: Count
     half_widths: Annotated[dict[Name, HalfWidth], Field(max_length=QUANTITIES_MAX)]
-    obstacle: Annotated[str, Field(max_length=OBSTACLE_MAX)]
+    obstacle: Annotated[str, Field(max_length=TEXT_MAX)]
+    remark: Annotated[str, Field(max_length=TEXT_MAX)] = ""
 
     @classmethod
     def of(cls, run: str, precision: Precision) -> "PrecisionReport":
@@ -42,10 +43,11 @@ class PrecisionReport(Message):
             run=run,
             captures=precision.captures,
             half_widths=known,
-            obstacle=precision.obstacle[:OBSTACLE_MAX],
+            obstacle=precision.obstacle[:TEXT_MAX],
+            remark=precision.remark[:TEXT_MAX],
         )
 
     @property
     def precision(self) -> Precision:
         """What is reported."""
-        return Precision(self.captures, self.half_widths, self.obstacle)
+        return Precision(self.captures, self.half_widths, self.obstacle, self.remark)

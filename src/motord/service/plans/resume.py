@@ -129,6 +129,7 @@ class Resumption:
         self._unix_ns = unix_ns
         self._journal_error = ""
         self._under_way = False
+        self._resumable = True
         self._parts = bench_parts(config)  # a large back-EMF table takes a while
 
     @property
@@ -137,9 +138,18 @@ class Resumption:
         log = self._journal.log
         return log is not None and not log.state
 
-    def plan_started(self, plan: Plan, view: PlanView, notes: str) -> str:
-        """A plan begins, or goes on where it was interrupted; returns where it is recorded."""
+    def plan_started(
+        self, plan: Plan, view: PlanView, notes: str, *, resumable: bool = True
+    ) -> str:
+        """A plan begins, or goes on where it was interrupted; returns where it is recorded.
+
+        One that is not resumable leaves nothing in the journal, neither of itself nor of another.
+        """
         path = self._recording.plan_started(plan, view, notes)
+        self._resumable = resumable
+        if not resumable:
+            self._journal.forget()
+            return path
         if view.continues:
             self._journal.resumed(path, view.started_by, self._unix_ns())
         else:
@@ -159,10 +169,15 @@ class Resumption:
         self._under_way = True
         return path
 
+    def plan_checked(self, view: PlanView, found: str) -> None:
+        """What the check before a plan has found, which now begins."""
+        self._events.emit("plan", f"{view.plan} begins, the calibration was checked: {found}")
+
     def plan_point(self, point: dict[str, Any]) -> None:
         """An operating point was captured."""
         self._recording.plan_point(point)
-        self._journal.point(point)
+        if self._resumable:
+            self._journal.point(point)
 
     def plan_progress(self, view: PlanView) -> None:
         """Progress, at every look while a plan is under way."""
@@ -177,6 +192,8 @@ class Resumption:
     def plan_over(self, view: PlanView) -> None:
         """The plan has ended."""
         self._recording.plan_over(view)
+        if not self._resumable:
+            return
         log = self._journal.log
         state, message = str(view.state), view.message
         self._under_way = False

@@ -6,19 +6,45 @@ is in command.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 from uuid import uuid4
 
 from motord.api.plan_messages import MeshView, PlanView
 from motord.schema import Compensate, Request
 from motord.sequencing import Demand, Executor, Observation, Plan
+from motord.sequencing.executor import PlanState
 from motord.sequencing.motions import Capture
 from motord.service.estimator.link import EstimatorLink
 from motord.service.plans import mesh
 from motord.service.plans.resume import RemainingPlan, Resumption
 from motord.service.plans.torque_error import MeasuredError
 from motord.service.setpoint import RAD_PER_TURN, Setpoint
+
+BEFORE = "check of the calibration before it: "
+
+
+@dataclass(frozen=True)
+class WaitingPlan:
+    """A plan that begins when the check of the calibration before it is done."""
+
+    plan: Plan
+    view: PlanView
+    notes: str
+    mesh: MeshView
+
+    def shown(self, check: dict[str, Any]) -> dict[str, Any]:
+        """Return the progress of the check as that of the plan."""
+        words = {name: f"{BEFORE}{check[name]}" for name in ("step", "message") if check[name]}
+        over = check["state"] in ("aborted", "failed")
+        left_s = 0.0 if over else check["eta_s"] + self.plan.seconds
+        return {
+            **check,
+            **{name: getattr(self.view, name) for name in ("plan", "points", "points_done")},
+            **words,
+            "fraction": 0.0,
+            "eta_s": round(left_s, 1),
+        }
 
 
 class PlanRunner:
@@ -38,6 +64,7 @@ class PlanRunner:
         self._points_passed_on = 0
         self._compensate_before = Compensate(0)
         self._points_before = 0
+        self._waiting: WaitingPlan | None = None
         self._under_way: int | None = None
         self.estimator: EstimatorLink | None = None
         self.view: PlanView | None = None
@@ -63,15 +90,16 @@ class PlanRunner:
         *,
         detached: bool,
         before: RemainingPlan | None = None,
+        check: Plan | None = None,
     ) -> PlanView:
         """Begin a plan with the next look. None may be under way.
 
-        `before` says what there was of it, if `plan` is only its rest.
+        `before` says what there was of it, if `plan` is only its rest; `check` is run first, and
+        the plan fails if that fails.
         """
-        self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
         self._points_before = before.taken if before is not None else 0
-        self.view = PlanView(
-            **self._counted(self._executor.progress()),
+        view = PlanView(
+            **self._counted(Executor(plan).progress()),
             detached=detached,
             started_by=started_by,
             settings=plan.settings,
@@ -79,18 +107,26 @@ class PlanRunner:
             continues=before.log.recordings[-1] if before is not None else "",
             targets=dict(plan.targets),
         )
-        self.mesh = (
-            before.mesh
-            if before is not None
-            else mesh.planned(plan.name, self.view.run_id, plan.points)
+        points = (
+            before.mesh if before is not None else mesh.planned(plan.name, view.run_id, plan.points)
         )
         self.active = True
+        self._compensate_before = self._setpoint.compensate
+        self._waiting = WaitingPlan(plan, view, notes, points) if check is not None else None
+        if check is None:
+            return self._begin(plan, view, notes, points)
+        return self._begin(check, view, notes, mesh.planned(check.name, view.run_id, check.points))
+
+    def _begin(self, plan: Plan, view: PlanView, notes: str, points: MeshView) -> PlanView:
+        """Begin a plan, or the check before it; `view` is that of the plan."""
+        self._executor, self._demand, self._points_passed_on = Executor(plan), Demand(), 0
+        self.mesh = points
         if self.estimator is not None:
             self.estimator.begin(plan)
-        self._compensate_before = self._setpoint.compensate
         self._setpoint.rest()
-        recording = self._journal.plan_started(plan, self.view, notes)
-        self.view = self.view.model_copy(update={"recording": recording})
+        resumable = self._waiting is None
+        recording = self._journal.plan_started(plan, view, notes, resumable=resumable)
+        self.view = view.model_copy(update={"recording": recording})
         return self.view
 
     def look(self, seen: Observation) -> None:
@@ -102,6 +138,11 @@ class PlanRunner:
             seen = replace(seen, precision=self.estimator.precision)
         self._apply(executor.advance(seen))
         self._pass_on_points(executor)
+        if (waiting := self._waiting) is not None and executor.state is PlanState.DONE:
+            self._waiting = None
+            self._journal.plan_checked(waiting.view, executor.message)
+            self._begin(waiting.plan, waiting.view, waiting.notes, waiting.mesh)
+            return
         self._show(executor.progress())
         if executor.finished:
             self._finish()
@@ -161,6 +202,8 @@ class PlanRunner:
     def _show(self, progress: dict[str, Any]) -> None:
         if self.view is not None:
             now = {**self._counted(progress), **self._precision()}
+            if self._waiting is not None:
+                now = self._waiting.shown(progress)
             self.view = PlanView.model_validate({**self.view.model_dump(), **now})
             self._journal.plan_progress(self.view)
 

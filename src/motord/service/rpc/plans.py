@@ -3,10 +3,12 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from motord.api import requests as rpc
 from motord.api.errors import RpcError
 from motord.api.replies import PlanName, PlanOutline, PlanProgress
+from motord.experiments.check_calibration.plan import check_before, is_checked_before
 from motord.experiments.plans import build as build_plan
 from motord.sequencing import Plan, PlanError
 from motord.service.bench.bench import Bench
@@ -23,22 +25,34 @@ from motord.service.rpc.preconditions import (
 
 @dataclass(frozen=True)
 class PreparedPlan:
-    """A plan, or what remains of one, and how often the bench had been stopped when asked for."""
+    """A plan, or what remains of one, and how often the bench had been stopped when asked for.
+
+    check: the check of the calibration that comes before it, if there is to be one.
+    """
 
     plan: Plan
     stops: int
     remaining: RemainingPlan | None = None
+    check: Plan | None = None
 
 
 class PlanControl:
-    """Starts, pauses, aborts and resumes plans; `unrecordable` says why one cannot be recorded."""
+    """Starts, pauses, aborts and resumes plans; `unrecordable` says why one cannot be recorded.
+
+    calibration: returns the file of the calibration in force, None while there is none.
+    """
 
     def __init__(
-        self, bench: Bench, resumption: Resumption, unrecordable: Callable[[], str] = str
+        self,
+        bench: Bench,
+        resumption: Resumption,
+        unrecordable: Callable[[], str] = str,
+        calibration: Callable[[], Path | None] = lambda: None,
     ) -> None:
         self._bench = bench
         self._resumption = resumption
         self._unrecordable = unrecordable
+        self._calibration = calibration
 
     @handles(rpc.PLAN_START)
     def start(self, request: rpc.PlanStart, context: RpcContext) -> PlanOutline:
@@ -46,7 +60,9 @@ class PlanControl:
         bench, prepared = self._bench, context.prepared
         plan = prepared.plan
         plan_devices(bench, plan)
-        outline = _outline(plan)
+        if prepared.check is not None:
+            plan_devices(bench, prepared.check)
+        outline = _outline(plan, prepared.check)
         if request.dry_run:
             return outline
         holder = bench.lease.require(request.token, context.now_ns).holder
@@ -55,10 +71,13 @@ class PlanControl:
         if self._resumption.interrupted:
             raise RpcError("refused", f"not started: {self._resumption.summary()}")
         detached = ", detached" if request.detach else ""
-        message = f"{plan.name} started by {holder}{detached}"
+        checked = ", after a check of the calibration" if prepared.check is not None else ""
+        message = f"{plan.name} started by {holder}{detached}{checked}"
         bench.events.emit("plan", message, settings=plan.settings)
         bench.manual.rest()
-        view = bench.plans.start(plan, holder, request.notes, detached=request.detach)
+        view = bench.plans.start(
+            plan, holder, request.notes, detached=request.detach, check=prepared.check
+        )
         return outline.model_copy(update={"recording": view.recording, "run_id": view.run_id})
 
     def _not_stopped_since(self, prepared: PreparedPlan) -> None:
@@ -75,9 +94,28 @@ class PlanControl:
         request = rpc.parse(rpc.PLAN_START, payload)
         try:
             plan = build_plan(request.name, self._bench.config, request.settings)
-            return request, PreparedPlan(plan, stops)
+            check = self._check_before(plan) if request.check else None
+            return request, PreparedPlan(plan, stops, check=check)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
+
+    def _check_before(self, plan: Plan) -> Plan | None:
+        """Return the check that the bench file asks for before a plan. Raises PlanError, RpcError.
+
+        None if there is no calibration: a plan that needs one is refused for that.
+        """
+        bench = self._bench
+        asked = bench.config.calibration.check_before_plans and is_checked_before(plan)
+        if not asked or not bench.calibrated:
+            return None
+        file = self._calibration()
+        if file is None:
+            raise RpcError(
+                "refused",
+                "not started: the calibration in force is not on the disk, so it cannot be checked "
+                "before; install it again, or start without the check",
+            )
+        return check_before(bench.config, file)
 
     def _check_startable(self) -> None:
         bench = self._bench
@@ -167,14 +205,16 @@ class PlanControl:
 _POINT_FIELDS = ("index", "torque_Nm", "speed_Hz", "turns", "aim")
 
 
-def _outline(plan: Plan) -> PlanOutline:
+def _outline(plan: Plan, check: Plan | None) -> PlanOutline:
     """Return what a plan will do: points, estimated time, settings. Raises RpcError."""
+    check_s = check.seconds if check is not None else 0.0
+    checked = f"the calibration is checked first, about {check_s:.0f} s" if check else ""
     if not math.isfinite(plan.seconds):
         raise RpcError("invalid", f"{plan.name}: would not end with these settings")
     return PlanOutline(
         plan=plan.name,
         points=[{name: getattr(point, name) for name in _POINT_FIELDS} for point in plan.points],
-        estimate_s=round(plan.seconds, 1),
+        estimate_s=round(check_s + plan.seconds, 1),
         settings=plan.settings,
-        outlook=plan.outlook,
+        outlook="; ".join(filter(None, (checked, plan.outlook))),
     )

@@ -65,6 +65,20 @@ def test_all_of_it_fits_into_80_by_24():
     )
 
 
+def test_a_plan_with_targets_shows_how_precise_it_is_by_now():
+    targets = {"alpha_percent": 0.1, "beta_A": 0.02, "cogging_percent": 1.0, "ripple_percent": 0.2}
+    known = {"alpha_percent": 0.1234, "beta_A": 0.02, "cogging_percent": 1.01}
+    plan = {**PLAN, "targets": targets, "precision": known}
+    lines = shown(snapshot(state(plan=plan)))
+    has(lines, "43 %  at most 3.2 min left", "precision    alpha_percent 0.123 of 0.1, beta_A")
+    stated = " ".join(line[13:].strip() for line in lines if " of " in line)
+    assert "beta_A 0.02 of 0.02 (reached), cogging_percent 1.01 of 1, ripple_percent ?" in stated
+    has(lines, "missed: the loop skipped 3 ticks")
+    obstacle = "the model does not fit: " + "x" * 900
+    many = shown(snapshot(state(plan={**plan, "obstacle": obstacle})))
+    has(many, "does not end early: the model does not fit", "recording    /runs")
+
+
 def test_a_trip_is_shown_with_value_limit_and_what_to_do_and_nothing_else_is_lost():
     lines = shown(snapshot(state(plan=PLAN, **TRIP)))
     has(lines, "✕ TRIPPED", "speed, rad/s: 25.7, limit 25", "black box    /runs/blackbox.mcap")

@@ -252,6 +252,22 @@ class TestNoZeroSequence:
             self.calibrate(self.bench(2.2))
 
 
+@pytest.mark.parametrize("orders", [{48: (0.15, 0.4)}, {48: (0.15, 0.4), 7: (0.05, 1.0)}])
+def test_a_point_of_a_single_turn_is_left_out_with_a_note(
+    orders: dict[int, tuple[float, float]],
+) -> None:
+    bench = Bench(truth=Truth(cogging=orders), rate_Hz=2500)
+    mesh = bench.mesh(turns=10)
+    without = calibrate(mesh, bench.motor, bench.sensor)
+    found = calibrate([bench.point(2.0, 0.8, 2.1, 5), *mesh], bench.motor, bench.sensor)
+    assert (7 in {line.order for line in found.harmonics}) == (7 in orders)
+    assert np.array_equal(found.alpha, without.alpha)
+    assert np.array_equal(found.beta_A, without.beta_A)
+    note = "left out, as they have fewer than 2 whole turns: 2 Nm, 0.8 Hz (set turns to 3 or more)"
+    assert note in found.observable
+    assert note not in without.observable
+
+
 class TestRefusals:
     bench = Bench(
         rate_Hz=500, fine_Hz=2000, sensor=TorqueSensorConfig(highpass_time_constant_s=2.0)
@@ -272,7 +288,7 @@ class TestRefusals:
         self.refused(mesh, r"about the same torque \(3 to 3 Nm\).*add a torque")
 
     def test_too_few_turns(self) -> None:
-        self.refused(self.bench.mesh(turns=2.1), "1 whole turn; at least 2|too few for standard")
+        self.refused(self.bench.mesh(turns=2.1), "no good operating point of 2 whole turns.*to 3")
         self.refused(self.bench.mesh(speeds_Hz=(0.6,), turns=4), "whole turns in all: too few")
 
     def test_dead_phase(self) -> None:

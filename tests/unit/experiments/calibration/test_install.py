@@ -99,3 +99,9 @@ def test_a_client_that_accepts_nothing_sends_what_older_daemons_know() -> None:
         {"token": "token", "path": "/c.json"},
         {"token": "token", "path": "/c.json", "accept": ["kirchhoff"]},
     ]
+    sent.clear()
+    commander.start_plan("verify")
+    commander.start_plan("verify", check=False)
+    first, second = sent
+    assert "check" not in first
+    assert second == {**first, "check": False}

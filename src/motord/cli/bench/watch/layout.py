@@ -42,7 +42,7 @@ def _body(seen: Snapshot, width: int, room: int, glyphs: Glyphs) -> list[Text]:
     """Return what is between state and message, as much of it as there is room for."""
     state = seen.state
     assert state is not None
-    below = panels.plan(state, glyphs) + panels.loop(state)
+    below = panels.plan(state, glyphs) + panels.precision(state, width) + panels.loop(state)
     below += panels.devices(state) + panels.kept(state, width, glyphs)
     spare = room - len(below) - EVENTS_MIN - 1
     rows = min(max(spare // len(SIGNALS), 1), SIGNAL_ROWS_MAX)

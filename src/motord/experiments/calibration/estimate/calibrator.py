@@ -10,7 +10,7 @@ from motord.calibration import Calibration
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
-from motord.experiments.calibration.estimate.checks import check_fit, check_points
+from motord.experiments.calibration.estimate.checks import MIN_TURNS, check_fit, check_points
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
 from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
 from motord.experiments.calibration.estimate.joint_result import (
@@ -98,6 +98,7 @@ class Calibrator:
         self._basis = Basis.of(motor, self._orders)
         self._points: list[TurnProducts] = []
         self._bare: list[Samples] = []  # samples without the zero sequence of their currents
+        self._short: list[str] = []  # points of too few whole turns
         self._residual = ResidualEstimator(motor, self._orders)
         self._ripples: list[PointRipple] = []
 
@@ -125,8 +126,11 @@ class Calibrator:
         return calibrator
 
     def add(self, point: PointData) -> None:
-        """Take an operating point. Raises IdentifyError."""
+        """Take an operating point, or leave it out if it is too short. Raises IdentifyError."""
         samples = self._samples(point)
+        if len(samples.turns) < MIN_TURNS:
+            self._short.append(samples.label)
+            return
         self._points.append(accumulate(samples, self._basis, self._sensor))
         if self._motor.connection == "star" and is_missing(samples):
             self._bare.append(samples)
@@ -203,8 +207,10 @@ class Calibrator:
             added = [trial.order for trial in found.added]
             basis = Basis.of(self._motor, (*known, *added))
             phase, points = f"{READING} again for {in_a_row(added)}", []
-            for point in self._again():
-                points.append(accumulate(self._samples(point), basis, self._sensor))
+            for samples in map(self._samples, self._again()):
+                if len(samples.turns) < MIN_TURNS:
+                    continue
+                points.append(accumulate(samples, basis, self._sensor))
                 self._progress(phase, len(points) / len(self._points))
             more, bigger = self._fitted(points, basis, len(basis.orders))
             weak = unconfirmed(found, cogging_harmonics(more, bigger), least_Nm)
@@ -214,8 +220,13 @@ class Calibrator:
         return fitted, regression, found
 
     def _left_out(self, orders: tuple[int, ...]) -> list[str]:
-        """Return which currents, cogging orders and directions were not in the data."""
+        """Return which points, currents, orders and directions are not in the data used."""
         notes = []
+        if self._short:
+            notes.append(
+                f"left out, as they have fewer than {MIN_TURNS} whole turns: "
+                f"{', '.join(self._short)} (set turns to 3 or more)"
+            )
         if self._bare:
             notes.append(
                 "zero sequence (common part) of the currents: not recorded (currents along d and "

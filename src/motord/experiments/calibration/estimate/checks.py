@@ -11,7 +11,7 @@ from motord.identification import IdentifyError
 from motord.intervals import coverage_factor
 
 MIN_TURNS = 2
-"""Whole turns that each operating point needs."""
+"""Whole turns that each operating point needs; one of fewer is left out."""
 
 MIN_ALL_TURNS = 8
 """Whole turns over all operating points that a standard error needs."""
@@ -36,13 +36,10 @@ COMMON_GAIN_RANGE = (0.5, 2.0)
 def check_points(points: Sequence[TurnProducts]) -> None:
     """Raise IdentifyError if the points cannot separate alpha, beta and cogging."""
     if not points:
-        raise IdentifyError("there is no good operating point in the recording")
-    for point in points:
-        if point.samples.size < MIN_TURNS:
-            raise IdentifyError(
-                f"{point.label}: {point.samples.size} whole turn; at least {MIN_TURNS} are needed: "
-                "set turns to 3 or more"
-            )
+        raise IdentifyError(
+            f"there is no good operating point of {MIN_TURNS} whole turns in the recording; "
+            "set turns to 3 or more"
+        )
     turns = sum(point.samples.size for point in points)
     if turns < MIN_ALL_TURNS:
         raise IdentifyError(
