@@ -1,7 +1,7 @@
 """What the loop feels of a plan's estimator at 5 kHz, and how much of a processor that takes.
 
-The daemon runs the simulated bench and calibrates it to targets, again and again: in every second run
-the estimator process is killed as the plan begins, and the plan goes on without. Slices are
+The daemon runs the simulated bench and calibrates it to targets, again and again: in every second
+run the estimator process is killed as the plan begins, and the plan goes on without. Slices are
 taken as in `bench_isolation`, while the plan captures.
 """
 

@@ -1,14 +1,15 @@
-"""Operating points one after the other without a wait: the brake's excitation stays as it is.
+"""Operating points one after the other without a wait, at constant excitation of the brake.
 
 At constant excitation the torque of an eddy-current brake grows with the speed, so speed follows
 torque within the rotor's time constant: each torque has a speed of its own, and torque of the other
 sign turns the rotor the other way. That holds well below the brake's critical speed, where its
 torque is largest, and once the excitation is there: the brake, which is slow, is waited for once,
-before the first torque.
+before the first torque. Where the rotor turns so slowly that the time gets short, the excitation
+is lowered between points.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from motord.config import BrakeConfig, Config
@@ -115,7 +116,7 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
     began, before = (yield None), points[0].index
     yield from enable(settings.compensate, brake=settings.excitation)
     yield from _brake_up(settings, began)
-    planned_s, takes_s, why = 0.0, 0.0, ""
+    planned_s, takes_s, why, pace = 0.0, 0.0, "", settings
     passed_s = max(START_S, settings.lead_s) + sum(settings.durations_s[:before])
     for number, point in enumerate(points, start=before):
         own_s = settings.duration_s(point)
@@ -125,15 +126,43 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
             taken = f"{number} of {before + len(points)} points taken"
             why = f"time limit of {settings.limit_s:g} s: {taken}"
             break
-        visit = yield from _unless_reached(point, settings)
+        visit = yield from _unless_reached(point, pace)
         if visit.reached is not None:
             why = f"targets reached: {visit.reached.in_words(settings.targets)}"
             break
         planned_s += visit.takes * own_s
         takes_s += visit.takes_s
         passed_s += visit.takes_s + visit.cut_short_s
+        rest = points[number - before + 1 : settings.least_points - before]
+        pace = _paced(settings, pace, point, visit, rest, settings.limit_s - passed_s)
     yield from ramp_down()
     return why
+
+
+def _paced(
+    settings: Continuous,
+    pace: Continuous,
+    point: OperatingPoint,
+    visit: "_Visit",
+    rest: Sequence[OperatingPoint],
+    left_s: float,
+) -> Continuous:
+    """Return the settings for what is left of the least points, with less of the brake if need be.
+
+    The time of a turn goes with the square of the excitation, which is lowered no further than to
+    the speed that was reckoned with. pace: the settings that the point was taken with.
+    """
+    if not (rest and visit.takes):
+        return pace
+    turning_s = {one.index: point_s(one) - SETTLE_S for one in (point, *rest)}
+    at_rest_s = {n: settings.durations_s[n] - turning_s[n] for n in turning_s}
+    took_s = visit.takes_s / visit.takes - at_rest_s[point.index]
+    slower = took_s / turning_s[point.index] * (settings.excitation / pace.excitation) ** 2
+    left_s -= abs(rest[-1].torque_Nm) / settings.rate_Nm_per_s + END_S
+    left_s -= sum(at_rest_s[one.index] for one in rest)
+    needed = left_s / (slower * sum(turning_s[one.index] for one in rest))
+    share = min(max(needed, 1 / slower), 1.0)
+    return replace(settings, excitation=settings.excitation * math.sqrt(share))
 
 
 @restartable

@@ -11,7 +11,12 @@ import pytest
 from motord.schema import State
 from motord.sequencing import Demand, Executor, OperatingPoint, Plan, PlanState, TickWatcher
 from motord.sequencing.brake_servo import excitation_for
-from motord.sequencing.continuous import SETTLE_S, Continuous, continuous_points
+from motord.sequencing.continuous import (
+    SETTLE_S,
+    Continuous,
+    continuous_points,
+    point_s,
+)
 from motord.sequencing.precision import Precision
 from tests.unit.control.bench import make_config
 from tests.unit.sequencing.fakes import LOOK_TICKS, PERIOD_NS, FakeBench
@@ -188,6 +193,22 @@ def test_the_first_points_are_taken_whatever_the_time(least: int) -> None:
     ride = Ride(replace(SETTINGS, least_points=least, limit_s=0.5)).finish()
     assert ride.taken == list(range(least))
     assert ride.executor.message.startswith("time limit of 0.5 s")
+
+
+@pytest.mark.parametrize(("limit_s", "lasts_s"), [(inf, 16.1), (15.5, 15.5), (10.0, 14.5)])
+def test_a_brake_that_is_too_strong_is_lowered_where_the_time_is_short(
+    limit_s: float, lasts_s: float
+) -> None:
+    own_s = tuple(point_s(point) + 0.3 for point in POINTS[:4])
+    settings = replace(SETTINGS, least_points=4, limit_s=limit_s, durations_s=own_s)
+    ride = Ride(settings, POINTS[:4])
+    ride.bench.brake_factor = 1.3
+    ride.finish()
+    excitations = {demand.brake for demand in ride.demands if demand.enabled}
+    assert (len(excitations) == 1) is (limit_s == inf)
+    assert min(excitations) >= SETTINGS.excitation / 1.3**0.5
+    assert ride.taken == [0, 1, 2, 3]
+    assert lasts_s - 0.2 <= ride.seconds <= lasts_s
 
 
 def test_a_pause_in_mid_capture_takes_the_point_again() -> None:
