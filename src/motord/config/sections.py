@@ -20,6 +20,7 @@ from motord.config.timing import (
     SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
 )
+from motord.config.tracking import TrackingConfig
 from motord.config.zenoh import ZenohConfig
 
 
@@ -167,6 +168,7 @@ class Sections(Section):
     motor: MotorConfig
     limits: LimitsConfig = LimitsConfig()
     recording: RecordingConfig = RecordingConfig()
+    tracking: TrackingConfig = TrackingConfig()
     zenoh: ZenohConfig = ZenohConfig()
     plans: Plans
 
