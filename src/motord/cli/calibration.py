@@ -9,12 +9,14 @@ import typer
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
+from motord.cli.tracking import adopt
 
 if TYPE_CHECKING:
     from motord.calibration import Calibration
     from motord.client import Client
 
-app = group("Show calibration files, list those kept, install one.")
+app = group("Show calibration files, list those kept, install one or adopt what is tracked.")
+app.command()(adopt)
 
 
 @app.command()

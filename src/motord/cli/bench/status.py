@@ -11,6 +11,7 @@ from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import nobody_reads, plain_console, print_line
+from motord.cli.tracking import short
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -102,6 +103,8 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     if (plan := state.plan) is not None:
         rows.append(("plan", f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}"))
     rows.append(("calibration", wording.calibration(state)))
+    if state.tracking is not None:
+        rows.append(("tracked", short(state.tracking)))
     rows.append(("recording", wording.recording(state)))
     rows += [("fault", said) for said in state.faults.values()]
     rows.append(("loop", wording.loop(state)))

@@ -13,6 +13,7 @@ from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
 from motord.cli.bench.watch.snapshot import Snapshot
 from motord.cli.bench.watch.sparkline import axis_limits, columns_per_character, sparkline
+from motord.cli.tracking import short
 
 LABEL_WIDTH = 13
 VALUE_WIDTH = 16
@@ -226,6 +227,14 @@ def kept(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
         row("calibration", f"{wording.calibration(state)}; compensation {applied}"),
         row("recording", end_of(wording.recording(state), width - LABEL_WIDTH, glyphs)),
     ]
+
+
+def tracked(state: BenchState) -> list[Text]:
+    """Return whether the calibration in force holds; nothing if it is not tracked."""
+    if state.tracking is None:
+        return []
+    style = "bold" if state.tracking.departed else "none"
+    return [row("tracked", (short(state.tracking), style))]
 
 
 def end_of(path: str, room: int, glyphs: Glyphs) -> str:

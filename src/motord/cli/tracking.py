@@ -1,0 +1,102 @@
+"""`motord calibration adopt`, and what is tracked of the calibration in force as text."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
+from motord.cli.console import fail, print_result, remark
+
+if TYPE_CHECKING:
+    from motord.api.tracking_messages import TrackedView, TrackingView
+    from motord.client import Client
+
+OFF = (
+    "tracking is off: set enabled = true in [tracking] of the bench file and start the daemon again"
+)
+NOT_IN_FORCE = "no calibration is in force, so none is tracked"
+
+
+def adopt(
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write the calibration, JSON, too."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what is tracked against it; change nothing.")
+    ] = False,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Adopt it in spite of this serious finding, or of nothing-departed.",
+        ),
+    ] = None,
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Put the calibration in force as it is tracked, now and after a restart.
+
+    That takes [tracking] enabled = true in the bench file. Refused while no tracked quantity has
+    left its interval, unless that is accepted: --accept nothing-departed.
+    """
+    from motord.calibration import load
+    from motord.cli.bench.lease_session import in_command
+
+    with connection.open() as client:
+        view = tracked(client)
+        if dry_run:
+            print_result(view.model_dump(mode="json"), "\n".join(lines(view)), as_json)
+            return
+        if not as_json:
+            remark("\n".join(lines(view)))
+        with in_command(client, force=force) as session:
+            answer = session.commander.adopt_calibration(accept=accept or ())
+    if output is not None:
+        load(Path(answer.path)).save(output)
+    print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
+
+
+def tracked(client: "Client") -> "TrackingView":
+    """Return what the daemon tracks; fail with what to do if it tracks nothing."""
+    state = client.state()
+    if state.tracking is None:
+        fail(OFF if state.calibration is not None else NOT_IN_FORCE)
+    return state.tracking
+
+
+def lines(view: "TrackingView") -> list[str]:
+    """Return what is tracked as text: a line for each quantity, against the calibration."""
+    head = (
+        f"tracked      {view.turns} turns, memory {view.memory_s:g} s, against {view.calibration}"
+    )
+    found = [head, *map(_line, view.quantities)]
+    found += [f"- not seen: {meaning}" for meaning in view.unseen]
+    return found + [f"- {view.obstacle}"] * bool(view.obstacle)
+
+
+def _line(one: "TrackedView") -> str:
+    return f"{'!' if one.departed else ' '} {one.name:<20} {figures(one)}"
+
+
+def figures(one: "TrackedView") -> str:
+    """Return a quantity as tracked and in force, with 95 % intervals."""
+    from motord.intervals import plus_minus
+
+    now = plus_minus(one.value, one.half_width)
+    before = plus_minus(one.in_force, one.in_force_half_width)
+    return f"{now}, in force {before}" + (f" {one.unit}" if one.unit else "")
+
+
+def short(view: "TrackingView | None") -> str:
+    """Return in a line whether the calibration in force holds; "" if it is not tracked."""
+    if view is None:
+        return ""
+    if departed := view.departed:
+        return "departed: " + "; ".join(f"{one.name} {figures(one)}" for one in departed)
+    if not view.quantities:
+        return view.obstacle or "nothing known yet"
+    return f"{len(view.quantities)} quantities hold over {view.turns} turns"
