@@ -6,6 +6,8 @@ from motord.service.host.events import EventLog
 
 EVENT_NS = 10_000_000_000
 """Time between two events."""
+SHOWN_MAX = 8
+"""Quantities whose figures stand in an event."""
 REMEDY = (
     "`motord plan start check-calibration` tests it, `motord calibration adopt` puts the tracked "
     "values in force"
@@ -22,7 +24,7 @@ class Departures:
 
     def forget(self) -> None:
         """Begin anew: another calibration is in force, or none."""
-        self._announced = set()
+        self._announced, self._event_ns = set(), None
 
     def step(self, seen: TrackingView, now_ns: int) -> None:
         """Emit what is new in what is tracked now; too soon after another event it waits."""
@@ -35,7 +37,9 @@ class Departures:
         self._event_ns = now_ns
         if new:
             self._announced |= {one.name for one in new}
-            text = f"{'; '.join(map(figures, new))}. {REMEDY}"
+            shown = [figures(one) for one in new[:SHOWN_MAX]]
+            shown += [f"{len(new) - SHOWN_MAX} more"] * (len(new) > SHOWN_MAX)
+            text = f"{'; '.join(shown)}. {REMEDY}"
             names = [one.name for one in new]
             self._events.emit("calibration_departed", text, id=seen.calibration, departed=names)
         else:
