@@ -37,7 +37,7 @@ def endpoint():
 class LiveService(VirtualService):
     """Steps in a thread, in real time, between requests that come over Zenoh."""
 
-    def __init__(self, tmp_path, listen, **changes):
+    def __init__(self, tmp_path, listen, tracker=None, **changes):
         super().__init__(**changes)
         self.listen = listen
         store = CalibrationStore(self.config, tmp_path)
@@ -50,14 +50,14 @@ class LiveService(VirtualService):
             loop=SimpleNamespace(realtime=dict, bridge_clock=lambda: None),
             guard=SimpleNamespace(faults={}),
             telemetry=self.telemetry,
-            tracker=None,
+            tracker=tracker,
             started_ns=self.now_ns,
             unix_ns=lambda: self.now_ns,
         )
         self.events.listeners.append(self.publisher.event)
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         kept, self.store = CalibrationFiles(store, read_files), store
-        adoption = Adoption(None, installation, store, RunDir("live", tmp_path))
+        adoption = Adoption(tracker, installation, store, RunDir("bench", tmp_path))
         self.dispatcher = Dispatcher(
             *(self.bench, self.operation, self.available, self.plans),
             *(installation, kept, adoption),
