@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.bench import wording
+from motord.cli.bench.tracking import short
 from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
 from motord.cli.console import nobody_reads, plain_console, print_line
-from motord.cli.tracking import short
 
 if TYPE_CHECKING:
     from rich.table import Table

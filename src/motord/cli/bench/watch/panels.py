@@ -8,12 +8,12 @@ from rich.text import Text
 
 from motord.api.messages import BenchState
 from motord.cli.bench import wording
+from motord.cli.bench.tracking import short
 from motord.cli.bench.watch import keys
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
 from motord.cli.bench.watch.snapshot import Snapshot
 from motord.cli.bench.watch.sparkline import axis_limits, columns_per_character, sparkline
-from motord.cli.tracking import short
 
 LABEL_WIDTH = 13
 VALUE_WIDTH = 16

@@ -1,16 +1,17 @@
-"""`motord calibration adopt`, and what is tracked of the calibration in force as text."""
+"""`motord calibration adopt`: put the calibration in force as it is tracked."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from motord.cli.bench.tracking import lines
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, print_result, remark
 
 if TYPE_CHECKING:
-    from motord.api.tracking_messages import TrackedView, TrackingView
+    from motord.api.tracking_messages import TrackingView
     from motord.client import Client
 
 OFF = (
@@ -66,37 +67,3 @@ def tracked(client: "Client") -> "TrackingView":
     if state.tracking is None:
         fail(OFF if state.calibration is not None else NOT_IN_FORCE)
     return state.tracking
-
-
-def lines(view: "TrackingView") -> list[str]:
-    """Return what is tracked as text: a line for each quantity, against the calibration."""
-    head = (
-        f"tracked      {view.turns} turns, memory {view.memory_s:g} s, against {view.calibration}"
-    )
-    found = [head, *map(_line, view.quantities)]
-    found += [f"- not seen: {meaning}" for meaning in view.unseen]
-    return found + [f"- {view.obstacle}"] * bool(view.obstacle)
-
-
-def _line(one: "TrackedView") -> str:
-    return f"{'!' if one.departed else ' '} {one.name:<20} {figures(one)}"
-
-
-def figures(one: "TrackedView") -> str:
-    """Return a quantity as tracked and in force, with 95 % intervals."""
-    from motord.intervals import plus_minus
-
-    now = plus_minus(one.value, one.half_width)
-    before = plus_minus(one.in_force, one.in_force_half_width)
-    return f"{now}, in force {before}" + (f" {one.unit}" if one.unit else "")
-
-
-def short(view: "TrackingView | None") -> str:
-    """Return in a line whether the calibration in force holds; "" if it is not tracked."""
-    if view is None:
-        return ""
-    if departed := view.departed:
-        return "departed: " + "; ".join(f"{one.name} {figures(one)}" for one in departed)
-    if not view.quantities:
-        return view.obstacle or "nothing known yet"
-    return f"{len(view.quantities)} quantities hold over {view.turns} turns"
