@@ -50,7 +50,7 @@ class _Groups:
     @property
     def apart_Nm(self) -> np.ndarray:
         """What the groups differ by from their mean (groups, orders)."""
-        return self.lines_Nm - self.mean_Nm
+        return np.asarray(self.lines_Nm - self.mean_Nm)
 
     def variance_of_mean(self, apart: np.ndarray) -> np.ndarray:
         """Return the variance (n,) of the mean of values that are `apart` (groups, n) from it."""
@@ -87,7 +87,7 @@ class LineFit:
     def _turn_Nm(self) -> np.ndarray:
         """Noise of the means over the turns (points, orders)."""
         variance = np.array([one.variance_of_mean(one.apart_Nm) for one in self._groups])
-        return self._doubt * smooth_noise(variance)
+        return np.asarray(self._doubt * smooth_noise(variance))
 
     @cached_property
     def _weight(self) -> np.ndarray:
@@ -167,4 +167,3 @@ class LineFit:
             found += self._doubt[point] ** 2 * groups.variance_of_mean(along.real.T)
         variance = np.diag(expected)
         return float((found / np.maximum(variance, 1e-300))[variance > 0].mean())
-
