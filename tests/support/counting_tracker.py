@@ -3,8 +3,8 @@
 import sys
 from dataclasses import replace
 
+from motord.calibration import CalibrationError
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
-from motord.identification import IdentifyError
 
 LIMIT = 1.00005
 """An alpha_a above it has departed."""
@@ -37,7 +37,7 @@ class CountingTracker:
 
     def adopted(self):
         if self.ticks < 10:
-            raise IdentifyError(f"{self.ticks} turns are too few")
+            raise CalibrationError(f"{self.ticks} turns are too few")
         alpha = (1 + 1e-6 * self.ticks, *self.calibration.alpha[1:])
         content = {**dict(self.calibration), "id": "", "alpha": alpha}
         return type(self.calibration)(**content)

@@ -1,17 +1,18 @@
 """What ordinary operation shows of the calibration in force, as published in the state."""
 
 from motord.api.published_message import PublishedMessage
+from motord.intervals import plus_minus
 
 
 class TrackedView(PublishedMessage):
     """A quantity of the calibration in force, as it is tracked."""
 
     name: str
-    """As `alpha_a`."""
+    """As `alpha-a`, `beta-common`, `cogging-48-phase`."""
     meaning: str
     """What it is."""
     unit: str
-    """Of all figures; "" for a ratio."""
+    """Of all figures; `1` for a ratio."""
     value: float
     """As ordinary operation shows it."""
     half_width: float
@@ -22,6 +23,12 @@ class TrackedView(PublishedMessage):
     """Half of the 95 % interval of that."""
     departed: bool
     """They differ by more than both uncertainties explain."""
+
+    def figures(self) -> str:
+        """Return both values with their 95 % intervals, as text."""
+        now = plus_minus(self.value, self.half_width)
+        before = plus_minus(self.in_force, self.in_force_half_width)
+        return f"{now}, in force {before}" + ("" if self.unit in ("", "1") else f" {self.unit}")
 
 
 class TrackingView(PublishedMessage):

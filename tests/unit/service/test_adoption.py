@@ -19,7 +19,7 @@ from tests.unit.service.virtual_service import VirtualService
 
 def tracked(in_force, departed=True, **changes):
     alpha = TrackedView(
-        name="alpha_a", meaning="the gain of phase a", unit="", value=0.82, half_width=0.001,
+        name="alpha_a", meaning="the gain of phase a", unit="1", value=0.82, half_width=0.001,
         in_force=0.8, in_force_half_width=0.002, departed=departed,
     )  # fmt: skip
     about = {"calibration": in_force.id, "turns": 70, "quantities": (alpha,), **changes}
@@ -126,7 +126,7 @@ def test_what_holds_is_not_replaced_unless_that_is_accepted(service):
         (lambda s: setattr(s, "adoption", s.off), "refused", "set enabled = true in [tracking]"),
         (lambda s: setattr(s.tracker, "view", None), "refused", "no calibration is in force"),
         (lambda s: setattr(s.tracker, "obstacle", "3 turns are too few"), "refused",
-         "there is nothing to adopt: 3 turns are too few"),
+         "3 turns are too few"),
         (lambda s: setattr(s.tracker, "late", True), "timeout", "did not answer in 10 s"),
     ],
 )  # fmt: skip

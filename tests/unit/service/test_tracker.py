@@ -433,12 +433,12 @@ def test_each_departure_is_an_event_once_and_once_that_all_are_back(linked):
 
     assert seen() == ([], [])
     [first], _ = seen("a")
-    assert first.startswith("the gain of phase a is 1.0200 +- 0.0040, in force 1.0000 +- 0.0050. ")
+    assert first.startswith("the gain of phase a: 1.0200 +- 0.0040, in force 1.0000 +- 0.0050. ")
     assert "`motord plan start check-calibration`" in first
     assert "`motord calibration adopt`" in first
     assert seen("a") == ([first], [])
     (_, second), _ = seen("a", "c")
-    assert second.startswith("the gain of phase c is")
+    assert second.startswith("the gain of phase c: ")
     assert len(seen("c")[0]) == 2
     assert len(seen("a", "c")[0]) == 2
     events, [back] = seen()

@@ -17,16 +17,7 @@ def lines(view: "TrackingView") -> list[str]:
 
 
 def _line(one: "TrackedView") -> str:
-    return f"{'!' if one.departed else ' '} {one.name:<20} {figures(one)}"
-
-
-def figures(one: "TrackedView") -> str:
-    """Return a quantity as tracked and in force, with 95 % intervals."""
-    from motord.intervals import plus_minus
-
-    now = plus_minus(one.value, one.half_width)
-    before = plus_minus(one.in_force, one.in_force_half_width)
-    return f"{now}, in force {before}" + (f" {one.unit}" if one.unit else "")
+    return f"{'!' if one.departed else ' '} {one.name:<20} {one.figures()}"
 
 
 def short(view: "TrackingView | None") -> str:
@@ -34,7 +25,7 @@ def short(view: "TrackingView | None") -> str:
     if view is None:
         return ""
     if departed := view.departed:
-        return "departed: " + "; ".join(f"{one.name} {figures(one)}" for one in departed)
+        return "departed: " + "; ".join(f"{one.name} {one.figures()}" for one in departed)
     if not view.quantities:
         return view.obstacle or "nothing known yet"
     return f"{len(view.quantities)} quantities hold over {view.turns} turns"

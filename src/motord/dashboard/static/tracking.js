@@ -41,7 +41,7 @@ function content(tracking) {
 function table(quantities) {
   const head = element("tr", {}, ...["quantity", "tracked", "in force"].map((text) => element("th", { scope: "col" }, text)));
   const rows = quantities.map((one) => element("tr", { class: one.departed ? "departed" : null, title: one.meaning },
-    element("td", {}, `${one.departed ? "\u26a0 " : ""}${one.name}${one.unit && `, ${one.unit}`}`),
+    element("td", {}, `${one.departed ? "\u26a0 " : ""}${one.name}${one.unit && one.unit !== "1" ? `, ${one.unit}` : ""}`),
     element("td", {}, plusMinus(one.value, one.half_width)),
     element("td", {}, plusMinus(one.in_force, one.in_force_half_width))));
   return element("table", { class: "figures tracked" }, element("thead", {}, head), element("tbody", {}, ...rows));

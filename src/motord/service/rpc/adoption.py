@@ -89,5 +89,5 @@ class Adoption:
         except TimeoutError:
             raise RpcError("timeout", f"the tracker did not answer in {ADOPT_S:g} s") from None
         if obstacle:
-            raise RpcError("refused", f"there is nothing to adopt: {obstacle}")
+            raise RpcError("refused", obstacle)
         return view.calibration

@@ -1,7 +1,6 @@
 """Events about quantities of the calibration in force that have left their interval."""
 
-from motord.api.tracking_messages import TrackedView, TrackingView
-from motord.intervals import plus_minus
+from motord.api.tracking_messages import TrackingView
 from motord.service.host.events import EventLog
 
 EVENT_NS = 10_000_000_000
@@ -37,7 +36,7 @@ class Departures:
         self._event_ns = now_ns
         if new:
             self._announced |= {one.name for one in new}
-            shown = [figures(one) for one in new[:SHOWN_MAX]]
+            shown = [f"{one.meaning}: {one.figures()}" for one in new[:SHOWN_MAX]]
             shown += [f"{len(new) - SHOWN_MAX} more"] * (len(new) > SHOWN_MAX)
             text = f"{'; '.join(shown)}. {REMEDY}"
             names = [one.name for one in new]
@@ -46,12 +45,3 @@ class Departures:
             self._announced = set()
             text = f"{seen.calibration}: what is tracked is back within its intervals"
             self._events.emit("calibration", text, id=seen.calibration)
-
-
-def figures(one: TrackedView) -> str:
-    """Return a quantity as tracked and in force."""
-    unit = f" {one.unit}" if one.unit else ""
-    return (
-        f"{one.meaning} is {plus_minus(one.value, one.half_width)}{unit}, in force "
-        f"{plus_minus(one.in_force, one.in_force_half_width)}{unit}"
-    )

@@ -21,7 +21,6 @@ import numpy as np
 from motord.calibration import Calibration, CalibrationError, load
 from motord.config import Config
 from motord.experiments.tracking.tracked import TrackedCalibration
-from motord.identification import IdentifyError
 from motord.recorder.pipe_lines import LineReader, LineWriter
 from motord.recorder.ring_source import RingSource
 from motord.recording.json_encoding import to_line
@@ -52,7 +51,7 @@ class Tracker(Protocol):
         """Return what is known by now, None before anything."""
 
     def adopted(self) -> Calibration:
-        """Return the calibration as it is tracked. Raises IdentifyError if too little is known."""
+        """Return the calibration as it is tracked. Raises CalibrationError if that is nothing."""
 
 
 class Tracking:
@@ -116,7 +115,7 @@ class Tracking:
         obstacle = ""
         try:
             tracker.adopted().save(self._run_dir.adopted)
-        except (CalibrationError, IdentifyError) as error:
+        except CalibrationError as error:
             obstacle = str(error)[:OBSTACLE_MAX]
         self._report(adopted=AdoptedReport(number=number, obstacle=obstacle))
 
