@@ -20,7 +20,14 @@ from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
 from motord.service.tracker import process
-from motord.service.tracker.link import ENDED, NOTHING_YET, SILENT_NS, TRACKER, TrackerLink
+from motord.service.tracker.link import (
+    ENDED,
+    NO_TURNS,
+    NOTHING_YET,
+    SILENT_NS,
+    TRACKER,
+    TrackerLink,
+)
 from motord.service.tracker.protocol import TrackerReport
 from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
@@ -79,7 +86,7 @@ class Worked:
         return self.reports()
 
     def start(self, tracker=COUNTING):
-        self.handle(do="start", run="r", tracker=tracker, calibration=str(self.file))
+        self.handle(do="start", tracker=tracker, calibration=str(self.file))
 
     def follow(self, seconds=0.0):
         self.now_ns += round(seconds * 1e9)
@@ -102,7 +109,7 @@ def test_it_tracks_from_now_on_and_reports_every_few_seconds(worked, ring, store
     publish(ring, 20)  # perhaps of the calibration before
     worked.start()
     _, [first] = worked.follow()
-    assert (first.run, first.tracked) == ("r", None)
+    assert first.tracked is None
     publish(ring, 7)
     assert worked.follow(2.9) == (False, [])
     _, [report] = worked.follow(0.2)
@@ -185,16 +192,13 @@ def test_a_calibration_that_is_gone_is_reported(worked):
 class Played(PlayedProcess):
     """A tracker process that the test plays."""
 
-    run = ""
-
     def begun(self):
         """Return the command to start."""
         [start] = self.received()
-        self.run = start.pop("run")
         return start
 
-    def report(self, run=None, **more):
-        self.say(json.dumps({"run": run or self.run, **more}).encode())
+    def report(self, tracked=None, **more):
+        self.say(json.dumps({"tracked": tracked, **more}).encode())
 
     def track(self, calibration_id, *departed, turns=9, **more):
         """Report alpha_a, alpha_b and alpha_c, of which some have departed."""
@@ -274,6 +278,13 @@ def test_a_calibration_is_tracked_once_it_is_on_disk(linked, store):
     assert linked.events.recent() == []
 
 
+def test_a_tracker_that_has_seen_no_turns_says_so(linked):
+    _, played = linked.installed()
+    played.report(tracked=None)
+    linked.step()
+    assert (linked.link.view.turns, linked.link.view.obstacle) == (0, NO_TURNS)
+
+
 def test_another_calibration_has_another_process_and_nothing_of_the_one_before(linked):
     name, first = linked.installed()
     first.track(name, "a")
@@ -281,7 +292,6 @@ def test_another_calibration_has_another_process_and_nothing_of_the_one_before(l
     other, second = linked.installed(alpha=(0.9, 1.05, 1.05))
     assert first.code == -signal.SIGKILL
     assert linked.link.view.turns == 0
-    second.report(first.run, tracked=None, obstacle="of another run")
     second.track(name, "b")  # of another calibration
     linked.step()
     assert (linked.link.view.calibration, linked.link.view.obstacle) == (other, NOTHING_YET)
@@ -355,16 +365,14 @@ def quantity(**changes):
 
 def tracked_line(*quantities, unseen="[]", more=""):
     return (
-        '{"run":"R","tracked":{"calibration":"C","t_ns":1,"turns":5,"memory_s":1.0,"quantities":['
+        '{"tracked":{"calibration":"C","t_ns":1,"turns":5,"memory_s":1.0,"quantities":['
         + ",".join(quantities) + f'],"unseen":{unseen},"obstacle":""{more}}}}}'
     ).encode()  # fmt: skip
 
 
 def test_the_line_that_garbage_is_made_of_is_good(linked):
     name, played = linked.installed()
-    played.say(
-        tracked_line(quantity()).replace(b"R", played.run.encode()).replace(b"C", name.encode())
-    )
+    played.say(tracked_line(quantity()).replace(b"C", name.encode()))
     linked.step()
     assert linked.link.view.turns == 5
 
@@ -386,14 +394,14 @@ def test_the_line_that_garbage_is_made_of_is_good(linked):
         tracked_line(quantity()).replace(b'"turns":5', b'"turns":-1'),
         tracked_line(quantity()).replace(b'"memory_s":1.0', b'"memory_s":NaN'),
         tracked_line(quantity()).replace(b'"obstacle":""', b'"obstacle":"' + b"x" * 1001 + b'"'),
-        b'{"run":"R","adopted":{"number":1,"obstacle":"","path":"/etc/passwd"}}',
+        b'{"tracked":null,"adopted":{"number":1,"obstacle":"","path":"/etc/passwd"}}',
     ],
     ids=range(19),
 )  # fmt: skip
 def test_garbage_is_counted_and_changes_nothing(linked, garbage):
     name, played = linked.installed()
     os.set_blocking(played.reports, False)
-    left = garbage.replace(b"R", played.run.encode()).replace(b"C", name.encode()) + b"\n"
+    left = garbage.replace(b"C", name.encode()) + b"\n"
     while left:
         left = left[os.write(played.reports, left) :]
         linked.step()
@@ -467,7 +475,7 @@ def test_tracking_that_begins_anew_is_no_return(linked):
     linked.step(11.0)
     again = linked.started[-1]
     again.begun()
-    again.report(tracked=None)
+    again.report()
     linked.step(11.0)
     assert linked.messages("calibration") == []
 
@@ -582,11 +590,17 @@ class Running(Linked):
             self.link.step(time.monotonic_ns())
 
 
+@pytest.fixture
+def running(store, run_dir):
+    made = Running(store, run_dir)
+    yield made
+    made.link.stop()
+
+
 @pytest.mark.system
-def test_the_process_tracks_steps_back_and_ends_with_the_calibration(store, run_dir, ring):
-    running = Running(store, run_dir)
+def test_the_process_tracks_steps_back_and_ends_with_the_calibration(running, store, ring):
     file = store.save(calibration())
-    running.until(lambda: running.link.view and running.link._received_ns and running.link._run)
+    running.until(lambda: running.link.view and running.link.view.obstacle == NO_TURNS)
     [tracker] = running.started
 
     def seen():
@@ -599,7 +613,7 @@ def test_the_process_tracks_steps_back_and_ends_with_the_calibration(store, run_
     os.kill(tracker.pid, signal.SIGSTOP)
     store.current = None
     running.until(lambda: tracker.poll() is not None)
-    assert (running.link.view, running.events.recent()) == (None, [])
+    assert (running.link.view, running.messages("process")) == (None, [])
 
 
 def test_the_fake_is_a_tracker():

@@ -4,7 +4,6 @@ import signal
 from concurrent.futures import Future
 from pathlib import Path
 from queue import SimpleQueue
-from uuid import uuid4
 
 from motord.api.tracking_messages import TrackingView
 from motord.service.bench.calibrations import CalibrationStore
@@ -19,6 +18,7 @@ IMPLEMENTATION = "motord.experiments.tracking.tracker:CalibrationTracker"
 SILENT_NS = 300_000_000_000
 """Without a report for so long the process is ended: it was stopped, or hangs."""
 NOTHING_YET = "nothing has been reported yet"
+NO_TURNS = "no turns yet at a steady set-point with this calibration applied"
 ENDED = "the tracker process has ended; the next one begins anew"
 SILENT = f"tracker has reported nothing for {SILENT_NS / 1e9:g} s; it is ended"
 
@@ -46,7 +46,7 @@ class TrackerLink:
         self._answer: Future[AdoptedReport] | None = None
         self._number = 0
         self._file: Path | None = None
-        self._run = ""  # of the process that there is
+        self._running = False
         self._failure = ""
         self._received_ns = 0
         self.view: TrackingView | None = None
@@ -56,17 +56,16 @@ class TrackerLink:
         if self._store.kept != self._file:
             self._follow_calibration(now_ns)
         if self._pipes.opened():
-            self._run, self._failure, self._received_ns = uuid4().hex, "", now_ns
+            self._running, self._failure, self._received_ns = True, "", now_ns
             about = {"tracker": self._implementation, "calibration": str(self._file)}
-            self._pipes.send({"do": "start", "run": self._run, **about})
+            self._pipes.send({"do": "start", **about})
         while not self._requests.empty():
             self._pass_on(self._requests.get())
         for report in self._pipes.messages(now_ns):
-            if report.run == self._run:
-                self._take(report, now_ns)
+            self._take(report, now_ns)
         if self._pipes.closed():
             self._ended(self._failure or ENDED)
-        elif self._run and now_ns - self._received_ns > SILENT_NS:
+        elif self._running and now_ns - self._received_ns > SILENT_NS:
             self._received_ns = now_ns
             self._events.emit("process", SILENT, process=TRACKER)
             self._children.signal(TRACKER, signal.SIGKILL)
@@ -98,11 +97,13 @@ class TrackerLink:
         if report.tracked is not None and report.tracked.calibration == self._store.current_id():
             self.view = report.tracked
             self._departures.step(report.tracked, now_ns)
+        elif report.tracked is None and report.adopted is None:
+            self._show_nothing(report.obstacle or NO_TURNS)
 
     def _pass_on(self, answer: "Future[AdoptedReport]") -> None:
         self._reply("it was asked again")
         self._number, self._answer = self._number + 1, answer
-        if self._run:
+        if self._running:
             self._pipes.send({"do": "adopt", "number": self._number})
         else:
             self._reply(self.view.obstacle if self.view is not None else ENDED)
@@ -113,7 +114,7 @@ class TrackerLink:
         self._answer = None
 
     def _ended(self, why: str) -> None:
-        self._run = ""
+        self._running = False
         self._reply(why)
         self._show_nothing(why)
 

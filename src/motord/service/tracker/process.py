@@ -71,7 +71,6 @@ class Tracking:
         self._run_dir = run_dir
         self._reports = reports
         self._monotonic_ns = monotonic_ns
-        self._run = ""
         self._tracker: Tracker | None = None
         self._source: RingSource | None = None
         self._report_ns = 0
@@ -81,7 +80,7 @@ class Tracking:
         command = json.loads(line)
         try:
             if command["do"] == "start":
-                self._start(**{name: command[name] for name in ("run", "tracker", "calibration")})
+                self._start(command["tracker"], Path(command["calibration"]))
             elif self._tracker is not None:
                 self._adopt(self._tracker, command["number"])
         except Exception as error:
@@ -105,11 +104,10 @@ class Tracking:
             raise
         return len(ticks) == READ_AT_ONCE
 
-    def _start(self, run: str, tracker: str, calibration: str) -> None:
-        self._run = run
+    def _start(self, tracker: str, calibration: Path) -> None:
         self._source = RingSource(self._run_dir.ring, "now", at_once=READ_AT_ONCE)
         made = resolve_name(tracker)
-        self._tracker = made(self._config, load(Path(calibration)), self._config.tracking.memory_s)
+        self._tracker = made(self._config, load(calibration), self._config.tracking.memory_s)
 
     def _adopt(self, tracker: Tracker, number: int) -> None:
         obstacle = ""
@@ -129,7 +127,7 @@ class Tracking:
         adopted: AdoptedReport | None = None,
         obstacle: str = "",
     ) -> None:
-        report = TrackerReport(run=self._run, tracked=tracked, adopted=adopted, obstacle=obstacle)
+        report = TrackerReport(tracked=tracked, adopted=adopted, obstacle=obstacle)
         self._reports.write(to_line(report.model_dump()))
 
 

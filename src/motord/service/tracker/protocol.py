@@ -1,6 +1,6 @@
 """What passes between the supervisor and the tracker process, each a JSON object on a line.
 
-From the supervisor comes first `{"do": "start", "run", "tracker", "calibration"}` with the path of
+From the supervisor comes first `{"do": "start", "tracker", "calibration"}` with the path of
 the file in force, answered by a `TrackerReport` every few seconds, and at times
 `{"do": "adopt", "number"}`, answered by one with `adopted`.
 """
@@ -79,13 +79,12 @@ class AdoptedReport(Message):
 
 
 class TrackerReport(Message):
-    """What the tracker knows by now, None before anything; `run`: that of the command to start.
+    """What the tracker knows by now, None before anything.
 
     adopted: the answer to a command to adopt; obstacle: why the process ends.
     """
 
-    run: Phrase
-    tracked: ReportedTracking | None = None
+    tracked: ReportedTracking | None
     adopted: AdoptedReport | None = None
     obstacle: Obstacle = ""
 
