@@ -60,7 +60,7 @@ def test_a_dry_run_shows_both_values_and_changes_nothing(bench):
     assert result.exit_code == 0, result.output
     assert result.stdout.splitlines() == [
         f"tracked      70 turns, memory 300 s, against {before}",
-        "! alpha_a              0.8200 +- 0.0010, in force 0.8000 +- 0.0020",
+        "! alpha_a                0.8200 +- 0.0010, in force 0.8000 +- 0.0020",
         "- not seen: the common offset",
     ]
     content = json.loads(adopt(bench, "--dry-run", "--json").stdout)
@@ -77,7 +77,7 @@ def test_it_is_in_force_and_in_a_file(bench, tmp_path):
 
 def test_people_see_what_is_adopted(bench):
     result = adopt(bench)
-    assert "! alpha_a              0.8200" in result.stderr
+    assert "! alpha_a                0.8200" in result.stderr
     assert result.stdout.startswith(f"{bench.tracker.adopts.id} is in force, kept in ")
 
 

@@ -8,16 +8,15 @@ if TYPE_CHECKING:
 
 def lines(view: "TrackingView") -> list[str]:
     """Return what is tracked as text: a line for each quantity, against the calibration."""
-    head = (
-        f"tracked      {view.turns} turns, memory {view.memory_s:g} s, against {view.calibration}"
-    )
+    counted = f"{view.turns} turns, memory {view.memory_s:g} s" if view.turns else "nothing yet"
+    head = f"tracked      {counted}, against {view.calibration}"
     found = [head, *map(_line, view.quantities)]
     found += [f"- not seen: {meaning}" for meaning in view.unseen]
     return found + [f"- {view.obstacle}"] * bool(view.obstacle)
 
 
 def _line(one: "TrackedView") -> str:
-    return f"{'!' if one.departed else ' '} {one.name:<20} {one.figures()}"
+    return f"{'!' if one.departed else ' '} {one.name:<22} {one.figures()}"
 
 
 def short(view: "TrackingView | None") -> str:
