@@ -381,19 +381,21 @@ def test_what_is_tracked_stands_against_the_calibration_in_force(server, visit: 
     page = visit(server.urls.operator)
     page.click("#tab-calibration")
     shows(page, "#calibration-content", "In force")
-    expect(page.locator("#calibration-tracked")).to_be_empty()
+    expect(page.locator("#calibration-tracked")).to_be_hidden()
     server.stand_in.tracking = documents.tracking()
-    shows(page, "#calibration-tracked", "tracked over 70 turns")
-    shows(page, "#calibration-tracked", "All within their intervals")
-    shows(page, "#calibration-tracked", "not seen: the common offset of the currents")
+    shows(
+        page, "#tracked-verdict", "Tracked over 70 turns: all 3 quantities within their intervals"
+    )
+    page.click("#tracked-verdict")
+    shows(page, "#tracked-quantities", "not seen: the common offset of the currents")
     server.stand_in.tracking = documents.tracking("b")
-    shows(page, "#calibration-tracked", "1 of 3 have left their interval")
+    shows(page, "#tracked-verdict", "alpha-b left its interval")
     departed = page.locator("#calibration-tracked .departed")
     expect(departed).to_have_count(1)
-    expect(departed).to_contain_text("alpha_b")
+    expect(departed).to_contain_text("alpha-b")
     expect(departed).to_contain_text("1.0213 \u00b1 0.0042")
     server.stand_in.tracking = None
-    expect(page.locator("#calibration-tracked")).to_be_empty()
+    expect(page.locator("#calibration-tracked")).to_be_hidden()
 
 
 def test_a_calibration_that_comes_late_is_not_shown_in_the_place_of_another(server, visit: Watched):

@@ -1,6 +1,6 @@
 /** The calibration in force as ordinary operation shows it: each quantity against its value in force. */
 
-import { byId, element } from "./dom.js";
+import { byId, element, setText } from "./dom.js";
 import { plusMinus } from "./format.js";
 
 /**
@@ -20,24 +20,28 @@ export class TrackedQuantities {
     const key = tracking ? `${tracking.calibration} ${tracking.t_ns} ${tracking.turns} ${tracking.obstacle}` : "";
     if (key === this._shown) return;
     this._shown = key;
-    byId("calibration-tracked").replaceChildren(...(tracking ? content(tracking) : []));
+    byId("calibration-tracked").hidden = tracking === null;
+    if (tracking === null) return;
+    setText(byId("tracked-verdict"), verdict(tracking));
+    byId("tracked-quantities").replaceChildren(table(tracking.quantities), notes(tracking));
   }
 }
 
-/** @param {any} tracking */
-function content(tracking) {
-  const { quantities, unseen, obstacle } = tracking;
-  const departed = quantities.filter((/** @type {Quantity} */ one) => one.departed).length;
-  const verdict = departed ? `${departed} of ${quantities.length} have left their interval: check it, or adopt what is tracked (motord calibration adopt).` : "All within their intervals.";
-  return [
-    element("h4", {}, `Calibration, tracked over ${tracking.turns} turns, 95 %`),
-    quantities.length ? element("p", { class: "about" }, verdict) : null,
-    quantities.length ? table(quantities) : null,
-    obstacle || unseen.length ? element("ul", { class: "hint" }, ...[obstacle, ...unseen.map((/** @type {string} */ text) => `not seen: ${text}`)].filter(Boolean).map((text) => element("li", {}, text))) : null,
-  ].filter((one) => one !== null);
+/** @param {{quantities: Quantity[], turns: number, obstacle: string}} tracking */
+function verdict({ quantities, turns, obstacle }) {
+  if (quantities.length === 0) return `Tracked: ${obstacle || "nothing known yet"}`;
+  const departed = quantities.filter((one) => one.departed).map((one) => one.name);
+  if (departed.length === 0) return `Tracked over ${turns} turns: all ${quantities.length} quantities within their intervals`;
+  return `\u26a0 Tracked over ${turns} turns: ${departed.join(", ")} left ${departed.length === 1 ? "its interval" : "their intervals"}. motord calibration adopt takes over what is tracked.`;
 }
 
-/** @param {Quantity[]} quantities */
+/** @param {{unseen: string[], obstacle: string}} tracking */
+function notes({ unseen, obstacle }) {
+  const said = [obstacle, ...unseen.map((what) => `not seen: ${what}`)].filter(Boolean);
+  return element("ul", { class: "hint" }, ...said.map((text) => element("li", {}, text)));
+}
+
+/** @param {Quantity[]} quantities with 95 % intervals */
 function table(quantities) {
   const head = element("tr", {}, ...["quantity", "tracked", "in force"].map((text) => element("th", { scope: "col" }, text)));
   const rows = quantities.map((one) => element("tr", { class: one.departed ? "departed" : null, title: one.meaning },
