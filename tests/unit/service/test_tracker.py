@@ -333,6 +333,15 @@ def test_one_that_always_fails_is_started_ever_more_seldom(linked):
     assert (pauses_s[0], pauses_s[-1]) == (0.1, 60.0)
 
 
+def test_one_that_is_to_be_started_again_is_not_if_nothing_is_in_force_any_more(linked, store):
+    _, played = linked.installed()
+    played.code = 1
+    linked.step()
+    store.current = None
+    assert linked.step(1.0) == []
+    assert (len(linked.started), linked.link.view, linked.children.views()) == (1, None, {})
+
+
 def test_one_that_cannot_be_started_is_tried_again(linked, store):
     linked.why = OSError(12, "Cannot allocate memory")
     store.save(calibration())
@@ -476,6 +485,7 @@ def test_tracking_that_begins_anew_is_no_return(linked):
     again = linked.started[-1]
     again.begun()
     again.report()
+    again.track(name, quantities=[])
     linked.step(11.0)
     assert linked.messages("calibration") == []
 
