@@ -34,7 +34,7 @@ def test_a_calibration_is_tracked_and_losing_the_tracker_costs_nothing_but_that(
             lease.adopt_calibration()
         given = calibration()
         lease.install_calibration(given)
-        lease.set(enable=True, torque_Nm=2.0, speed_Hz=1.0)
+        lease.set(enable=True, torque_Nm=2.0, speed_Hz=2.0)
         wait_until(lambda: tracked(client), "turns that are tracked")
         assert client.state().tracking.calibration == given.id
         pid = client.state().processes["tracker"].pid
