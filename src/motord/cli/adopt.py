@@ -44,7 +44,7 @@ def adopt(
     That takes [tracking] enabled = true in the bench file. Refused while no tracked quantity has
     left its interval, unless that is accepted: --accept nothing-departed.
     """
-    from motord.calibration import load
+    from motord.calibration import CalibrationError, load
     from motord.cli.bench.lease_session import in_command
 
     with connection.open() as client:
@@ -57,7 +57,10 @@ def adopt(
         with in_command(client, force=force) as session:
             answer = session.commander.adopt_calibration(accept=accept or ())
     if output is not None:
-        load(Path(answer.path)).save(output)
+        try:
+            load(Path(answer.path)).save(output)
+        except CalibrationError as error:
+            fail(f"{answer.id} is in force, kept in {answer.path}, but {error}")
     print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
 
 

@@ -75,6 +75,14 @@ def test_it_is_in_force_and_in_a_file(bench, tmp_path):
     assert load(tmp_path / "adopted.json") == adopted
 
 
+def test_a_file_that_cannot_be_written_is_said_and_it_is_in_force_all_the_same(bench, tmp_path):
+    said = failed(adopt(bench, "-o", str(tmp_path / "nowhere" / "adopted.json")))
+    adopted = bench.tracker.adopts.id
+    assert said.startswith(f"motord: {adopted} is in force, kept in ")
+    assert "nowhere/adopted.json: cannot write it" in said
+    assert bench.store.current_id() == adopted
+
+
 def test_people_see_what_is_adopted(bench):
     result = adopt(bench)
     assert "! alpha_a                0.8200" in result.stderr
