@@ -19,7 +19,7 @@ from tests.campaigns.estimator import rig
 from tests.campaigns.tracking import Operation, departed, gains_against_others
 
 SEED = 1
-MEMORY_S = 60.0
+MEMORY_S = 100.0
 TORQUES_Nm = (2.0, 5.0, 3.5)
 SECONDS = 120
 CONFIG = load()
@@ -116,10 +116,11 @@ def test_a_gain_that_changed_is_followed_and_found(drifted: np.ndarray) -> None:
 
 def test_a_gain_that_drifts_is_in_its_interval() -> None:
     bench = VirtualBench(CONFIG, TRUTH, SEED, CALIBRATION)
-    operation, tracker = Operation(bench, TORQUES_Nm), CalibrationTracker(CONFIG, CALIBRATION, 60.0)
-    for second, block in enumerate(operation.blocks(420)):
+    operation = Operation(bench, (2.0, 5.0))
+    tracker = CalibrationTracker(CONFIG, CALIBRATION, MEMORY_S)
+    for second, block in enumerate(operation.blocks(300)):
         tracker.take(block)
-        now = with_drift(TRUTH, 0, 0.02 * second / 420)
+        now = with_drift(TRUTH, 0, 0.01 * second / 300)
         bench.alter(now)
     found = tracker.tracked()
     assert found is not None
@@ -271,3 +272,12 @@ def test_without_currents_it_says_so(quiet: np.ndarray) -> None:
     assert found is not None
     assert found.quantities == ()
     assert "were not recorded" in found.obstacle
+
+
+def test_a_torque_that_was_left_long_ago_does_not_tell_gains_any_more() -> None:
+    ticks = operate(240, (4.0,) + (2.0,) * 7)
+    early, late = tracker_of(ticks[:90_000]).tracked(), tracker_of(ticks).tracked()
+    assert early is not None
+    assert late is not None
+    assert "alpha-a" in values(early)
+    assert "alpha-a" not in values(late)
