@@ -62,14 +62,15 @@ class _Groups:
 class LineFit:
     """Lines (groups, orders) of the turns of each point; columns (points, p, orders).
 
-    prior (k, p): rows of unit variance that are 0; model_Nm: standard deviation m of a line;
+    prior (k, p): rows of unit variance that are 0; model_Nm: standard deviation m of a line, or of
+    those of each order (orders,);
     lowest_order: of what is looked for; weights (groups,) of each point, None for 1.
     """
 
     groups_Nm: Sequence[np.ndarray]
     columns: np.ndarray
     prior: np.ndarray
-    model_Nm: float
+    model_Nm: float | np.ndarray
     lowest_order: int
     weights: Sequence[np.ndarray] | None = None
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from motord.calibration import Calibration
+from motord.calibration import Calibration, Harmonic
 from motord.config import Config
 from motord.experiments.calibration.estimate.lack_of_fit.effects import unit_torques
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
@@ -100,7 +100,9 @@ def tracked_shift(
         groups_Nm=[np.array([one.left_Nm[:highest] for one in point]) for point in points],
         columns=np.concatenate([columns, drift], axis=1),
         prior=prior,
-        model_Nm=MODEL_ACCURACY * motor.rated_torque_Nm / 3**0.5,
+        model_Nm=np.hypot(
+            MODEL_ACCURACY * motor.rated_torque_Nm / 3**0.5, _held_Nm(points, harmonics, highest)
+        ),
         lowest_order=min(motor.pole_pairs, highest),
         weights=weights,
     )
@@ -114,6 +116,20 @@ def tracked_shift(
         orders=basis.orders,
         turns=tuple(sum(one.turns for one in point) for point in points),
     )
+
+
+def _held_Nm(points: Points, harmonics: Sequence[Harmonic], highest: int) -> np.ndarray:
+    """Return what the model lacks of currents that are held for a period (highest,), at each order.
+
+    They make up for an order h of the cogging torque of amplitude A; the age of the currents and
+    the hold correction are good to second order in w = h velocity period, A w^3 / 6 is left.
+    """
+    windows = [one for point in points for one in point]
+    turned_rad = max(abs(one.velocity_rad_s) * one.period_s for one in windows)
+    held_Nm = np.zeros(highest)
+    for one in harmonics:
+        held_Nm[one.order - 1] = abs(one.amplitude_Nm) * (one.order * turned_rad) ** 3 / 6
+    return held_Nm
 
 
 def _common_gain(gain: np.ndarray, size: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from motord.experiments.tracking.shift import (
 from motord.experiments.tracking.stated import stated
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.experiments.tracking.turn_windows import TurnWindows
-from motord.experiments.tracking.window_lines import LineReader, WindowLines
+from motord.experiments.tracking.window_lines import WindowLines, WindowModel
 from motord.identification import IdentifyError
 
 WINDOW_SHARE = 0.01
@@ -53,7 +53,7 @@ class CalibrationTracker:
         self._cutter = TurnWindows(
             calibration, config.loop.rate_Hz, max(WINDOW_SHARE * memory_s, 1.0)
         )
-        self._reader = LineReader(config, calibration)
+        self._reader = WindowModel(config, calibration)
         self._windows: deque[WindowLines] = deque(maxlen=MOST_WINDOWS)
         self._turns = 0
         self._unreadable = ""

@@ -114,20 +114,20 @@ def test_a_gain_that_changed_is_followed_and_found(drifted: np.ndarray) -> None:
     assert departed(found) == ["alpha-b"]
 
 
-def test_a_gain_that_drifts_is_in_its_interval() -> None:
+def test_a_gain_that_drifts_is_followed_without_lag_and_in_its_interval() -> None:
     bench = VirtualBench(CONFIG, TRUTH, SEED, CALIBRATION)
-    operation = Operation(bench, (2.0, 5.0))
+    operation = Operation(bench, (2.0, 5.0, 3.5))
     tracker = CalibrationTracker(CONFIG, CALIBRATION, MEMORY_S)
-    for second, block in enumerate(operation.blocks(300)):
+    for second, block in enumerate(operation.blocks(360)):
         tracker.take(block)
-        now = with_drift(TRUTH, 0, 0.01 * second / 300)
+        now = with_drift(TRUTH, 0, 3 * 0.01 * second / 3600)
         bench.alter(now)
     found = tracker.tracked()
     assert found is not None
     off = gains_against_others([values(found)[f"alpha-{p}"] for p in "abc"])
     off -= gains_against_others(now.inverter.alpha)
     half_width = 1.5 * found.quantities[0].half_width / found.quantities[0].value
-    assert abs(off[0]) < half_width < 0.006
+    assert abs(off[0]) < half_width < 0.003
 
 
 def test_cogging_torque_that_changed_is_found() -> None:
@@ -211,7 +211,7 @@ def test_turns_are_forgotten(quiet: np.ndarray, drifted: np.ndarray) -> None:
     fresh = values(tracked_of(quiet))
     was = values(tracked_of(drifted))
     left = (values(found)["alpha-b"] - fresh["alpha-b"]) / (was["alpha-b"] - fresh["alpha-b"])
-    assert left == pytest.approx(np.exp(-SECONDS / MEMORY_S), abs=0.1)
+    assert abs(left) < 0.15
     long_ago = round(FORGOTTEN * MEMORY_S / SECONDS) + 1
     standing = later(quiet[:1000], 1000 * long_ago)
     standing["state"] = State.READY
@@ -274,10 +274,8 @@ def test_without_currents_it_says_so(quiet: np.ndarray) -> None:
     assert "were not recorded" in found.obstacle
 
 
-def test_a_torque_that_was_left_long_ago_does_not_tell_gains_any_more() -> None:
-    ticks = operate(240, (4.0,) + (2.0,) * 7)
-    early, late = tracker_of(ticks[:90_000]).tracked(), tracker_of(ticks).tracked()
-    assert early is not None
-    assert late is not None
-    assert "alpha-a" in values(early)
-    assert "alpha-a" not in values(late)
+def test_a_torque_that_was_left_long_ago_says_little_of_gains_now() -> None:
+    ticks = operate(270, (5.0,) + (2.0,) * 8)
+    early, late = tracked_of(ticks[:90_000]), tracked_of(ticks)
+    assert early.quantities[0].name == late.quantities[0].name == "alpha-a"
+    assert late.quantities[0].half_width > 1.8 * early.quantities[0].half_width
