@@ -12,6 +12,7 @@ from motord.config import Config, load
 from motord.control import parameters
 from motord.experiments.tracking.tracked import TrackedCalibration
 from motord.experiments.tracking.tracker import FORGOTTEN, CalibrationTracker
+from motord.experiments.tracking.turn_windows import LONGEST_S
 from motord.schema import Flag, State
 from motord.virtual import VirtualBench
 from tests.campaigns.check_calibration import stated_calibration, with_drift
@@ -250,11 +251,11 @@ def test_memory_is_bounded(quiet: np.ndarray) -> None:
         tracker.take(later(quiet, times))
         sizes.append(len(pickle.dumps(tracker)))
     assert sizes[3] < 1.1 * sizes[1]
-    standing = quiet[:1000].copy()
-    standing[:] = quiet[-1]
-    for second in range(120):
-        tracker.take(later(standing, 1000 * (second + 1)))
-    assert len(pickle.dumps(tracker)) < sizes[3] + 70_000 * 60
+    standing = np.repeat(later(quiet, 4)[-1:], 1000)
+    standing["tick"] += np.arange(1, 1001, dtype=np.uint64)
+    for second in range(150):
+        tracker.take(later(standing, second))
+    assert len(pickle.dumps(tracker)) < sizes[3] + 1.1 * LONGEST_S * 1000 * 52
 
 
 def test_a_calibration_of_another_motor_is_refused() -> None:
