@@ -62,14 +62,15 @@ class _Groups:
 class LineFit:
     """Lines (groups, orders) of the turns of each point; columns (points, p, orders).
 
-    prior (k, p): rows of unit variance that are 0; model_Nm: standard deviation m of a line;
+    prior (k, p): rows of unit variance that are 0; model_Nm: standard deviation m of a line, or of
+    those of each order (orders,);
     lowest_order: of what is looked for; weights (groups,) of each point, None for 1.
     """
 
     groups_Nm: Sequence[np.ndarray]
     columns: np.ndarray
     prior: np.ndarray
-    model_Nm: float
+    model_Nm: float | np.ndarray
     lowest_order: int
     weights: Sequence[np.ndarray] | None = None
 
@@ -135,7 +136,7 @@ class LineFit:
     @cached_property
     def misfit(self) -> float:
         """Mean square of what is left at the columns' own orders, over what is expected."""
-        left = self._y - self._x @ self.change
+        left = self._doubt * (self._y - self._x @ self.change)
         power = (np.abs(self.columns) ** 2).sum(axis=0)
         own = (power > MODELLED_SHARE * power.max(axis=1, keepdims=True)).any(axis=0)
         freedom = max(left[:, :, own].size - len(self.change), 1)

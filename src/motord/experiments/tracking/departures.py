@@ -7,9 +7,6 @@ the noise of the turns is new after each memory of the tracking. So a quantity h
 
 of m quantities, with standard errors s: a calibration that holds raises FALSE_ALARMS findings by
 its own error, and as many in a year by noise.
-
-What drifts steadily is tracked one memory late, what half the memory shows half as late: twice the
-difference of the two is the lag, which widens the interval but not the limit.
 """
 
 from collections.abc import Sequence
@@ -23,26 +20,19 @@ from motord.experiments.check_calibration.law_shift import GAIN_ACCURACY
 from motord.experiments.check_calibration.quantities import Quantity
 from motord.experiments.check_calibration.result import FALSE_ALARMS, POWER, Change
 from motord.experiments.check_calibration.shift import ParameterShift
-from motord.intervals import coverage_factor, t_quantile
+from motord.intervals import t_quantile
 
 YEAR_S = 365.25 * 86_400
 
 
-def changes(
-    seen: Sequence[Quantity], found: ParameterShift, recent: ParameterShift, memory_s: float
-) -> list[Change]:
-    """Return how each quantity that is seen has changed; drifted: whether it has departed.
-
-    recent: what half the memory shows.
-    """
-    test = partial(_change, found=found, recent=recent, tests=len(seen), memory_s=memory_s)
+def changes(seen: Sequence[Quantity], found: ParameterShift, memory_s: float) -> list[Change]:
+    """Return how each quantity that is seen has changed; drifted: whether it has departed."""
+    test = partial(_change, found=found, tests=len(seen), memory_s=memory_s)
     return without_consequences(seen, [test(one) for one in seen], test)
 
 
-def _change(
-    quantity: Quantity, found: ParameterShift, recent: ParameterShift, tests: int, memory_s: float
-) -> Change:
-    """Return a change with the standard error of the tracking alone, its lag included."""
+def _change(quantity: Quantity, found: ParameterShift, tests: int, memory_s: float) -> Change:
+    """Return a change with the standard error of the tracking alone."""
     measured = found.along(quantity.direction)
     assert measured is not None
     value, stderr, freedom = measured
@@ -51,13 +41,12 @@ def _change(
     once, often = FALSE_ALARMS / 2 / tests, FALSE_ALARMS / 2 / tests * memory_s / YEAR_S
     limit = t_quantile(1 - once, quantity.degrees_of_freedom or np.inf) * fixed
     limit -= t_quantile(often, freedom) * sqrt(of_turns)
-    lag = 2 * abs(float(quantity.direction @ (recent.change - found.change)))
     return Change(
         name=quantity.name,
         meaning=quantity.meaning,
         unit=quantity.unit,
         value=value,
-        stderr=hypot(stderr, lag / coverage_factor(freedom)),
+        stderr=stderr,
         degrees_of_freedom=freedom,
         limit=limit,
         detectable=limit + t_quantile(POWER, freedom) * stderr,

@@ -13,11 +13,15 @@ from motord.experiments.check_calibration.quantities import Quantity, quantities
 from motord.experiments.check_calibration.result import Change
 from motord.experiments.tracking.adopted import adopted
 from motord.experiments.tracking.departures import changes
-from motord.experiments.tracking.shift import COMMON_GAIN_DRIFT, tracked_shift
+from motord.experiments.tracking.shift import (
+    COMMON_GAIN_DRIFT,
+    operating_points,
+    tracked_shift,
+)
 from motord.experiments.tracking.stated import stated
 from motord.experiments.tracking.tracked import TrackedCalibration, TrackedQuantity
 from motord.experiments.tracking.turn_windows import TurnWindows
-from motord.experiments.tracking.window_lines import LineReader, WindowLines
+from motord.experiments.tracking.window_lines import WindowLines, WindowModel
 from motord.identification import IdentifyError
 
 WINDOW_SHARE = 0.01
@@ -49,7 +53,7 @@ class CalibrationTracker:
         self._cutter = TurnWindows(
             calibration, config.loop.rate_Hz, max(WINDOW_SHARE * memory_s, 1.0)
         )
-        self._reader = LineReader(config, calibration)
+        self._reader = WindowModel(config, calibration)
         self._windows: deque[WindowLines] = deque(maxlen=MOST_WINDOWS)
         self._turns = 0
         self._unreadable = ""
@@ -94,10 +98,8 @@ class CalibrationTracker:
 
     def _found(self) -> "_Found":
         """Return what the windows show. Raises IdentifyError."""
-        shift, recent = (
-            tracked_shift(self._windows, self._calibration, self._config, memory_s)
-            for memory_s in (self._memory_s, self._memory_s / 2)
-        )
+        points = operating_points(self._windows, self._config, self._memory_s)
+        shift = tracked_shift(points, self._calibration, self._config, self._memory_s)
         each = [_limited(one) for one in quantities(self._calibration, shift, self._config.motor)]
         seen = [one for one in each if is_seen(one, shift)]
         unseen = [one.meaning for one in each if not is_seen(one, shift)]
@@ -106,7 +108,7 @@ class CalibrationTracker:
         harmonics = self._calibration.tau_cog_harmonics
         missing = [one.order for one in harmonics if one.order not in shift.orders]
         unseen += [f"order {order} of the cogging torque" for order in missing]
-        return _Found(seen, changes(seen, shift, recent, self._memory_s), tuple(unseen))
+        return _Found(seen, changes(seen, shift, self._memory_s), tuple(unseen))
 
     def _stated(
         self, each: tuple[TrackedQuantity, ...], unseen: tuple[str, ...], obstacle: str

@@ -22,8 +22,8 @@ APPLIED = Flag.CURRENTS_COMPENSATED | Flag.COGGING_COMPENSATED
 
 UNSTEADY = Flag.RAMPING | Flag.TORQUE_LIMITED | Flag.CURRENT_LIMITED | Flag.POSITION_AGED
 
-SAME_COGGING = 1e-5
-"""Part of the rated torque by which single precision of the tick may change its cogging torque."""
+SAME_COGGING = 1e-4
+"""Part of the rated torque by which the cogging torque may differ, in single precision."""
 
 LONGEST_GAP = 5
 """Ticks that may be missing inside a window."""
@@ -83,10 +83,14 @@ class TurnWindows:
         return np.asarray(good & (np.abs(ticks["cogging_comp_Nm"] - known_Nm) < self._allowed_Nm))
 
     def _longer(self, ticks: np.ndarray) -> Iterator[np.ndarray]:
-        self._kept.append(repack_fields(ticks[COLUMNS]))
-        self._size += ticks.size
-        if self._size >= self._looked_at + self._window:
-            yield from self._cut()
+        """Keep ticks of a steady set-point and yield the windows that they end."""
+        while ticks.size:
+            room = self._looked_at + self._window - self._size
+            self._kept.append(repack_fields(ticks[COLUMNS][:room]))
+            self._size += self._kept[-1].size
+            ticks = ticks[room:]
+            if self._size == self._looked_at + self._window:
+                yield from self._cut()
 
     def _ended(self) -> Iterator[np.ndarray]:
         """Yield what is left of a steady set-point, and forget it."""
@@ -107,8 +111,7 @@ class TurnWindows:
         end = turns[-1][1]
         window = ticks[: end + MARGIN]
         self._kept = [ticks[max(end - MARGIN, 0) :].copy()]
-        self._size = self._kept[0].size
-        self._looked_at = 0
+        self._size = self._looked_at = self._kept[0].size
         if _one_way(unwrap_counts(window["encoder_count"], self._counts)):
             yield window
 

@@ -40,7 +40,7 @@ class WindowLines:
         return int(self.left_Nm.size)
 
 
-class LineReader:
+class WindowModel:
     """Makes lines of windows, by the model of a calibration."""
 
     def __init__(self, config: Config, calibration: Calibration) -> None:
