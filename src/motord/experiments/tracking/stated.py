@@ -16,8 +16,8 @@ OF_ALL = 2 / 3
 """A phase against the mean of all three, as a part of the phase against the two others."""
 
 Value = tuple[str, str, str, float, float, float]
-"""Name, meaning, unit, value in force, value found, and what a unit of the change makes of the value
-in force."""
+"""Name, meaning, unit, value in force, value found, and what a unit of the change makes of the
+value in force."""
 
 
 def stated(
