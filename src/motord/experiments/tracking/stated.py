@@ -16,7 +16,8 @@ OF_ALL = 2 / 3
 """A phase against the mean of all three, as a part of the phase against the two others."""
 
 Value = tuple[str, str, str, float, float, float]
-"""Name, meaning, unit, value in force, value found, and what a unit of the change makes of it."""
+"""Name, meaning, unit, value in force, value found, and what a unit of the change makes of the
+value in force."""
 
 
 def stated(
@@ -32,7 +33,8 @@ def stated(
         if kind == "offset"
         else _cogging(calibration, rest, changes)
     )
-    half_widths = scale * change.half_width, scale * _half_width(quantity)
+    grown = value / in_force if kind == "gain" else 1.0
+    half_widths = grown * scale * change.half_width, scale * _half_width(quantity)
     if unit == "rad":
         half_widths = min(half_widths[0], pi), min(half_widths[1], pi)
     return TrackedQuantity(

@@ -21,6 +21,7 @@ from tests.campaigns.tracking import Operation, departed, gains_against_others
 
 SEED = 1
 MEMORY_S = 100.0
+DRIFT = 0.02
 TORQUES_Nm = (2.0, 5.0, 3.5)
 SECONDS = 120
 CONFIG = load()
@@ -74,7 +75,7 @@ def quiet() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def drifted() -> np.ndarray:
-    return operate(drift=0.01)
+    return operate(drift=DRIFT)
 
 
 def test_a_calibration_that_holds_has_not_departed(quiet: np.ndarray) -> None:
@@ -109,7 +110,7 @@ def test_values_are_those_of_the_calibration_file(quiet: np.ndarray) -> None:
 def test_a_gain_that_changed_is_followed_and_found(drifted: np.ndarray) -> None:
     found = tracked_of(drifted)
     alpha = [values(found)[f"alpha-{phase}"] for phase in "abc"]
-    true = np.array(TRUTH.inverter.alpha) * [1, 1.01, 1]
+    true = np.array(TRUTH.inverter.alpha) * [1, 1 + DRIFT, 1]
     assert np.prod(alpha) == pytest.approx(1)
     assert gains_against_others(alpha) == pytest.approx(gains_against_others(true), abs=0.002)
     assert departed(found) == ["alpha-b"]
@@ -235,7 +236,7 @@ def test_what_is_adopted_has_the_tracked_values_and_installs(drifted: np.ndarray
     assert adopted.delta_epsilon == CALIBRATION.delta_epsilon
     assert adopted.runs[-1] == f"tracking in operation with {CALIBRATION.id}"
     assert 0 < adopted.created.timestamp() - 1e-9 * drifted["t_ns"][0] < SECONDS + 1
-    again = operate(calibration=adopted, drift=0.01)
+    again = operate(calibration=adopted, drift=DRIFT)
     assert departed(tracked_of(again, calibration=adopted)) == []
 
 
