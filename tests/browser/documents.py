@@ -53,6 +53,7 @@ def state(stand_in: "StandIn", uptime_s: float, remaining_s: float) -> dict[str,
             "id": "8f2c51d09ab3e7c4", "created": "2026-01-01T09:00:00Z", "age_s": 259200.0,
             "age": "3 days", "method": "joint", "path": "/calibrations/sim/8f2c51d09ab3e7c4.json",
         },
+        "tracking": stand_in.tracking,
         "brake": {"health": "simulated"}, "drive": {"health": "simulated"},
         "processes": {
             name: {"pid": 4711, "running": True, "restarts": 0, "exit": ""}
@@ -69,6 +70,22 @@ def _tick(newest: dict[str, Any]) -> dict[str, Any]:
         "torque_set_Nm": newest["torque_set_Nm"], "i_A": [newest[f"i_{p}_A"] for p in "abc"],
         "u_bus_V": 24.0, "temperature_C": 31.5, "brake_temperature_C": None, "flags": [],
         "torque_ripple_Nm": 0.12,
+    }  # fmt: skip
+
+
+def tracking(*departed: str) -> dict[str, Any]:
+    """Return what is tracked of the calibration in force; of alpha some phases have `departed`."""
+    quantities = [
+        {
+            "name": f"alpha-{phase}", "meaning": f"the gain of phase {phase}", "unit": "1",
+            "value": 1.0213, "half_width": 0.0042, "in_force": 1.0021, "in_force_half_width": 0.005,
+            "departed": phase in departed,
+        }
+        for phase in "abc"
+    ]  # fmt: skip
+    return {
+        "calibration": IDS[0], "t_ns": len(departed) + 1, "turns": 70, "memory_s": 300.0,
+        "quantities": quantities, "unseen": ["the common offset of the currents"], "obstacle": "",
     }  # fmt: skip
 
 

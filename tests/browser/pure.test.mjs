@@ -208,6 +208,10 @@ test("numbers, times and ages as an instrument shows them", () => {
   assert.equal(format.number(-0.0004, 2), "0.00");
   assert.equal(format.number(-1.5, 1), "\u22121.5");
   assert.equal(format.number(null, 1), "\u2013");
+  assert.equal(format.plusMinus(1.02134, 0.0042), "1.0213 \u00b1 0.0042");
+  assert.equal(format.plusMinus(-12.3, 1.0), "\u221212.3 \u00b1 1.0");
+  assert.equal(format.plusMinus(1234.5, 123), "1235 \u00b1 123");
+  assert.equal(format.plusMinus(1.5, 0), "1.500");
   assert.equal(format.significant(0.01234), "0.0123");
   assert.equal(format.significant(1234), "1234");
   assert.equal(format.duration(59.4), "59 s");

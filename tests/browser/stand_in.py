@@ -45,6 +45,7 @@ class StandIn:
         self.token = ""
         self.silent = False
         self.trip: dict[str, Any] | None = None
+        self.tracking: dict[str, Any] | None = None
         self.events_so_far: list[Event] = []
         self.plan: PlanView | None = None
         self.mesh: MeshView | None = None

@@ -422,6 +422,27 @@ def test_findings_of_a_calibration_are_listed_the_serious_first(server, visit: W
     expect(listed).to_have_count(0)
 
 
+def test_what_is_tracked_stands_against_the_calibration_in_force(server, visit: Watched):
+    page = visit(server.urls.operator)
+    page.click("#tab-calibration")
+    shows(page, "#calibration-content", "In force")
+    expect(page.locator("#calibration-tracked")).to_be_hidden()
+    server.stand_in.tracking = documents.tracking()
+    shows(
+        page, "#tracked-verdict", "Tracked over 70 turns: all 3 quantities within their intervals"
+    )
+    page.click("#tracked-verdict")
+    shows(page, "#tracked-quantities", "not seen: the common offset of the currents")
+    server.stand_in.tracking = documents.tracking("b")
+    shows(page, "#tracked-verdict", "alpha-b left its interval")
+    departed = page.locator("#calibration-tracked .departed")
+    expect(departed).to_have_count(1)
+    expect(departed).to_contain_text("alpha-b")
+    expect(departed).to_contain_text("1.0213 \u00b1 0.0042")
+    server.stand_in.tracking = None
+    expect(page.locator("#calibration-tracked")).to_be_hidden()
+
+
 def test_a_calibration_that_comes_late_is_not_shown_in_the_place_of_another(server, visit: Watched):
     page = visit(server.urls.operator)
     page.click("#tab-calibration")

@@ -333,7 +333,8 @@ def _outcome(
         under = np.flatnonzero(here["torque_set_Nm"])
         torque_ms = (int(now_ns[during[under[-1]]]) - begun_ns) * 1e-6 if under.size else 0.0
         of_fault = (truth["t_ns"] >= begun_ns) & (truth["t_ns"] <= end_ns - 300_000_000)
-        turned = float(np.ptp(truth["angle_rad"][of_fault])) / (2 * np.pi)
+        angles_rad = truth["angle_rad"][of_fault]
+        turned = float(np.ptp(angles_rad)) / (2 * np.pi) if angles_rad.size else 0.0
         return WireOutcome(
             row, state, reported, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms,
             turned,

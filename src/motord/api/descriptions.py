@@ -58,7 +58,9 @@ TRIP_ACTION: dict[Trip, str] = {
 EVENT_MEANING: dict[str, str] = {
     "access": "a client of another machine came in, was refused or lost its role",
     "blackbox": "a black box was asked for, written, or could not be",
-    "calibration": "a calibration is in force, was installed or cannot be used",
+    "calibration": "a calibration is in force, was installed, cannot be used or holds again",
+    "calibration_departed": "operation shows a quantity outside its interval in the calibration in "
+    "force: both values, and what to do",
     "daemon": "the daemon shuts down, and why",
     "device": "the health of a slow device changed, or the torque was taken away because of it",
     "fault": "an error in the program or a loop that ended; the bench is stopped",

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from motord.api.plan_messages import PlanView
 from motord.api.published_message import PublishedMessage
+from motord.api.tracking_messages import TrackingView
 from motord.api.trip_messages import TripReport, TripView
 from motord.sequencing.settings import Compensation
 
@@ -249,6 +250,8 @@ class BenchState(PublishedMessage):
     """State of the recorder."""
     calibration: CalibrationView | None
     """The calibration in force."""
+    tracking: TrackingView | None = None
+    """What ordinary operation shows of it; none unless `[tracking] enabled`."""
     brake: DeviceView
     """The brake."""
     drive: DeviceView

@@ -151,6 +151,18 @@ class CalibrationInstall(WithToken):
         return self
 
 
+NOTHING_DEPARTED = "nothing-departed"
+"""Accepted by name: that all that is tracked lies within the intervals of what is in force."""
+
+
+class CalibrationAdopt(WithToken):
+    """`calibration/adopt`."""
+
+    accept: Annotated[list[Name], Field(max_length=32)] = []
+    """Names of serious findings of the adopted one, and `nothing-departed`: that all quantities lie
+    within their intervals; with one that is not named it is refused."""
+
+
 class CalibrationShow(RpcRequest):
     """`calibration/show`."""
 
@@ -220,6 +232,10 @@ CONFIG = Rpc("config", NoArguments, replies.ConfigReply, "The bench file.")
 CALIBRATION_INSTALL = Rpc(
     "calibration/install", CalibrationInstall, replies.InstalledCalibration,
     "Put a calibration in force, now and after a restart; either of both fields.",
+)  # fmt: skip
+CALIBRATION_ADOPT = Rpc(
+    "calibration/adopt", CalibrationAdopt, replies.InstalledCalibration,
+    "Put the calibration in force as it is tracked, in place of the one in force.",
 )  # fmt: skip
 CALIBRATION_LIST = Rpc(
     "calibration/list", NoArguments, replies.CalibrationList,

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from motord.cli.adopt import adopt
+from motord.cli.bench.tracking import lines
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
 from motord.cli.console import fail, group, print_result
@@ -14,7 +16,8 @@ if TYPE_CHECKING:
     from motord.calibration import Calibration
     from motord.client import Client
 
-app = group("Show calibration files, list those kept, install one.")
+app = group("Show calibration files, list those kept, install one or adopt what is tracked.")
+app.command()(adopt)
 
 
 @app.command()
@@ -32,6 +35,8 @@ def show(
 ) -> None:
     """Check a calibration file, or that which the daemon applies, and show what is in it.
 
+    Of the one in force also what is tracked, if tracking is enabled.
+
     With --id the daemon reads it, which may be on another machine; its JSON has 95 % intervals and
     at most 2048 values of the cogging torque.
     """
@@ -44,6 +49,7 @@ def show(
             kept = client.rpc("calibration/show", id=calibration_id)
         print_result(kept, "\n".join(_lines(kept, kept["age"])), as_json)
         return
+    seen: list[str] = []
     if file is not None:
         calibration = load(file)
     else:
@@ -51,8 +57,11 @@ def show(
             calibration = load_in_force(
                 client, "no calibration is in force; name a file, or install one"
             )
+            if (tracking := client.state().tracking) is not None:
+                seen = lines(tracking)
     content = calibration.to_json()
-    print_result(content, "\n".join(_lines(content, calibration.age())), as_json)
+    text = _lines(content, calibration.age()) + seen
+    print_result(content, "\n".join(text), as_json)
 
 
 @app.command("list")

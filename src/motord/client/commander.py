@@ -148,3 +148,11 @@ class Commander:
         if accept:  # daemons of before do not know the field
             source["accept"] = list(accept)
         return self._daemon.call(rpc.CALIBRATION_INSTALL, token=self.token, **source)
+
+    def adopt_calibration(self, *, accept: Collection[str] = ()) -> InstalledCalibration:
+        """Put the calibration in force as it is tracked; the torque must be zero.
+
+        Refused if no quantity has departed, unless accept has "nothing-departed", and for serious
+        findings as `install_calibration`.
+        """
+        return self._daemon.call(rpc.CALIBRATION_ADOPT, token=self.token, accept=list(accept))

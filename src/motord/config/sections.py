@@ -20,6 +20,7 @@ from motord.config.timing import (
     SILENCE_MAX_S,
     SUPERVISOR_ACTS_S,
 )
+from motord.config.tracking import TrackingConfig
 from motord.config.zenoh import ZenohConfig
 
 
@@ -176,6 +177,7 @@ class Sections(Section):
     limits: LimitsConfig = LimitsConfig()
     recording: RecordingConfig = RecordingConfig()
     calibration: CalibrationConfig = CalibrationConfig()
+    tracking: TrackingConfig = TrackingConfig()
     zenoh: ZenohConfig = ZenohConfig()
     plans: Plans
 

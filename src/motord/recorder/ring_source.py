@@ -78,8 +78,9 @@ class RingSource:
 
     Ticks come from the moment of construction on ("now"), or from the oldest that the ring holds:
     with `first_tick` from that one on or after the newest of `recorded`, and without those up to
-    `mark`, or else to the newest of `others` that is among them. `problem` says why there is no
-    ring, if it is not only that the loop has not started.
+    `mark`, or else to the newest of `others` that is among them. A call returns `at_once` ticks at
+    most, None for all. `problem` says why there is no ring, if it is not only that the loop has
+    not started.
     """
 
     def __init__(
@@ -90,8 +91,10 @@ class RingSource:
         others: Sequence[Mark] = (),
         first_tick: int = 0,
         recorded: Sequence[Mark] = (),
+        at_once: int | None = None,
     ) -> None:
         self._path = path
+        self._at_once = at_once
         self._recorded = recorded
         self._first_tick = first_tick
         self._mark = mark
@@ -124,12 +127,12 @@ class RingSource:
         if self._reader is None:
             return RingPiece(np.empty(0, TICK_DTYPE))
         superseded = self._reader.superseded()  # asked first, so that no last tick is left behind
-        block, lost = self._reader.read()
+        block, lost = self._reader.read(self._at_once)
         if superseded and not len(block) and self._following:
             successor = self._attach("oldest")
             if successor is not None:
                 self._reader, self._new_ring = successor, True
-                block, lost = successor.read()
+                block, lost = successor.read(self._at_once)
         return self._piece(block, lost)
 
     def _attach(self, start: Literal["now", "oldest"]) -> RingReader | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from motord.api.requests import (
+    CALIBRATION_ADOPT,
     CALIBRATION_INSTALL,
     CALIBRATION_LIST,
     CALIBRATION_SHOW,
@@ -38,6 +39,7 @@ from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
 from motord.service.recording.control import RecordingControl
+from motord.service.rpc.adoption import Adoption
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.dispatcher import Dispatcher
@@ -46,6 +48,7 @@ from motord.service.rpc.operation import ManualOperation
 from motord.service.rpc.plan_list import AvailablePlans
 from motord.service.rpc.plans import PlanControl
 from motord.service.supervisor import Supervisor
+from motord.service.tracker.link import TrackerLink
 from motord.shm.mailbox import MailboxWriter
 from motord.shm.run_directory import RunDir
 from motord.shm.tables import TablesWriter
@@ -100,6 +103,7 @@ def build(
     bench = Bench(config, mailbox, slow_devices(config, events), events, resumption)
     bench.monitor.on_trip = boxes.trip
     bench.plans.estimator = estimator = EstimatorLink(children, events)
+    tracker = TrackerLink(store, children, events) if config.tracking.enabled else None
 
     tables.write(*parameters.build(config, installed_calibration(store, bench)))
     show_interrupted_plan(journal, resumption, bench)
@@ -110,12 +114,16 @@ def build(
         *(config.loop.rate_Hz, config.zenoh.tick_rate_Hz, config.zenoh.block_s),
     )
     publisher = Publisher(
-        *(bench, store, children, recording, loop, guard, telemetry),
+        *(bench, store, children, recording, loop, guard, telemetry, tracker),
         *(time.monotonic_ns(), clock.now_ns),
     )
     events.listeners += [publisher.event, recording.recorder.event, boxes.event]
 
-    dispatcher, offloaded = build_rpc(bench, resumption, recording, loop, store, tables, toml)
+    installation = Installation(bench, store, tables.write, toml)
+    adoption = Adoption(tracker, installation, store, run_dir)
+    dispatcher, offloaded = build_rpc(
+        bench, resumption, recording, loop, store, installation, adoption
+    )
     api = Api(
         *(config.bench.name, dispatcher.calls, offloaded, publisher.documents),
         max_request_bytes(config.motor.counts),
@@ -123,7 +131,7 @@ def build(
     )
     supervisor = Supervisor(
         *(bench, dispatcher, children, loop, tables, recording, boxes),
-        *(publisher, estimator),
+        *(publisher, estimator, tracker),
         GatewayLink(children, events) if config.zenoh.remote else None,
         *(guard, notifier),
     )
@@ -136,16 +144,16 @@ def build_rpc(
     recording: RecordingControl,
     loop: LoopLink,
     store: CalibrationStore,
-    tables: TablesWriter,
-    toml: str,
+    installation: Installation,
+    adoption: Adoption,
 ) -> tuple[Dispatcher, dict[str, Offloaded]]:
     """Return what carries requests out, and which of them are prepared in other threads."""
     plans = PlanControl(bench, resumption, recording.obstacle, store.file)
-    installation = Installation(bench, store, tables.write, toml)
     operation = ManualOperation(bench, lambda: loop.start(time.monotonic_ns()), recording.file)
     kept, available = CalibrationFiles(store), AvailablePlans(bench)
     longest = max_request_bytes(bench.config.motor.counts)
-    return Dispatcher(bench, operation, available, plans, installation, kept), {
+    return Dispatcher(bench, operation, available, plans, installation, adoption, kept), {
+        CALIBRATION_ADOPT.name: Offloaded(adoption.prepare, adoption.save),
         CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
         CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
         CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),

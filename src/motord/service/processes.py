@@ -6,6 +6,7 @@ from motord.service.estimator.link import ESTIMATOR
 from motord.service.gateway.link import GATEWAY, gateway_command
 from motord.service.host.children import Process, spawn
 from motord.service.recording.session import RECORDER
+from motord.service.tracker.link import TRACKER
 
 PROCESSES = (
     Process(
@@ -24,6 +25,14 @@ PROCESSES = (
         spawn_piped,
         restart="never", stop_timeout_s=1.0,
         loss="the plan under way goes on and does not end early",
+    ),
+    Process(
+        TRACKER,
+        lambda path, run_dir: run_dir.command("motord.service.tracker.process", path),
+        spawn_piped,
+        restart="while wanted", stop_timeout_s=1.0, backoff_last_s=60.0,
+        while_=lambda config: config.tracking.enabled,
+        loss="tracking of the calibration begins anew",
     ),
     Process(
         LOOP, lambda path, run_dir: run_dir.command("motord.loop.main", path), spawn,

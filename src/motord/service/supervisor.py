@@ -24,6 +24,7 @@ from motord.service.host.systemd import Notifier
 from motord.service.publish.publisher import Publisher
 from motord.service.recording.control import RecordingControl
 from motord.service.rpc.dispatcher import Dispatcher
+from motord.service.tracker.link import TrackerLink
 from motord.shm.tables import TablesWriter
 
 PERIOD_NS = 10_000_000
@@ -36,7 +37,10 @@ RECORDER_START_NS = 20_000_000_000
 
 @dataclass
 class Supervisor:
-    """What gets its turn in every step, and in which order. `gateway`: None without TLS."""
+    """What gets its turn in every step, and in which order. `gateway`: None without TLS.
+
+    `tracker`: None unless it is enabled.
+    """
 
     bench: Bench
     dispatcher: Dispatcher
@@ -47,6 +51,7 @@ class Supervisor:
     boxes: BlackBoxTrigger
     publisher: Publisher
     estimator: EstimatorLink
+    tracker: TrackerLink | None
     gateway: GatewayLink | None
     guard: Guard
     notifier: Notifier
@@ -71,6 +76,9 @@ class Supervisor:
             self.dispatcher.take(now_ns)
         with part("estimator", now_ns):
             self.estimator.step(now_ns)
+        if self.tracker is not None:
+            with part("tracker", now_ns):
+                self.tracker.step(now_ns)
         self.bench.step(block, lost, now_ns)
         with part("answers", now_ns):
             self.dispatcher.step(now_ns)
@@ -148,6 +156,8 @@ class Supervisor:
         if self.gateway is not None:
             self.gateway.stop(self.clock_ns())
         self.estimator.stop()
+        if self.tracker is not None:
+            self.tracker.stop()
         self.children.stop(LOOP)
         self.publisher.step(self.loop.read()[0], self.clock_ns())
         self.recording.stop()

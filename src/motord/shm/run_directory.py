@@ -39,6 +39,8 @@ class RunDir:
         """The loop's histograms (`shm.timing.Timing`), written by the loop."""
         self.loop_status = self.path / "loop.json"
         """The loop's account of itself (`loop.status.LoopStatus`)."""
+        self.adopted = self.path / "adopted.json"
+        """The calibration as it is tracked, written by the tracker when it is asked to."""
 
     @classmethod
     def at(cls, path: Path) -> "RunDir":

@@ -127,6 +127,11 @@ class VirtualBench:
         """Let the kernel use `calibration`, or none, from the next tick on."""
         self._tables = control_parameters.build(self.config, calibration)
 
+    def alter(self, truth: RigTruth) -> None:
+        """Let the rig be `truth` from the next tick on, moving and as warm as it is."""
+        self.truth = with_drive(truth, self.config.inverter)
+        self._rig = (build(self.truth, 0, self._fitting_substep_s())[0], self._rig[1])
+
     def run(self, setpoint: np.ndarray, ticks: int) -> tuple[np.ndarray, np.ndarray]:
         """Run `ticks` periods under `setpoint` (SETPOINT, shape (1,)).
 

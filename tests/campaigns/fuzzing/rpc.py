@@ -17,10 +17,12 @@ from motord.api.requests import RPCS, parse
 from motord.config.experiments import plan_kinds
 from motord.schema import Trip
 from motord.service.bench.calibrations import CalibrationStore
+from motord.service.rpc.adoption import Adoption
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.calibration_reader import read, read_files
 from motord.service.rpc.dispatcher import Call, Dispatcher
+from motord.shm.run_directory import RunDir
 from tests.campaigns.fuzzing.mutate import (
     ODD_NUMBERS,
     mutate_bytes,
@@ -71,7 +73,9 @@ class Rpc:
         store = CalibrationStore(service.config, Path(self._folder.name))
         self._installation = Installation(service.bench, store, lambda *tables: None, "text", read)
         self._store, kept = store, CalibrationFiles(store, read_files)
+        adoption = Adoption(None, self._installation, store, RunDir("fuzz", store.directory))
         self._prepare = {
+            "calibration/adopt": adoption.prepare,
             "calibration/install": self._installation.prepare,
             "calibration/list": kept.prepare_list,
             "calibration/show": kept.prepare_show,
@@ -81,7 +85,7 @@ class Rpc:
         }
         service.dispatcher = Dispatcher(
             *(service.bench, service.operation, service.available, service.plans),
-            *(self._installation, kept),
+            *(self._installation, kept, adoption),
         )
         self.token = service.acquire("fuzz")
         self._enter(STATES[self._turn % len(STATES)])

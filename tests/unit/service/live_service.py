@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 from motord.api.messages import RecordingView
 from motord.api.requests import (
+    CALIBRATION_ADOPT,
     CALIBRATION_INSTALL,
     CALIBRATION_LIST,
     CALIBRATION_SHOW,
@@ -18,11 +19,13 @@ from motord.service.bench.calibrations import CalibrationStore
 from motord.service.publish.publisher import Publisher
 from motord.service.publish.telemetry import Telemetry
 from motord.service.publish.zenoh_api import Api
+from motord.service.rpc.adoption import Adoption
 from motord.service.rpc.calibration import Installation
 from motord.service.rpc.calibration_files import CalibrationFiles
 from motord.service.rpc.calibration_reader import read, read_files
 from motord.service.rpc.dispatcher import Dispatcher
 from motord.service.rpc.intake import Offloaded
+from motord.shm.run_directory import RunDir
 from tests.support.ports import free_port
 from tests.unit.service.virtual_service import STEP_NS, VirtualService
 
@@ -34,7 +37,7 @@ def endpoint():
 class LiveService(VirtualService):
     """Steps in a thread, in real time, between requests that come over Zenoh."""
 
-    def __init__(self, tmp_path, listen, **changes):
+    def __init__(self, tmp_path, listen, tracker=None, **changes):
         super().__init__(**changes)
         self.listen = listen
         store = CalibrationStore(self.config, tmp_path)
@@ -47,19 +50,22 @@ class LiveService(VirtualService):
             loop=SimpleNamespace(realtime=dict, bridge_clock=lambda: None),
             guard=SimpleNamespace(faults={}),
             telemetry=self.telemetry,
+            tracker=tracker,
             started_ns=self.now_ns,
             unix_ns=lambda: self.now_ns,
         )
         self.events.listeners.append(self.publisher.event)
         installation = Installation(self.bench, store, lambda *tables: None, "the text", read)
         kept, self.store = CalibrationFiles(store, read_files), store
+        adoption = Adoption(tracker, installation, store, RunDir("bench", tmp_path))
         self.dispatcher = Dispatcher(
             *(self.bench, self.operation, self.available, self.plans),
-            *(installation, kept),
+            *(installation, kept, adoption),
         )
         longest = max_request_bytes(self.config.motor.counts)
         offloaded = {
             CALIBRATION_INSTALL.name: Offloaded(installation.prepare, installation.save, longest),
+            CALIBRATION_ADOPT.name: Offloaded(adoption.prepare, adoption.save),
             CALIBRATION_LIST.name: Offloaded(kept.prepare_list),
             CALIBRATION_SHOW.name: Offloaded(kept.prepare_show),
             PLAN_LIST.name: Offloaded(self.available.prepare),

@@ -195,11 +195,11 @@ PERIPHERAL = {
     "publisher": "publisher.step",
     "service manager": "notifier.progress",
 }
-"""What of the supervisor is called for each part; the gateway is not there without TLS."""
+"""What of the supervisor is called for each part; gateway and tracker are not on every bench."""
 
 
 def test_every_part_that_may_fail_has_a_case_here():
-    assert PERIPHERAL.keys() | {"gateway"} == guard.PARTS.keys()
+    assert PERIPHERAL.keys() | {"gateway", "tracker"} == guard.PARTS.keys()
 
 
 def failing(played, monkeypatch, part, error):

@@ -26,6 +26,7 @@ from motord.service.host.events import EventLog
 from motord.service.processes import PROCESSES
 from motord.shm.ring import RingReader, RingWriter
 from motord.shm.run_directory import RunDir
+from tests.support.played_process import PlayedProcess
 
 CONFIG = packaged("sim.toml")
 WAIT_S = 60.0
@@ -286,36 +287,12 @@ def test_a_report_is_bounded(worked):
 # --- the supervisor's end
 
 
-class Played:
+class Played(PlayedProcess):
     """An estimator process that the test plays."""
-
-    def __init__(self):
-        commands, into = os.pipe()
-        out_of, self.reports = os.pipe()
-        self.stdin, self.stdout = os.fdopen(into, "wb", 0), os.fdopen(out_of, "rb", 0)
-        os.set_blocking(commands, False)
-        self._commands = LineReader(commands)
-        self.code, self.pid, self.open = None, 4711, [commands, self.reports]
-
-    def poll(self):
-        return self.code
-
-    def send_signal(self, sig):
-        self.code = -sig
-
-    def say(self, line):
-        os.write(self.reports, line + b"\n")
 
     def report(self, run, captures=1, **more):
         about = {"run": run, "captures": captures, "half_widths": {}, "obstacle": "", **more}
         self.say(json.dumps(about).encode())
-
-    def received(self):
-        return [json.loads(line) for line in self._commands.read()]
-
-    def close(self):
-        for end in self.open:
-            os.close(end)
 
 
 class Linked:

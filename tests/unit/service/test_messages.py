@@ -36,6 +36,7 @@ VALID = {
     "calibration/list": {},
     "calibration/show": {"id": "0123abcd"},
     "calibration/install": {"token": "t", "calibration": {"id": "x"}},
+    "calibration/adopt": {"token": "t", "accept": ["nothing-departed"]},
 }
 
 json_values = st.recursive(

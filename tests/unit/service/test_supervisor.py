@@ -129,11 +129,12 @@ class PlayedDaemon:
         self.folder = folder
         self.run_dir = RunDir("played", folder)
         self.run_dir.create()
-        self.loops, self.recorders, self.estimators = [], [], []
+        self.loops, self.recorders, self.estimators, self.trackers = [], [], [], []
         self.spawn = {
             "loop": self._spawn_loop,
             "recorder": self._spawn_recorder,
             "estimator": self._spawn_estimator,
+            "tracker": self._spawn_tracker,
         }
         played = [
             replace(row, spawn=lambda command, name=row.name: self.spawn[name](command))
@@ -158,6 +159,10 @@ class PlayedDaemon:
     def _spawn_estimator(self, command):
         self.estimators.append(PlayedPipes(200 + len(self.estimators)))
         return self.estimators[-1]
+
+    def _spawn_tracker(self, command):
+        self.trackers.append(PlayedPipes(300 + len(self.trackers)))
+        return self.trackers[-1]
 
     def up(self):
         self.supervisor.start()
@@ -201,7 +206,7 @@ class PlayedDaemon:
         return json.loads(self.supervisor.publisher.documents["state"]())
 
     def close(self):
-        for child in self.recorders + self.estimators:
+        for child in self.recorders + self.estimators + self.trackers:
             child.close()
 
 
@@ -627,3 +632,36 @@ def test_the_estimator_ends_with_the_daemon(played):
     played.step(2)
     played.supervisor.take_down()
     assert played.estimators[0].signals == [signal.SIGKILL]
+
+
+def test_a_calibration_is_tracked_where_that_is_enabled(tmp_path, monkeypatch):
+    played = PlayedDaemon(tmp_path, monkeypatch, tracking={"enabled": True})
+    played.up()
+    played.step(20)
+    assert (played.trackers, played.state()["tracking"]) == ([], None)
+    in_force = played.supervisor.publisher.calibrations
+    in_force.save(calibration())
+    played.step(20)
+    [tracker] = played.trackers
+    [start] = tracker.received()
+    assert start["calibration"] == str(in_force.path)
+    tracker.send(
+        {
+            "tracked": {
+                "calibration": in_force.current_id(), "t_ns": 1, "turns": 9, "memory_s": 300.0,
+                "quantities": [], "unseen": [], "obstacle": "",
+            }
+        }
+    )  # fmt: skip
+    played.step(20)
+    assert played.state()["tracking"]["turns"] == 9
+    played.supervisor.take_down()
+    assert tracker.signals == [signal.SIGKILL]
+    played.close()
+
+
+def test_a_calibration_is_not_tracked_unless_that_is_enabled(played):
+    played.up()
+    played.supervisor.publisher.calibrations.save(calibration())
+    played.step(20)
+    assert (played.trackers, played.state()["tracking"]) == ([], None)

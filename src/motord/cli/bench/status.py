@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from motord.cli.bench import wording
+from motord.cli.bench.tracking import short
 from motord.cli.bench.wording import number
 from motord.cli.common_options import AsJson
 from motord.cli.connection_options import DEFAULT, Connection
@@ -102,6 +103,8 @@ def _rows(state: "BenchState") -> list[tuple[str, str]]:
     if (plan := state.plan) is not None:
         rows.append(("plan", f"{plan.plan} {plan.state}, {wording.plan_progress(plan)}"))
     rows.append(("calibration", wording.calibration(state)))
+    if state.tracking is not None:
+        rows.append(("tracked", short(state.tracking)))
     rows.append(("recording", wording.recording(state)))
     rows += [("fault", said) for said in state.faults.values()]
     rows.append(("loop", wording.loop(state)))

@@ -103,6 +103,7 @@ class AsyncLease:
     abort_plan = awaited(Commander.abort_plan)
     discard_plan = awaited(Commander.discard_plan)
     install_calibration = awaited(Commander.install_calibration)
+    adopt_calibration = awaited(Commander.adopt_calibration)
 
     def __init__(self, threads: Threads, lease: Lease) -> None:
         self.threads, self.sync = threads, lease

@@ -25,6 +25,13 @@ export function significant(value, digits = 3) {
   return number(value, Math.max(0, digits - 1 - Math.floor(Math.log10(magnitude))));
 }
 
+/** Value and half of its interval, with two digits of the latter. @param {number} value @param {number} half */
+export function plusMinus(value, half) {
+  if (!Number.isFinite(half) || half <= 0) return significant(value, 4);
+  const digits = Math.min(Math.max(1 - Math.floor(Math.log10(half) + 1e-9), 0), 12);
+  return `${number(value, digits)} \u00b1 ${number(half, digits)}`;
+}
+
 /** `1:05`, `1:02:03`, below a minute `12 s`. @param {number | null | undefined} seconds */
 export function duration(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NO_VALUE;

@@ -18,6 +18,7 @@ import { StatusBar } from "./status_bar.js";
 import { StopButton } from "./stop.js";
 import { startTabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
+import { TrackedQuantities } from "./tracking.js";
 import { Traces } from "./traces.js";
 import { Turns } from "./turns.js";
 
@@ -39,6 +40,7 @@ new PlanProgress(bench, socket, messages);
 new PlanForm(bench, socket, messages);
 new Mesh(bench);
 new Turns(bench);
+new TrackedQuantities(bench);
 
 /** @param {import("./protocol.js").Header} header @param {Float32Array} floats */
 function receive(header, floats) {

@@ -6,8 +6,9 @@ Of the phases' gains, and of their offsets, the one that changed most counts; a 
 it differs from the third.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import hypot
 
 import numpy as np
@@ -69,13 +70,14 @@ def check(
     calibration.check_motor(subject.motor)
     found = parameter_shift(points, calibration, subject.motor, subject.sensor)
     stated = list(quantities(calibration, found, subject.motor))
-    seen = [one for one in stated if _is_seen(one, found)]
-    unseen = [one for one in stated if not _is_seen(one, found)]
-    changes = [_change(one, found, len(seen)) for one in seen]
+    seen = [one for one in stated if is_seen(one, found)]
+    unseen = [one for one in stated if not is_seen(one, found)]
+    change = partial(_change, found=found, tests=len(seen))
+    changes = [change(one) for one in seen]
     not_sampled = [one for one in calibration.tau_cog_harmonics if one.order not in found.orders]
     return CalibrationCheck(
         calibration=calibration.id,
-        changes=tuple(_without_consequences(seen, changes, found)),
+        changes=tuple(without_consequences(seen, changes, change)),
         misfit=found.misfit,
         turns=found.turns,
         needed_percent=needed_percent,
@@ -88,7 +90,8 @@ def check(
     )
 
 
-def _is_seen(quantity: Quantity, found: ParameterShift) -> bool:
+def is_seen(quantity: Quantity, found: ParameterShift) -> bool:
+    """Return whether the turns show a change of the quantity well enough to be tested."""
     measured = found.along(quantity.direction)
     return measured is not None and measured[1] <= quantity.seen
 
@@ -116,10 +119,13 @@ def _change(quantity: Quantity, found: ParameterShift, tests: int) -> Change:
     )
 
 
-def _without_consequences(
-    stated: Sequence[Quantity], changes: Sequence[Change], found: ParameterShift
+def without_consequences(
+    stated: Sequence[Quantity], changes: Sequence[Change], change_of: Callable[[Quantity], Change]
 ) -> list[Change]:
-    """Return the changes; of three phases those that only mirror another's count as none."""
+    """Return the changes; of three phases those that only mirror another's count as none.
+
+    change_of: tests a quantity, as it gave the changes of those `stated`.
+    """
     kept = list(changes)
     for family in COMPARED:
         rows = [n for n, one in enumerate(stated) if one.family == family]
@@ -131,7 +137,7 @@ def _without_consequences(
             direction=(stated[second].direction - stated[third].direction) / 1.5,
             stderr=(stated[second].stderr + stated[third].stderr) / 1.5,
         )
-        differ = _change(pair, found, len(changes)).drifted
+        differ = change_of(pair).drifted
         kept[second] = replace(kept[second], drifted=kept[second].drifted and differ)
         kept[third] = replace(kept[third], drifted=False)
     return kept

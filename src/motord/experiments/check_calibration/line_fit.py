@@ -9,6 +9,12 @@ The noise n_j of an order is how the turns of the point differ there and at its 
 may have any colour. Where turns differ more along the parameters than at the orders around them,
 f > 1 is by how much (cluster-robust, a cluster is a turn); where the columns leave more than noise
 and m, g > 1 is by how much. Degrees of freedom are Satterthwaite's.
+
+Groups of turns may count with weights: sum w r / sum w has the variance
+
+    sum w^2 |r - mean|^2 / (sum w)^2 / (1 - 1/n),    n = (sum w)^2 / sum w^2
+
+A point whose largest weight is below 1 is as much less certain: n_j and m are divided by its root.
 """
 
 from collections.abc import Sequence
@@ -25,28 +31,69 @@ MODELLED_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
+class _Groups:
+    """Lines (groups, orders) of the turns of a point, with weights (groups,)."""
+
+    lines_Nm: np.ndarray
+    weights: np.ndarray
+
+    @property
+    def effective(self) -> float:
+        """How many groups of one weight would tell as much."""
+        return float(self.weights.sum() ** 2 / (self.weights**2).sum())
+
+    @cached_property
+    def mean_Nm(self) -> np.ndarray:
+        """Mean over the groups (orders,)."""
+        return np.asarray(self.weights @ self.lines_Nm / self.weights.sum())
+
+    @property
+    def apart_Nm(self) -> np.ndarray:
+        """What the groups differ by from their mean (groups, orders)."""
+        return np.asarray(self.lines_Nm - self.mean_Nm)
+
+    def variance_of_mean(self, apart: np.ndarray) -> np.ndarray:
+        """Return the variance (n,) of the mean of values that are `apart` (groups, n) from it."""
+        share = self.weights / self.weights.sum()
+        return np.asarray(share**2 @ np.abs(apart) ** 2 / (1 - 1 / self.effective))
+
+
+@dataclass(frozen=True)
 class LineFit:
     """Lines (groups, orders) of the turns of each point; columns (points, p, orders).
 
-    prior (k, p): rows of unit variance that are 0; model_Nm: standard deviation m of a line;
-    lowest_order: of what is looked for.
+    prior (k, p): rows of unit variance that are 0; model_Nm: standard deviation m of a line, or of
+    those of each order (orders,);
+    lowest_order: of what is looked for; weights (groups,) of each point, None for 1.
     """
 
     groups_Nm: Sequence[np.ndarray]
     columns: np.ndarray
     prior: np.ndarray
-    model_Nm: float
+    model_Nm: float | np.ndarray
     lowest_order: int
+    weights: Sequence[np.ndarray] | None = None
+
+    @cached_property
+    def _groups(self) -> list[_Groups]:
+        weights = self.weights or [np.ones(len(lines)) for lines in self.groups_Nm]
+        return [_Groups(*each) for each in zip(self.groups_Nm, weights, strict=True)]
+
+    @cached_property
+    def _doubt(self) -> np.ndarray:
+        """By what the noise of each point is larger for its age (points, 1)."""
+        return np.array([[one.weights.max() ** -0.5] for one in self._groups])
 
     @cached_property
     def _turn_Nm(self) -> np.ndarray:
         """Noise of the means over the turns (points, orders)."""
-        return smooth_noise(np.array([_variance_of_mean(lines) for lines in self.groups_Nm]))
+        variance = np.array([one.variance_of_mean(one.apart_Nm) for one in self._groups])
+        return np.asarray(self._doubt * smooth_noise(variance))
 
     @cached_property
     def _weight(self) -> np.ndarray:
         """Of the lines (points, orders): a line of noise 1 has 1/2 in its real part."""
-        return np.asarray(np.sqrt(2) / np.hypot(self._turn_Nm, self.model_Nm))
+        return np.asarray(np.sqrt(2) / np.hypot(self._turn_Nm, self._doubt * self.model_Nm))
 
     @cached_property
     def _x(self) -> np.ndarray:
@@ -57,7 +104,7 @@ class LineFit:
     @cached_property
     def _y(self) -> np.ndarray:
         """Lines (2, points, orders), weighed."""
-        lines = np.array([one.mean(axis=0) for one in self.groups_Nm]) * self._weight
+        lines = np.array([one.mean_Nm for one in self._groups]) * self._weight
         return np.array([lines.real, lines.imag])
 
     @cached_property
@@ -89,7 +136,7 @@ class LineFit:
     @cached_property
     def misfit(self) -> float:
         """Mean square of what is left at the columns' own orders, over what is expected."""
-        left = self._y - self._x @ self.change
+        left = self._doubt * (self._y - self._x @ self.change)
         power = (np.abs(self.columns) ** 2).sum(axis=0)
         own = (power > MODELLED_SHARE * power.max(axis=1, keepdims=True)).any(axis=0)
         freedom = max(left[:, :, own].size - len(self.change), 1)
@@ -100,7 +147,7 @@ class LineFit:
         """Errors of the solution."""
         random = (self._turn_Nm * self._weight) ** 2 / 2
         parts = np.einsum("icph,ph,jcph->pij", self._influence, random, self._influence)
-        turns = np.array([len(lines) for lines in self.groups_Nm])
+        turns = np.array([one.effective for one in self._groups])
         averaged = orders_averaged(random.shape[1])[self.lowest_order - 1]
         more = max(self.misfit, 1.0)
         scatter = more * max(self._turn_dispersion(parts.sum(axis=0)), 1.0)
@@ -114,15 +161,10 @@ class LineFit:
     def _turn_dispersion(self, expected: np.ndarray) -> float:
         """Return by how much turns differ along the parameters, over the `expected` (p, p)."""
         found = np.zeros(len(expected))
-        for point, lines in enumerate(self.groups_Nm):
+        for point, groups in enumerate(self._groups):
             along = (self._influence[:, 0, point] - 1j * self._influence[:, 1, point]) @ (
-                lines * self._weight[point]
+                groups.apart_Nm * self._weight[point]
             ).T
-            found += along.real.var(axis=1, ddof=1) / len(lines)
+            found += self._doubt[point] ** 2 * groups.variance_of_mean(along.real.T)
         variance = np.diag(expected)
         return float((found / np.maximum(variance, 1e-300))[variance > 0].mean())
-
-
-def _variance_of_mean(lines: np.ndarray) -> np.ndarray:
-    """Return the variance (orders,) of the mean over lines (groups, orders)."""
-    return np.asarray(lines.var(axis=0, ddof=1) / len(lines))

@@ -82,7 +82,7 @@ def parameter_shift(
     """Return by how much the calibration would have to move. Raises IdentifyError."""
     recorded = [prepare(point, motor.counts) for point in points]
     has_law = motor.connection == "star" and not any(map(is_missing, recorded))
-    samples = [_samples(one, calibration, motor, sensor) for one in recorded]
+    samples = [without_sensor(one, calibration, motor, sensor) for one in recorded]
     _check_turns(samples)
     highest = _highest_cogging_order(samples, motor)
     harmonics = [one for one in calibration.tau_cog_harmonics if one.order <= highest]
@@ -121,10 +121,13 @@ def _fit(regression: Regression, theta: np.ndarray, motor: MotorConfig) -> LineF
     )
 
 
-def _samples(
+def without_sensor(
     samples: Samples, calibration: Calibration, motor: MotorConfig, sensor: TorqueSensorConfig
 ) -> Samples:
-    """Return a point with its torque without the high-pass, and currents of all phases."""
+    """Return a point with its torque without the high-pass, and currents of all phases.
+
+    Raises IdentifyError where there are no currents.
+    """
     require_currents(samples)
     if motor.connection == "star" and is_missing(samples):
         samples = restored(samples, calibration.delta_epsilon * np.array(calibration.alpha))

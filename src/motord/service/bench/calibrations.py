@@ -84,6 +84,12 @@ class CalibrationStore:
         """Return the names of the serious findings of the calibration in force."""
         return self.current.serious_names if self.current is not None else []
 
+    @property
+    def kept(self) -> Path | None:
+        """The file of the calibration in force, None until it is written; for any thread."""
+        current, path = self.current, self.path
+        return path if current is not None and path.stem == current.id else None
+
     def load_installed(self) -> Calibration | None:
         """Load the calibration that was in force when the daemon last ran, if there is one."""
         try:

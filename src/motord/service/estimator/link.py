@@ -5,11 +5,10 @@ from dataclasses import replace
 from typing import Any
 from uuid import uuid4
 
-from motord.recorder.launch import PipedChild
 from motord.sequencing import Plan
 from motord.sequencing.precision import Precision
 from motord.service.estimator.protocol import PrecisionReport
-from motord.service.host.child_faults import ChildFaults
+from motord.service.host.child_pipes import ChildPipes
 from motord.service.host.children import Children
 from motord.service.host.events import EventLog
 
@@ -26,11 +25,9 @@ class EstimatorLink:
 
     def __init__(self, children: Children, events: EventLog) -> None:
         self._children = children
-        self._faults = ChildFaults(ESTIMATOR, children, events)
+        self._pipes = ChildPipes(ESTIMATOR, PrecisionReport, children, events)
         self._plan: Plan | None = None
         self._run = self._run_followed = ""
-        self._process: Any = None
-        self._pipes: PipedChild[PrecisionReport] | None = None
         self.precision: Precision | None = None
 
     def begin(self, plan: Plan) -> None:
@@ -41,8 +38,7 @@ class EstimatorLink:
 
     def captured(self, point: Mapping[str, Any]) -> None:
         """Pass on what the topic `/operating_point` says of a capture."""
-        if self._pipes is not None:
-            self._pipes.send({"do": "point", "content": point})
+        self._pipes.send({"do": "point", "content": point})
 
     def end(self) -> None:
         """The plan is over; what its estimator may still say is not wanted any more."""
@@ -52,20 +48,15 @@ class EstimatorLink:
         """Start or end the process with the plan; take its reports. `now_ns` is monotonic."""
         if self._run != self._run_followed:
             self._follow_plan(now_ns)
-        if self._pipes is None:
-            return
-        for report in self._pipes.reports(now_ns):
+        for report in self._pipes.messages(now_ns):
             if report.run == self._run:
                 self.precision = report.precision
-        self._faults.step(self._pipes.received, now_ns, self._pipes.commands.dropped)
-        if self._children.process(ESTIMATOR) is not self._process:
-            self._close()
+        if self._pipes.closed():
             self._note_end()
 
     def stop(self) -> None:
         """End the process, if there is one."""
-        self._children.kill(ESTIMATOR)
-        self._close()
+        self._pipes.kill()
 
     def _follow_plan(self, now_ns: int) -> None:
         self.stop()
@@ -73,11 +64,9 @@ class EstimatorLink:
         if plan is None:
             return
         self._children.start(ESTIMATOR, now_ns)
-        self._process = self._children.process(ESTIMATOR)
-        if self._process is None:
+        if not self._pipes.opened():
             self._note_end()
             return
-        self._pipes = PipedChild(self._process, PrecisionReport)
         about = {"estimator": plan.estimator, "targets": plan.targets}
         options = dict(plan.estimator_options)
         self._pipes.send({"do": "start", "run": self._run, **about, "options": options})
@@ -85,8 +74,3 @@ class EstimatorLink:
     def _note_end(self) -> None:
         known = self.precision or Precision(0)
         self.precision = replace(known, obstacle=known.obstacle or ENDED)
-
-    def _close(self) -> None:
-        if self._pipes is not None:
-            self._pipes.close()
-        self._pipes = None

@@ -7,29 +7,24 @@ Nobody waits for it: a capture of which ticks were overwritten meanwhile is left
 A thread follows the ring, as an estimate may take longer than the ring holds.
 """
 
-import argparse
 import json
-import os
-import signal
 import sys
 import threading
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from pkgutil import resolve_name
 from typing import Any, Protocol
 
 import numpy as np
 
-from motord.config import Config, ConfigError, load
-from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
+from motord.config import Config
+from motord.recorder.pipe_lines import LineWriter
 from motord.recording.json_encoding import to_line
 from motord.sequencing.precision import Precision
 from motord.service.estimator.captures import CaptureTicks
 from motord.service.estimator.protocol import PrecisionReport
-from motord.service.host import scheduling
+from motord.service.host import background
 from motord.shm.ring import RingReader
 from motord.shm.run_directory import RunDir
-from motord.shm.shared_records import SharedFileError
 
 LOOK_S = 0.25
 """Time between two looks at the ring."""
@@ -109,27 +104,11 @@ def run(estimation: Estimation, captures: CaptureTicks, commands: Iterable[bytes
         follower.join()
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the process on stdin and stdout; return its exit code."""
-    parser = argparse.ArgumentParser(description="Estimate while a plan runs.")
-    parser.add_argument("--config", type=Path, required=True, help="the bench")
-    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
-    options = parser.parse_args(arguments)
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
-    try:
-        config = load(options.config)
-        captures = CaptureTicks(RingReader(RunDir.at(options.dir).ring, "oldest"))
-    except (ConfigError, SharedFileError) as error:
-        sys.stderr.write(f"motord estimator: {error}\n")
-        return 1
-    scheduling.step_back(config.loop.cpu)
-    out = os.dup(sys.stdout.fileno())
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an estimator prints is no report
-    estimation = Estimation(config, captures, LineWriter(out, LINE_MAX_BYTES))
-    run(estimation, captures, sys.stdin.buffer)
-    return 0
+def serve(config: Config, run_dir: RunDir, reports: LineWriter) -> None:
+    """Estimate what stdin says, from the ring of a bench. Raises SharedFileError without one."""
+    captures = CaptureTicks(RingReader(run_dir.ring, "oldest"))
+    run(Estimation(config, captures, reports), captures, sys.stdin.buffer)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(background.run("estimator", serve))

@@ -18,23 +18,30 @@ BACKOFF_LAST_S = 0.5
 SETTLED_S = 10.0
 """A child that ran this long is started again at once when it ends."""
 
+RESTARTED = ("always", "while wanted")
+"""Policies by which a child that has ended is started again."""
+ON_DEMAND = ("while wanted", "never")
+"""Policies of children that not every bench wants to run now."""
+
 
 @dataclass(frozen=True)
 class Process:
     """A child process, in a line of `service.processes.PROCESSES`.
 
     `command` makes its command line and `spawn` starts that. `restart`: "always" by itself, with
-    back-off; "on reset" by an operator; "never": it lasts as long as what it was started for.
-    `while_` says which benches have it, `loss` what its end means, for the event.
+    back-off; "while wanted" the same, from its first start until `Children.kill`; "on reset" by an
+    operator; "never": it lasts as long as what it was started for. `while_` says which benches
+    have it, `loss` what its end means, for the event; back-off grows to `backoff_last_s`.
     """
 
     name: str
     command: Callable[[Path, RunDir], Sequence[str]]
     spawn: Callable[[Sequence[str]], "subprocess.Popen[bytes]"]
-    restart: Literal["always", "on reset", "never"]
+    restart: Literal["always", "while wanted", "on reset", "never"]
     stop_timeout_s: float
     loss: str
     while_: Callable[[Config], bool] = lambda config: True
+    backoff_last_s: float = BACKOFF_LAST_S
 
     def start(self, config_path: Path, run_dir: RunDir) -> "subprocess.Popen[bytes]":
         """Start it for the bench file at `config_path`. Raises OSError."""
@@ -130,12 +137,12 @@ class Children:
     def _note_end(self, child: _Child, how: str, now_ns: int) -> Ended:
         child.process = None
         child.how = how
-        if child.row.restart != "always" or child.stopping:
+        if child.row.restart not in RESTARTED or child.stopping:
             return Ended(child.row, child.how, None)
         if now_ns - child.started_ns > SETTLED_S * 1e9:
             child.backoff_s = BACKOFF_FIRST_S
         again_s = child.backoff_s
-        child.backoff_s = min(2 * again_s, BACKOFF_LAST_S)
+        child.backoff_s = min(2 * again_s, child.row.backoff_last_s)
         child.start_at_ns = now_ns + round(again_s * 1e9)
         return Ended(child.row, child.how, again_s)
 
@@ -171,7 +178,7 @@ class Children:
         if child.process is not None:
             child.process.send_signal(signal.SIGKILL)
             self._killed.append(child.process)
-        child.process, child.how = None, ""
+        child.process, child.how, child.start_at_ns = None, "", None
 
     def views(self) -> dict[str, ProcessView]:
         """Return every child as clients see it, but for those that nobody wants to run."""
@@ -185,7 +192,7 @@ class Children:
                 dropped_messages=child.dropped_messages,
             )
             for name, child in self._children.items()
-            if child.process is not None or child.how or child.row.restart != "never"
+            if child.process is not None or child.how or child.row.restart not in ON_DEMAND
         }
 
 

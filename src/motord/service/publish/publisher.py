@@ -19,6 +19,7 @@ from motord.service.plans.mesh import window
 from motord.service.publish.named_state import named_state
 from motord.service.publish.telemetry import Telemetry
 from motord.service.recording.control import RecordingControl
+from motord.service.tracker.link import TrackerLink
 
 STATE_NS = 100_000_000
 
@@ -38,6 +39,7 @@ class Publisher:
     loop: LoopLink
     guard: Guard
     telemetry: Telemetry
+    tracker: TrackerLink | None
     started_ns: int
     unix_ns: Callable[[], int]
     _state_ns: int = 0
@@ -131,6 +133,7 @@ class Publisher:
             realtime={**self.loop.realtime(), "supervisor": scheduling.current()},
             recording=self.recording.view(),
             calibration=self.calibrations.view(),
+            tracking=self.tracker.view if self.tracker is not None else None,
             brake=device_view(bench, "brake", now_ns),
             drive=device_view(bench, "drive", now_ns),
             bridge_clock=self.loop.bridge_clock(),

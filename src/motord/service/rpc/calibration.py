@@ -77,8 +77,14 @@ class Installation:
     @handles(rpc.CALIBRATION_INSTALL, no_plan)
     def install(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:
         """Put a prepared calibration in force at zero torque."""
-        bench, prepared = self._bench, context.prepared
-        zero_torque(bench, "the torque would jump with the calibration")
+        return self.exchange(context.prepared, f"installed by {context.holder}")
+
+    def exchange(self, prepared: Prepared, how: str) -> Wait[InstalledCalibration]:
+        """Put a calibration in force, `how` for the event. Raises RpcError while torque is set.
+
+        It replies once the loop has taken the tables up.
+        """
+        zero_torque(self._bench, "the torque would jump with the calibration")
 
         def exchanged() -> InstalledCalibration | None:
             try:
@@ -86,8 +92,8 @@ class Installation:
             except TablesBusyError:
                 return None
             self._store.current = prepared.calibration
-            bench.calibration_installed()
-            announce(bench.events, prepared.calibration, f"installed by {context.holder}")
+            self._bench.calibration_installed()
+            announce(self._bench.events, prepared.calibration, how)
             return InstalledCalibration(
                 id=prepared.calibration.id,
                 created=prepared.calibration.created.isoformat(),

@@ -200,3 +200,27 @@ def test_of_a_long_path_the_end_is_shown():
     path = "/var/lib/motord/" + "x" * 60 + "/bench1-calibrate.mcap.part"
     lines = shown(snapshot(state(recording={"recording": True, "path": path})))
     has(lines, "recording    …", "/bench1-calibrate.mcap.part")
+
+
+TRACKED = {
+    "name": "alpha_a", "meaning": "the gain of phase a", "unit": "", "value": 1.0213,
+    "half_width": 0.0042, "in_force": 1.0021, "in_force_half_width": 0.005, "departed": False,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("tracking", "line"),
+    [
+        ({"quantities": [TRACKED], "turns": 70}, "tracked      1 quantities hold over 70 turns"),
+        ({"quantities": [{**TRACKED, "departed": True}]},
+         "tracked      departed: alpha_a 1.0213 +- 0.0042, in force 1.0021 +- 0.0050"),
+        ({"obstacle": "too few turns"}, "tracked      too few turns"),
+        ({}, "tracked      nothing known yet"),
+    ],
+)  # fmt: skip
+def test_whether_the_calibration_holds_is_on_the_screen(tracking, line):
+    has(shown(snapshot(state(tracking={"calibration": "3fa2c1", **tracking}))), line)
+
+
+def test_what_is_not_tracked_takes_no_line():
+    assert not any("tracked" in line for line in shown(snapshot(state()), height=40))

@@ -64,3 +64,46 @@ def test_a_direction_without_lines_is_not_seen() -> None:
     both = np.array([1.0, 2.0, 0.0])
     assert np.allclose(fit.seen @ both, both)
     assert not np.allclose(fit.seen @ [1.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+
+
+def weighed(weights: list[np.ndarray] | None, turns: int = TURNS, seed: int = 1) -> LineFit:
+    fit = fitted(seed)
+    rng = np.random.default_rng(seed)
+    x = fit.columns
+    shape = (turns, ORDERS)
+    groups = [
+        0.01 * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2) + TRUE @ one
+        for one in x
+    ]
+    return LineFit(groups, x, np.zeros((0, 3)), 0.0, 8, weights)
+
+
+def test_turns_of_one_weight_are_turns_without() -> None:
+    one, none = weighed([np.ones(TURNS)] * POINTS), weighed(None)
+    assert one.change == pytest.approx(none.change, rel=1e-12)
+    assert one.errors.covariance == pytest.approx(none.errors.covariance, rel=1e-12)
+
+
+def test_errors_are_as_large_as_stated_with_turns_of_any_weight() -> None:
+    weights = [np.exp(-np.arange(12)[::-1] / 4.0)] * POINTS
+    fits = [weighed(weights, 12, seed) for seed in range(60)]
+    off = np.array([(fit.change - TRUE) / fit.errors.stderr for fit in fits])
+    assert 0.75 < np.sqrt((off**2).mean()) < 1.25
+    equal = weighed(None, 12).errors
+    assert (fits[1].errors.stderr > 1.1 * equal.stderr).all()
+    assert (fits[1].errors.freedom < 0.9 * equal.freedom).all()
+
+
+def test_a_turn_without_weight_counts_nothing() -> None:
+    weights = np.array([1.0] * 6 + [1e-9] * 6)
+    fit = weighed([weights] * POINTS, 12)
+    few = LineFit([one[:6] for one in fit.groups_Nm], fit.columns, fit.prior, 0.0, 8)
+    assert fit.change == pytest.approx(few.change, rel=1e-6)
+    assert fit.errors.stderr == pytest.approx(few.errors.stderr, rel=1e-6)
+
+
+def test_a_point_of_long_ago_is_less_certain() -> None:
+    fresh = weighed([np.ones(TURNS)] * POINTS)
+    aged = weighed([np.full(TURNS, 0.25)] * POINTS)
+    assert aged.change == pytest.approx(fresh.change)
+    assert aged.errors.stderr == pytest.approx(2 * fresh.errors.stderr, rel=1e-6)

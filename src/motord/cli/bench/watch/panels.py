@@ -8,6 +8,7 @@ from rich.text import Text
 
 from motord.api.messages import BenchState
 from motord.cli.bench import wording
+from motord.cli.bench.tracking import short
 from motord.cli.bench.watch import keys
 from motord.cli.bench.watch.glyphs import Glyphs
 from motord.cli.bench.watch.history import SIGNALS, column_count, column_of
@@ -246,6 +247,14 @@ def kept(state: BenchState, width: int, glyphs: Glyphs) -> list[Text]:
         row("calibration", f"{wording.calibration(state)}; compensation {applied}"),
         row("recording", end_of(wording.recording(state), width - LABEL_WIDTH, glyphs)),
     ]
+
+
+def tracked(state: BenchState) -> list[Text]:
+    """Return whether the calibration in force holds; nothing if it is not tracked."""
+    if state.tracking is None:
+        return []
+    style = "bold" if state.tracking.departed else "none"
+    return [row("tracked", (short(state.tracking), style))]
 
 
 def end_of(path: str, room: int, glyphs: Glyphs) -> str:

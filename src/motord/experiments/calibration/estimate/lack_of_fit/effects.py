@@ -254,14 +254,30 @@ def model_columns(
     columns = []
     for point in models:
         command_A, waves = point.spectrum.command_A, 2 * regression.orders
-        velocity_rad_s = point.spectrum.velocity_rad_s
-        rate = derivative_over_time(command_A, velocity_rad_s)
-        second = derivative_over_time(rate, velocity_rad_s)
-        k_rate = derivative_over_time(point.k, velocity_rad_s)
         at = np.arange(command_A.shape[0]) * regression.basis.cogging.shape[0]
         cogging = regression.basis.cogging[at // command_A.shape[0], :waves]
-        age = DELAY_SHARE * period_s * (rate * point.k * gain).sum(axis=1)
-        zoh = (second * point.k + 0.5 * rate * k_rate).sum(axis=1) * ZOH_SHARE * period_s**2
-        own = np.column_stack([command_A * point.k, point.k, age, zoh, cogging])
+        velocity_rad_s = point.spectrum.velocity_rad_s
+        own = unit_torques(command_A, velocity_rad_s, point.k, cogging, gain, period_s)
         columns.append(point.lines(own.T))
     return np.array(columns)
+
+
+def unit_torques(
+    command_A: np.ndarray,
+    velocity_rad_s: np.ndarray,
+    k: np.ndarray,
+    cogging: np.ndarray,
+    gain: np.ndarray,
+    period_s: float,
+) -> np.ndarray:
+    """Return the torques (bins, p) over the turn of a unit of each parameter of the model.
+
+    command_A, k (bins, 3): commanded currents and back-EMF; velocity_rad_s (bins,); cogging
+    (bins, 2 n): waves; gain (3,): delta epsilon alpha; period_s: of sampling.
+    """
+    rate = derivative_over_time(command_A, velocity_rad_s)
+    second = derivative_over_time(rate, velocity_rad_s)
+    k_rate = derivative_over_time(k, velocity_rad_s)
+    age = DELAY_SHARE * period_s * (rate * k * gain).sum(axis=1)
+    zoh = (second * k + 0.5 * rate * k_rate).sum(axis=1) * ZOH_SHARE * period_s**2
+    return np.column_stack([command_A * k, k, age, zoh, cogging])

@@ -1,0 +1,72 @@
+"""`motord calibration adopt`: put the calibration in force as it is tracked."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from motord.cli.bench.tracking import lines
+from motord.cli.common_options import AsJson
+from motord.cli.connection_options import DEFAULT, Connection, Force, print_answer
+from motord.cli.console import fail, print_result, remark
+
+if TYPE_CHECKING:
+    from motord.api.tracking_messages import TrackingView
+    from motord.client import Client
+
+OFF = (
+    "tracking is off: set enabled = true in [tracking] of the bench file and start the daemon again"
+)
+NOT_IN_FORCE = "no calibration is in force, so none is tracked"
+
+
+def adopt(
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Write the calibration, JSON, too."),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Show what is tracked against it; change nothing.")
+    ] = False,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Adopt it in spite of this serious finding, or of nothing-departed.",
+        ),
+    ] = None,
+    connection: Connection = DEFAULT,
+    force: Force = False,
+    as_json: AsJson = False,
+) -> None:
+    """Put the calibration in force as it is tracked, now and after a restart.
+
+    That takes [tracking] enabled = true in the bench file. Refused while no tracked quantity has
+    left its interval, unless that is accepted: --accept nothing-departed.
+    """
+    from motord.calibration import CalibrationError, load
+    from motord.cli.bench.lease_session import in_command
+
+    with connection.open() as client:
+        view = tracked(client)
+        if dry_run:
+            print_result(view.model_dump(mode="json"), "\n".join(lines(view)), as_json)
+            return
+        if not as_json:
+            remark("\n".join(lines(view)))
+        with in_command(client, force=force) as session:
+            answer = session.commander.adopt_calibration(accept=accept or ())
+    if output is not None:
+        try:
+            load(Path(answer.path)).save(output)
+        except CalibrationError as error:
+            fail(f"{answer.id} is in force, kept in {answer.path}, but {error}")
+    print_answer(answer.content(), f"{answer.id} is in force, kept in {answer.path}", as_json)
+
+
+def tracked(client: "Client") -> "TrackingView":
+    """Return what the daemon tracks; fail with what to do if it tracks nothing."""
+    state = client.state()
+    if state.tracking is None:
+        fail(OFF if state.calibration is not None else NOT_IN_FORCE)
+    return state.tracking

@@ -1,0 +1,179 @@
+"""A calibration with the values that operation shows, where these have departed or are better."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from motord.calibration import (
+    Calibration,
+    CalibrationError,
+    DegreesOfFreedom,
+    Harmonic,
+    RmsErrors,
+)
+from motord.experiments.calibration.estimate.result import cogging_table
+from motord.experiments.check_calibration.quantities import PHASES, Quantity
+from motord.experiments.check_calibration.result import Change
+from motord.experiments.tracking.stated import OF_ALL, moved_harmonic, stated
+from motord.identification.variance_components import MOST_FREEDOM
+from motord.uncertainty_budget import Contribution, totals
+
+Triple = tuple[float, float, float]
+
+SOURCE = "tracking in operation"
+"""What the budget calls the uncertainty of adopted values, with that of those that stay."""
+
+
+PARTS = ("amplitude", "phase")
+
+
+@dataclass(frozen=True)
+class _Phases:
+    """Values of the three phases, their standard errors and the degrees of freedom of these."""
+
+    values: Triple
+    stderr: Triple
+    freedom: Triple
+
+
+def adopted(
+    calibration: Calibration,
+    seen: Sequence[Quantity],
+    changes: Sequence[Change],
+    created: datetime,
+) -> Calibration:
+    """Return the calibration with what has departed, or is known better by now, in its place.
+
+    The gains are adopted together, and so are the offsets; all else stays, with its errors. What
+    was learned with the old values goes. Raises CalibrationError where there is nothing to adopt.
+    """
+    kinds = {_kind(one) for one in seen if _is_adopted(_kind(one), seen, changes)}
+    if not kinds:
+        raise CalibrationError(
+            f"nothing to adopt: operation agrees with calibration {calibration.id} and shows "
+            "nothing better than that states it"
+        )
+    by_name = {one.name: one for one in changes}
+    found = {one.name: stated(calibration, one, by_name).value for one in seen}
+    alpha, beta = _in_force(calibration)
+    if "gain" in kinds:
+        values = np.array([found[f"gain-{phase}"] for phase in PHASES])
+        alpha = _adopted("gain", values / np.cbrt(values.prod()), values * OF_ALL / 100, by_name)
+    if "offset" in kinds:
+        common_A = float(np.mean(calibration.beta_A))
+        values = np.array([found[f"offset-{phase}"] for phase in PHASES])
+        beta = _adopted("offset", values + common_A, np.full(3, 1e-3 * OF_ALL), by_name)
+    harmonics = tuple(
+        _tracked(one, by_name) if f"cogging-{one.order}" in kinds else one
+        for one in calibration.tau_cog_harmonics
+    )
+    counts = calibration.motor.counts
+    table_Nm = calibration.tau_cog_Nm + (
+        cogging_table(harmonics, counts) - cogging_table(calibration.tau_cog_harmonics, counts)
+    )
+    return Calibration(
+        **{
+            **dict(calibration),
+            "id": "",
+            "created": created,
+            "runs": (*calibration.runs, f"{SOURCE} with {calibration.id}"),
+            "alpha": alpha.values,
+            "alpha_stderr": alpha.stderr,
+            "beta_A": beta.values,
+            "beta_stderr_A": beta.stderr,
+            "degrees_of_freedom": _freedom(calibration, alpha, beta),
+            "tau_cog_Nm": tuple(table_Nm.tolist()),
+            "tau_cog_harmonics": harmonics,
+            "rms_error_percent": RmsErrors(),
+            "budget": _budget(calibration, alpha, beta, harmonics),
+            "cramer_rao": None,
+            "learned": None,
+        }
+    )
+
+
+def _kind(quantity: Quantity) -> str:
+    """Return what quantities are adopted together by: gains, offsets, an order of the cogging."""
+    kind = quantity.name.rsplit("-", 1)[0] if quantity.family == "cogging" else quantity.family
+    return kind if kind != "common" else quantity.name
+
+
+def _is_adopted(kind: str, seen: Sequence[Quantity], changes: Sequence[Change]) -> bool:
+    """Return whether quantities of a kind have departed, or all are known better by now."""
+    each = [(q, change) for q, change in zip(seen, changes, strict=True) if _kind(q) == kind]
+    whole = len(each) == {"gain": 3, "offset": 3}.get(kind, 2)
+    better = all(change.stderr <= q.stderr for q, change in each)
+    return whole and (better or any(change.drifted for _, change in each))
+
+
+def _in_force(calibration: Calibration) -> tuple[_Phases, _Phases]:
+    many = (MOST_FREEDOM,) * 3
+    freedom = calibration.degrees_of_freedom
+    return (
+        _Phases(calibration.alpha, calibration.alpha_stderr, freedom.alpha if freedom else many),
+        _Phases(calibration.beta_A, calibration.beta_stderr_A, freedom.beta_A if freedom else many),
+    )
+
+
+def _adopted(
+    kind: str, values: np.ndarray, scale: np.ndarray, changes: Mapping[str, Change]
+) -> _Phases:
+    """Return values (3,); scale (3,): what a unit of their changes makes of them."""
+    each = [changes[f"{kind}-{phase}"] for phase in PHASES]
+    stderr = scale * [one.stderr for one in each]
+    return _Phases(_triple(values), _triple(stderr), _triple([o.degrees_of_freedom for o in each]))
+
+
+def _tracked(harmonic: Harmonic, changes: Mapping[str, Change]) -> Harmonic:
+    """Return an order of the cogging torque as it is tracked."""
+    moved = moved_harmonic(harmonic, changes)
+    along, across = (changes[f"cogging-{harmonic.order}-{part}"] for part in PARTS)
+    amplitude_Nm = max(abs(moved.amplitude_Nm), 1e-300)
+    return moved.model_copy(
+        update={
+            "stderr_Nm": 1e-3 * along.stderr,
+            "phase_stderr_rad": min(1e-3 * across.stderr / amplitude_Nm, np.pi),
+            "degrees_of_freedom": min(along.degrees_of_freedom, across.degrees_of_freedom),
+        }
+    )
+
+
+def _freedom(calibration: Calibration, alpha: _Phases, beta: _Phases) -> DegreesOfFreedom:
+    known = calibration.degrees_of_freedom
+    return DegreesOfFreedom(
+        alpha=alpha.freedom,
+        beta_A=beta.freedom,
+        delta_epsilon=known.delta_epsilon if known else None,
+    )
+
+
+def _budget(
+    calibration: Calibration, alpha: _Phases, beta: _Phases, harmonics: Sequence[Harmonic]
+) -> tuple[Contribution, ...]:
+    """Return the budget with the standard errors of the adopted values as its Type A."""
+    if not calibration.budget:
+        return ()
+    before = totals(calibration.budget)[0]
+    others = (one for one in calibration.budget if one.type == "B")
+    cogging_Nm = max((one.stderr_Nm or 0.0 for one in harmonics), default=0.0)
+    mine = before.model_copy(
+        update={
+            "source": SOURCE,
+            "basis": "data",
+            "alpha": alpha.stderr,
+            "beta_A": beta.stderr,
+            "cogging_Nm": cogging_Nm,
+            "degrees_of_freedom": (
+                min(alpha.freedom), min(beta.freedom), before.degrees_of_freedom[2],
+                before.degrees_of_freedom[3],
+            ),
+        }
+    )  # fmt: skip
+    return (mine, *others)
+
+
+def _triple(values: Sequence[float] | np.ndarray) -> Triple:
+    a, b, c = (float(value) for value in values)
+    return a, b, c

@@ -1,0 +1,87 @@
+"""A window of whole turns as lines over the turn: what the calibration leaves, and commands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.calibration import Calibration
+from motord.config import Config
+from motord.experiments.calibration.estimate.turn_products import BAND_MARGIN
+from motord.experiments.calibration.estimate.turn_spectrum import ANGLE_BINS, BEYOND
+from motord.experiments.check_calibration.shift import without_sensor
+from motord.identification.basis import cell_means
+from motord.identification.harmonics import lines_at
+from motord.identification.operating_points import PointData, prepare
+from motord.identification.orders import resolved_order
+from motord.identification.point_ripple import without_drift
+from motord.identification.torque_sensor import MountInverse, order_below_resonance
+
+
+@dataclass(frozen=True)
+class WindowLines:
+    """Complex lines of orders 1 to h over the turn, order h being Re(line exp(j h theta)).
+
+    left_Nm (h,): what the calibration's model, with the sensed currents, leaves of the torque;
+    command_A (h + 1, 3): commanded currents, from order 0 on. torque_Nm: the set-point;
+    velocity_rad_s: mean, negative backwards; turns: whole ones; period_s: of sampling.
+    """
+
+    t_ns: int
+    torque_Nm: float
+    velocity_rad_s: float
+    period_s: float
+    turns: int
+    left_Nm: np.ndarray
+    command_A: np.ndarray
+
+    @property
+    def highest(self) -> int:
+        """The highest order that the window resolves."""
+        return int(self.left_Nm.size)
+
+
+class WindowModel:
+    """Makes lines of windows, by the model of a calibration."""
+
+    def __init__(self, config: Config, calibration: Calibration) -> None:
+        self._motor, self._sensor = config.motor, config.torque_sensor
+        self._calibration = calibration
+        self._gain = calibration.delta_epsilon * np.array(calibration.alpha)
+        self._cogging_Nm = cell_means(np.array(calibration.tau_cog_Nm)[:, None])[:, 0]
+        self._back_emf = cell_means(self._motor.back_emf_table())
+        orders = [one.order for one in calibration.tau_cog_harmonics]
+        self._wanted = round(BEYOND * max([2 * self._motor.pole_pairs, *orders]))
+        self._bins = min(self._motor.counts, ANGLE_BINS)
+
+    def lines(self, ticks: np.ndarray) -> WindowLines:
+        """Return the lines of a window of ticks. Raises IdentifyError."""
+        data = PointData(float(ticks["torque_set_Nm"][0]), 0.0, ticks)
+        samples = prepare(data, self._motor.counts)
+        samples = without_sensor(samples, self._calibration, self._motor, self._sensor)
+        fewest = min(end - first for first, end in samples.turns)
+        highest = resolved_order(fewest, self._bins, self._wanted)
+        highest = max(order_below_resonance(self._sensor, highest, samples.speed_Hz), 1)
+        band_Hz = BAND_MARGIN * highest * samples.speed_Hz
+        mount = MountInverse.of(self._sensor, samples.period_s, band_Hz)
+        torque_Nm = mount.apply(samples.t_s, samples.torque_Nm - samples.torque_Nm.mean())
+        flowing_A = samples.i_A * self._gain + self._calibration.beta_A
+        made_Nm = (flowing_A * self._back_emf[samples.count]).sum(axis=1)
+        left_Nm = torque_Nm - made_Nm - self._cogging_Nm[samples.count]
+        here = samples.count[samples.whole] * self._bins // self._motor.counts
+        columns = [without_drift(samples, left_Nm), *samples.command_A[samples.whole].T]
+        lines = np.column_stack([lines_at(here, one, self._bins, highest) for one in columns])
+        lines *= self._first_count_to_middle(highest)[:, None]
+        return WindowLines(
+            t_ns=int(ticks["t_ns"][-1]),
+            torque_Nm=samples.torque_set_Nm,
+            velocity_rad_s=2 * np.pi * samples.velocity_Hz,
+            period_s=samples.period_s,
+            turns=len(samples.turns),
+            left_Nm=lines[1:, 0],
+            command_A=lines[:, 1:],
+        )
+
+    def _first_count_to_middle(self, highest: int) -> np.ndarray:
+        """Return what turns lines (highest + 1,) at a bin's first count to those at its middle."""
+        behind = (1 / self._bins - 1 / self._motor.counts) / 2
+        return np.asarray(np.exp(-2j * np.pi * np.arange(highest + 1) * behind))

@@ -1,0 +1,41 @@
+"""What child processes have in common that only estimate: options, priority, stdout."""
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from motord.calibration import CalibrationError
+from motord.config import Config, ConfigError, load
+from motord.recorder.pipe_lines import LINE_MAX_BYTES, LineWriter
+from motord.service.host import scheduling
+from motord.shm.run_directory import RunDir
+from motord.shm.shared_records import SharedFileError
+
+Serve = Callable[[Config, RunDir, LineWriter], None]
+"""Works until stdin ends; reports go to the writer."""
+
+
+def run(name: str, serve: Serve, arguments: Sequence[str] | None = None) -> int:
+    """Run `serve` when nobody else needs the processor; return the process' exit code.
+
+    `arguments`: --config FILE --dir RUNDIR, those of the command line by default.
+    """
+    parser = argparse.ArgumentParser(prog=f"motord {name}")
+    parser.add_argument("--config", type=Path, required=True, help="the bench")
+    parser.add_argument("--dir", type=Path, required=True, help="folder of the running bench")
+    options = parser.parse_args(arguments)
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # the supervisor ends it
+    try:
+        config = load(options.config)
+        scheduling.step_back(config.loop.cpu)
+        out = os.dup(sys.stdout.fileno())
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an estimator prints is no report
+        serve(config, RunDir.at(options.dir), LineWriter(out, LINE_MAX_BYTES))
+    except (CalibrationError, ConfigError, SharedFileError) as error:
+        sys.stderr.write(f"motord {name}: {error}\n")
+        return 1
+    return 0

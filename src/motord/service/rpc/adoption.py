@@ -1,0 +1,93 @@
+"""RPC that puts the calibration in force as it is tracked; the tracker writes it to a file."""
+
+import json
+from dataclasses import dataclass
+
+from motord.api import requests as rpc
+from motord.api.errors import RpcError
+from motord.api.replies import InstalledCalibration
+from motord.api.requests import NOTHING_DEPARTED
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.rpc.calibration import Installation, Prepared
+from motord.service.rpc.dispatcher import RpcContext, Wait, handles
+from motord.service.rpc.preconditions import no_plan
+from motord.service.tracker.link import TrackerLink
+from motord.shm.run_directory import RunDir
+
+ADOPT_S = 10.0
+"""For the tracker, which runs when nobody else needs the processor."""
+
+
+@dataclass(frozen=True)
+class PreparedAdoption:
+    """What the tracker wrote, and the id of the calibration that it was made from."""
+
+    tracked: str
+    prepared: Prepared
+
+
+class Adoption:
+    """Installs what was tracked of the calibration in force; `tracker`: None if that is off."""
+
+    def __init__(
+        self,
+        tracker: TrackerLink | None,
+        installation: Installation,
+        store: CalibrationStore,
+        run_dir: RunDir,
+    ) -> None:
+        self._tracker = tracker
+        self._installation = installation
+        self._store = store
+        self._run_dir = run_dir
+
+    def prepare(self, payload: bytes) -> tuple[rpc.WithToken, PreparedAdoption]:
+        """Have the tracker write the calibration, read it; for any thread. Raises RpcError."""
+        request = rpc.parse(rpc.CALIBRATION_ADOPT, payload)
+        tracked = self._written(request.accept)
+        accept = {*request.accept, *self._store.accepted_findings()}
+        source = {"path": str(self._run_dir.adopted), "accept": sorted(accept)}
+        installing, prepared = self._installation.prepare(
+            json.dumps({"token": request.token, **source}).encode()
+        )
+        return installing, PreparedAdoption(tracked, prepared)
+
+    def save(self, prepared: PreparedAdoption, reply: InstalledCalibration) -> InstalledCalibration:
+        """Write the calibration that is now in force to disk; for any thread. Raises RpcError."""
+        return self._installation.save(prepared.prepared, reply)
+
+    @handles(rpc.CALIBRATION_ADOPT, no_plan)
+    def adopt(self, request: rpc.WithToken, context: RpcContext) -> Wait[InstalledCalibration]:
+        """Put it in force at zero torque, in place of that which it was made from."""
+        adoption: PreparedAdoption = context.prepared
+        if self._store.current_id() != adoption.tracked:
+            raise RpcError("refused", "another calibration has been installed meanwhile")
+        return self._installation.exchange(
+            adoption.prepared, f"adopted from tracking by {context.holder}"
+        )
+
+    def _written(self, accept: list[str]) -> str:
+        """Have the tracker write `RunDir.adopted`; return the id of what it tracks."""
+        if self._tracker is None:
+            raise RpcError(
+                "refused",
+                "tracking is off: set enabled = true in [tracking] of the bench file and start "
+                "the daemon again",
+            )
+        view = self._tracker.view
+        if view is None:
+            raise RpcError("refused", "no calibration is in force, so none is tracked")
+        if view.quantities and not view.departed and NOTHING_DEPARTED not in accept:
+            raise RpcError(
+                "refused",
+                f"calibration {view.calibration} holds: over {view.turns} turns no tracked "
+                "quantity has left its interval; to adopt them all the same: `motord calibration "
+                f"adopt --accept {NOTHING_DEPARTED}`",
+            )
+        try:
+            obstacle = self._tracker.adopt(ADOPT_S).obstacle
+        except TimeoutError:
+            raise RpcError("timeout", f"the tracker did not answer in {ADOPT_S:g} s") from None
+        if obstacle:
+            raise RpcError("refused", obstacle)
+        return view.calibration

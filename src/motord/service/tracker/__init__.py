@@ -1,0 +1,1 @@
+"""Tracking of the calibration in force, in a process of its own."""

@@ -1,0 +1,283 @@
+"""Tracking of the calibration in force: what it follows, leaves out, does not see, and offers."""
+
+import json
+import pickle
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from motord.calibration import Calibration, CalibrationError
+from motord.config import Config, load
+from motord.control import parameters
+from motord.experiments.tracking.tracked import TrackedCalibration
+from motord.experiments.tracking.tracker import FORGOTTEN, CalibrationTracker
+from motord.experiments.tracking.turn_windows import LONGEST_S
+from motord.schema import Flag, State
+from motord.virtual import VirtualBench
+from tests.campaigns.check_calibration import stated_calibration, with_drift
+from tests.campaigns.estimator import rig
+from tests.campaigns.tracking import Operation, departed, gains_against_others
+
+SEED = 1
+MEMORY_S = 100.0
+DRIFT = 0.02
+TORQUES_Nm = (2.0, 5.0, 3.5)
+SECONDS = 120
+CONFIG = load()
+CALIBRATION = stated_calibration(SEED, CONFIG)
+TRUTH = rig(SEED)[0]
+
+
+def operate(
+    seconds: int = SECONDS,
+    torques_Nm: tuple[float, ...] = TORQUES_Nm,
+    calibration: Calibration = CALIBRATION,
+    drift: float = 0.0,
+) -> np.ndarray:
+    """Return ticks of operation; drift: of the gain of phase b."""
+    truth = with_drift(TRUTH, 1, drift)
+    bench = VirtualBench(CONFIG, truth, SEED, calibration)
+    return np.concatenate(list(Operation(bench, torques_Nm).blocks(seconds)))
+
+
+def tracker_of(
+    ticks: np.ndarray, calibration: Calibration = CALIBRATION, block: int = 1000
+) -> CalibrationTracker:
+    tracker = CalibrationTracker(CONFIG, calibration, MEMORY_S)
+    for start in range(0, ticks.size, block):
+        tracker.take(ticks[start : start + block])
+    return tracker
+
+
+def tracked_of(ticks: np.ndarray, **changes: object) -> TrackedCalibration:
+    found = tracker_of(ticks, **changes).tracked()
+    assert found is not None
+    return found
+
+
+def values(found: TrackedCalibration) -> dict[str, float]:
+    return {one.name: one.value for one in found.quantities}
+
+
+def later(ticks: np.ndarray, times: int) -> np.ndarray:
+    """Return ticks as they would be `times` their length later."""
+    shifted = ticks.copy()
+    shifted["tick"] += times * ticks.size
+    shifted["t_ns"] += times * (ticks.size * 1_000_000_000 // CONFIG.loop.rate_Hz)
+    return shifted
+
+
+@pytest.fixture(scope="module")
+def quiet() -> np.ndarray:
+    return operate()
+
+
+@pytest.fixture(scope="module")
+def drifted() -> np.ndarray:
+    return operate(drift=DRIFT)
+
+
+def test_a_calibration_that_holds_has_not_departed(quiet: np.ndarray) -> None:
+    found = tracked_of(quiet)
+    assert departed(found) == []
+    assert found.calibration == CALIBRATION.id
+    assert found.turns == pytest.approx(0.72 * SECONDS, rel=0.15)
+    assert found.memory_s == MEMORY_S
+    assert quiet["t_ns"][0] < found.t_ns <= quiet["t_ns"][-1]
+    assert found.obstacle == ""
+    for one in found.quantities:
+        assert abs(one.value - one.in_force) < 1.5 * np.hypot(
+            one.half_width, one.in_force_half_width
+        )
+    assert json.loads(json.dumps(asdict(found)))["calibration"] == CALIBRATION.id
+
+
+def test_values_are_those_of_the_calibration_file(quiet: np.ndarray) -> None:
+    found = tracked_of(quiet)
+    in_force = {one.name: one.in_force for one in found.quantities}
+    units = {one.name: one.unit for one in found.quantities}
+    first = CALIBRATION.tau_cog_harmonics[0]
+    assert in_force["alpha-a"] == pytest.approx(CALIBRATION.alpha[0])
+    assert in_force["beta-c"] == pytest.approx(CALIBRATION.beta_A[2])
+    assert in_force[f"cogging-{first.order}-amplitude"] == pytest.approx(first.amplitude_Nm)
+    assert in_force[f"cogging-{first.order}-phase"] == pytest.approx(first.phase_rad)
+    assert {units["alpha-a"], units["beta-a"]} == {"1", "A"}
+    half_width = next(o.in_force_half_width for o in found.quantities if o.name == "alpha-a")
+    assert half_width == pytest.approx(1.96 * CALIBRATION.alpha_stderr[0], rel=1e-3)
+
+
+def test_a_gain_that_changed_is_followed_and_found(drifted: np.ndarray) -> None:
+    found = tracked_of(drifted)
+    alpha = [values(found)[f"alpha-{phase}"] for phase in "abc"]
+    true = np.array(TRUTH.inverter.alpha) * [1, 1 + DRIFT, 1]
+    assert np.prod(alpha) == pytest.approx(1)
+    assert gains_against_others(alpha) == pytest.approx(gains_against_others(true), abs=0.002)
+    assert departed(found) == ["alpha-b"]
+
+
+def test_a_gain_that_drifts_is_followed_without_lag_and_in_its_interval() -> None:
+    bench = VirtualBench(CONFIG, TRUTH, SEED, CALIBRATION)
+    operation = Operation(bench, (2.0, 5.0, 3.5))
+    tracker = CalibrationTracker(CONFIG, CALIBRATION, MEMORY_S)
+    for second, block in enumerate(operation.blocks(360)):
+        tracker.take(block)
+        now = with_drift(TRUTH, 0, 3 * 0.01 * second / 3600)
+        bench.alter(now)
+    found = tracker.tracked()
+    assert found is not None
+    off = gains_against_others([values(found)[f"alpha-{p}"] for p in "abc"])
+    off -= gains_against_others(now.inverter.alpha)
+    half_width = 1.5 * found.quantities[0].half_width / found.quantities[0].value
+    assert abs(off[0]) < half_width < 0.003
+
+
+def test_cogging_torque_that_changed_is_found() -> None:
+    a, *others = TRUTH.motor.cogging
+    waves = (a.model_copy(update={"amplitude_Nm": 1.2 * a.amplitude_Nm}), *others)
+    truth = TRUTH.model_copy(update={"motor": TRUTH.motor.model_copy(update={"cogging": waves})})
+    bench = VirtualBench(CONFIG, truth, SEED, CALIBRATION)
+    found = tracked_of(np.concatenate(list(Operation(bench, TORQUES_Nm).blocks(SECONDS))))
+    assert departed(found) == [f"cogging-{a.order}-amplitude"]
+    delta = TRUTH.torque_sensor.delta
+    assert values(found)[f"cogging-{a.order}-amplitude"] == pytest.approx(
+        1.2 * delta * a.amplitude_Nm, abs=0.003
+    )
+
+
+def test_only_enabled_and_compensated_ticks_of_this_calibration_count(quiet: np.ndarray) -> None:
+    cases = {
+        "off": ("state", State.OFF),
+        "tripped": ("trip_bits", 1),
+        "no gains": ("flags", Flag.COGGING_COMPENSATED),
+        "no cogging": ("flags", Flag.CURRENTS_COMPENSATED),
+        "ramping": (
+            "flags",
+            Flag.RAMPING | Flag.CURRENTS_COMPENSATED | Flag.COGGING_COMPENSATED,
+        ),
+    }
+    for name, (field, value) in cases.items():
+        ticks = quiet[:60_000].copy()
+        ticks[field] = value
+        assert tracker_of(ticks).tracked() is None, name
+    other = stated_calibration(SEED + 1, CONFIG, (TRUTH, 1.0, 1.0))
+    assert tracker_of(quiet[:60_000], calibration=other).tracked() is None
+    assert tracker_of(quiet[:60_000]).tracked() is not None
+
+
+def test_blocks_of_any_size_are_the_same(quiet: np.ndarray) -> None:
+    small, large = (tracked_of(quiet[:60_000], block=block) for block in (50, 7919))
+    assert small == large
+
+
+def test_lost_ticks_cost_their_turns_and_nothing_else(quiet: np.ndarray) -> None:
+    whole = tracked_of(quiet)
+    rng = np.random.default_rng(SEED)
+    single = np.ones(quiet.size, bool)
+    single[rng.integers(0, quiet.size, quiet.size // 500)] = False
+    found = tracked_of(quiet[single])
+    assert found.turns == whole.turns
+    holes = np.arange(quiet.size) % 20_000 > 100
+    fewer = tracked_of(quiet[holes])
+    assert 0.5 * whole.turns < fewer.turns < whole.turns
+    for other in (found, fewer):
+        for one, same in zip(whole.quantities[:3], other.quantities[:3], strict=True):
+            assert one.value == pytest.approx(same.value, abs=one.half_width)
+        assert departed(other) == []
+
+
+def test_at_one_torque_gains_and_the_common_gain_are_not_seen() -> None:
+    found = tracked_of(operate(120, (4.0,)))
+    assert not any(one.name.startswith(("alpha", "delta")) for one in found.quantities)
+    assert "the gain of phase a against the others" in found.unseen
+    assert "the common gain of the phases (delta epsilon)" in found.unseen
+
+
+def test_the_common_gain_is_not_seen_by_constant_torques(quiet: np.ndarray) -> None:
+    found = tracked_of(quiet)
+    assert "delta-epsilon" not in values(found)
+    assert "the common gain of the phases (delta epsilon)" in found.unseen
+
+
+def test_nothing_is_tracked_before_there_are_enough_turns(quiet: np.ndarray) -> None:
+    assert tracker_of(quiet[:10_000]).tracked() is None
+    with pytest.raises(CalibrationError, match="nothing to adopt"):
+        tracker_of(quiet[:10_000]).adopted()
+
+
+def test_turns_are_forgotten(quiet: np.ndarray, drifted: np.ndarray) -> None:
+    tracker = tracker_of(drifted)
+    tracker.take(later(quiet, 1))
+    found = tracker.tracked()
+    assert found is not None
+    fresh = values(tracked_of(quiet))
+    was = values(tracked_of(drifted))
+    left = (values(found)["alpha-b"] - fresh["alpha-b"]) / (was["alpha-b"] - fresh["alpha-b"])
+    assert abs(left) < 0.15
+    long_ago = round(FORGOTTEN * MEMORY_S / SECONDS) + 1
+    standing = later(quiet[:1000], 1000 * long_ago)
+    standing["state"] = State.READY
+    tracker.take(standing)
+    assert tracker.tracked() is None
+
+
+def test_what_is_adopted_has_the_tracked_values_and_installs(drifted: np.ndarray) -> None:
+    tracker = tracker_of(drifted)
+    found = tracker.tracked()
+    adopted = tracker.adopted()
+    assert found is not None
+    adopted.check_motor(CONFIG.motor)
+    parameters.build(CONFIG, adopted)
+    assert adopted.id != CALIBRATION.id
+    assert adopted.alpha == pytest.approx([values(found)[f"alpha-{p}"] for p in "abc"])
+    half_width = {one.name: one.half_width for one in found.quantities}
+    assert adopted.alpha_half_width[1] == pytest.approx(half_width["alpha-b"], rel=1e-2)
+    assert adopted.budget[0].alpha == adopted.alpha_stderr
+    assert adopted.delta_epsilon == CALIBRATION.delta_epsilon
+    assert adopted.runs[-1] == f"tracking in operation with {CALIBRATION.id}"
+    assert 0 < adopted.created.timestamp() - 1e-9 * drifted["t_ns"][0] < SECONDS + 1
+    again = operate(calibration=adopted, drift=DRIFT)
+    assert departed(tracked_of(again, calibration=adopted)) == []
+
+
+def test_what_has_not_departed_and_is_known_no_better_stays(quiet: np.ndarray) -> None:
+    with pytest.raises(CalibrationError, match="nothing to adopt: operation agrees"):
+        tracker_of(quiet).adopted()
+
+
+def test_memory_is_bounded(quiet: np.ndarray) -> None:
+    sizes = []
+    tracker = tracker_of(quiet)
+    for times in range(1, 5):
+        tracker.take(later(quiet, times))
+        sizes.append(len(pickle.dumps(tracker)))
+    assert sizes[3] < 1.1 * sizes[1]
+    standing = np.repeat(later(quiet, 4)[-1:], 1000)
+    standing["tick"] += np.arange(1, 1001, dtype=np.uint64)
+    for second in range(150):
+        tracker.take(later(standing, second))
+    assert len(pickle.dumps(tracker)) < sizes[3] + 1.1 * LONGEST_S * 1000 * 52
+
+
+def test_a_calibration_of_another_motor_is_refused() -> None:
+    motor = CONFIG.motor.model_copy(update={"serial": "another"})
+    other: Config = CONFIG.model_copy(update={"motor": motor})
+    with pytest.raises(CalibrationError, match="another motor"):
+        CalibrationTracker(other, CALIBRATION, MEMORY_S)
+
+
+def test_without_currents_it_says_so(quiet: np.ndarray) -> None:
+    ticks = quiet[:60_000].copy()
+    for phase in "abc":
+        ticks[f"i_{phase}_A"] = np.nan
+    found = tracker_of(ticks).tracked()
+    assert found is not None
+    assert found.quantities == ()
+    assert "were not recorded" in found.obstacle
+
+
+def test_a_torque_that_was_left_long_ago_says_little_of_gains_now() -> None:
+    ticks = operate(270, (5.0,) + (2.0,) * 8)
+    early, late = tracked_of(ticks[:90_000]), tracked_of(ticks)
+    assert early.quantities[0].name == late.quantities[0].name == "alpha-a"
+    assert late.quantities[0].half_width > 1.8 * early.quantities[0].half_width

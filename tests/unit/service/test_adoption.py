@@ -1,0 +1,161 @@
+"""`calibration/adopt`: the calibration as it is tracked is installed, or why it is not."""
+
+import json
+
+import pytest
+
+from motord.api.errors import RpcError
+from motord.api.tracking_messages import TrackedView, TrackingView
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.rpc.adoption import Adoption
+from motord.service.rpc.calibration import Installation
+from motord.service.rpc.calibration_reader import read
+from motord.service.rpc.dispatcher import Call, Dispatcher
+from motord.service.tracker.protocol import AdoptedReport
+from motord.shm.run_directory import RunDir
+from tests.unit.service.test_installation import Tables, calibration, finding
+from tests.unit.service.virtual_service import VirtualService
+
+
+def tracked(in_force, departed=True, **changes):
+    alpha = TrackedView(
+        name="alpha_a", meaning="the gain of phase a", unit="1", value=0.82, half_width=0.001,
+        in_force=0.8, in_force_half_width=0.002, departed=departed,
+    )  # fmt: skip
+    about = {"calibration": in_force.id, "turns": 70, "quantities": (alpha,), **changes}
+    return TrackingView(**about)
+
+
+class FakeTracker:
+    """Writes `adopts` when it is asked to."""
+
+    def __init__(self, run_dir):
+        self.run_dir, self.view, self.adopts, self.obstacle, self.late = run_dir, None, None, "", 0
+        self.asked = 0
+
+    def adopt(self, timeout_s):
+        self.asked += 1
+        if self.late:
+            raise TimeoutError
+        if not self.obstacle:
+            self.adopts.save(self.run_dir.adopted)
+        return AdoptedReport(number=1, obstacle=self.obstacle)
+
+
+class AdoptingService(VirtualService):
+    """A virtual bench whose calibration is tracked."""
+
+    def __init__(self, tmp_path):
+        super().__init__()
+        run_dir = RunDir("bench", tmp_path)
+        run_dir.create()
+        self.store, self.tables = CalibrationStore(self.config, tmp_path / "state"), Tables()
+        self.tracker = FakeTracker(run_dir)
+        installation = Installation(self.bench, self.store, self.tables.write, "", read)
+        self.adoption = Adoption(self.tracker, installation, self.store, run_dir)
+        self.off = Adoption(None, installation, self.store, run_dir)
+        self.dispatcher = Dispatcher(self.bench, self.operation, self.adoption)
+        self.in_force = calibration()
+        self.store.save(self.in_force)
+        self.tracker.view = tracked(self.in_force)
+        self.tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086))
+
+    def adopt(self, token, *accept, between=lambda: None):
+        """Return the reply to a request to adopt, as the intake's thread makes it."""
+        payload = json.dumps({"token": token, "accept": accept}).encode()
+        request, prepared = self.adoption.prepare(payload)
+        between()
+        call = Call("calibration/adopt", request, prepared)
+        self.dispatcher.handle(call, self.now_ns)
+        self.step(20)
+        return self.adoption.save(prepared, call.wait(0)).content()
+
+    def refusal(self, token, *accept, **more):
+        """Return why a request was refused, with which nothing has changed."""
+        with pytest.raises(RpcError) as caught:
+            self.adopt(token, *accept, **more)
+        assert self.tables.written == []
+        return caught.value
+
+
+@pytest.fixture
+def service(tmp_path):
+    return AdoptingService(tmp_path)
+
+
+def test_the_tracked_calibration_is_in_force_and_kept(service):
+    reply = service.adopt(service.acquire())
+    adopted = service.tracker.adopts
+    assert reply["id"] == adopted.id == service.store.current_id()
+    assert reply["path"] == str(service.store.kept)
+    assert service.tables.written[0][0]["alpha"][0] == pytest.approx(adopted.alpha)
+    assert service.store.load_installed() == adopted
+    said = [one.message for one in service.events.recent() if one.kind == "calibration"]
+    assert said == [f"{adopted.id} adopted from tracking by anna"]
+
+
+def test_it_is_adopted_at_zero_torque_alone(service):
+    token = service.enabled()
+    service.ask("set", token=token, torque_Nm=1.0, speed_Hz=0.5)
+    service.run_s(2.0, token)
+    assert "set torque_Nm = 0 first" in service.refusal(token).message
+    service.ask("set", token=token, torque_Nm=0.0)
+    service.run_s(1.0, token)
+    assert service.adopt(token)["id"] == service.tracker.adopts.id
+
+
+def test_it_takes_the_lease(service):
+    refusal = service.refusal("no such token")
+    assert refusal.code == "no_lease"
+
+
+def test_what_holds_is_not_replaced_unless_that_is_accepted(service):
+    service.tracker.view = tracked(service.in_force, departed=False)
+    token = service.acquire()
+    refusal = service.refusal(token)
+    assert refusal.code == "refused"
+    assert "over 70 turns no tracked quantity has left its interval" in refusal.message
+    assert "`motord calibration adopt --accept nothing-departed`" in refusal.message
+    assert service.tracker.asked == 0
+    assert service.adopt(token, "nothing-departed")["id"] == service.tracker.adopts.id
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "said"),
+    [
+        (lambda s: setattr(s, "adoption", s.off), "refused", "set enabled = true in [tracking]"),
+        (lambda s: setattr(s.tracker, "view", None), "refused", "no calibration is in force"),
+        (lambda s: setattr(s.tracker, "obstacle", "3 turns are too few"), "refused",
+         "3 turns are too few"),
+        (lambda s: setattr(s.tracker, "late", True), "timeout", "did not answer in 10 s"),
+    ],
+)  # fmt: skip
+def test_why_there_is_nothing_to_adopt(service, change, code, said):
+    change(service)
+    refusal = service.refusal(service.acquire())
+    assert refusal.code == code
+    assert said in refusal.message
+
+
+def test_a_calibration_that_was_installed_meanwhile_stays(service):
+    other = calibration(beta_A=(0.0, 0.0, 0.0))
+    refusal = service.refusal(service.acquire(), between=lambda: service.store.save(other))
+    assert refusal.message == "another calibration has been installed meanwhile"
+    assert service.store.current_id() == other.id
+
+
+def test_serious_findings_are_accepted_by_name_or_were_before(service):
+    found = (finding("torque-left"),)
+    service.tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086), findings=found)
+    token = service.acquire()
+    assert "torque-left" in service.refusal(token).message
+    in_force = calibration(findings=found)
+    service.store.save(in_force)
+    service.tracker.view = tracked(in_force)
+    assert service.adopt(token)["id"] == service.tracker.adopts.id
+
+
+def test_one_of_another_motor_is_no_calibration_of_this_bench(service):
+    other = calibration().motor.model_copy(update={"serial": "other"})
+    service.tracker.adopts = calibration(motor=other)
+    assert service.refusal(service.acquire()).code == "invalid"

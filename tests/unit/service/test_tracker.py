@@ -1,0 +1,631 @@
+"""Tracking of the calibration in force: its process, and the supervisor's end."""
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from motord.calibration import CalibrationError, load
+from motord.config import load as load_bench
+from motord.config import packaged
+from motord.recorder.pipe_lines import LineReader, LineWriter
+from motord.service.bench.calibrations import CalibrationStore
+from motord.service.host import scheduling
+from motord.service.host.children import Children
+from motord.service.host.events import EventLog
+from motord.service.processes import PROCESSES
+from motord.service.tracker import process
+from motord.service.tracker.link import (
+    ENDED,
+    NO_TURNS,
+    NOTHING_YET,
+    SILENT_NS,
+    TRACKER,
+    TrackerLink,
+)
+from motord.service.tracker.protocol import TrackerReport
+from motord.shm.ring import RingWriter
+from motord.shm.run_directory import RunDir
+from tests.support.counting_tracker import CountingTracker
+from tests.support.played_process import PlayedProcess
+from tests.unit.service.test_installation import calibration
+
+CONFIG = packaged("sim.toml")
+COUNTING = "tests.support.counting_tracker:CountingTracker"
+WAIT_S = 60.0
+STEP_NS = 10_000_000
+[ROW] = (row for row in PROCESSES if row.name == TRACKER)
+
+
+@pytest.fixture
+def run_dir(tmp_path):
+    made = RunDir("bench", tmp_path)
+    made.create()
+    return made
+
+
+@pytest.fixture
+def ring(run_dir):
+    return RingWriter(run_dir.ring, 64)
+
+
+@pytest.fixture
+def store(tmp_path):
+    return CalibrationStore(load_bench(), tmp_path / "state")
+
+
+def publish(ring, count, missed=0):
+    for _ in range(count):
+        slot = ring.slot()[0]
+        slot["tick"], slot["t_ns"], slot["missed"] = ring.head, ring.head, missed
+        ring.publish()
+
+
+# --- the process' work, in this one
+
+
+class Worked:
+    """Tracking on the ring of a test, at a time that only steps."""
+
+    def __init__(self, run_dir, file):
+        reader, writer = os.pipe()
+        os.set_blocking(reader, False)
+        self.ends = reader, writer
+        self._reader, self.file, self.now_ns = LineReader(reader), file, 0
+        settings = load_bench().model_copy(deep=True)
+        reports = LineWriter(writer, 1 << 20)
+        self.tracking = process.Tracking(settings, run_dir, reports, lambda: self.now_ns)
+
+    def handle(self, **command):
+        self.tracking.handle(json.dumps(command).encode())
+        return self.reports()
+
+    def start(self, tracker=COUNTING):
+        self.handle(do="start", tracker=tracker, calibration=str(self.file))
+
+    def follow(self, seconds=0.0):
+        self.now_ns += round(seconds * 1e9)
+        more = self.tracking.follow()
+        return more, self.reports()
+
+    def reports(self):
+        return [TrackerReport.model_validate_json(line) for line in self._reader.read()]
+
+
+@pytest.fixture
+def worked(run_dir, store):
+    made = Worked(run_dir, store.save(calibration()))
+    yield made
+    for end in made.ends:
+        os.close(end)
+
+
+def test_it_tracks_from_now_on_and_reports_every_few_seconds(worked, ring, store):
+    publish(ring, 20)  # perhaps of the calibration before
+    worked.start()
+    _, [first] = worked.follow()
+    assert first.tracked is None
+    publish(ring, 7)
+    assert worked.follow(2.9) == (False, [])
+    _, [report] = worked.follow(0.2)
+    seen = report.tracked
+    assert (seen.calibration, seen.turns, seen.t_ns) == (store.current.id, 7, 26)
+    assert seen.memory_s == load_bench().tracking.memory_s
+    [alpha] = seen.quantities
+    assert (alpha.value, alpha.half_width, alpha.departed) == (1.000007, 1e-5, False)
+    assert seen.unseen == ("the offset",)  # infinitely wide
+
+
+def test_ticks_that_are_overwritten_it_does_without(worked, ring):
+    worked.start()
+    publish(ring, 100)
+    worked.follow()
+    publish(ring, 5)
+    _, [report] = worked.follow(10.0)
+    assert report.tracked.turns == 63 + 5
+
+
+def test_it_reads_a_bounded_piece_at_once(worked, ring, monkeypatch):
+    monkeypatch.setattr(process, "READ_AT_ONCE", 10)
+    worked.start()
+    publish(ring, 25)
+    assert [worked.follow(10.0)[0] for _ in range(4)] == [True, True, False, False]
+
+
+def test_it_goes_on_with_the_ring_of_a_loop_that_was_started_again(worked, ring, run_dir):
+    worked.start()
+    publish(ring, 5)
+    worked.follow()
+    successor = RingWriter(run_dir.ring, 64)
+    publish(successor, 3)
+    worked.follow()
+    _, [report] = worked.follow(10.0)
+    assert report.tracked.turns == 8
+
+
+def test_without_a_ring_it_waits_for_one(worked, run_dir):
+    worked.start()
+    _, [report] = worked.follow()
+    assert report.tracked is None
+    publish(RingWriter(run_dir.ring, 64), 4)
+    assert worked.follow(10.0)[1][0].tracked.turns == 4
+
+
+def test_what_it_would_adopt_is_written_when_it_is_asked(worked, ring, run_dir, store):
+    worked.start()
+    [few] = worked.handle(do="adopt", number=1)
+    assert (few.adopted.number, few.adopted.obstacle) == (1, "0 turns are too few")
+    assert not run_dir.adopted.exists()
+    publish(ring, 30)
+    worked.follow()
+    [done] = worked.handle(do="adopt", number=2)
+    assert (done.adopted.number, done.adopted.obstacle) == (2, "")
+    written = load(run_dir.adopted)
+    assert written.alpha == (1.00003, *store.current.alpha[1:])
+
+
+def test_a_tracker_that_fails_is_reported_and_ends_the_process(worked, ring):
+    worked.start()
+    publish(ring, 1, missed=99)
+    with pytest.raises(ValueError, match="no such tick"):
+        worked.follow()
+    [failed] = worked.reports()
+    assert failed.obstacle == "the tracker failed: ValueError: no such tick"
+
+
+def test_a_calibration_that_is_gone_is_reported(worked):
+    worked.file.unlink()
+    with pytest.raises(CalibrationError):
+        worked.start()
+    [failed] = worked.reports()
+    assert "cannot read it" in failed.obstacle
+
+
+# --- the supervisor's end
+
+
+class Played(PlayedProcess):
+    """A tracker process that the test plays."""
+
+    def begun(self):
+        """Return the command to start."""
+        [start] = self.received()
+        return start
+
+    def report(self, tracked=None, **more):
+        self.say(json.dumps({"tracked": tracked, **more}).encode())
+
+    def track(self, calibration_id, *departed, turns=9, **more):
+        """Report alpha_a, alpha_b and alpha_c, of which some have departed."""
+        quantities = [
+            {"name": f"alpha_{phase}", "meaning": f"the gain of phase {phase}", "unit": "",
+             "value": 1.02, "half_width": 0.004, "in_force": 1.0, "in_force_half_width": 0.005,
+             "departed": phase in departed}
+            for phase in "abc"
+        ]  # fmt: skip
+        tracked = {"calibration": calibration_id, "t_ns": 1, "turns": turns, "memory_s": 300.0,
+                   "quantities": quantities, "unseen": [], "obstacle": "", **more}  # fmt: skip
+        self.report(tracked=tracked)
+
+
+class Linked:
+    """A link, and the processes that it has started."""
+
+    def __init__(self, store):
+        self.started, self.now_ns, self.why, self.store = [], 0, None, store
+        self.events = EventLog(lambda: 0)
+        self.children = Children([ROW], self._start)
+        self.link = TrackerLink(store, self.children, self.events, COUNTING)
+
+    def _start(self, row):
+        if self.why is not None:
+            raise self.why
+        self.started.append(Played())
+        return self.started[-1]
+
+    def step(self, seconds=0.01):
+        """Let time pass in steps of the supervisor; return how children have ended."""
+        ends = []
+        for _ in range(round(seconds * 1e9 / STEP_NS)):
+            self.now_ns += STEP_NS
+            ends += [(end.how, end.again_s) for end in self.children.poll(self.now_ns)]
+            self.link.step(self.now_ns)
+        return ends
+
+    def installed(self, **changes):
+        """Install a calibration; return its id and its process."""
+        path = self.store.save(calibration(**changes))
+        assert self.step() == []
+        played = self.started[-1]
+        assert played.begun() == {"do": "start", "tracker": COUNTING, "calibration": str(path)}
+        return path.stem, played
+
+    def messages(self, kind):
+        return [event.message for event in self.events.recent() if event.kind == kind]
+
+
+@pytest.fixture
+def linked(store):
+    made = Linked(store)
+    yield made
+    made.link.stop()
+    for each in made.started:
+        each.close()
+
+
+def test_nothing_runs_without_a_calibration(linked):
+    assert linked.step() == []
+    assert (linked.started, linked.link.view, linked.children.views()) == ([], None, {})
+
+
+def test_a_calibration_is_tracked_once_it_is_on_disk(linked, store):
+    store.current = calibration()  # in force, not yet written
+    linked.step()
+    assert linked.started == []
+    store.current = None
+    name, played = linked.installed()
+    assert (linked.link.view.calibration, linked.link.view.obstacle) == (name, NOTHING_YET)
+    played.track(name, turns=17)
+    linked.step()
+    view = linked.link.view
+    assert (view.turns, len(view.quantities), view.obstacle) == (17, 3, "")
+    assert linked.children.views()[TRACKER].running
+    assert linked.events.recent() == []
+
+
+def test_a_tracker_that_has_seen_no_turns_says_so(linked):
+    _, played = linked.installed()
+    played.report(tracked=None)
+    linked.step()
+    assert (linked.link.view.turns, linked.link.view.obstacle) == (0, NO_TURNS)
+
+
+def test_another_calibration_has_another_process_and_nothing_of_the_one_before(linked):
+    name, first = linked.installed()
+    first.track(name, "a")
+    linked.step()
+    other, second = linked.installed(alpha=(0.9, 1.05, 1.05))
+    assert first.code == -signal.SIGKILL
+    assert linked.link.view.turns == 0
+    second.track(name, "b")  # of another calibration
+    linked.step()
+    assert (linked.link.view.calibration, linked.link.view.obstacle) == (other, NOTHING_YET)
+    second.track(other, "a")
+    linked.step()
+    assert len(linked.messages("calibration_departed")) == 2
+    assert linked.step(1.0) == []
+
+
+@pytest.mark.parametrize("sig", [signal.SIGKILL, signal.SIGSEGV])
+def test_a_process_that_dies_is_started_again_and_begins_anew(linked, sig):
+    name, played = linked.installed()
+    played.track(name)
+    linked.step()
+    played.code = -sig
+    assert linked.step() == [(f"killed by {sig.name}", 0.1)]
+    assert (linked.link.view.turns, linked.link.view.obstacle) == (0, ENDED)
+    linked.step(0.2)
+    assert len(linked.started) == 2
+    linked.started[1].begun()
+    linked.started[1].track(name, turns=1)
+    linked.step()
+    assert linked.link.view.turns == 1
+
+
+def test_one_that_always_fails_is_started_ever_more_seldom(linked):
+    _, played = linked.installed()
+    pauses_s = []
+    while len(pauses_s) < 12:
+        played.report(obstacle="the tracker failed: because")
+        linked.step()
+        played.code = 1
+        pauses_s += [again_s for _, again_s in linked.step()]
+        assert linked.link.view.obstacle == "the tracker failed: because"
+        linked.step(pauses_s[-1] + 0.01)
+        played = linked.started[-1]
+        played.begun()
+    assert pauses_s == sorted(pauses_s)
+    assert (pauses_s[0], pauses_s[-1]) == (0.1, 60.0)
+
+
+def test_one_that_is_to_be_started_again_is_not_if_nothing_is_in_force_any_more(linked, store):
+    _, played = linked.installed()
+    played.code = 1
+    linked.step()
+    store.current = None
+    assert linked.step(1.0) == []
+    assert (len(linked.started), linked.link.view, linked.children.views()) == (1, None, {})
+
+
+def test_one_that_cannot_be_started_is_tried_again(linked, store):
+    linked.why = OSError(12, "Cannot allocate memory")
+    store.save(calibration())
+    ends = linked.step(1.0)
+    assert ends[0] == ("it cannot be started: Cannot allocate memory", 0.1)
+    assert linked.link.view.obstacle == NOTHING_YET
+    linked.why = None
+    linked.step(1.0)
+    assert len(linked.started) == 1
+
+
+def test_one_that_is_stopped_is_ended_with_an_event(linked):
+    _, played = linked.installed()
+    linked.now_ns += SILENT_NS - STEP_NS
+    linked.step()
+    assert played.code is None
+    linked.step()
+    assert played.code == -signal.SIGKILL
+    [said] = linked.messages("process")
+    assert said == "tracker has reported nothing for 300 s; it is ended"
+    assert linked.step(0.5) == [("killed by SIGKILL", 0.1)]
+    assert len(linked.started) == 2
+
+
+def quantity(**changes):
+    usual = {"name": "alpha_a", "meaning": "m", "unit": "", "value": 1.0, "half_width": 0.1,
+             "in_force": 1.0, "in_force_half_width": 0.1, "departed": False}  # fmt: skip
+    return json.dumps({**usual, **changes})
+
+
+def tracked_line(*quantities, unseen="[]", more=""):
+    return (
+        '{"tracked":{"calibration":"C","t_ns":1,"turns":5,"memory_s":1.0,"quantities":['
+        + ",".join(quantities) + f'],"unseen":{unseen},"obstacle":""{more}}}}}'
+    ).encode()  # fmt: skip
+
+
+def test_the_line_that_garbage_is_made_of_is_good(linked):
+    name, played = linked.installed()
+    played.say(tracked_line(quantity()).replace(b"C", name.encode()))
+    linked.step()
+    assert linked.link.view.turns == 5
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        b"\xff\xfe nonsense", b"{}", b"[" * 1000, b'{"run": 1}', b"x" * 100_000,
+        tracked_line(quantity(value=float("nan"))),
+        tracked_line(quantity(value=float("inf"))),
+        tracked_line(quantity(half_width=-0.1)),
+        tracked_line(quantity(half_width="0.1")),
+        tracked_line(quantity(departed=1)),
+        tracked_line(quantity(more=1)),
+        tracked_line(quantity(name="x" * 201)),
+        tracked_line(*[quantity()] * 257),
+        tracked_line(quantity(), unseen=json.dumps(["x"] * 257)),
+        tracked_line(quantity(), more=',"more":1'),
+        tracked_line(quantity()).replace(b'"turns":5', b'"turns":-1'),
+        tracked_line(quantity()).replace(b'"memory_s":1.0', b'"memory_s":NaN'),
+        tracked_line(quantity()).replace(b'"obstacle":""', b'"obstacle":"' + b"x" * 1001 + b'"'),
+        b'{"tracked":null,"adopted":{"number":1,"obstacle":"","path":"/etc/passwd"}}',
+    ],
+    ids=range(19),
+)  # fmt: skip
+def test_garbage_is_counted_and_changes_nothing(linked, garbage):
+    name, played = linked.installed()
+    os.set_blocking(played.reports, False)
+    left = garbage.replace(b"C", name.encode()) + b"\n"
+    while left:
+        left = left[os.write(played.reports, left) :]
+        linked.step()
+    linked.step()
+    assert linked.link.view.obstacle == NOTHING_YET
+    assert linked.children.views()[TRACKER].bad_messages == 1
+    played.track(name)
+    linked.step()
+    assert linked.link.view.turns == 9
+
+
+def test_a_flood_ends_it_and_the_next_one_is_followed(linked):
+    name, played = linked.installed()
+    for _ in range(100):
+        played.say(b"\n" * 1000)
+        linked.step()
+        if played.code is not None:
+            break
+    assert played.code == -signal.SIGKILL
+    linked.step(1.0)
+    linked.started[-1].begun()
+    linked.started[-1].track(name)
+    linked.step()
+    assert linked.link.view.turns == 9
+
+
+# --- departures
+
+
+def test_each_departure_is_an_event_once_and_once_that_all_are_back(linked):
+    name, played = linked.installed()
+
+    def seen(*departed):
+        played.track(name, *departed)
+        linked.step(11.0)
+        return linked.messages("calibration_departed"), linked.messages("calibration")
+
+    assert seen() == ([], [])
+    [first], _ = seen("a")
+    assert first.startswith("the gain of phase a: 1.0200 +- 0.0040, in force 1.0000 +- 0.0050. ")
+    assert "`motord plan start check-calibration`" in first
+    assert "`motord calibration adopt`" in first
+    assert seen("a") == ([first], [])
+    (_, second), _ = seen("a", "c")
+    assert second.startswith("the gain of phase c: ")
+    assert len(seen("c")[0]) == 2
+    assert len(seen("a", "c")[0]) == 2
+    events, [back] = seen()
+    assert (len(events), back) == (2, f"{name}: what is tracked is back within its intervals")
+    assert len(seen()[1]) == 1
+    assert len(seen("a")[0]) == 3
+    kinds = [event for event in linked.events.recent() if event.kind == "calibration_departed"]
+    assert [event.data["departed"] for event in kinds] == [["alpha_a"], ["alpha_c"], ["alpha_a"]]
+
+
+def test_departures_that_come_and_go_are_few_events(linked):
+    name, played = linked.installed()
+    for _ in range(50):
+        played.track(name, "a")
+        linked.step(0.2)
+        played.track(name)
+        linked.step(0.2)
+    assert 2 <= len(linked.events.recent()) <= 3
+
+
+def test_tracking_that_begins_anew_is_no_return(linked):
+    name, played = linked.installed()
+    played.track(name, "a")
+    linked.step()
+    played.code = -signal.SIGKILL
+    linked.step(11.0)
+    again = linked.started[-1]
+    again.begun()
+    again.report()
+    again.track(name, quantities=[])
+    linked.step(11.0)
+    assert linked.messages("calibration") == []
+
+
+# --- adoption
+
+
+class Asked(threading.Thread):
+    """Asks in a thread of its own, as the intake does."""
+
+    def __init__(self, link, timeout_s=WAIT_S):
+        super().__init__()
+        self.link, self.timeout_s, self.answer = link, timeout_s, None
+        self.start()
+
+    def run(self):
+        try:
+            self.answer = self.link.adopt(self.timeout_s)
+        except TimeoutError:
+            self.answer = "late"
+
+
+def until(linked, condition):
+    end_s = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < end_s
+        linked.step()
+        time.sleep(0.001)
+
+
+def asked(linked, played):
+    """Ask; return the thread and the number of the command that the process received."""
+    thread, received = Asked(linked.link), []
+    until(linked, lambda: received.extend(played.received()) or received)
+    [command] = received
+    assert command["do"] == "adopt"
+    return thread, command["number"]
+
+
+def test_the_process_is_asked_to_adopt_and_answers(linked):
+    _, played = linked.installed()
+    thread, number = asked(linked, played)
+    played.report(adopted={"number": number - 1, "obstacle": "of the one before"})
+    played.report(adopted={"number": number, "obstacle": ""})
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer.obstacle == ""
+
+
+def test_a_process_that_dies_answers_what_it_was_asked(linked):
+    _, played = linked.installed()
+    thread, _ = asked(linked, played)
+    played.code = -signal.SIGKILL
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer.obstacle == ENDED
+
+
+def test_without_a_process_the_answer_comes_at_once(linked, store):
+    thread = Asked(linked.link)
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer.obstacle == ENDED
+    linked.why = OSError(12, "Cannot allocate memory")
+    store.save(calibration())
+    linked.step()
+    thread = Asked(linked.link)
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer.obstacle == NOTHING_YET
+
+
+def test_who_asks_a_stopped_process_waits_no_longer_than_it_says(linked):
+    _, played = linked.installed()
+    thread = Asked(linked.link, 0.01)
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer == "late"
+    linked.step()
+    assert len(played.received()) == 1
+    thread, number = asked(linked, played)
+    played.report(adopted={"number": number, "obstacle": ""})
+    until(linked, lambda: not thread.is_alive())
+    assert thread.answer.obstacle == ""
+
+
+# --- the process
+
+
+ROOT = Path(__file__).parents[3]
+
+
+class Running(Linked):
+    """The process on the ring of a test, as the supervisor runs it."""
+
+    def __init__(self, store, run_dir):
+        super().__init__(store)
+        self.run_dir = run_dir
+
+    def _start(self, row):
+        paths = os.pathsep.join(map(str, (ROOT / "src", ROOT)))
+        command = row.command(CONFIG, self.run_dir)
+        self.started.append(
+            subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0,
+                env={**os.environ, "PYTHONPATH": paths},
+            )
+        )  # fmt: skip
+        return self.started[-1]
+
+    def until(self, condition):
+        end_s = time.monotonic() + WAIT_S
+        while not condition():
+            assert time.monotonic() < end_s, self.link.view
+            time.sleep(0.01)
+            self.children.poll(time.monotonic_ns())
+            self.link.step(time.monotonic_ns())
+
+
+@pytest.fixture
+def running(store, run_dir):
+    made = Running(store, run_dir)
+    yield made
+    made.link.stop()
+
+
+@pytest.mark.system
+def test_the_process_tracks_steps_back_and_ends_with_the_calibration(running, store, ring):
+    file = store.save(calibration())
+    running.until(lambda: running.link.view and running.link.view.obstacle == NO_TURNS)
+    [tracker] = running.started
+
+    def seen():
+        publish(ring, 1)
+        return running.link.view.turns
+
+    running.until(seen)
+    assert running.link.view.calibration == file.stem
+    assert os.getpriority(os.PRIO_PROCESS, tracker.pid) == scheduling.BACKGROUND_NICE
+    os.kill(tracker.pid, signal.SIGSTOP)
+    store.current = None
+    running.until(lambda: tracker.poll() is not None)
+    assert (running.link.view, running.messages("process")) == (None, [])
+
+
+def test_the_fake_is_a_tracker():
+    tracker: process.Tracker = CountingTracker(None, calibration(), 1.0)
+    assert tracker.tracked() is None
