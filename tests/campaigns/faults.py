@@ -231,7 +231,7 @@ much later as their feedback is late, right ones not at any age up to `inverter.
 measured torque is compared with the set-point as the sensor's high-pass shows it, besides a fifth
 of the set-point; this only where torque is applied and the currents are not limited. An encoder
 track is stuck if it has not changed over 2.5 times its pattern; tracks too fine for the speed are
-left out.
+left out, and the count starts anew when the bench is enabled or a trip is reset.
 """.replace("@LAG", f"{1e3 * 2 / (2 * np.pi * 15):.0f}").replace(
     "@AGE", f"{1e3 * POSITION_AGE_MAX_S:g}"
 )

@@ -171,6 +171,6 @@ def on_the_wire(
         world.emulator._start(world.now_ns)
         loop = WireLoop(config, world, RunDir("wire", folder / "run"))
         opened.callback(loop.rig.close)
-        patch.setattr(virtual_service, "VirtualLoop", lambda _config: loop)
+        patch.setattr(virtual_service, "VirtualLoop", lambda _config, _virtual: loop)
         patch.setattr(virtual_service, "START_NS", world.now_ns)
         yield VirtualService(bench_config=config), loop

@@ -116,7 +116,7 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
     began, before = (yield None), points[0].index
     yield from enable(settings.compensate, brake=settings.excitation)
     yield from _brake_up(settings, began)
-    planned_s, takes_s, why, pace = 0.0, 0.0, "", settings
+    planned_s, takes_s, why, pace, least = 0.0, 0.0, "", settings, math.inf
     passed_s = max(START_S, settings.lead_s) + sum(settings.durations_s[:before])
     for number, point in enumerate(points, start=before):
         own_s = settings.duration_s(point)
@@ -133,34 +133,26 @@ def continuous_points(settings: Continuous, points: tuple[OperatingPoint, ...]) 
         planned_s += visit.takes * own_s
         takes_s += visit.takes_s
         passed_s += visit.takes_s + visit.cut_short_s
-        rest = points[number - before + 1 : settings.least_points - before]
-        pace = _paced(settings, pace, point, visit, rest, settings.limit_s - passed_s)
+        rest = points[number - before + 1 : max(settings.least_points - before, 0)]
+        least = min(least, visit.slower * (settings.excitation / pace.excitation) ** 2)
+        if rest:
+            pace = _paced(settings, least, rest, settings.limit_s - passed_s)
     yield from ramp_down()
     return why
 
 
 def _paced(
-    settings: Continuous,
-    pace: Continuous,
-    point: OperatingPoint,
-    visit: "_Visit",
-    rest: Sequence[OperatingPoint],
-    left_s: float,
+    settings: Continuous, slower: float, rest: Sequence[OperatingPoint], left_s: float
 ) -> Continuous:
     """Return the settings for what is left of the least points, with less of the brake if need be.
 
-    The time of a turn goes with the square of the excitation, which is lowered no further than to
-    the speed that was reckoned with. pace: the settings that the point was taken with.
+    slower: time of a turn at the full excitation, in parts of what was reckoned with, the least of
+    all points: it goes with the square of the excitation, which is lowered no further than to that.
     """
-    if not (rest and visit.takes):
-        return pace
-    turning_s = {one.index: point_s(one) - SETTLE_S for one in (point, *rest)}
-    at_rest_s = {n: settings.durations_s[n] - turning_s[n] for n in turning_s}
-    took_s = visit.takes_s / visit.takes - at_rest_s[point.index]
-    slower = took_s / turning_s[point.index] * (settings.excitation / pace.excitation) ** 2
+    turning_s = sum(point_s(one) - SETTLE_S for one in rest)
+    at_rest_s = sum(settings.durations_s[one.index] for one in rest) - turning_s
     left_s -= abs(rest[-1].torque_Nm) / settings.rate_Nm_per_s + END_S
-    left_s -= sum(at_rest_s[one.index] for one in rest)
-    needed = left_s / (slower * sum(turning_s[one.index] for one in rest))
+    needed = (left_s - at_rest_s) / (slower * turning_s)
     share = min(max(needed, 1 / slower), 1.0)
     return replace(settings, excitation=settings.excitation * math.sqrt(share))
 
@@ -179,9 +171,11 @@ class _Visit:
     """A point's captures and their time, and that of takes which a pause cut short.
 
     reached: by what the targets are, so that it was given up. A pause itself takes no bench time.
+    slower: time of a turn in the quickest capture, in parts of what was reckoned with.
     """
 
     takes: int = 0
+    slower: float = math.inf
     takes_s: float = 0.0
     cut_short_s: float = 0.0
     reached: Precision | None = None
@@ -206,6 +200,8 @@ def _unless_reached(point: OperatingPoint, settings: Continuous) -> Motion[_Visi
         if isinstance(asked, dict):
             visit.takes += 1
             visit.takes_s += seen.since_s(begun)
+            slower = SLOWER * abs(point.speed_Hz / asked["speed_mean_Hz"])
+            visit.slower = min(visit.slower, slower)
             begun = seen
         try:
             asked = motion.send(seen)

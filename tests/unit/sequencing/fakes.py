@@ -12,10 +12,11 @@ LOOK_TICKS = 2
 
 
 class FakeBench:
-    """Torque ramps at 10 Nm/s; the brake is slow and `brake_factor` times the configured one."""
+    """Torque ramps; the brake is slow and `brake_factor` times the configured one."""
 
     def __init__(self, brake: BrakeConfig, brake_factor: float = 1.0) -> None:
         self.brake, self.brake_factor = brake, brake_factor
+        self.rate_Nm_per_s = 10.0
         self.state = State.OFF
         self.trip_bits = 0
         self.obeys = True
@@ -45,7 +46,7 @@ class FakeBench:
         self.number += 1
         self.t_ns += PERIOD_NS
         target_Nm = demand.torque_Nm if demand.enabled and self.state is State.ENABLED else 0.0
-        step_Nm = 10.0 * dt_s
+        step_Nm = self.rate_Nm_per_s * dt_s
         self.torque_Nm += float(np.clip(target_Nm - self.torque_Nm, -step_Nm, step_Nm))
         if self.state is State.ENABLED and not demand.enabled and self.torque_Nm == 0.0:
             self.state = State.READY

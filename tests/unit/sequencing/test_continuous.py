@@ -195,7 +195,7 @@ def test_the_first_points_are_taken_whatever_the_time(least: int) -> None:
     assert ride.executor.message.startswith("time limit of 0.5 s")
 
 
-@pytest.mark.parametrize(("limit_s", "lasts_s"), [(inf, 16.1), (15.5, 15.5), (10.0, 14.5)])
+@pytest.mark.parametrize(("limit_s", "lasts_s"), [(inf, 16.1), (15.5, 15.5), (10.0, 14.3)])
 def test_a_brake_that_is_too_strong_is_lowered_where_the_time_is_short(
     limit_s: float, lasts_s: float
 ) -> None:
@@ -206,9 +206,40 @@ def test_a_brake_that_is_too_strong_is_lowered_where_the_time_is_short(
     ride.finish()
     excitations = {demand.brake for demand in ride.demands if demand.enabled}
     assert (len(excitations) == 1) is (limit_s == inf)
-    assert min(excitations) >= SETTINGS.excitation / 1.3**0.5
+    assert min(excitations) >= SETTINGS.excitation / 1.2**0.5
+    assert ride.bench.fastest_rad_s <= 2 * pi
     assert ride.taken == [0, 1, 2, 3]
     assert lasts_s - 0.2 <= ride.seconds <= lasts_s
+
+
+@pytest.mark.parametrize("planned_ramp_s", [0.0, 8.0])
+@pytest.mark.parametrize("paused", range(4))
+def test_a_pause_is_not_taken_for_a_brake_that_is_too_strong(
+    paused: int, planned_ramp_s: float
+) -> None:
+    points = tuple(OperatingPoint(n, 3.0, 1.0, 2) for n in range(4))
+    ramps_s = (6.0, *(planned_ramp_s,) * 3)  # after a pause it is 6 s, whatever was planned
+    own_s = tuple(point_s(one) + ramp_s for one, ramp_s in zip(points, ramps_s, strict=True))
+    settings = replace(SETTINGS, least_points=4, limit_s=8.0, durations_s=own_s, rate_Nm_per_s=0.5)
+    ride = Ride(settings, points)
+    ride.bench.rate_Nm_per_s = 0.5
+    ride.until(lambda: ride.demand.plan_point == paused)
+    ride.executor.pause()
+    ride.until(lambda: ride.executor.state is PlanState.PAUSED)
+    ride.executor.resume()
+    assert ride.finish().taken == [0, 1, 2, 3]
+    loaded = {demand.brake for demand in ride.demands if demand.torque_Nm}
+    assert loaded == {SETTINGS.excitation}
+    assert ride.bench.fastest_rad_s <= 1.05 * 2 * pi
+
+
+def test_the_rest_of_a_plan_beyond_its_least_points_has_the_whole_excitation() -> None:
+    own_s = tuple(point_s(point) + 0.3 for point in POINTS)
+    settings = replace(SETTINGS, least_points=1, limit_s=sum(own_s[:5]), durations_s=own_s)
+    ride = Ride(settings, POINTS[2:])
+    ride.bench.brake_factor = 1.3
+    assert ride.finish().taken == [2, 3]
+    assert {one.brake for one in ride.demands if one.torque_Nm} == {SETTINGS.excitation}
 
 
 def test_a_pause_in_mid_capture_takes_the_point_again() -> None:
