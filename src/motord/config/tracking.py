@@ -12,5 +12,5 @@ class TrackingConfig(Section):
 
     enabled: bool = False
     """Follow the calibration in force while it is applied, in a process of 200 MB."""
-    memory_s: Annotated[float, Field(ge=10, le=86_400)] = 300.0
+    memory_s: Annotated[float, Field(ge=10, le=3600)] = 300.0
     """Time after which a turn counts 1/e: a longer one makes intervals narrower, and slower."""

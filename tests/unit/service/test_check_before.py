@@ -174,6 +174,22 @@ def test_a_check_that_cannot_be_evaluated_lets_nothing_begin(service, estimator,
     assert begun(service) == [CHECK]
 
 
+def test_a_plan_does_not_begin_with_the_check_of_another_calibration(service, tmp_path):
+    token = service.acquire()
+    asked = {"name": PLAN, "settings": POINT, "token": token, "detach": True}
+    call = service.prepare("plan/start", **asked)
+    service.calibration_file = tmp_path / "installed-meanwhile.json"
+    with pytest.raises(RpcError, match="another calibration was installed meanwhile; ask again"):
+        service.carry_out(call)
+    assert begun(service) == []
+
+
+def test_a_check_that_does_not_fit_the_limits_is_named(tmp_path):
+    service = service_with(tmp_path, limits={"trip_speed_rad_s": 7.0})
+    with pytest.raises(RpcError, match=r"the check of the calibration before it .*--no-check.*: "):
+        start(service, settings={**POINT, "speeds_Hz": [0.3]})
+
+
 def test_a_plan_can_be_started_without_the_check(service):
     start(service, check=False)
     assert to_the_end(service)[-1].state == "done"
@@ -254,7 +270,7 @@ def test_a_trip_in_the_check_fails_the_plan(service):
 
 def test_without_a_file_of_the_calibration_nothing_begins(service):
     service.calibration_file = None
-    with pytest.raises(RpcError, match="cannot be checked before; install it again"):
+    with pytest.raises(RpcError, match="cannot be checked before; ask again"):
         start(service)
     assert start(service, check=False)["plan"] == PLAN
 

@@ -27,13 +27,14 @@ from motord.service.rpc.preconditions import (
 class PreparedPlan:
     """A plan, or what remains of one, and how often the bench had been stopped when asked for.
 
-    check: the check of the calibration that comes before it, if there is to be one.
+    check: the check of a calibration that comes before it, if there is to be one, and its file.
     """
 
     plan: Plan
     stops: int
     remaining: RemainingPlan | None = None
     check: Plan | None = None
+    file: Path | None = None
 
 
 class PlanControl:
@@ -68,6 +69,9 @@ class PlanControl:
         holder = bench.lease.require(request.token, context.now_ns).holder
         self._check_startable()
         self._not_stopped_since(prepared)
+        if prepared.check is not None and prepared.file != self._calibration():
+            why = "not started: another calibration was installed meanwhile; ask again"
+            raise RpcError("refused", why)
         if self._resumption.interrupted:
             raise RpcError("refused", f"not started: {self._resumption.summary()}")
         detached = ", detached" if request.detach else ""
@@ -94,13 +98,20 @@ class PlanControl:
         request = rpc.parse(rpc.PLAN_START, payload)
         try:
             plan = build_plan(request.name, self._bench.config, request.settings)
-            check = self._check_before(plan) if request.check else None
-            return request, PreparedPlan(plan, stops, check=check)
         except PlanError as error:
             raise RpcError("invalid", str(error)) from None
+        file = self._checked_before(plan) if request.check else None
+        if file is None:
+            return request, PreparedPlan(plan, stops)
+        try:
+            check = check_before(self._bench.config, file)
+        except PlanError as error:
+            why = f"the check of the calibration before it (`--no-check` leaves it out): {error}"
+            raise RpcError("invalid", why) from None
+        return request, PreparedPlan(plan, stops, check=check, file=file)
 
-    def _check_before(self, plan: Plan) -> Plan | None:
-        """Return the check that the bench file asks for before a plan. Raises PlanError, RpcError.
+    def _checked_before(self, plan: Plan) -> Path | None:
+        """Return the calibration that the bench file wants checked before a plan. Raises RpcError.
 
         None if there is no calibration: a plan that needs one is refused for that.
         """
@@ -112,10 +123,10 @@ class PlanControl:
         if file is None:
             raise RpcError(
                 "refused",
-                "not started: the calibration in force is not on the disk, so it cannot be checked "
-                "before; install it again, or start without the check",
+                "not started: the calibration in force is not on the disk, or not yet, so it cannot "
+                "be checked before; ask again, install it again, or start without the check",
             )
-        return check_before(bench.config, file)
+        return file
 
     def _check_startable(self) -> None:
         bench = self._bench

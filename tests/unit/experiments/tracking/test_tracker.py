@@ -9,9 +9,10 @@ import pytest
 
 from motord.calibration import Calibration, CalibrationError
 from motord.config import Config, load
+from motord.config.tracking import TrackingConfig
 from motord.control import parameters
 from motord.experiments.tracking.tracked import TrackedCalibration
-from motord.experiments.tracking.tracker import FORGOTTEN, CalibrationTracker
+from motord.experiments.tracking.tracker import FORGOTTEN, WINDOW_SHARE, CalibrationTracker
 from motord.experiments.tracking.turn_windows import LONGEST_S
 from motord.schema import Flag, State
 from motord.virtual import VirtualBench
@@ -257,6 +258,11 @@ def test_memory_is_bounded(quiet: np.ndarray) -> None:
     for second in range(150):
         tracker.take(later(standing, second))
     assert len(pickle.dumps(tracker)) < sizes[3] + 1.1 * LONGEST_S * 1000 * 52
+
+
+def test_no_memory_makes_windows_longer_than_a_slow_rotor_does() -> None:
+    with pytest.raises(ValueError, match="memory_s"):
+        TrackingConfig(memory_s=1.01 * LONGEST_S / WINDOW_SHARE)
 
 
 def test_a_calibration_of_another_motor_is_refused() -> None:
