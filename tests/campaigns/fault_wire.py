@@ -92,7 +92,7 @@ class WireOutcome:
     late_ms: float
     alarm_ms: float | None = None
     torque_ms: float = 0.0  # until the torque set-point was zero
-    turned: float = 0.0  # turns, true, from the fault's begin to its end
+    turned: float | None = None  # turns, true, while the fault lasted, where nothing tripped
 
 
 def _row(
@@ -224,6 +224,7 @@ def session(folder: Path, rows: tuple[WireRow, ...], states: tuple[str, ...]) ->
 
 
 AFTER_S = 0.4
+BEYOND_S = 0.3
 SETUP_S = 0.3125
 """How long the fault lasts that brings a bench to TRIPPED: by this it is known."""
 
@@ -314,11 +315,12 @@ def _outcome(
     row: WireRow, state: str, event: dict[str, Any], ticks: np.ndarray, truth: np.ndarray,
     not_recovered: str, late_ms: float, said_ns: list[int],
 ) -> WireOutcome:  # fmt: skip
-    """Read off the recording what a fault did, from its event until 0.3 s after its end."""
+    """Read off the recording what a fault did, from its event until BEYOND_S after its end."""
     period_ns = round(1e9 / RATE_HZ)
     now_ns = ticks["t_ns"] + ticks["sample_age_ns"]
     begun_ns = int(event["t_ns"])
-    end_ns = begun_ns + round((row.fault.duration_s + 0.3) * 1e9)
+    over_ns = begun_ns + round(row.fault.duration_s * 1e9)
+    end_ns = over_ns + round(BEYOND_S * 1e9)
     during = np.flatnonzero((now_ns >= begun_ns - period_ns) & (now_ns <= end_ns))
     here = ticks[during]
     reported = bool(((here["bridge_status"] >> FAULT_COUNT_SHIFT) == event["fault"] % 128).any())
@@ -332,9 +334,8 @@ def _outcome(
         alarm_ms = (alarms[0] - begun_ns) * 1e-6 if alarms else None
         under = np.flatnonzero(here["torque_set_Nm"])
         torque_ms = (int(now_ns[during[under[-1]]]) - begun_ns) * 1e-6 if under.size else 0.0
-        of_fault = (truth["t_ns"] >= begun_ns) & (truth["t_ns"] <= end_ns - 300_000_000)
-        angles_rad = truth["angle_rad"][of_fault]
-        turned = float(np.ptp(angles_rad)) / (2 * np.pi) if angles_rad.size else 0.0
+        angles_rad = truth["angle_rad"][(truth["t_ns"] >= begun_ns) & (truth["t_ns"] <= over_ns)]
+        turned = float(np.ptp(angles_rad)) / (2 * np.pi) if angles_rad.size else None
         return WireOutcome(
             row, state, reported, Trip(0), None, 0.0, not_recovered, late_ms, alarm_ms, torque_ms,
             turned,
@@ -358,7 +359,12 @@ def wrong(one: WireOutcome) -> list[str]:
     cell, faults, late_ms = one.row.cells[one.state], [], one.late_ms + TIMING_MS
     if not one.reported:
         faults.append("not reported in the recording")
-    certain = cell.certain and one.turned >= cell.turns
+    certain = cell.certain
+    if cell.turns and one.detected_ms is None:
+        if one.turned is None:
+            faults.append("nothing in the recording on how far the rotor turned")
+        else:
+            certain = one.turned >= cell.turns
     if cell.causes and certain and one.detected_ms is None:
         faults.append("not detected")
     elif one.detected_ms is not None and not cell.causes & one.first:

@@ -330,6 +330,8 @@ def run_wire(kinds: list[str], save: bool) -> int:
             found = f"{one.first.name} {one.detected_ms:.0f} / {one.zero_ms:.0f} ms"
         elif one.alarm_ms is not None:
             found = f"alarm {one.alarm_ms:.0f} ms, no torque after {one.torque_ms:.0f} ms"
+        elif one.turned is not None and one.turned < one.row.cells[one.state].turns:
+            found = f"- (the rotor turned {one.turned:.2g} turns only)"
         faults = fault_wire.wrong(one)
         bad += bool(faults)
         print(f"{one.row.name:60} {one.state:8} {found:40} {'; '.join(faults)}")
