@@ -18,7 +18,8 @@ from motord.service.build import show_interrupted_plan
 from motord.service.plans import resume
 from motord.service.plans.journal import JournalSegment
 from motord.service.plans.journal_file import Journal
-from motord.service.plans.resume import bench_parts, points_digest, recorded
+from motord.service.plans.recorded_points import recorded
+from motord.service.plans.resume import bench_parts, points_digest
 from motord.service.rpc.dispatcher import Call
 from tests.unit.recording.runs import METADATA, START_NS, tick_block
 from tests.unit.service.virtual_service import VirtualService

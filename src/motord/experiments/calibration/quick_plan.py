@@ -6,15 +6,8 @@ from functools import partial
 
 from motord.config import Config
 from motord.config.plans import CalibrateConfig
-from motord.experiments.calibration.design import (
-    LEAST_VISITS,
-    TICKS_PER_CYCLE,
-    TURNS,
-    Design,
-    Objective,
-    Visit,
-    visits,
-)
+from motord.experiments.calibration.design import TICKS_PER_CYCLE, Design
+from motord.experiments.calibration.visits import LEAST_VISITS, TURNS, Objective, Visit, visits
 from motord.sequencing import OperatingPoint, Plan, PlanError
 from motord.sequencing.brake_servo import brake_torque_Nm, excitation_for
 from motord.sequencing.continuous import (

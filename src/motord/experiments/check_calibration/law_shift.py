@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from motord.experiments.calibration.estimate.joint import alpha_of_law
+from motord.experiments.calibration.estimate.kirchhoff import alpha_of_law
 from motord.experiments.calibration.estimate.normal_equations import Regression
 from motord.identification.variance_components import VarianceComponents
 

@@ -9,25 +9,20 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from motord.api.errors import RpcError
 from motord.api.plan_messages import MeshView, PlanView
 from motord.config import Config
 from motord.experiments.plans import build as build_plan
 from motord.recorder.launch import RecorderLink
-from motord.recording.errors import RecordError
-from motord.recording.file_names import file_name, numbers, stem_of
-from motord.recording.reader import open_run_unfinished_or_not
 from motord.sequencing import Plan, PlanError
 from motord.sequencing.capture import final
 from motord.service.host.events import EventLog
 from motord.service.plans import mesh
-from motord.service.plans.journal import JournalSegment, PlanLog, PlanNote
+from motord.service.plans.journal import PlanLog, PlanNote
 from motord.service.plans.journal_file import Journal
+from motord.service.plans.recorded_points import recorded
 from motord.service.recording.control import RecordingControl
 
 UNSURE = "the recorder died meanwhile, and a point may be missing in the recording"
@@ -50,37 +45,6 @@ def points_digest(plan: Plan) -> str:
 
 def _digest(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def recorded(segment: JournalSegment) -> set[int]:
-    """Return the numbers of the points of a segment that are taken, as its recording has them.
-
-    If it ended in order, or its files are not there, the journal counts.
-    """
-    stem = stem_of(Path(segment.recording))
-    certain = segment.sure and segment.state
-    files = numbers(stem) if stem is not None and not certain else []
-    if stem is None or not files:
-        return segment.taken
-    return set[int]().union(*(_whole_points(file_name(stem, number)) for number in files))
-
-
-def _whole_points(path: Path) -> set[int]:
-    """Return the numbers of the points that a file holds with their first and last tick."""
-    try:
-        run = open_run_unfinished_or_not(path)
-        points = run.operating_points()
-        first = next(iter(run.blocks(["tick"])), np.empty(0, [("tick", "u8")]))["tick"][:1]
-        last = run.tick_table.last(["tick"])["tick"][-1:]
-    except RecordError:
-        return set()  # nothing in it can be read
-    return {
-        int(point["index"])
-        for point in points
-        if final(point)
-        and (first <= int(point["tick_start"])).any()
-        and (last >= int(point["tick_end"])).any()
-    }
 
 
 def _mesh_of(log: PlanLog, plan: Plan, taken: set[int]) -> MeshView:

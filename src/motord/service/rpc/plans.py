@@ -123,7 +123,7 @@ class PlanControl:
         if file is None:
             raise RpcError(
                 "refused",
-                "not started: the calibration in force is not on the disk, or not yet, so it cannot "
+                "not started: the calibration in force is not on the disk, or not yet: it cannot "
                 "be checked before; ask again, install it again, or start without the check",
             )
         return file

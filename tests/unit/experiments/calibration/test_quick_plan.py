@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from motord.config import Config, load
-from motord.experiments.calibration.design import LEAST_VISITS, TURNS, Design, Objective, visits
+from motord.experiments.calibration.design import Design
+from motord.experiments.calibration.visits import LEAST_VISITS, TURNS, Objective, visits
 from motord.experiments.plans import build
 from motord.sequencing import NOTHING_INDUCED, Demand, Executor, Plan, PlanError, TickWatcher
 from motord.sequencing.brake_servo import brake_torque_Nm

@@ -12,7 +12,7 @@ from motord.experiments.calibration.estimate.normal_equations import (
     FIRST_COGGING,
     NormalEquations,
 )
-from motord.experiments.calibration.estimate.scatter import PointScores
+from motord.experiments.calibration.estimate.point_noise import PointScores
 from motord.intervals import coverage_factor
 from tests.campaigns.coverage import Case, trial
 

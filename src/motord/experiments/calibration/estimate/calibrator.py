@@ -4,20 +4,19 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
-import numpy as np
-
 from motord.calibration import Calibration
 from motord.config import AccuracyConfig, MotorConfig, TorqueSensorConfig
 from motord.experiments.calibration.estimate import half_widths
 from motord.experiments.calibration.estimate.budget import budget
 from motord.experiments.calibration.estimate.checks import MIN_TURNS, check_fit, check_points
 from motord.experiments.calibration.estimate.efficiency import cramer_rao
-from motord.experiments.calibration.estimate.joint import JointFit, fit, kirchhoff_agreement
+from motord.experiments.calibration.estimate.joint import JointFit, fit
 from motord.experiments.calibration.estimate.joint_result import (
     cogging_harmonics,
     result_of,
     with_observability,
 )
+from motord.experiments.calibration.estimate.kirchhoff import kirchhoff_agreement
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual
 from motord.experiments.calibration.estimate.lack_of_fit.findings import MODEL_ACCURACY
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import BenchFile
@@ -33,6 +32,7 @@ from motord.experiments.calibration.estimate.normal_equations import Regression
 from motord.experiments.calibration.estimate.residual import ResidualEstimator
 from motord.experiments.calibration.estimate.result import CalibrationResult, Method
 from motord.experiments.calibration.estimate.turn_products import TurnProducts, accumulate
+from motord.experiments.calibration.estimate.zero_sequence_fit import with_zero_sequence
 from motord.experiments.subject import PhaseProgress, Subject
 from motord.findings import Finding
 from motord.identification import IdentifyError
@@ -51,15 +51,9 @@ from motord.identification.orders import (
     resolved_order,
 )
 from motord.identification.point_ripple import PointRipple, point_ripple
-from motord.identification.zero_sequence import is_missing, restored
+from motord.identification.zero_sequence import is_missing
 from motord.recording.captures import captures
 from motord.recording.reader import Run
-
-MOST_ROUNDS = 12
-"""Fits in which the zero sequence of the currents must settle, where it was not recorded."""
-
-SETTLED = 1e-4
-"""Change of alpha from fit to fit below which it has settled."""
 
 READING = "reading"
 """Phase of the progress; followed by why, where the recordings are read again."""
@@ -252,34 +246,16 @@ class Calibrator:
         regression = Regression(points, basis, orders, has_law)
         fitted = fit(regression, rated_A)
         if self._bare:
-            fitted, regression = self._with_zero_sequence(fitted, basis, orders)
+            if len(self._bare) < len(self._points):
+                raise IdentifyError(
+                    "some operating points have currents with a zero sequence, others without; "
+                    "calibrate from runs of one drive only"
+                )
+            fitted, regression = with_zero_sequence(
+                fitted, self._bare, basis, orders, self._sensor, rated_A
+            )
         check_fit(fitted)
         return fitted, regression
-
-    def _with_zero_sequence(
-        self, fitted: JointFit, basis: Basis, orders: int
-    ) -> tuple[JointFit, Regression]:
-        """Return the fit to currents with the zero sequence that it itself implies."""
-        if len(self._bare) < len(self._points):
-            raise IdentifyError(
-                "some operating points have currents with a zero sequence, others without; "
-                "calibrate from runs of one drive only"
-            )
-        for _ in range(MOST_ROUNDS):
-            alpha = fitted.solution.alpha
-            points = [
-                accumulate(restored(samples, alpha), basis, self._sensor) for samples in self._bare
-            ]
-            regression = Regression(points, basis, orders, False)
-            fitted = fit(regression, self._motor.rated_current_A())
-            if np.abs(fitted.solution.alpha - alpha).max() < SETTLED:
-                return fitted, regression
-        gains = ", ".join(f"{gain:.2f}" for gain in fitted.solution.alpha)
-        raise IdentifyError(
-            "the currents have no zero sequence, and with that which follows from the gains found "
-            f"these do not settle (alpha {gains}): check wiring, back-EMF and encoder offset, or "
-            "record the currents of all three phases"
-        )
 
     def _samples(self, point: PointData) -> Samples:
         samples = prepare(point, self._motor.counts)

@@ -23,10 +23,10 @@ from motord.experiments.calibration.estimate import scatter
 from motord.experiments.calibration.estimate.joint import (
     NEARLY_SEEN,
     JointFit,
-    Kirchhoff,
     derivative,
     inverse_on_seen,
 )
+from motord.experiments.calibration.estimate.kirchhoff import Kirchhoff
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import FitResidual, LackOfFit
 from motord.experiments.calibration.estimate.normal_equations import (
     ALPHA,

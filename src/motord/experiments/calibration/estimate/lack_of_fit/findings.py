@@ -6,7 +6,7 @@ from itertools import groupby
 import numpy as np
 
 from motord.config import MotorConfig
-from motord.experiments.calibration.estimate.joint import Kirchhoff
+from motord.experiments.calibration.estimate.kirchhoff import Kirchhoff
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit, LeftOrder
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.meanings import (

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from motord.calibration import Harmonic
-from motord.experiments.calibration.estimate.joint import Kirchhoff
+from motord.experiments.calibration.estimate.kirchhoff import Kirchhoff
 from motord.experiments.calibration.estimate.lack_of_fit.analysis import LackOfFit
 from motord.experiments.calibration.estimate.lack_of_fit.departures import Cause
 from motord.experiments.calibration.estimate.lack_of_fit.findings import findings

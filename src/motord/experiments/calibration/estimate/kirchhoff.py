@@ -1,0 +1,80 @@
+"""Kirchhoff's law of a star: the ratios of the gains that currents alone give, and the torque's."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from motord.experiments.calibration.estimate.joint import fit
+from motord.experiments.calibration.estimate.normal_equations import (
+    ALPHA,
+    BETA,
+    Regression,
+    TurnSums,
+)
+from motord.intervals import t_quantile
+
+FALSE_DISAGREEMENT = 0.002
+"""Probability that noise makes torque and Kirchhoff's law count as disagreeing."""
+
+AGREEMENT = 1e-3
+"""Difference of alpha by torque and by law up to which the model itself explains it: gains drift
+with temperature, and currents are held from tick to tick."""
+
+
+def kirchhoff_alpha(turns: TurnSums) -> np.ndarray:
+    """Return alpha (3,), product 1, from sum_p (alpha_p i*_p + beta_p) = 0 alone.
+
+    The ratios follow from the currents, with no torque sensor: the direction in which the
+    instrumented currents do not vary.
+    """
+    return alpha_of_law(turns.law().sum(axis=0))
+
+
+def alpha_of_law(law: np.ndarray) -> np.ndarray:
+    """Return the same from the squares that the law leaves, as a form (p, p): `TurnSums.law`."""
+    law = (law + law.T) / 2
+    offset = law[ALPHA, BETA.start]
+    gains = law[ALPHA, ALPHA] - np.outer(offset, offset) / law[BETA.start, BETA.start]
+    direction = np.linalg.eigh(gains)[1][:, 0]
+    return np.asarray(direction / np.cbrt(direction.prod()))
+
+
+@dataclass(frozen=True)
+class Kirchhoff:
+    """alpha from the torque alone less that of Kirchhoff's law: the worst phase, and by how many
+    standard errors, of which noise and the model make up to `limit`. differences: of all phases
+    (3,)."""
+
+    differences: np.ndarray
+    phase: str
+    difference: float
+    errors: float
+    limit: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether noise, or the model's accuracy, explains the difference."""
+        return self.errors <= self.limit
+
+    def in_words(self) -> str:
+        """Return whether the two agree."""
+        size = f"{100 * self.difference:+.2f} % in phase {self.phase}"
+        if self.agrees:
+            return f"alpha from the torque alone agrees with Kirchhoff's law ({size})"
+        return (
+            f"alpha from the torque alone disagrees with Kirchhoff's law: {size}, "
+            f"{self.errors:.0f} standard errors; a common gain delta epsilon other than 1, a wrong "
+            "back-EMF or current sensors that are not linear would do that"
+        )
+
+
+def kirchhoff_agreement(regression: Regression, rated_A: float) -> Kirchhoff:
+    """Return whether the torque and Kirchhoff's law give the same alpha."""
+    torque = fit(regression, rated_A, use_law=False)
+    difference = torque.solution.alpha - kirchhoff_alpha(regression.sums(torque.solution.alpha))
+    least = np.maximum(torque.stderr[ALPHA], 1e-9)
+    worst = int(np.argmax(np.abs(difference) / least))
+    limit = t_quantile(1 - FALSE_DISAGREEMENT / 6, torque.errors.freedom[worst])  # of three phases
+    limit = max(limit, AGREEMENT / float(least[worst]))
+    errors = float(abs(difference[worst]) / least[worst])
+    return Kirchhoff(difference, "abc"[worst], float(difference[worst]), errors, limit)
