@@ -11,7 +11,7 @@ from motord.cli import app
 from motord.shm.run_directory import RunDir
 from tests.unit.service.live_service import live_service
 from tests.unit.service.test_adoption import FakeTracker, tracked
-from tests.unit.service.test_installation import calibration
+from tests.unit.service.test_installation import calibration, put_in_force
 
 WAIT_S = 60.0
 
@@ -24,7 +24,7 @@ def bench(tmp_path, monkeypatch):
     tracker = FakeTracker(run_dir)
     with live_service(tmp_path, tracker=tracker) as service:
         in_force = calibration()
-        service.store.save(in_force)
+        put_in_force(service.store, in_force)
         tracker.view = tracked(in_force, memory_s=300.0, unseen=("the common offset",))
         tracker.adopts = calibration(alpha=(0.82, 1.1, 1.1086))
         service.tracker = tracker

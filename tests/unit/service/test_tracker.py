@@ -33,7 +33,7 @@ from motord.shm.ring import RingWriter
 from motord.shm.run_directory import RunDir
 from tests.support.counting_tracker import CountingTracker
 from tests.support.played_process import PlayedProcess
-from tests.unit.service.test_installation import calibration
+from tests.unit.service.test_installation import calibration, put_in_force
 
 CONFIG = packaged("sim.toml")
 COUNTING = "tests.support.counting_tracker:CountingTracker"
@@ -99,7 +99,7 @@ class Worked:
 
 @pytest.fixture
 def worked(run_dir, store):
-    made = Worked(run_dir, store.save(calibration()))
+    made = Worked(run_dir, put_in_force(store, calibration()))
     yield made
     for end in made.ends:
         os.close(end)
@@ -239,7 +239,7 @@ class Linked:
 
     def installed(self, **changes):
         """Install a calibration; return its id and its process."""
-        path = self.store.save(calibration(**changes))
+        path = put_in_force(self.store, calibration(**changes))
         assert self.step() == []
         played = self.started[-1]
         assert played.begun() == {"do": "start", "tracker": COUNTING, "calibration": str(path)}
@@ -344,7 +344,7 @@ def test_one_that_is_to_be_started_again_is_not_if_nothing_is_in_force_any_more(
 
 def test_one_that_cannot_be_started_is_tried_again(linked, store):
     linked.why = OSError(12, "Cannot allocate memory")
-    store.save(calibration())
+    put_in_force(store, calibration())
     ends = linked.step(1.0)
     assert ends[0] == ("it cannot be started: Cannot allocate memory", 0.1)
     assert linked.link.view.obstacle == NOTHING_YET
@@ -547,7 +547,7 @@ def test_without_a_process_the_answer_comes_at_once(linked, store):
     until(linked, lambda: not thread.is_alive())
     assert thread.answer.obstacle == ENDED
     linked.why = OSError(12, "Cannot allocate memory")
-    store.save(calibration())
+    put_in_force(store, calibration())
     linked.step()
     thread = Asked(linked.link)
     until(linked, lambda: not thread.is_alive())
@@ -609,7 +609,7 @@ def running(store, run_dir):
 
 @pytest.mark.system
 def test_the_process_tracks_steps_back_and_ends_with_the_calibration(running, store, ring):
-    file = store.save(calibration())
+    file = put_in_force(store, calibration())
     running.until(lambda: running.link.view and running.link.view.obstacle == NO_TURNS)
     [tracker] = running.started
 
