@@ -171,9 +171,7 @@ def test_what_takes_long_is_done_one_after_the_other(played):
 
 
 @pytest.mark.parametrize(("took_s", "outcome"), [(31.9, "refused"), (32.1, "timeout")])
-def test_what_is_prepared_too_late_to_be_answered_is_not_done(
-    played, monkeypatch, took_s, outcome
-):
+def test_what_is_prepared_too_late_to_be_answered_is_not_done(played, monkeypatch, took_s, outcome):
     monkeypatch.setattr(played, "refuse", False)
     now_s = time.monotonic()
     monkeypatch.setattr(outstanding.time, "monotonic", lambda: now_s)

@@ -21,7 +21,8 @@ def lines(view: "TrackingView", now_ns: int) -> list[str]:
 
 
 def _line(one: "TrackedView") -> str:
-    return f"{'!' if one.departed else ' '} {one.name:<22} {one.figures()}"
+    fixed = ", cannot be adopted" * (one.departed and not one.adoptable)
+    return f"{'!' if one.departed else ' '} {one.name:<22} {one.figures()}{fixed}"
 
 
 def _newest(view: "TrackingView", now_ns: int) -> str:
@@ -34,7 +35,7 @@ def short(view: "TrackingView", now_ns: int) -> str:
     newest = _newest(view, now_ns)
     if departed := view.departed:
         figures = "; ".join(f"{one.name} {one.figures()}" for one in departed)
-        return f"departed: {figures}; {view.turns} turns{newest}"
+        return f"departed: {figures}{newest}"
     if not view.quantities:
         return view.obstacle or "nothing known yet"
     return f"{len(view.quantities)} quantities hold over {view.turns} turns{newest}"
