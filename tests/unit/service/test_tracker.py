@@ -6,6 +6,7 @@ import signal
 import subprocess
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
@@ -633,12 +634,13 @@ def test_who_asks_a_stopped_process_waits_no_longer_than_it_says(linked):
 
 def test_who_asks_when_the_daemon_ends_is_answered_at_once(linked):
     linked.installed()
-    before = Asked(linked.link)
+    before = Future()
+    linked.link._requests.put(before)
     linked.link.stop()
+    assert before.result(0).obstacle == SHUTTING_DOWN
     after = Asked(linked.link)
-    for thread in (before, after):
-        thread.join(WAIT_S / 2)
-        assert thread.answer.obstacle == SHUTTING_DOWN
+    after.join(WAIT_S / 2)
+    assert after.answer.obstacle == SHUTTING_DOWN
 
 
 # --- the process
